@@ -1,0 +1,5 @@
+"""palpate: examine produce by touch."""
+
+from __future__ import annotations
+
+__version__ = "0.1.0"

@@ -1,0 +1,47 @@
+"""`palpate study NAME`: regenerate one table or figure, of the paper or of ours."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Annotated, Any
+
+import typer
+
+from palpate.errors import InputError
+
+#: Study -> (module under `palpate.studies`, what it shows). Each module holds a function `command`.
+STUDIES: dict[str, tuple[str, str]] = {}
+
+#: The study's own options are parsed by the study.
+SETTINGS: dict[str, Any] = {
+    "context_settings": {
+        "allow_extra_args": True,
+        "ignore_unknown_options": True,
+        "help_option_names": [],
+    }
+}
+
+
+def study(
+    context: typer.Context,
+    name: Annotated[str | None, typer.Argument(help="Which study; `--list` names them.")] = None,
+    list_studies: Annotated[bool, typer.Option("--list", help="List the studies.")] = False,
+) -> None:
+    """Regenerate a table or figure beside the published one. Example: palpate study table1."""
+    if list_studies or name in (None, "--help"):
+        width = max(map(len, STUDIES), default=0)
+        print("usage: palpate study NAME [--help] [--json] [--out DIR]\n")
+        for known, (_, summary) in sorted(STUDIES.items()):
+            print(f"  {known:<{width}}  {summary}")
+        return
+    if name not in STUDIES:
+        raise InputError(f"no study {name!r}; there are: {', '.join(sorted(STUDIES))}")
+    # Imported here: the command line above would otherwise load every study for each verb.
+    from palpate.cli import run
+
+    module = importlib.import_module(f"palpate.studies.{STUDIES[name][0]}")
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(module.command)
+    status = run(app, context.args, name=f"palpate study {name}")
+    if status:
+        raise typer.Exit(status)

@@ -1,0 +1,47 @@
+"""The one error tree. Every message says what, where and what to do, in one line.
+
+World outcomes (a slip, a hold that is too short) are statuses on results; only bad input and broken
+equipment raise. `exit_status` is what the command line returns for the error.
+"""
+
+from __future__ import annotations
+
+
+class PalpateError(Exception):
+    """Root of every error that palpate raises on purpose."""
+
+    exit_status = 2
+
+
+class InputError(PalpateError, ValueError):
+    """A file, option or argument that can't be used as given."""
+
+
+class CalibrationError(PalpateError):
+    """Calibration data that are refused, or a calibration file that doesn't fit."""
+
+
+class RecordingError(PalpateError):
+    """A recording that can't be read or written."""
+
+
+class MissingExtraError(PalpateError):
+    """An optional dependency is not installed; the message names the extra to install."""
+
+
+class DeviceError(PalpateError):
+    """Equipment that is lost, refused or broken."""
+
+    exit_status = 3
+
+
+class DeviceNotFoundError(DeviceError):
+    """No such port, board or servo."""
+
+
+class DeviceTimeoutError(DeviceError, TimeoutError):
+    """Equipment that stopped answering."""
+
+
+class WireError(DeviceError):
+    """Bytes that break the protocol in a way that can't be skipped over."""

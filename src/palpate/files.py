@@ -1,0 +1,51 @@
+"""Files are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; put it in place only if the block succeeds.
+
+    Parameters
+    ----------
+    path : path
+        Where the finished file goes. Its folder must exist.
+
+    Yields
+    ------
+    Path
+        A file in the same folder and with the same ending, for the block to write.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with atomic_path(folder / "note.txt") as partial:
+    ...     _ = partial.write_text("whole")
+    >>> [p.name for p in folder.iterdir()], (folder / "note.txt").read_text()
+    (['note.txt'], 'whole')
+    """
+    final = Path(path)
+    handle, name = tempfile.mkstemp(
+        prefix=f".{final.stem}-", suffix="".join(final.suffixes), dir=final.parent
+    )
+    os.close(handle)
+    partial = Path(name)
+    try:
+        yield partial
+        with partial.open("rb") as written:
+            os.fsync(written.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        partial.chmod(0o666 & ~umask)
+        partial.replace(final)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise

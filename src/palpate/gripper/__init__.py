@@ -1,0 +1,1 @@
+"""Grippers driven by width or by pressure."""

@@ -1,0 +1,1 @@
+"""What a grasp says about an item of produce."""

@@ -1,0 +1,1 @@
+"""Pixel arrays: frames, the wire, recordings, health and calibration."""

@@ -1,0 +1,125 @@
+"""A frame of pixel readings, the layout that gives it meaning, and what a sensor must offer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.signal.circuit import Divider
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArrayLayout:
+    """How many pixels there are, how they are wired, and which finger each is on.
+
+    Attributes
+    ----------
+    name : str
+        Short name, e.g. ``"rigid-2x2"``.
+    rows, cols : int
+        Size of the scanned matrix, 1 to 16 each.
+    finger_of_row : tuple of int, length rows
+        Finger that the pixels of each row are on: a row of the matrix never spans two fingers.
+    pitch_mm : float
+        Distance between neighbouring pixel centres.
+    divider : Divider
+        The readout circuit.
+
+    Examples
+    --------
+    >>> rigid = ArrayLayout(name="rigid-2x2", rows=4, cols=2, finger_of_row=(0, 0, 1, 1))
+    >>> rigid.pixels, rigid.fingers, rigid.finger_mask(1).tolist()
+    (8, 2, [[False, False], [False, False], [True, True], [True, True]])
+    """
+
+    name: str
+    rows: int
+    cols: int
+    finger_of_row: tuple[int, ...]
+    pitch_mm: float = 10.0
+    divider: Divider = field(default_factory=Divider)
+
+    def __post_init__(self) -> None:
+        if not (1 <= self.rows <= 16 and 1 <= self.cols <= 16):
+            raise ValueError(f"layout {self.name}: rows and cols must be 1 to 16")
+        if len(self.finger_of_row) != self.rows:
+            raise ValueError(
+                f"layout {self.name}: finger_of_row has {len(self.finger_of_row)} entries "
+                f"for {self.rows} rows"
+            )
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        return self.rows * self.cols
+
+    @property
+    def fingers(self) -> int:
+        """Number of fingers."""
+        return len(set(self.finger_of_row))
+
+    def finger_mask(self, finger: int) -> NDArray[np.bool_]:
+        """Return which pixels are on `finger`, shape (rows, cols)."""
+        on_finger = np.array(self.finger_of_row) == finger
+        return np.repeat(on_finger[:, None], self.cols, axis=1)
+
+
+#: Two rigid fingers with a 2x2 array each (paper, section 3.1).
+RIGID_LAYOUT = ArrayLayout(name="rigid-2x2", rows=4, cols=2, finger_of_row=(0, 0, 1, 1))
+#: Two soft fingers with a 3x2 array each (paper, section 4.2).
+SOFT_LAYOUT = ArrayLayout(name="soft-3x2", rows=6, cols=2, finger_of_row=(0, 0, 0, 1, 1, 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """One scan of all the pixels.
+
+    Attributes
+    ----------
+    time_s : float
+        When it was scanned: device time mapped to the host's clock.
+    sequence : int
+        Number given by the device, without the wrap: gaps are lost frames.
+    counts : ndarray of int, shape (rows, cols)
+        Raw ADC counts, summed over `oversampling` conversions; read-only.
+    oversampling : int
+        Conversions summed per pixel.
+    """
+
+    time_s: float
+    sequence: int
+    counts: NDArray[np.int32]
+    oversampling: int = 1
+
+    def __post_init__(self) -> None:
+        counts = np.array(self.counts, dtype=np.int32)
+        counts.flags.writeable = False
+        object.__setattr__(self, "counts", counts)
+
+
+class PressureArray(Protocol):
+    """A source of frames: hardware, the twin or a recording."""
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the frames that it gives."""
+        ...
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next frame, oldest first.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If none came within `timeout_s`.
+        DeviceError
+            If the source is gone for good.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the source; calling it again does nothing."""
+        ...

@@ -1,0 +1,1 @@
+"""Predictors of the value that a hold settles to."""

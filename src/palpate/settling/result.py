@@ -1,0 +1,98 @@
+"""What every predictor of the settled value returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+
+class Status(StrEnum):
+    """How an estimate came about. `ok` is the only one that carries the method's full promise."""
+
+    OK = "ok"
+    TOO_SHORT = "too_short"
+    NOT_SETTLING = "not_settling"
+    SATURATED = "saturated"
+    FELL_BACK = "fell_back"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettledEstimate:
+    """The predicted value at the horizon, for one hold or a batch of them.
+
+    Attributes
+    ----------
+    value, low, high : float or ndarray, shape (n_holds,)
+        Prediction and the ends of its interval, in the unit of the hold. The ends are NaN where the
+        method has no basis for an interval (no calibration holds).
+    level : float
+        Probability that the interval is meant to cover.
+    horizon_s : float
+        Time of the settled value, on the hold's own time axis.
+    window_s : float or ndarray, shape (n_holds,)
+        Length of the stretch of samples that the prediction rests on.
+    method : str
+        Name of the method.
+    status : Status or ndarray of Status, shape (n_holds,)
+        See `Status`.
+    """
+
+    value: np.float64 | FloatArray
+    low: np.float64 | FloatArray
+    high: np.float64 | FloatArray
+    level: float
+    horizon_s: float
+    window_s: np.float64 | FloatArray
+    method: str
+    status: Status | NDArray[np.object_]
+
+    def hold(self, index: int) -> SettledEstimate:
+        """Return the estimate of one hold of a batch, with scalar fields."""
+        return SettledEstimate(
+            value=np.atleast_1d(self.value)[index],
+            low=np.atleast_1d(self.low)[index],
+            high=np.atleast_1d(self.high)[index],
+            level=self.level,
+            horizon_s=self.horizon_s,
+            window_s=np.atleast_1d(self.window_s)[index],
+            method=self.method,
+            status=np.atleast_1d(np.asarray(self.status, dtype=object))[index],
+        )
+
+
+class SettlingMethod(Protocol):
+    """A predictor of the settled value: one file each, batched over holds."""
+
+    @property
+    def name(self) -> str:
+        """Name on the command line and in results."""
+        ...
+
+    def predict(
+        self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
+    ) -> SettledEstimate:
+        """Predict the value at the horizon from the samples given, all of which may be used.
+
+        Parameters
+        ----------
+        time_s : ndarray, shape (n_times,)
+            Strictly increasing sampling times that all the holds share, seconds.
+        values : ndarray, shape (n_holds, n_times)
+            Samples up to the cut-off and not one beyond it; finite; at least one per hold.
+        horizon_s : float
+            Time of the value to predict.
+        level : float
+            Probability that the interval is to cover.
+
+        Returns
+        -------
+        SettledEstimate
+            Arrays of shape (n_holds,). `value` is finite always.
+        """
+        ...

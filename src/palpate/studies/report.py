@@ -1,0 +1,110 @@
+"""What a study hands back: tables to read, figures to look at, and one JSON document."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from palpate.errors import InputError, MissingExtraError
+from palpate.files import atomic_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+OutOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder for the report: JSON, tables and figures.", metavar="DIR"),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A titled table; cells are printed as they are."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+
+    def as_markdown(self) -> str:
+        """Return the table as Markdown, its title above it."""
+        lines = [f"**{self.title}**", "", "| " + " | ".join(self.columns) + " |"]
+        lines.append("|" + "---|" * len(self.columns))
+        lines += ["| " + " | ".join(row) + " |" for row in self.rows]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyReport:
+    """The outcome of one study.
+
+    Attributes
+    ----------
+    name, title : str
+        As on the command line, and in words.
+    provenance : sequence of str
+        What is real, simulated or published, and which published entries were calibration inputs.
+    tables : sequence of Table
+        For people.
+    payload : mapping
+        The JSON document.
+    figures : mapping of str to callable
+        File stem -> function that draws it; called only where figures are wanted.
+    """
+
+    name: str
+    title: str
+    provenance: Sequence[str]
+    tables: Sequence[Table]
+    payload: Mapping[str, Any]
+    figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+
+    def emit(self, *, as_json: bool, out: Path | None) -> None:
+        """Print the report (JSON or tables) and, where asked, write it to a folder."""
+        if out is not None:
+            self.write(out)
+        if as_json:
+            json.dump(self.payload, sys.stdout, allow_nan=False)
+            sys.stdout.write("\n")
+            return
+        from rich.console import Console
+        from rich.table import Table as RichTable
+
+        console = Console()
+        console.print(f"[bold]{self.title}[/bold]")
+        for line in self.provenance:
+            console.print(f"[dim]{line}[/dim]", highlight=False)
+        for table in self.tables:
+            view = RichTable(*table.columns, title=table.title, title_justify="left")
+            for row in table.rows:
+                view.add_row(*row)
+            console.print(view)
+        if out is not None:
+            console.print(f"Written to {out}")
+
+    def write(self, out: Path) -> None:
+        """Write `<name>.json`, `<name>.md` and each figure as PNG and SVG into a folder."""
+        if out.exists() and not out.is_dir():
+            raise InputError(f"--out {out}: not a folder; name a folder to write into")
+        out.mkdir(parents=True, exist_ok=True)
+        with atomic_path(out / f"{self.name}.json") as path:
+            path.write_text(json.dumps(self.payload, allow_nan=False, indent=1) + "\n")
+        body = [f"# {self.title}", *self.provenance, *(t.as_markdown() for t in self.tables)]
+        with atomic_path(out / f"{self.name}.md") as path:
+            path.write_text("\n\n".join(body) + "\n")
+        for stem, draw in self.figures.items():
+            try:
+                figure = draw()
+            except ModuleNotFoundError as error:
+                raise MissingExtraError(
+                    f"figures need {error.name}; install it with `pip install 'palpate[plots]'`"
+                ) from error
+            for suffix in (".png", ".svg"):
+                with atomic_path(out / f"{stem}{suffix}") as path:
+                    figure.savefig(path, dpi=150)
