@@ -1,0 +1,123 @@
+"""The windows of a hold: peak (t_p), wait (t_a) and cut-off (t_c) of equation 3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+#: The paper's t_a: right after the peak a faster process than the fitted one is at work (sec. 2.2).
+WAIT_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoldWindow:
+    """Where the peak of each hold is, and which samples an equation-3 fit may use.
+
+    The samples of hold i are ``time_s[first[i]:stop]``. On shared sampling times they depend on the
+    peak alone, so that holds with the same `peak` share one grid.
+
+    Attributes
+    ----------
+    peak : ndarray of int, shape (n_holds,)
+        Index of the peak sample.
+    peak_s : ndarray, shape (n_holds,)
+        Its time, t_p.
+    first : ndarray of int, shape (n_holds,)
+        Index of the first sample at or after t_p + t_a; equal to `stop` where there is none.
+    stop : int
+        Number of samples at or before the cut-off t_c.
+    """
+
+    peak: NDArray[np.intp]
+    peak_s: NDArray[np.float64]
+    first: NDArray[np.intp]
+    stop: int
+
+    @property
+    def samples(self) -> NDArray[np.intp]:
+        """Number of samples in each window, shape (n_holds,)."""
+        return self.stop - self.first
+
+
+def peak_index(values: ArrayLike) -> NDArray[np.intp]:
+    """Return the index of the peak: the extreme that the signal has moved farthest away from.
+
+    Ohm and relative change fall after contact, other readings rise: with the extreme opposite to
+    the direction of settling as the peak, nothing depends on sign, scale or where zero lies. Of
+    equal extremes the earlier counts.
+
+    Parameters
+    ----------
+    values : array_like, shape (..., n_times)
+        Samples up to the cut-off, at least one.
+
+    Returns
+    -------
+    ndarray of int, shape (...)
+
+    References
+    ----------
+    Paper, section 2.2: t_p is the time of the peak resistance within the cut-off.
+
+    Examples
+    --------
+    A spike at contact, then settling below the value at rest; and the same upside down:
+
+    >>> peak_index([[0, 5, -20, -30], [0, -5, 20, 30]]).tolist()
+    [1, 1]
+    """
+    samples = np.asarray(values, dtype=np.float64)
+    top, bottom = samples.argmax(axis=-1), samples.argmin(axis=-1)
+    last = samples[..., -1]
+    fallen = np.take_along_axis(samples, top[..., None], axis=-1)[..., 0] - last
+    risen = last - np.take_along_axis(samples, bottom[..., None], axis=-1)[..., 0]
+    earlier = np.minimum(top, bottom)
+    return np.where(fallen > risen, top, np.where(risen > fallen, bottom, earlier))
+
+
+def hold_window(
+    time_s: ArrayLike, values: ArrayLike, *, wait_s: float = WAIT_S, cutoff_s: float | None = None
+) -> HoldWindow:
+    """Find the peak of each hold and the samples from t_p + t_a to t_c.
+
+    Parameters
+    ----------
+    time_s : array_like, shape (n_times,)
+        Strictly increasing sampling times that the holds share, seconds.
+    values : array_like, shape (n_holds, n_times)
+        Samples; those after the cut-off are not looked at.
+    wait_s : float
+        t_a, counted from the peak.
+    cutoff_s : float, optional
+        t_c, on the time axis of `time_s`; all samples by default.
+
+    Returns
+    -------
+    HoldWindow
+
+    Raises
+    ------
+    ValueError
+        If no sample lies at or before the cut-off.
+
+    References
+    ----------
+    Paper, equation 3.
+
+    Examples
+    --------
+    >>> window = hold_window([0.0, 0.2, 0.4, 0.8, 1.0], [[1.0, 3.0, 2.0, 0.5, 0.2]], cutoff_s=0.9)
+    >>> window.peak_s.tolist(), window.first.tolist(), window.stop
+    ([0.2], [3], 4)
+    """
+    times = np.asarray(time_s, dtype=np.float64)
+    stop = len(times) if cutoff_s is None else int(np.searchsorted(times, cutoff_s, side="right"))
+    if stop == 0:
+        raise ValueError(f"no sample at or before the cut-off of {cutoff_s} s")
+    peak = peak_index(np.asarray(values)[:, :stop])
+    peak_s = times[peak]
+    # The slack takes sums like 0.2 + 0.5 against a sampling time printed as 0.7.
+    first = np.searchsorted(times[:stop], peak_s + wait_s - 1e-9, side="left")
+    return HoldWindow(peak=peak, peak_s=peak_s, first=first, stop=stop)
