@@ -1,0 +1,64 @@
+"""What the static force laws share: the estimate they return and the pairs they are fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import CalibrationError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Fewer calibration pairs than this can't show their own scatter.
+MIN_PAIRS = 4
+#: A calibration whose largest load is less than this times its smallest says nothing of a slope.
+MIN_LOAD_RATIO = 1.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceEstimate:
+    """Forces with intervals, newtons; arrays of the shape of the readings.
+
+    Attributes
+    ----------
+    value, low, high : ndarray
+        Force and the ends of its prediction interval, never below 0.
+    in_range : ndarray of bool
+        Whether the reading lies within those of the calibration. Outside, the value follows the law
+        and carries no promise.
+    level : float
+        Probability that the interval is meant to cover.
+    """
+
+    value: FloatArray
+    low: FloatArray
+    high: FloatArray
+    in_range: NDArray[np.bool_]
+    level: float
+
+
+def checked_pairs(reading: ArrayLike, force_n: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return both as finite float arrays of one length."""
+    x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise ValueError(f"readings and forces must be of one length, not {x.shape} and {y.shape}")
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise CalibrationError("force calibration: a reading or force is not a finite number")
+    return x, y
+
+
+def enough_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the pairs as they are, or refuse too few of them or one load only."""
+    if len(x) < MIN_PAIRS:
+        raise CalibrationError(
+            f"force calibration: {len(x)} usable pairs, at least {MIN_PAIRS} needed; add loads"
+        )
+    if y.max() < MIN_LOAD_RATIO * max(y.min(), 0.0) or np.ptp(y) == 0:
+        raise CalibrationError(
+            f"force calibration: the load hardly changes ({y.min():g} to {y.max():g} N); "
+            "use loads over the whole range"
+        )
+    return x, y

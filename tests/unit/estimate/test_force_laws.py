@@ -1,0 +1,120 @@
+"""Static force laws: what they recover, what they refuse, what they promise."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.errors import CalibrationError
+from palpate.estimate.force import LineForceLaw, PowerForceLaw, choose_law, law_from_dict
+
+LOADS_N = np.linspace(0.5, 10.0, 15)
+
+
+def scattered(
+    seed: int, *, offset_n: float = 0.0, sd: float = 0.1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return excess and loads of a power law with scatter in ln force."""
+    rng = np.random.default_rng(seed)
+    reading = (LOADS_N - offset_n) * np.exp(sd * rng.standard_normal(LOADS_N.size))
+    return (reading / 0.2) ** 1.25, LOADS_N
+
+
+def test_power_law_finds_a_detection_threshold_where_there_is_one() -> None:
+    excess, loads = scattered(1, offset_n=0.4, sd=0.01)
+    law = PowerForceLaw.fit(excess, force_n=loads)
+    assert law.coefficients[2] == pytest.approx(0.4, abs=0.08)
+    assert law.coefficients[1] == pytest.approx(0.8, abs=0.03)
+
+
+def test_power_law_has_no_threshold_where_there_is_none() -> None:
+    excess, loads = scattered(2)
+    assert PowerForceLaw.fit(excess, force_n=loads).coefficients[2] == 0.0
+
+
+def test_one_wild_pair_hardly_moves_the_power_law() -> None:
+    excess, loads = scattered(3, sd=0.02)
+    wild = excess.copy()
+    wild[7] *= 20
+    clean = PowerForceLaw.fit(excess, force_n=loads).force_n(excess).value
+    assert PowerForceLaw.fit(wild, force_n=loads).force_n(excess).value == pytest.approx(
+        clean, rel=0.06
+    )
+
+
+@pytest.mark.parametrize("level", [0.5, 0.9])
+def test_power_intervals_cover_new_readings_at_their_level(level: float) -> None:
+    inside = []
+    for seed in range(60):
+        law = PowerForceLaw.fit(scattered(seed)[0], force_n=LOADS_N)
+        answer = law.force_n(scattered(seed + 1000)[0], level=level)
+        inside.append((answer.low <= LOADS_N) & (answer.high >= LOADS_N))
+    assert np.mean(inside) == pytest.approx(level, abs=0.06)
+
+
+def test_out_of_range_and_silent_readings_are_flagged() -> None:
+    excess, loads = scattered(4)
+    answer = PowerForceLaw.fit(excess, force_n=loads).force_n([-0.1, excess.max() * 3])
+    assert answer.in_range.tolist() == [False, False]
+    assert answer.value[0] == 0.0
+    assert answer.low[0] == 0.0
+    assert answer.high[0] > 0.0
+
+
+def test_line_interval_is_a_student_interval() -> None:
+    rng = np.random.default_rng(5)
+    inside = []
+    relative = -np.linspace(5, 60, 12)
+    for _ in range(200):
+        truth = -0.1 * relative + 1
+        law = LineForceLaw.fit(relative, force_n=truth + 0.2 * rng.standard_normal(12))
+        answer = law.force_n(relative)
+        new = truth + 0.2 * rng.standard_normal(12)
+        inside.append((answer.low <= new) & (new <= answer.high))
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)
+
+
+def test_choice_takes_the_law_that_predicts_left_out_pairs() -> None:
+    excess, loads = scattered(6)
+    relative = (1 / (1 + excess) - 1) * 100
+    power = choose_law(excess=excess, relative_percent=relative, force_n=loads)
+    assert isinstance(power.law, PowerForceLaw)
+    assert power.held_out_log_error["power"] < power.held_out_log_error["line"]
+    straight = -10.0 * loads + 0.3 * np.sin(np.arange(15))
+    bent = np.where(loads < 5, loads, 5 + 0.01 * loads)
+    line = choose_law(excess=bent, relative_percent=straight, force_n=loads, groups=[0, 1, 2] * 5)
+    assert isinstance(line.law, LineForceLaw)
+
+
+def test_laws_survive_a_file() -> None:
+    excess, loads = scattered(7)
+    for law in (PowerForceLaw.fit(excess, force_n=loads), LineForceLaw.fit(-excess, force_n=loads)):
+        assert law_from_dict(json.loads(json.dumps(law.as_dict()))) == law
+
+
+@pytest.mark.parametrize(
+    ("excess", "force_n", "message"),
+    [
+        ([1.0, 2.0], [1.0, 2.0], "2 usable pairs"),
+        ([1.0, 2, 3, 4], [2.0, 2, 2, 2], "hardly changes"),
+        ([4.0, 3, 2, 1], [1.0, 2, 3, 4], "falls while the load rises"),
+        ([1.0, 2, float("nan"), 4], [1.0, 2, 3, 4], "not a finite number"),
+        ([-1.0, -2, -3, -4], [1.0, 2, 3, 4], "0 usable pairs"),
+    ],
+)
+def test_bad_pairs_are_refused_in_words(
+    excess: list[float], force_n: list[float], message: str
+) -> None:
+    with pytest.raises(CalibrationError, match=message):
+        PowerForceLaw.fit(excess, force_n=force_n)
+
+
+def test_saturated_line_and_unknown_law_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="saturated"):
+        LineForceLaw.fit([-99.0] * 5, force_n=[1.0, 2, 3, 4, 5])
+    with pytest.raises(CalibrationError, match="unknown"):
+        law_from_dict({"law": "cubic"})
+    with pytest.raises(CalibrationError, match="covariance"):
+        law_from_dict({"law": "line", "coefficients": [1, 2]})
