@@ -1,4 +1,4 @@
-"""Holds: stretches of one channel after the gripper stopped, as files and as arrays."""
+"""One channel of one hold, as arrays."""
 
 from __future__ import annotations
 

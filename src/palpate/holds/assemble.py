@@ -1,0 +1,147 @@
+"""Rows into holds: cut where the hold changes, sort channels apart, check that time moves on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError
+from palpate.holds.hold import Hold
+from palpate.holds.rows import Rows
+
+
+@dataclass(slots=True, kw_only=True)
+class _Channel:
+    """Samples of one channel gathered so far."""
+
+    last_time_s: float = -np.inf
+    time_s: list[NDArray[np.float64]] = field(default_factory=list)
+    values: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def add(
+        self, time_s: NDArray[np.float64], values: NDArray[np.float64], *, until_s: float
+    ) -> None:
+        """Keep what is needed: everything before `until_s`, and the first sample from there on."""
+        if self.last_time_s < until_s:
+            kept = int(np.searchsorted(time_s, until_s)) + 1
+            # Copies: a view would keep the whole stretch of the file in memory.
+            self.time_s.append(time_s[:kept].copy())
+            self.values.append(values[:kept].copy())
+        self.last_time_s = float(time_s[-1])
+
+
+def assemble(pieces: Iterable[Rows], *, name: str, until_s: float) -> Iterator[Hold]:
+    """Yield each channel of each hold once the hold is complete.
+
+    Parameters
+    ----------
+    pieces : iterable of Rows
+        The file, in order. The rows of a hold are together; its channels may be interleaved.
+    name : str
+        What errors call the file.
+    until_s : float
+        Samples after the first one at or beyond this time are checked and dropped, which bounds
+        the memory that one endless hold can take. Infinite to keep all.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, time does not increase, a hold comes back or has no name.
+    """
+    ended: set[str] = set()
+    current: str | None = None
+    channels: dict[str, _Channel] = {}
+    for rows in pieces:
+        for start, stop in _runs(rows):
+            hold_id = rows.hold_id[start]
+            if hold_id != current:
+                if current is not None:
+                    yield from _finish(current, channels)
+                    ended.add(current)
+                _check_name(hold_id, ended, where=f"{name} {rows.place(start)}")
+                current, channels = hold_id, {}
+            _gather(rows, np.arange(start, stop), channels, name=name, until_s=until_s)
+    if current is None:
+        raise InputError(f"{name}: no rows below the header; a hold needs at least one sample")
+    yield from _finish(current, channels)
+
+
+def _runs(rows: Rows) -> Iterator[tuple[int, int]]:
+    """Yield (start, stop) of each stretch of rows of one hold."""
+    total = len(rows.hold_id)
+    if total:
+        changes = np.flatnonzero(rows.hold_id[1:] != rows.hold_id[:-1]) + 1
+        starts = [0, *changes.tolist()]
+        yield from zip(starts, [*starts[1:], total], strict=True)
+
+
+def _check_name(hold_id: str, ended: set[str], *, where: str) -> None:
+    if not hold_id.strip():
+        raise InputError(f"{where}: hold_id is empty; give every hold a name")
+    _check_text("hold_id", hold_id, where=where)
+    if hold_id in ended:
+        raise InputError(
+            f"{where}: hold {hold_id} comes back after it ended; keep its rows together, "
+            "or give the second one another hold_id"
+        )
+
+
+def _check_text(column: str, text: str, *, where: str) -> None:
+    if not text.isprintable():
+        raise InputError(
+            f"{where}: {column} {text[:40]!a} has signs that can't be printed; "
+            "rename it, or save the file as UTF-8"
+        )
+
+
+def _gather(
+    rows: Rows,
+    indices: NDArray[np.intp],
+    channels: dict[str, _Channel],
+    *,
+    name: str,
+    until_s: float,
+) -> None:
+    """Add rows of one hold to its channels."""
+    if rows.channel is None:
+        groups = {"": indices}
+    else:
+        labels = rows.channel[indices]
+        groups = {label: indices[labels == label] for label in dict.fromkeys(labels.tolist())}
+    for label, members in groups.items():
+        if label not in channels:
+            _check_text("channel", label, where=f"{name} {rows.place(int(members[0]))}")
+            channels[label] = _Channel()
+        channel = channels[label]
+        time_s, values = rows.time_s[members], rows.values[members]
+        previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
+        sound = np.isfinite(time_s) & np.isfinite(values) & (time_s > previous_s)
+        if not sound.all():
+            bad = int(np.argmin(sound))
+            where = f"{name} {rows.place(int(members[bad]))}"
+            hold = f"hold {rows.hold_id[members[bad]]}" + (f" channel {label}" if label else "")
+            _explain(time_s[bad], values[bad], previous_s[bad], where=where, hold=hold)
+        channel.add(time_s, values, until_s=until_s)
+
+
+def _explain(time_s: float, value: float, previous_s: float, *, where: str, hold: str) -> NoReturn:
+    for column, number in (("time_s", time_s), ("value", value)):
+        if not np.isfinite(number):
+            raise InputError(f"{where}: {column} is {number} in {hold}; remove that sample")
+    how = "stands still" if time_s == previous_s else "goes backwards"
+    raise InputError(
+        f"{where}: time {how} in {hold} ({previous_s:g} s, then {time_s:g} s); "
+        "sort it by time_s, or give each recording its own hold_id"
+    )
+
+
+def _finish(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
+    for label, channel in channels.items():
+        time_s, values = np.concatenate(channel.time_s), np.concatenate(channel.values)
+        time_s.flags.writeable = False
+        values.flags.writeable = False
+        yield Hold(hold_id=hold_id, channel=label or None, time_s=time_s, values=values)
