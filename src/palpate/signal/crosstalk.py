@@ -1,0 +1,277 @@
+"""Undoing the leak of a passive pixel matrix, where every pixel shares its lines with others.
+
+Selecting row i and column j of a bare resistor matrix reads pixel (i, j) in parallel with every
+detour through other pixels. What the detours do depends on the idle lines:
+
+- *floating* (two multiplexers, as in the paper): the reading is the effective resistance between
+  the two lines in the whole network, whatever the divider. Equal pixels of a 2x2 matrix read 25 %
+  low, of a 16x16 one 88 % low. Solved back by Newton's method.
+- *held* at the rail that the reference resistor goes to (ground for a pixel in the upper leg): the
+  detours load the divider instead. Solved back in closed form.
+
+Resistance in series with the lines (a multiplexer's 60-100 ohm) adds to every reading alike and
+must be subtracted before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+#: Above this gain a 1 % error of the readings makes the pixel uncertain by more than 10 %.
+ILL_CONDITIONED_GAIN = 10.0
+#: A pixel that carries less than this share of its reading's conductance can't be told from open.
+_HIDDEN_SHARE = 1e-5
+_TOLERANCE = 1e-9
+_MAX_STEPS = 60
+
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnmixedPixels:
+    """Pixel resistances solved back from the readings of a matrix.
+
+    Attributes
+    ----------
+    resistance_ohm : ndarray, shape (..., rows, cols)
+        inf where the pixel is open, or so resistive that the detours hide it.
+    error_gain : ndarray, same shape
+        Relative error of the pixel per relative error of independent readings (root sum of
+        squares): 1 without leak, inf where the pixel is hidden.
+    solved : ndarray of bool, shape (...)
+        False where no resistances explain the frame's readings; its pixels are NaN.
+    """
+
+    resistance_ohm: _Array
+    error_gain: _Array
+    solved: NDArray[np.bool_]
+
+    @property
+    def ill_conditioned(self) -> NDArray[np.bool_]:
+        """Where the readings say little about the pixel: gain above 10, or nothing at all."""
+        return np.asarray(~(self.error_gain <= ILL_CONDITIONED_GAIN))
+
+
+def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
+    """What each pixel reads when all idle lines float.
+
+    Parameters
+    ----------
+    resistance_ohm : array_like, shape (..., rows, cols)
+        Pixel resistances, positive; inf is an open pixel.
+
+    Returns
+    -------
+    ndarray, same shape
+        Effective resistance between the pixel's row and column; inf where no path is.
+
+    References
+    ----------
+    Klein and Randic, "Resistance distance", J. Math. Chem. 12 (1993): r = K_aa + K_bb - 2 K_ab.
+
+    Examples
+    --------
+    Three equal pixels in series beside the one that is read:
+
+    >>> floating_readings_ohm([[100.0, 100.0], [100.0, 100.0]]).round(6).tolist()
+    [[75.0, 75.0], [75.0, 75.0]]
+    """
+    resistance = _positive(resistance_ohm)
+    rows, cols = resistance.shape[-2:]
+    frames = resistance.reshape(-1, rows, cols)
+    # An open pixel is given a billionth of the smallest conductance: the network stays connected.
+    finite = np.where(np.isfinite(frames), frames, 0.0)
+    open_ohm = 1e9 * np.maximum(finite.max(axis=(1, 2), keepdims=True), 1.0)
+    lines = _line_coupling(1.0 / np.where(np.isfinite(frames), frames, open_ohm))
+    readings = np.diagonal(lines, axis1=1, axis2=2).reshape(frames.shape)
+    cut_off = readings > open_ohm / (rows * cols)
+    return np.where(cut_off, np.inf, readings).reshape(resistance.shape)
+
+
+def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
+    """Solve the readings of a matrix with floating idle lines back to pixel resistances.
+
+    With T the voltages across all pixels per ampere through each selected one, the readings are
+    diag(T) and d ln(reading) = -P d ln(conductance), P = T^2 g / diag(T), whose rows sum to one.
+    Newton's method in the logarithms keeps every conductance positive. Where a reading is higher
+    than its detours alone allow (noise on a resistive pixel beside pressed ones), the pixel is
+    given up as hidden and the others are solved without it.
+
+    Parameters
+    ----------
+    readings_ohm : array_like, shape (..., rows, cols)
+        Readings, positive; inf is an open circuit.
+
+    Returns
+    -------
+    UnmixedPixels
+        Resistances with the gain of reading errors, batched as the input.
+
+    Raises
+    ------
+    ValueError
+        If a reading is not positive, or NaN.
+
+    Examples
+    --------
+    >>> unmixed = unmix_floating([[75.0, 75.0], [75.0, 75.0]])
+    >>> unmixed.resistance_ohm.round(6).tolist(), bool(unmixed.solved)
+    ([[100.0, 100.0], [100.0, 100.0]], True)
+    """
+    readings = _positive(readings_ohm)
+    rows, cols = readings.shape[-2:]
+    flat = readings.reshape(-1, rows * cols)
+    measured = np.isfinite(flat)
+    ceiling = 1e6 * np.max(np.where(measured, flat, 0.0), axis=1, keepdims=True, initial=1.0)
+    log_target = np.log(np.where(measured, flat, ceiling))
+    log_g = np.log((rows + cols - 1) / (rows * cols)) - log_target
+    hidden = np.zeros(flat.shape, dtype=bool)
+    gain = np.ones(flat.shape)
+    solved = np.zeros(len(flat), dtype=bool)
+    active = np.arange(len(flat))
+    for _ in range(_MAX_STEPS):
+        error, sharing = _mismatch(log_g[active], log_target[active], shape=(rows, cols))
+        hidden[active] |= log_g[active] + log_target[active] < np.log(_HIDDEN_SHARE)
+        error[hidden[active]] = 0.0
+        sharing = _without(sharing, hidden[active])
+        done = np.max(np.abs(error), axis=1) < _TOLERANCE
+        if done.any():
+            inverse = np.linalg.inv(sharing[done])
+            gain[active[done]] = np.sqrt(np.sum(inverse**2, axis=2))
+            solved[active[done]] = True
+            active, error, sharing = active[~done], error[~done], sharing[~done]
+        if not len(active):
+            break
+        step = np.linalg.solve(sharing, error[:, :, None])[:, :, 0]
+        log_g[active] += np.clip(step, -1.0, 1.0)
+    resistance = np.exp(-log_g)
+    resistance[hidden | ~measured] = np.inf
+    gain[hidden] = np.inf
+    resistance[~solved] = np.nan
+    gain[~solved] = np.nan
+    return UnmixedPixels(
+        resistance_ohm=resistance.reshape(readings.shape),
+        error_gain=gain.reshape(readings.shape),
+        solved=solved.reshape(readings.shape[:-2]),
+    )
+
+
+def held_readings_ohm(resistance_ohm: ArrayLike, *, reference_ohm: float) -> _Array:
+    """What each pixel reads when idle rows are held at the rail of the reference resistor.
+
+    The selected column is the divider's node; the other pixels of that column lie in parallel with
+    the reference resistor. Idle columns make no difference.
+
+    Parameters
+    ----------
+    resistance_ohm : array_like, shape (..., rows, cols)
+        Pixel resistances, positive; inf is an open pixel.
+    reference_ohm : float
+        The divider's fixed resistor.
+
+    Returns
+    -------
+    ndarray, same shape
+        The resistance that the divider's formula makes of the reading.
+
+    Examples
+    --------
+    >>> held_readings_ohm([[1000.0], [1000.0]], reference_ohm=1000.0).tolist()
+    [[2000.0], [2000.0]]
+    """
+    conductance = 1.0 / _positive(resistance_ohm)
+    column = conductance.sum(axis=-2, keepdims=True)
+    loading = 1.0 + reference_ohm * (column - conductance)
+    with np.errstate(divide="ignore"):
+        return np.asarray(loading / conductance)
+
+
+def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixels:
+    """Solve the readings of a matrix with idle rows held at a rail back to pixel resistances.
+
+    With y the pixel's share of the supply across the reference resistor, y = g / (g_ref + column
+    sum of g), so that g = g_ref y / (1 - column sum of y).
+
+    Parameters
+    ----------
+    readings_ohm : array_like, shape (..., rows, cols)
+        Readings as the divider's formula gives them, positive; inf is an open circuit.
+    reference_ohm : float
+        The divider's fixed resistor.
+
+    Returns
+    -------
+    UnmixedPixels
+        A frame is unsolved where the shares of a column reach the whole supply.
+
+    Examples
+    --------
+    >>> unmix_held([[2000.0], [2000.0]], reference_ohm=1000.0).resistance_ohm.round(6).tolist()
+    [[1000.0], [1000.0]]
+    """
+    readings = _positive(readings_ohm)
+    share = reference_ohm / (reference_ohm + readings)
+    left = 1.0 - share.sum(axis=-2, keepdims=True)
+    solved = np.all(left > 0, axis=(-2, -1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        resistance = reference_ohm * left / share
+        # d ln R = (1 - y) d ln r, plus y (1 - y) / left d ln r for every pixel of the column.
+        slope = share * (1.0 - share) / left
+        own = 1.0 - share + slope
+        others = np.sum(slope**2, axis=-2, keepdims=True) - slope**2
+        gain = np.sqrt(own**2 + others)
+    keep = solved[..., None, None]
+    return UnmixedPixels(
+        resistance_ohm=np.where(keep, resistance, np.nan),
+        error_gain=np.where(keep, gain, np.nan),
+        solved=np.asarray(solved),
+    )
+
+
+def _positive(ohm: ArrayLike) -> _Array:
+    values = np.asarray(ohm, dtype=np.float64)
+    if values.ndim < 2:
+        raise ValueError(f"expected shape (..., rows, cols), got {values.shape}")
+    if not np.all(values > 0):
+        raise ValueError("resistances must be positive (inf is an open circuit)")
+    return values
+
+
+def _line_coupling(conductance: _Array) -> _Array:
+    """Volts across each pixel per ampere through each selected one, (batch, pixels, pixels)."""
+    batch, rows, cols = conductance.shape
+    size = rows + cols - 1  # the last column is the node that voltages are counted from
+    laplacian = np.zeros((batch, size, size))
+    row, col = np.arange(rows), np.arange(cols - 1)
+    laplacian[:, row, row] = conductance.sum(axis=2)
+    laplacian[:, rows + col, rows + col] = conductance.sum(axis=1)[:, :-1]
+    laplacian[:, :rows, rows:] = -conductance[:, :, :-1]
+    laplacian[:, rows:, :rows] = -conductance[:, :, :-1].transpose(0, 2, 1)
+    inverse = np.zeros((batch, rows + cols, rows + cols))
+    inverse[:, :-1, :-1] = np.linalg.inv(laplacian)
+    first, second = np.divmod(np.arange(rows * cols), cols)
+    across = inverse[:, first, :] - inverse[:, rows + second, :]
+    return np.asarray(across[:, :, first] - across[:, :, rows + second])
+
+
+def _mismatch(
+    log_g: _Array, log_target: _Array, *, shape: tuple[int, int]
+) -> tuple[_Array, _Array]:
+    """ln(modelled / measured reading), and the sharing matrix P."""
+    conductance = np.exp(log_g)
+    coupling = _line_coupling(conductance.reshape(-1, *shape))
+    own = np.diagonal(coupling, axis1=1, axis2=2)
+    sharing = coupling**2 * conductance[:, None, :] / own[:, :, None]
+    return np.log(own) - log_target, sharing
+
+
+def _without(sharing: _Array, hidden: NDArray[np.bool_]) -> _Array:
+    """Take hidden pixels out of the equations: neither solved for nor listened to."""
+    used = ~hidden
+    kept = sharing * (used[:, :, None] & used[:, None, :])
+    pixel = np.arange(sharing.shape[1])
+    kept[:, pixel, pixel] = np.where(hidden, 1.0, kept[:, pixel, pixel])
+    return np.asarray(kept)

@@ -1,0 +1,176 @@
+"""Crosstalk against an independent circuit solver, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.signal.crosstalk import (
+    floating_readings_ohm,
+    held_readings_ohm,
+    unmix_floating,
+    unmix_held,
+)
+
+Resistor = tuple[str, str, float]
+SHAPES = [(1, 4), (3, 1), (2, 2), (4, 2), (6, 2), (5, 7), (16, 16)]
+
+
+def node_voltages(resistors: list[Resistor], sources_v: dict[str, float]) -> dict[str, float]:
+    """Solve any resistor circuit by Kirchhoff's current law, one dense equation per node."""
+    nodes = sorted({node for first, second, _ in resistors for node in (first, second)})
+    place = {node: k for k, node in enumerate(nodes)}
+    equations = np.zeros((len(nodes), len(nodes)))
+    known = np.zeros(len(nodes))
+    for first, second, ohm in resistors:
+        for a, b in ((first, second), (second, first)):
+            equations[place[a], place[a]] += 1 / ohm
+            equations[place[a], place[b]] -= 1 / ohm
+    for node, volt in sources_v.items():
+        equations[place[node]] = 0.0
+        equations[place[node], place[node]] = 1.0
+        known[place[node]] = volt
+    return dict(zip(nodes, np.linalg.solve(equations, known), strict=True))
+
+
+def divider_reading_ohm(
+    matrix: NDArray[np.float64], row: int, col: int, *, reference_ohm: float, held: bool
+) -> float:
+    """Read one pixel as the board does: 5 V on its row, the reference resistor on its column."""
+    resistors = [
+        (f"row{i}", f"col{j}", float(matrix[i, j]))
+        for i in range(matrix.shape[0])
+        for j in range(matrix.shape[1])
+    ]
+    resistors.append((f"col{col}", "ground", reference_ohm))
+    sources = {"ground": 0.0, f"row{row}": 5.0}
+    if held:
+        sources |= {f"row{i}": 0.0 for i in range(matrix.shape[0]) if i != row}
+    adc_v = node_voltages(resistors, sources)[f"col{col}"]
+    return reference_ohm * (5.0 / adc_v - 1.0)
+
+
+def random_pixels(shape: tuple[int, ...], *, seed: int = 7) -> NDArray[np.float64]:
+    return 2000.0 * np.exp(np.random.default_rng(seed).normal(0, 1.0, shape))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("held", [False, True])
+def test_readings_agree_with_a_generic_circuit_solver(shape: tuple[int, int], held: bool) -> None:
+    pixels = random_pixels(shape)
+    if held:
+        readings = held_readings_ohm(pixels, reference_ohm=4700.0)
+    else:
+        readings = floating_readings_ohm(pixels)
+    rng = np.random.default_rng(1)
+    for flat in rng.permutation(pixels.size)[:8]:
+        row, col = divmod(int(flat), shape[1])
+        circuit = divider_reading_ohm(pixels, row, col, reference_ohm=4700.0, held=held)
+        assert readings[row, col] == pytest.approx(circuit, rel=1e-9)
+
+
+def test_equal_pixels_of_two_by_two_read_a_quarter_low() -> None:
+    assert floating_readings_ohm(np.full((2, 2), 1000.0)) == pytest.approx(750.0)
+
+
+def test_equal_pixels_of_sixteen_by_sixteen_read_88_percent_low() -> None:
+    # Foster: the sum of reading x conductance over all pixels is the number of lines less one.
+    assert floating_readings_ohm(np.full((16, 16), 1000.0)) == pytest.approx(1000.0 * 31 / 256)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_floating_readings_are_solved_back(shape: tuple[int, int]) -> None:
+    pixels = random_pixels((3, *shape))
+    unmixed = unmix_floating(floating_readings_ohm(pixels))
+    assert unmixed.solved.tolist() == [True, True, True]
+    assert unmixed.resistance_ohm == pytest.approx(pixels, rel=1e-5)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_held_readings_are_solved_back(shape: tuple[int, int]) -> None:
+    pixels = random_pixels((3, *shape))
+    unmixed = unmix_held(held_readings_ohm(pixels, reference_ohm=900.0), reference_ohm=900.0)
+    assert unmixed.solved.tolist() == [True, True, True]
+    assert unmixed.resistance_ohm == pytest.approx(pixels, rel=1e-9)
+
+
+def test_a_batch_gives_what_its_frames_give_alone() -> None:
+    readings = floating_readings_ohm(random_pixels((2, 5, 4, 2)))
+    together = unmix_floating(readings)
+    alone = unmix_floating(readings[1, 3])
+    assert together.resistance_ohm.shape == (2, 5, 4, 2)
+    assert together.resistance_ohm[1, 3] == pytest.approx(alone.resistance_ohm)
+    assert together.error_gain[1, 3] == pytest.approx(alone.error_gain)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_error_gain_predicts_the_spread_under_noise(held: bool) -> None:
+    pixels = random_pixels((4, 2), seed=3)
+    noise = 1.0 + 1e-4 * np.random.default_rng(0).standard_normal((2000, 4, 2))
+    if held:
+        noisy = unmix_held(
+            held_readings_ohm(pixels, reference_ohm=900.0) * noise, reference_ohm=900.0
+        )
+    else:
+        noisy = unmix_floating(floating_readings_ohm(pixels) * noise)
+    spread = np.std(noisy.resistance_ohm / pixels, axis=0) / 1e-4
+    assert spread == pytest.approx(noisy.error_gain.mean(axis=0), rel=0.1)
+
+
+def test_without_shared_lines_the_gain_is_one() -> None:
+    assert unmix_floating(random_pixels((1, 6))).error_gain == pytest.approx(1.0)
+
+
+def test_a_resistive_pixel_among_pressed_ones_is_flagged() -> None:
+    pixels = np.full((4, 2), 100.0)
+    pixels[2, 1] = 50_000.0
+    unmixed = unmix_floating(floating_readings_ohm(pixels))
+    assert np.argwhere(unmixed.ill_conditioned).tolist() == [[2, 1]]
+
+
+def test_an_open_pixel_is_found_through_its_detours() -> None:
+    pixels = np.full((2, 2), 1000.0)
+    pixels[0, 1] = np.inf
+    readings = floating_readings_ohm(pixels)
+    assert readings[0, 1] == pytest.approx(3000.0)
+    unmixed = unmix_floating(readings)
+    assert np.isinf(unmixed.resistance_ohm[0, 1])
+    assert np.isinf(unmixed.error_gain[0, 1])
+    assert unmixed.resistance_ohm[[0, 1, 1], [0, 0, 1]] == pytest.approx(1000.0, rel=1e-4)
+
+
+def test_a_reading_above_its_detours_leaves_the_others_solved() -> None:
+    readings = floating_readings_ohm(np.array([[1000.0, np.inf], [1000.0, 1000.0]]))
+    readings[0, 1] *= 1.02
+    unmixed = unmix_floating(readings)
+    assert unmixed.solved
+    assert unmixed.ill_conditioned.tolist() == [[False, True], [False, False]]
+    assert unmixed.resistance_ohm[1, 1] == pytest.approx(1000.0, rel=1e-3)
+
+
+def test_a_dead_row_is_open_and_the_others_are_solved() -> None:
+    pixels = random_pixels((4, 2))
+    pixels[3] = np.inf
+    readings = floating_readings_ohm(pixels)
+    assert np.isinf(readings[3]).all()
+    unmixed = unmix_floating(readings)
+    assert np.isinf(unmixed.resistance_ohm[3]).all()
+    assert unmixed.resistance_ohm[:3] == pytest.approx(pixels[:3], rel=1e-4)
+
+
+def test_impossible_held_readings_are_unsolved() -> None:
+    unmixed = unmix_held([[[10.0], [10.0]], [[5000.0], [5000.0]]], reference_ohm=1000.0)
+    assert unmixed.solved.tolist() == [False, True]
+    assert np.isnan(unmixed.resistance_ohm[0]).all()
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan])
+def test_readings_that_are_no_resistance_are_refused(bad: float) -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        unmix_floating([[100.0, bad]])
+
+
+def test_a_flat_list_is_refused() -> None:
+    with pytest.raises(ValueError, match="shape"):
+        unmix_floating([100.0, 200.0])
