@@ -1,9 +1,20 @@
-"""From ADC counts to ohm: the voltage divider that reads a pixel."""
+"""From ADC counts to ohm and back: the voltage divider that reads a pixel.
+
+Counts may be the sum of several conversions (oversampling). A converter code stands for the middle
+of its step: the ATmega2560's ideal first transition is half a step above zero (datasheet, "ADC
+Accuracy Definitions").
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from enum import IntEnum
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,3 +42,175 @@ class Divider:
     def full_scale(self) -> int:
         """Counts at the supply voltage: 2 ** adc_bits."""
         return int(2**self.adc_bits)
+
+
+class PixelFault(IntEnum):
+    """What a reading at the end of the converter's range means."""
+
+    NONE = 0
+    OPEN = 1
+    SHORT = 2
+
+
+def counts_to_volts(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
+    """Convert counts to the voltage at the converter's input.
+
+    Parameters
+    ----------
+    counts : array_like of int, shape (..., rows, cols)
+        Readings, summed over `oversampling` conversions.
+    divider : Divider
+        The readout circuit.
+    oversampling : int
+        Conversions summed.
+
+    Returns
+    -------
+    ndarray, same shape
+        Volts.
+
+    Examples
+    --------
+    >>> counts_to_volts([[512, 256]], divider=Divider()).tolist()
+    [[2.5, 1.25]]
+    """
+    return divider.supply_v * _fraction(counts, divider, oversampling)
+
+
+def counts_to_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
+    """Convert counts to the pixel's resistance.
+
+    With the pixel in the upper leg R = R_ref (N / c - 1), in the lower R = R_ref c / (N - c), where
+    c is the mean count of one conversion. Readings at the ends of the range are not guessed: an
+    open pixel is inf, a short one 0; `pixel_faults` names them.
+
+    Parameters
+    ----------
+    counts : array_like of int, shape (..., rows, cols)
+        Readings, summed over `oversampling` conversions.
+    divider : Divider
+        The readout circuit.
+    oversampling : int
+        Conversions summed.
+
+    Returns
+    -------
+    ndarray, same shape
+        Resistance, ohms.
+
+    Raises
+    ------
+    ValueError
+        If a reading lies outside what the converter can give.
+
+    References
+    ----------
+    ATmega2560 datasheet, "ADC Conversion Result".
+
+    Examples
+    --------
+    Mid-scale means that both legs are equal:
+
+    >>> counts_to_ohm([[512, 256, 0]], divider=Divider(reference_ohm=10e3)).tolist()
+    [[10000.0, 30000.0, inf]]
+    """
+    fraction = _fraction(counts, divider, oversampling)
+    faults = pixel_faults(counts, divider=divider, oversampling=oversampling)
+    inside = np.where(faults == PixelFault.NONE, fraction, 0.5)
+    ratio = (1.0 - inside) / inside if divider.taxel_leg == "upper" else inside / (1.0 - inside)
+    ohm = np.where(faults == PixelFault.OPEN, np.inf, divider.reference_ohm * ratio)
+    return np.where(faults == PixelFault.SHORT, 0.0, ohm)
+
+
+def pixel_faults(
+    counts: ArrayLike, *, divider: Divider, oversampling: int = 1
+) -> NDArray[np.uint8]:
+    """Tell open and short pixels: those where every conversion hit the end of the range.
+
+    Parameters
+    ----------
+    counts, divider, oversampling
+        As in `counts_to_ohm`.
+
+    Returns
+    -------
+    ndarray of uint8, same shape
+        Values of `PixelFault`.
+
+    Examples
+    --------
+    >>> pixel_faults([[0, 512, 1023]], divider=Divider()).tolist()
+    [[1, 0, 2]]
+    """
+    counts = np.asarray(counts)
+    top = oversampling * (divider.full_scale - 1)
+    at_ground, at_supply = counts == 0, counts == top
+    upper = divider.taxel_leg == "upper"
+    faults = np.zeros(counts.shape, dtype=np.uint8)
+    faults[at_ground if upper else at_supply] = PixelFault.OPEN
+    faults[at_supply if upper else at_ground] = PixelFault.SHORT
+    return faults
+
+
+def ohm_to_volts(resistance_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
+    """Return the voltage at the converter's input for a pixel's resistance (0 to inf).
+
+    Examples
+    --------
+    >>> ohm_to_volts([4700.0, float("inf"), 0.0], divider=Divider()).tolist()
+    [2.5, 0.0, 5.0]
+    """
+    resistance = np.asarray(resistance_ohm, dtype=np.float64)
+    across_reference = divider.reference_ohm / (divider.reference_ohm + resistance)
+    upper = divider.taxel_leg == "upper"
+    return divider.supply_v * (across_reference if upper else 1.0 - across_reference)
+
+
+def volts_to_counts(
+    volts: ArrayLike, *, divider: Divider, noise_counts: ArrayLike = 0.0
+) -> NDArray[np.int32]:
+    """Return what one conversion of a voltage gives, with noise added before rounding.
+
+    Examples
+    --------
+    >>> volts_to_counts([2.5, 5.0], divider=Divider()).tolist()
+    [512, 1023]
+    """
+    ideal = np.asarray(volts) / divider.supply_v * divider.full_scale + np.asarray(noise_counts)
+    return np.asarray(np.clip(np.rint(ideal), 0, divider.full_scale - 1), dtype=np.int32)
+
+
+def resolution_ohm(
+    resistance_ohm: ArrayLike, *, divider: Divider, oversampling: int = 1
+) -> FloatArray:
+    """Return by how many ohms one count moves the reading, at a resistance.
+
+    It is (R + R_ref)^2 / (R_ref N), in either leg, and smallest relative to R where R = R_ref.
+
+    Parameters
+    ----------
+    resistance_ohm : array_like
+        Resistance of the pixel.
+    divider, oversampling
+        As in `counts_to_ohm`.
+
+    Examples
+    --------
+    >>> resolution_ohm(4700.0, divider=Divider()).round(2).item()
+    18.36
+    """
+    resistance = np.asarray(resistance_ohm, dtype=np.float64)
+    steps = divider.reference_ohm * divider.full_scale * oversampling
+    return np.asarray((resistance + divider.reference_ohm) ** 2 / steps)
+
+
+def _fraction(counts: ArrayLike, divider: Divider, oversampling: int) -> FloatArray:
+    """Return counts as a share of the supply voltage."""
+    counts = np.asarray(counts, dtype=np.float64)
+    top = oversampling * (divider.full_scale - 1)
+    if counts.size and not (counts.min() >= 0 and counts.max() <= top):
+        raise ValueError(
+            f"counts from {counts.min():g} to {counts.max():g} don't fit {oversampling} "
+            f"conversion(s) of {divider.adc_bits} bit (0 to {top}); check the layout's divider"
+        )
+    return counts / (oversampling * divider.full_scale)

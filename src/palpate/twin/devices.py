@@ -1,0 +1,150 @@
+"""The twin as a sensor, a gripper and a load cell: what hardware would be, with its faults."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from palpate.errors import DeviceTimeoutError
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.sensor.array import ArrayLayout, Frame
+from palpate.twin.world import OPEN_MM, World
+
+#: Rigid: reach of the fingers with pads on, servo speed, one encoder step in mm. Soft: regulator.
+_RIGID_LIMITS = GripperLimits(drive="width", lowest=5.0, highest=OPEN_MM, fastest=60.0)
+_SOFT_LIMITS = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=60.0)
+_WIDTH_STEP_MM, _PRESSURE_STEP_KPA, _CURRENT_STEP_MA = 0.05, 0.1, 2.69
+#: Servo current: idle while moving, per newton of grip, and its scatter.
+_MOVING_MA, _MA_PER_N, _FRICTION_SHARE, _CURRENT_NOISE_MA = 60.0, 14.0, 0.15, 6.0
+#: Load cell: 1 g steps and a noise of half that (1 kg cell on an HX711).
+_CELL_STEP_N, _CELL_NOISE_N = 0.0098, 0.005
+
+
+class TwinArray:
+    """The sheet's readout. Reading moves the manual clock on to the next frame when none waits.
+
+    Frames are scanned on a fixed raster from the moment of opening. What passes while nobody reads
+    is queued, oldest first, as a serial driver would.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._queue: deque[Frame] = deque()
+        self._start_s = world.clock.now_s()
+        self._scanned = 0
+        world.watchers.append(self._scan_until)
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the frames."""
+        return self._world.layout
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next frame, moving the clock to it if needed."""
+        clock = self._world.clock
+        self._scan_until(clock.now_s())
+        if not self._queue:
+            wait_s = self._frame_time_s(self._scanned) - clock.now_s()
+            if wait_s > timeout_s:
+                clock.sleep_s(timeout_s)
+                raise DeviceTimeoutError(
+                    f"no frame from the twin within {timeout_s:g} s (it scans every "
+                    f"{1 / self._world.frame_rate_hz:g} s); allow more time"
+                )
+            clock.sleep_s(max(wait_s, 0.0))
+            self._scan_next()
+        return self._queue.popleft()
+
+    def close(self) -> None:
+        """Stop scanning."""
+        if self._scan_until in self._world.watchers:
+            self._world.watchers.remove(self._scan_until)
+
+    def _frame_time_s(self, index: int) -> float:
+        return self._start_s + (index + 1) / self._world.frame_rate_hz
+
+    def _scan_until(self, time_s: float) -> None:
+        """Scan every frame that is due, before anything else touches the world at `time_s`."""
+        while self._frame_time_s(self._scanned) <= time_s:
+            self._scan_next()
+
+    def _scan_next(self) -> None:
+        time_s = self._frame_time_s(self._scanned)
+        counts = self._world.scan(time_s)
+        frame = Frame(
+            time_s=time_s,
+            sequence=self._scanned,
+            counts=counts,
+            oversampling=self._world.oversampling,
+        )
+        self._scanned += 1
+        self._queue.append(frame)
+
+
+class TwinGripper:
+    """The world's fingers: width-driven by a servo, or soft ones driven by pressure."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._noise = np.random.default_rng([world.seed, 4])
+
+    @property
+    def limits(self) -> GripperLimits:
+        """Range and drive."""
+        return _RIGID_LIMITS if self._world.gripper == "rigid" else _SOFT_LIMITS
+
+    def state(self) -> GripperState:
+        """Read position, motion and current as the servo reports them (pressure if soft)."""
+        now_s = self._world.now_s()
+        value, moving = self._world.drive_value(now_s), self._world.moving(now_s)
+        if self._world.gripper == "soft":
+            pressure = value + 0.1 * float(self._noise.standard_normal())
+            rounded = round(pressure / _PRESSURE_STEP_KPA) * _PRESSURE_STEP_KPA
+            return GripperState(time_s=now_s, pressure_kpa=max(rounded, 0.0), moving=moving)
+        stuck = 1.0 + _FRICTION_SHARE * (1.0 if moving else -1.0)
+        current = _MA_PER_N * self._world.force_n(now_s) * stuck + _MOVING_MA * moving
+        current += _CURRENT_NOISE_MA * float(self._noise.standard_normal())
+        return GripperState(
+            time_s=now_s,
+            width_mm=round(value / _WIDTH_STEP_MM) * _WIDTH_STEP_MM,
+            current_ma=round(current / _CURRENT_STEP_MA) * _CURRENT_STEP_MA,
+            moving=moving,
+        )
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        """Clamp to the limits, send, and return what was sent."""
+        limits = self.limits
+        sent = GripperCommand(
+            target=min(max(wanted.target, limits.lowest), limits.highest),
+            rate=min(max(wanted.rate, 0.01), limits.fastest),
+        )
+        self._world.drive(sent.target, rate=sent.rate)
+        return sent
+
+    def stop(self) -> None:
+        """Stop where the fingers are; the position stays held."""
+        self._world.halt()
+
+    def release(self) -> None:
+        """Open fully, or vent."""
+        limits = self.limits
+        open_value = limits.highest if limits.drive == "width" else limits.lowest
+        self._world.drive(open_value, rate=limits.fastest)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+class TwinLoadCell:
+    """A load cell in the place of the object: the grip force in steps of one gram, with noise."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._noise = np.random.default_rng([world.seed, 5])
+
+    def read_n(self) -> float:
+        """Return the force now, newtons."""
+        force_n = self._world.force_n(self._world.now_s())
+        noisy = force_n + _CELL_NOISE_N * float(self._noise.standard_normal())
+        return round(noisy / _CELL_STEP_N) * _CELL_STEP_N

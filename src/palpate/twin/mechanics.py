@@ -1,0 +1,157 @@
+"""From closure to force to the load of each pixel: object, pads, fingers and servo in series."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.sensor.array import ArrayLayout
+from palpate.twin.objects import TwinObject
+
+#: Slope left to an object beyond yield, and force left to it after rupture, as shares.
+_YIELDED_SLOPE = 0.3
+_RUPTURED_FORCE = 0.35
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Compliance:
+    """What gives way besides the object: fingers and servo like a spring, pads until they bottom.
+
+    Attributes
+    ----------
+    finger_mm_per_n : float
+        Fingers and servo, both sides together.
+    pad_travel_mm, pad_force_n : float
+        The pads give way by pad_travel_mm * (1 - exp(-F / pad_force_n)).
+    """
+
+    finger_mm_per_n: float
+    pad_travel_mm: float
+    pad_force_n: float
+
+    def deflection_mm(self, force_n: float) -> float:
+        """Return by how much the gripper gives way under a force."""
+        pad_mm = -self.pad_travel_mm * math.expm1(-force_n / self.pad_force_n)
+        return self.finger_mm_per_n * force_n + pad_mm
+
+    def slope_mm_per_n(self, force_n: float) -> float:
+        """Return the derivative of `deflection_mm`."""
+        pad = self.pad_travel_mm / self.pad_force_n * math.exp(-force_n / self.pad_force_n)
+        return self.finger_mm_per_n + pad
+
+
+def object_force_n(
+    obj: TwinObject, deformation_mm: float, *, ruptured: bool
+) -> tuple[float, float]:
+    """Return an object's elastic force and its slope (N/mm) at a deformation."""
+    exponent, scale = obj.exponent, obj.force_at_1mm_n
+    if ruptured:
+        scale *= _RUPTURED_FORCE
+    if deformation_mm <= 0:
+        return 0.0, scale if exponent == 1.0 else 0.0
+    force_n = scale * deformation_mm**exponent
+    slope = exponent * force_n / deformation_mm
+    if force_n <= obj.yield_n:
+        return force_n, slope
+    yield_mm = (obj.yield_n / scale) ** (1.0 / exponent)
+    flatter = _YIELDED_SLOPE * exponent * obj.yield_n / yield_mm
+    return obj.yield_n + flatter * (deformation_mm - yield_mm), flatter
+
+
+def series_force_n(
+    obj: TwinObject, closure_mm: float, *, compliance: Compliance, ruptured: bool = False
+) -> float:
+    """Return the elastic force when object and gripper share a closure.
+
+    Solves deformation + deflection(force(deformation)) = closure. The left side rises and is
+    solved by Newton steps kept inside a shrinking bracket.
+    """
+    if closure_mm <= 0:
+        return 0.0
+    low, high = 0.0, closure_mm
+    deformation = 0.5 * closure_mm
+    for _ in range(60):
+        force_n, slope = object_force_n(obj, deformation, ruptured=ruptured)
+        excess = deformation + compliance.deflection_mm(force_n) - closure_mm
+        if abs(excess) < 1e-10:
+            break
+        low, high = (low, deformation) if excess > 0 else (deformation, high)
+        step = excess / (1.0 + compliance.slope_mm_per_n(force_n) * slope)
+        newton = deformation - step
+        deformation = newton if low < newton < high else 0.5 * (low + high)
+    return object_force_n(obj, deformation, ruptured=ruptured)[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """The fingers' way from one opening to another at a constant rate."""
+
+    start_s: float
+    from_mm: float
+    to_mm: float
+    rate_mm_per_s: float
+
+    @property
+    def end_s(self) -> float:
+        """When the fingers arrive."""
+        return self.start_s + abs(self.to_mm - self.from_mm) / self.rate_mm_per_s
+
+    def width_mm(self, time_s: float) -> float:
+        """Return the opening at a time."""
+        way = min(max(time_s - self.start_s, 0.0) * self.rate_mm_per_s, self.length_mm)
+        return self.from_mm + math.copysign(way, self.to_mm - self.from_mm)
+
+    @property
+    def length_mm(self) -> float:
+        """Distance to go, without sign."""
+        return abs(self.to_mm - self.from_mm)
+
+
+@dataclass(frozen=True, slots=True)
+class PixelGrid:
+    """Where the pixels are on their fingers: millimetres from the finger's centre, flattened."""
+
+    along_mm: NDArray[np.float64]
+    across_mm: NDArray[np.float64]
+    finger: NDArray[np.int64]
+    pitch_mm: float
+
+    @classmethod
+    def of(cls, layout: ArrayLayout) -> PixelGrid:
+        """Build the grid of a layout: the rows of a finger run along it."""
+        finger_of_row = np.array(layout.finger_of_row)
+        along = np.empty(layout.rows)
+        for finger in np.unique(finger_of_row):
+            rows = np.flatnonzero(finger_of_row == finger)
+            along[rows] = (np.arange(rows.size) - (rows.size - 1) / 2) * layout.pitch_mm
+        across = (np.arange(layout.cols) - (layout.cols - 1) / 2) * layout.pitch_mm
+        return cls(
+            np.repeat(along, layout.cols),
+            np.tile(across, layout.rows),
+            np.repeat(np.unique(finger_of_row, return_inverse=True)[1], layout.cols),
+            layout.pitch_mm,
+        )
+
+
+def pixel_shares(
+    obj: TwinObject, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Return the share of its finger's force that each pixel carries, shape (pixels,).
+
+    A flat object loads the whole pad, tilted a little towards where it lies. A round one loads a
+    patch, a paraboloid whose reach grows as in Hertz contact (each side is indented by half).
+    """
+    along, across = grid.along_mm - off_centre_mm[0], grid.across_mm - off_centre_mm[1]
+    if obj.flat:
+        tilt = grid.along_mm * off_centre_mm[0] + grid.across_mm * off_centre_mm[1]
+        weight = 1.0 + 0.3 * tilt / grid.pitch_mm**2
+    else:
+        hertz_mm = math.sqrt(0.25 * obj.size_mm * max(deformation_mm, 0.0))
+        reach_mm = 0.8 * grid.pitch_mm + hertz_mm
+        weight = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0)
+    total = np.bincount(grid.finger, weights=weight)
+    share: NDArray[np.float64] = weight / np.maximum(total, 1e-12)[grid.finger]
+    return share

@@ -1,0 +1,184 @@
+"""The objects of the paper, and other produce, as ranges to draw from.
+
+Stiffness and strength are plausible ranges, not measurements of ours: the silicone pads keep the
+ratio of their makers' moduli, the balls that of their grip ratings, banana, kiwi and mango the
+rupture forces of recorded robot grasps. Where the paper gives a size (strawberries, 31-41 mm) it
+is the paper's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from palpate.twin.ranges import Pair, log_uniform, uniform
+
+Contact: TypeAlias = Literal["linear", "hertz"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinObject:
+    """One object between the fingers.
+
+    Its elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), up
+    to `yield_n`; beyond that it flattens, and at `rupture_n` it gives way for good.
+
+    Attributes
+    ----------
+    name : str
+        Name in `OBJECTS`.
+    size_mm : float
+        Extent along the closing axis before contact.
+    contact : {"linear", "hertz"}
+        Shape of the force-closure curve.
+    force_at_1mm_n : float
+        Elastic force at 1 mm of deformation.
+    relaxing_share, relaxing_time_s : tuple of float
+        Shares of the force that relax away, and their time constants.
+    flat : bool
+        Whether it covers the whole pad; if not, it touches a patch that grows with deformation.
+    yield_n, rupture_n : float
+        Forces at which damage begins and at which it bursts; infinite for what doesn't.
+    mass_g : float
+        Mass, grams.
+    """
+
+    name: str
+    size_mm: float
+    contact: Contact
+    force_at_1mm_n: float
+    relaxing_share: tuple[float, ...]
+    relaxing_time_s: tuple[float, ...]
+    flat: bool
+    yield_n: float = float("inf")
+    rupture_n: float = float("inf")
+    mass_g: float = 50.0
+
+    @property
+    def exponent(self) -> float:
+        """Exponent of the elastic law."""
+        return 1.0 if self.contact == "linear" else 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectRange:
+    """What an object of one kind is drawn from; pairs are (low, high)."""
+
+    size_mm: Pair
+    force_at_1mm_n: Pair
+    contact: Contact = "linear"
+    relaxing: Pair = (0.01, 0.03)
+    flat: bool = False
+    rupture_n: Pair | None = None
+    mass_g: Pair = (30.0, 60.0)
+
+
+def _pad(force_at_1mm_n: float) -> ObjectRange:
+    stiffness = (0.95 * force_at_1mm_n, 1.05 * force_at_1mm_n)
+    return ObjectRange(size_mm=(39.8, 40.2), force_at_1mm_n=stiffness, flat=True)
+
+
+def _ball(grip_lbs: float) -> ObjectRange:
+    stiffness = (0.135 * grip_lbs, 0.145 * grip_lbs)
+    return ObjectRange(size_mm=(49.0, 50.0), force_at_1mm_n=stiffness, relaxing=(0.02, 0.05))
+
+
+def _springs(n_per_mm: float) -> ObjectRange:
+    stiffness = (0.97 * n_per_mm, 1.03 * n_per_mm)
+    return ObjectRange(
+        size_mm=(44.9, 45.1), force_at_1mm_n=stiffness, relaxing=(0.0, 0.003), flat=True
+    )
+
+
+def _fruit(
+    size_mm: Pair, force_at_1mm_n: Pair, rupture_n: Pair, *, hertz: bool = True, mass_g: Pair
+) -> ObjectRange:
+    return ObjectRange(
+        size_mm=size_mm,
+        force_at_1mm_n=force_at_1mm_n,
+        contact="hertz" if hertz else "linear",
+        relaxing=(0.10, 0.35),
+        rupture_n=rupture_n,
+        mass_g=mass_g,
+    )
+
+
+#: Name -> ranges. Names of the paper's objects come first.
+OBJECTS: dict[str, ObjectRange] = {
+    "ecoflex-10": _pad(3.4),
+    "dragonskin-10": _pad(9.0),
+    "dragonskin-20": _pad(20.0),
+    "dragonskin-30": _pad(36.0),
+    "ball-33lbs": _ball(33),
+    "ball-40lbs": _ball(40),
+    "ball-44lbs": _ball(44),
+    "ball-55lbs": _ball(55),
+    "ball-55lbs-b": _ball(56.5),
+    "ball-66lbs": _ball(66),
+    "springs-2": _springs(2.0),
+    "springs-4": _springs(4.0),
+    "springs-6": _springs(6.0),
+    "springs-8": _springs(8.0),
+    "apple": _fruit((60, 70), (12, 25), (45, 90), mass_g=(120, 180)),
+    "apple-bruised": _fruit((60, 70), (5, 10), (30, 60), mass_g=(120, 180)),
+    "avocado-day-1": _fruit((58, 68), (14, 22), (50, 90), mass_g=(150, 220)),
+    "avocado-day-2": _fruit((58, 68), (8, 13), (35, 70), mass_g=(150, 220)),
+    "avocado-day-3": _fruit((58, 68), (4.5, 7.5), (20, 45), mass_g=(150, 220)),
+    "avocado-day-4": _fruit((58, 68), (2.2, 4), (12, 30), mass_g=(150, 220)),
+    "banana": _fruit((29, 38), (1.2, 3.5), (4, 13), hertz=False, mass_g=(100, 160)),
+    "strawberry": _fruit((31, 41), (1.2, 3.2), (6, 14), mass_g=(12, 35)),
+    "kiwi": _fruit((45, 55), (0.8, 2.4), (3, 7), mass_g=(70, 110)),
+    "mango": _fruit((60, 70), (2.5, 6), (7, 16), mass_g=(200, 300)),
+    "tomato": _fruit((45, 65), (3, 8), (10, 30), mass_g=(60, 150)),
+    "rigid-block": ObjectRange(
+        size_mm=(39.9, 40.1), force_at_1mm_n=(400, 600), relaxing=(0.0, 0.001), flat=True
+    ),
+}
+
+#: Damage begins at this share of the rupture force (in recorded grasps the curve bends just there).
+_YIELD_SHARE: Pair = (0.75, 0.95)
+
+
+def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject:
+    """Draw one object.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of chance.
+    name : str, optional
+        Name in `OBJECTS`; by default one is drawn, the rigid block excepted.
+
+    Raises
+    ------
+    ValueError
+        If there is no such object.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> berry = draw_object(np.random.default_rng(1), "strawberry")
+    >>> 31 <= berry.size_mm <= 41, berry.contact
+    (True, 'hertz')
+    """
+    if name is None:
+        name = str(rng.choice([known for known in OBJECTS if known != "rigid-block"]))
+    if name not in OBJECTS:
+        raise ValueError(f"no twin object {name!r}; there are: {', '.join(OBJECTS)}")
+    kind = OBJECTS[name]
+    share = rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, kind.relaxing)
+    rupture_n = uniform(rng, kind.rupture_n) if kind.rupture_n else float("inf")
+    return TwinObject(
+        name=name,
+        size_mm=uniform(rng, kind.size_mm),
+        contact=kind.contact,
+        force_at_1mm_n=log_uniform(rng, kind.force_at_1mm_n),
+        relaxing_share=tuple(float(part) for part in share),
+        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in ((0.2, 1), (1, 8), (8, 80))),
+        flat=kind.flat,
+        yield_n=rupture_n * uniform(rng, _YIELD_SHARE),
+        rupture_n=rupture_n,
+        mass_g=uniform(rng, kind.mass_g),
+    )

@@ -1,0 +1,286 @@
+"""The noise-free physics of a grasp, advanced from node to node and exact in between.
+
+Nodes lie close together while the fingers move and ever wider apart in a hold. Between two nodes
+the elastic force and the sheet's target are straight lines, and every state that relaxes under them
+(the object's, the creep, the spikes) is integrated exactly. So what is read at a time does not
+depend on which other times were read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.twin.mechanics import Compliance, Motion, PixelGrid, pixel_shares, series_force_n
+from palpate.twin.objects import TwinObject
+from palpate.twin.ranges import Ranges
+from palpate.twin.velostat import Creep, Environment, Sheet
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Node spacing: at least (and while moving), at most, and as a share of the time at rest, seconds.
+_SHORTEST_S, _LONGEST_S, _GROWTH = 0.005, 0.5, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Everything that the future depends on. Arrays over pixels are flattened."""
+
+    time_s: float
+    motion: Motion
+    obj: TwinObject | None
+    placed: int
+    contacts: int
+    closure_mm: float
+    elastic_n: float
+    relaxing_n: FloatArray
+    force_n: float
+    felt_n: FloatArray
+    target: FloatArray
+    creep: FloatArray
+    spike: FloatArray
+    peak_force_n: float
+    ruptured: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """What differs from grasp to grasp: where the object lies, gains there, creep, width error."""
+
+    off_centre_mm: tuple[float, float]
+    gain: FloatArray
+    creep: Creep
+    width_error_mm: float
+
+
+def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return decay and mean decay over a step, for step / time constant = `rate`."""
+    decay = np.exp(-rate)
+    mean = np.where(rate > 1e-12, -np.expm1(-rate) / np.maximum(rate, 1e-300), 1.0)
+    return decay, mean
+
+
+class Plant:
+    """Object, gripper and sheet, without noise; a deterministic function of its seed.
+
+    Parameters
+    ----------
+    sheet, compliance, grid
+        The parts.
+    ranges : Ranges
+        Scatter from grasp to grasp.
+    seed : int
+        Seed of that scatter.
+    environment : Environment
+        Surroundings and earlier use.
+    lock_force_n : float
+        Force at which the servo locks.
+    """
+
+    def __init__(
+        self,
+        *,
+        sheet: Sheet,
+        compliance: Compliance,
+        grid: PixelGrid,
+        ranges: Ranges,
+        seed: int,
+        environment: Environment,
+        lock_force_n: float,
+    ) -> None:
+        self.sheet, self.compliance, self.grid = sheet, compliance, grid
+        self.environment = environment
+        self._ranges, self._seed, self._lock_force_n = ranges, seed, lock_force_n
+        self._placement = lru_cache(maxsize=64)(self._draw_placement)
+
+    def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> State:
+        """Return the state of an open gripper that has been still for long."""
+        pixels = self.sheet.rest_ohm.size
+        motion = Motion(start_s=time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
+        return State(
+            time_s=time_s,
+            motion=motion,
+            obj=obj,
+            placed=0,
+            contacts=0,
+            closure_mm=self._closure_mm(obj, width_mm, error_mm=0.0),
+            elastic_n=0.0,
+            relaxing_n=np.zeros(len(obj.relaxing_share) if obj else 0),
+            force_n=0.0,
+            felt_n=np.zeros(pixels),
+            target=np.zeros(pixels),
+            creep=np.zeros((self.placement(0, 0).creep.tau_s.size, pixels)),
+            spike=np.zeros(pixels),
+            peak_force_n=0.0,
+            ruptured=False,
+        )
+
+    def placement(self, placed: int, contacts: int) -> Placement:
+        """Return what chance gave to the n-th object and contact."""
+        return self._placement(placed, contacts)
+
+    def _draw_placement(self, placed: int, contacts: int) -> Placement:
+        ranges, pixels = self._ranges, self.sheet.gain.size
+        where = np.random.default_rng([self._seed, 1, placed]).uniform(-1, 1, 2)
+        rng = np.random.default_rng([self._seed, 2, placed, contacts])
+        reach = ranges.off_centre * self.grid.pitch_mm
+        spot = reach * (where + 0.05 * rng.standard_normal(2))
+        common = ranges.place_common_log_sd * rng.standard_normal()
+        own = ranges.place_pixel_log_sd * rng.standard_normal(pixels)
+        used = replace(self.environment, cycles=self.environment.cycles + contacts)
+        gain = self.sheet.gain * self.sheet.gain_factor(used) * np.exp(common + own)
+        return Placement(
+            off_centre_mm=(float(spot[0]), float(spot[1])),
+            gain=gain,
+            creep=self.sheet.family.draw(rng),
+            width_error_mm=ranges.width_repeat_sd_mm * float(rng.standard_normal()),
+        )
+
+    def next_node(self, state: State) -> State:
+        """Advance to the next node."""
+        contact_s = self._contact_s(state)
+        time_s = self._next_time_s(state, contact_s)
+        begins = contact_s <= time_s
+        contacts = state.contacts + begins
+        placement = self.placement(state.placed, contacts)
+        width_mm = state.motion.width_mm(time_s)
+        closure_mm = self._closure_mm(state.obj, width_mm, error_mm=placement.width_error_mm)
+        if begins:
+            closure_mm = max(closure_mm, 0.0)
+        elif state.closure_mm < 0:
+            closure_mm = min(closure_mm, -1e-9)
+        elastic_n, relaxing_n, force_n = self._force(state, closure_mm, time_s - state.time_s)
+        felt_n, target = self._target(state, closure_mm, force_n, placement)
+        motion = state.motion
+        if force_n > self._lock_force_n and motion.to_mm < width_mm:
+            motion = replace(motion, to_mm=width_mm)
+        bursts = state.obj is not None and elastic_n >= state.obj.rupture_n
+        return replace(
+            self._relaxed(state, time_s, target, width_mm, placement.creep),
+            motion=motion,
+            contacts=contacts,
+            closure_mm=closure_mm,
+            elastic_n=elastic_n,
+            relaxing_n=relaxing_n,
+            force_n=force_n,
+            felt_n=felt_n,
+            peak_force_n=max(state.peak_force_n, force_n),
+            ruptured=state.ruptured or bursts,
+        )
+
+    def between(self, state: State, following: State, time_s: float) -> State:
+        """Return the state at a time between a node and the one after it."""
+        if time_s >= following.time_s:
+            return following
+        share = (time_s - state.time_s) / (following.time_s - state.time_s)
+        elastic_n = state.elastic_n + share * (following.elastic_n - state.elastic_n)
+        target = state.target + share * (following.target - state.target)
+        placement = self.placement(following.placed, following.contacts)
+        relaxing_n, force_n = self._relaxed_force(state, elastic_n, time_s - state.time_s)
+        width_mm = state.motion.width_mm(time_s)
+        closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
+        return replace(
+            self._relaxed(state, time_s, target, width_mm, placement.creep),
+            closure_mm=closure_mm,
+            elastic_n=elastic_n,
+            relaxing_n=relaxing_n,
+            force_n=force_n if closure_mm > 0 else 0.0,
+            felt_n=state.felt_n + share * (following.felt_n - state.felt_n),
+        )
+
+    def run(self, state: State, until_s: float) -> State:
+        """Return the state at a later time."""
+        while True:
+            following = self.next_node(state)
+            if following.time_s >= until_s:
+                return self.between(state, following, until_s) if until_s > state.time_s else state
+            state = following
+
+    def resistance_ohm(self, state: State) -> FloatArray:
+        """Return the resistance of every pixel, shape (pixels,)."""
+        creep = self.placement(state.placed, state.contacts).creep
+        v = creep.instant * state.target + creep.weight @ state.creep
+        rest = self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
+        resistance: FloatArray = rest * (1.0 + state.spike) / (1.0 + self.sheet.family.excess(v))
+        return resistance
+
+    def _closure_mm(self, obj: TwinObject | None, width_mm: float, *, error_mm: float) -> float:
+        return -np.inf if obj is None else obj.size_mm - width_mm + error_mm
+
+    def _contact_s(self, state: State) -> float:
+        """Return when the fingers will first touch, infinite if they won't on this way."""
+        motion = state.motion
+        if state.obj is None or state.closure_mm >= 0 or motion.to_mm > motion.from_mm:
+            return np.inf
+        error_mm = self.placement(state.placed, state.contacts + 1).width_error_mm
+        touching_mm = state.obj.size_mm + error_mm
+        if motion.to_mm >= touching_mm:
+            return np.inf
+        return motion.start_s + max(motion.from_mm - touching_mm, 0.0) / motion.rate_mm_per_s
+
+    def _next_time_s(self, state: State, contact_s: float) -> float:
+        still_s = state.time_s - state.motion.end_s
+        if still_s >= 0:
+            return state.time_s + min(max(_GROWTH * still_s, _SHORTEST_S), _LONGEST_S)
+        nearest = min(state.time_s + _SHORTEST_S, state.motion.end_s)
+        return contact_s if state.time_s < contact_s < nearest else nearest
+
+    def _force(
+        self, state: State, closure_mm: float, step_s: float
+    ) -> tuple[float, FloatArray, float]:
+        elastic_n = 0.0
+        if state.obj is not None and closure_mm > 0:
+            elastic_n = series_force_n(
+                state.obj, closure_mm, compliance=self.compliance, ruptured=state.ruptured
+            )
+        relaxing_n, force_n = self._relaxed_force(state, elastic_n, step_s)
+        return elastic_n, relaxing_n, force_n if closure_mm > 0 else 0.0
+
+    def _relaxed_force(
+        self, state: State, elastic_n: float, step_s: float
+    ) -> tuple[FloatArray, float]:
+        """Return the object's relaxing parts and the force, the elastic force having moved."""
+        if state.obj is None:
+            return state.relaxing_n, 0.0
+        share = np.array(state.obj.relaxing_share)
+        decay, mean = exact_step(step_s / np.array(state.obj.relaxing_time_s))
+        relaxing_n = state.relaxing_n * decay + share * (elastic_n - state.elastic_n) * mean
+        force_n = (1.0 - share.sum()) * elastic_n + relaxing_n.sum()
+        return relaxing_n, max(float(force_n), 0.0)
+
+    def _target(
+        self, state: State, closure_mm: float, force_n: float, placement: Placement
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the load that each pixel feels and the creep coordinate that it leads to."""
+        if state.obj is None or force_n <= 0:
+            nothing = np.zeros_like(state.felt_n)
+            return nothing, nothing
+        deformation_mm = closure_mm - self.compliance.deflection_mm(force_n)
+        share = pixel_shares(
+            state.obj, deformation_mm, grid=self.grid, off_centre_mm=placement.off_centre_mm
+        )
+        felt_n = self.sheet.follow(state.felt_n, force_n * share)
+        excess = self.sheet.static_excess(felt_n, gain=placement.gain)
+        return felt_n, self.sheet.family.coordinate(excess)
+
+    def _relaxed(
+        self, state: State, time_s: float, target: FloatArray, width_mm: float, creep: Creep
+    ) -> State:
+        """Return the state with creep and spikes moved under a target that goes in a line."""
+        step_s = time_s - state.time_s
+        decay, mean = exact_step(step_s / creep.tau_s)
+        moved = (
+            decay[:, None] * state.creep
+            + (mean - decay)[:, None] * state.target
+            + (1.0 - mean)[:, None] * target
+        )
+        fall, average = exact_step(np.array(step_s / self.sheet.spike_decay_s))
+        travel_mm = abs(width_mm - state.motion.width_mm(state.time_s))
+        jump = np.abs(target - state.target)
+        push = self.sheet.spike_per_mm * travel_mm + self.sheet.spike_per_target * jump
+        spike = state.spike * fall + push * average
+        return replace(state, time_s=time_s, target=target, creep=moved, spike=spike)

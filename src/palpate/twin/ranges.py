@@ -1,0 +1,157 @@
+"""Every range that the twin draws from, in one place, at two levels.
+
+`paper` scatters as the paper's Tables 2 to 6 do. `field` scatters as real Velostat does outside one
+laboratory's careful setup: force exponents from -0.76 to -1.57 and conductances that reach 150-260
+times the rest value (dead-weight ladders on three sensors), gain from place to place with a
+log standard deviation of 0.6 (robot presses against a load cell), resistances still 10-20 % from
+settled a second after the peak (weights on Velostat), noise of a few tenths of a percent.
+
+A pair (low, high) is drawn uniformly, in the logarithm where the name ends in `_log`; a single
+`..._sd` is a standard deviation, of the logarithm where it says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+Level: TypeAlias = Literal["paper", "field"]
+Pair: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranges:
+    """What one level draws from; attributes are grouped by the part that they describe."""
+
+    # Sheet at rest.
+    rest_ohm_log: Pair
+    rest_pixel_log_sd: float
+    # Static law of one pixel: gain * ((F - threshold) / unit_force) ** exponent, saturating.
+    unit_force_n_log: Pair
+    exponent: Pair
+    threshold_n: Pair
+    saturation_log: Pair
+    sheet_pixel_log_sd: float
+    place_common_log_sd: float
+    place_pixel_log_sd: float
+    # Hysteresis: how far the force must fall, in ratio, before the sheet follows it down.
+    hysteresis: Pair
+    # Creep of the three families: a common scale, its spread, and each family's own ranges.
+    two_mode_scale: Pair
+    slow_power_share: Pair
+    slow_power_exponent: Pair
+    slow_power_start_s_log: Pair
+    hetero_share: Pair
+    hetero_time_s_log: Pair
+    creep_place_log_sd: float
+    # Resistance spike on each movement of a finger.
+    spike_decay_s: Pair
+    spike_per_mm: Pair
+    spike_per_target: Pair
+    # Noise of one pixel, as a fraction of its resistance; converter noise in counts.
+    white_noise: Pair
+    slow_noise: Pair
+    adc_noise_counts: float
+    # Gripper.
+    finger_mm_per_n: Pair
+    pad_travel_mm: Pair
+    pad_force_n: Pair
+    width_repeat_sd_mm: float
+    off_centre: float
+    # Environment and wear.
+    rest_per_kelvin: Pair
+    rest_per_humidity_percent: Pair
+    gain_per_kelvin: Pair
+    break_in: Pair
+    break_in_cycles_log: Pair
+
+
+PAPER = Ranges(
+    rest_ohm_log=(7e3, 20e3),
+    rest_pixel_log_sd=0.12,
+    unit_force_n_log=(1.3, 2.1),
+    exponent=(1.15, 1.55),
+    threshold_n=(0.05, 0.2),
+    saturation_log=(40.0, 150.0),
+    sheet_pixel_log_sd=0.12,
+    place_common_log_sd=0.04,
+    place_pixel_log_sd=0.08,
+    hysteresis=(0.03, 0.10),
+    two_mode_scale=(1.0, 1.0),
+    slow_power_share=(0.45, 0.75),
+    slow_power_exponent=(0.25, 0.55),
+    slow_power_start_s_log=(0.1, 0.4),
+    hetero_share=(0.30, 0.50),
+    hetero_time_s_log=(0.25, 12.0),
+    creep_place_log_sd=0.15,
+    spike_decay_s=(0.06, 0.12),
+    spike_per_mm=(0.03, 0.08),
+    spike_per_target=(0.4, 0.8),
+    white_noise=(0.0005, 0.0012),
+    slow_noise=(0.0003, 0.0010),
+    adc_noise_counts=0.3,
+    finger_mm_per_n=(0.17, 0.26),
+    pad_travel_mm=(0.15, 0.45),
+    pad_force_n=(1.5, 4.0),
+    width_repeat_sd_mm=0.02,
+    off_centre=0.6,
+    rest_per_kelvin=(-0.012, -0.004),
+    rest_per_humidity_percent=(-0.004, 0.001),
+    gain_per_kelvin=(-0.006, 0.006),
+    break_in=(0.1, 0.4),
+    break_in_cycles_log=(100.0, 600.0),
+)
+
+FIELD = replace(
+    PAPER,
+    rest_ohm_log=(2e3, 20e3),
+    rest_pixel_log_sd=0.35,
+    unit_force_n_log=(0.03, 0.8),
+    exponent=(0.76, 1.57),
+    threshold_n=(0.0, 0.1),
+    saturation_log=(150.0, 800.0),
+    sheet_pixel_log_sd=0.3,
+    place_common_log_sd=0.3,
+    place_pixel_log_sd=0.52,
+    hysteresis=(0.05, 0.30),
+    two_mode_scale=(0.2, 0.9),
+    slow_power_share=(0.10, 0.40),
+    slow_power_exponent=(0.10, 0.60),
+    slow_power_start_s_log=(0.05, 1.0),
+    hetero_share=(0.08, 0.35),
+    hetero_time_s_log=(0.2, 60.0),
+    creep_place_log_sd=0.35,
+    white_noise=(0.001, 0.004),
+    slow_noise=(0.001, 0.004),
+    width_repeat_sd_mm=0.04,
+    rest_per_kelvin=(-0.025, -0.004),
+    rest_per_humidity_percent=(-0.008, 0.002),
+    gain_per_kelvin=(-0.015, 0.015),
+)
+
+LEVELS: dict[str, Ranges] = {"paper": PAPER, "field": FIELD}
+
+
+def ranges_of(level: str) -> Ranges:
+    """Return the ranges of a level.
+
+    Raises
+    ------
+    ValueError
+        If there is no such level.
+    """
+    if level not in LEVELS:
+        raise ValueError(f"no twin level {level!r}; there are: {', '.join(LEVELS)}")
+    return LEVELS[level]
+
+
+def uniform(rng: np.random.Generator, pair: Pair) -> float:
+    """Draw from a pair, uniformly."""
+    return float(rng.uniform(*pair))
+
+
+def log_uniform(rng: np.random.Generator, pair: Pair) -> float:
+    """Draw from a pair, uniformly in the logarithm."""
+    return float(np.exp(rng.uniform(np.log(pair[0]), np.log(pair[1]))))

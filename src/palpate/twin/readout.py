@@ -1,0 +1,90 @@
+"""The way from resistances to counts: the sheet's noise, leaks between pixels, divider and ADC."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.sensor.array import ArrayLayout
+from palpate.signal.circuit import ohm_to_volts, volts_to_counts
+from palpate.twin.velostat import Sheet
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Time constants of the slow noise, seconds: white, these two and creep make up a coloured whole.
+_SLOW_NOISE_S = np.array([[0.5], [10.0]])
+
+
+class Readout:
+    """Noise and conversion of one sheet; noise goes on from scan to scan."""
+
+    def __init__(
+        self,
+        *,
+        sheet: Sheet,
+        layout: ArrayLayout,
+        oversampling: int,
+        adc_noise_counts: float,
+        crosstalk: bool,
+        seed: int,
+        start_s: float,
+    ) -> None:
+        self._sheet, self._layout, self._crosstalk = sheet, layout, crosstalk
+        self._oversampling, self._adc_noise_counts = oversampling, adc_noise_counts
+        self._rng = np.random.default_rng([seed, 3])
+        self._slow = self._rng.standard_normal((2, layout.pixels))
+        self._last_s = start_s
+
+    def volts(self, pixel_ohm: FloatArray, *, time_s: float) -> FloatArray:
+        """Return the voltages at the converter's input at a time, shape (rows, cols)."""
+        step_s = max(time_s - self._last_s, 0.0)
+        self._last_s = time_s
+        keep = np.exp(-step_s / _SLOW_NOISE_S)
+        fresh = self._rng.standard_normal((3, pixel_ohm.size))
+        self._slow = keep * self._slow + np.sqrt(1.0 - keep**2) * fresh[:2]
+        noise = self._sheet.white_noise * fresh[2] + self._sheet.slow_noise * self._slow.sum(axis=0)
+        noisy = pixel_ohm * (1.0 + noise.reshape(pixel_ohm.shape))
+        seen = matrix_reading_ohm(noisy) if self._crosstalk else noisy
+        return ohm_to_volts(seen, divider=self._layout.divider)
+
+    def counts(self, pixel_ohm: FloatArray, *, time_s: float) -> NDArray[np.int32]:
+        """Return one scan at a time: counts summed over the conversions, shape (rows, cols)."""
+        volts = self.volts(pixel_ohm, time_s=time_s)
+        noise = self._adc_noise_counts * self._rng.standard_normal(
+            (self._oversampling, *volts.shape)
+        )
+        each = volts_to_counts(volts, divider=self._layout.divider, noise_counts=noise)
+        return np.asarray(each.sum(axis=0), dtype=np.int32)
+
+
+def matrix_reading_ohm(pixel_ohm: FloatArray) -> FloatArray:
+    """Return what a passive matrix with floating idle lines reads at each of its pixels.
+
+    The lines are nodes and the pixels resistors between them; a reading is the effective resistance
+    between a row and a column, from the pseudo-inverse of the network's Laplacian.
+
+    Parameters
+    ----------
+    pixel_ohm : ndarray, shape (rows, cols)
+        Finite resistances.
+
+    Examples
+    --------
+    Four equal pixels: the path through the other three lowers each reading by a quarter.
+
+    >>> import numpy as np
+    >>> matrix_reading_ohm(np.full((2, 2), 1000.0)).round(6).tolist()
+    [[750.0, 750.0], [750.0, 750.0]]
+    """
+    conductance = 1.0 / pixel_ohm
+    rows, cols = conductance.shape
+    laplacian = np.zeros((rows + cols, rows + cols))
+    laplacian[:rows, rows:] = -conductance
+    laplacian[rows:, :rows] = -conductance.T
+    np.fill_diagonal(laplacian, -laplacian.sum(axis=1))
+    inverse = np.linalg.pinv(laplacian, hermitian=True)
+    own = np.diag(inverse)
+    reading: FloatArray = own[:rows, None] + own[None, rows:] - 2.0 * inverse[:rows, rows:]
+    return reading

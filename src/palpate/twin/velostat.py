@@ -1,0 +1,244 @@
+"""The sheet: what one pixel's resistance does under a history of load.
+
+A pixel's excess conductance x = G/G0 - 1 has a static law in its load (power law above a
+threshold, saturating), reached through hysteresis (the load must fall by a ratio before the sheet
+follows it down) and through creep. Creep is linear in a coordinate v(x), so that any staircase of
+loads superposes, and is a sum of exponential states, so that it is integrated exactly:
+
+    v(t) = (1 - sum_k w_k (1 - exp(-20 s / tau_k))) V(t) + sum_k w_k z_k(t),   tau_k z_k' = V - z_k
+
+By its normalisation V is the value 20 s after a clean step of load.
+
+Three families differ in the weights w, in the time constants and in the coordinate:
+
+- `two-mode`: one dominant mode near 2 s on slow creep and a little log-time creep, linear in the
+  relative change, x / (1 + x). It is the family that meets both rows of the paper's Table 1.
+- `slow-power`: a power law of time, (1 + t/t0) ** -beta, linear in log conductance.
+- `hetero`: a few modes with random time constants and shares, linear in log conductance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import gamma
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.sensor.array import ArrayLayout
+from palpate.twin.ranges import Ranges, log_uniform, ranges_of, uniform
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Time after a clean step of load at which the static law holds, seconds (the paper's horizon).
+SETTLED_S = 20.0
+#: Excess conductance from which on the coordinate of the relative change goes on as a logarithm:
+#: linear creep in the relative change itself would drive the resistance below zero.
+_BEND = 6.0
+#: exp(-s ** 1.12) as a sum of exponentials in s, to within 0.003.
+_COMPRESSED = ((1.21610, 0.84748), (-0.21610, 0.30244))
+
+
+@dataclass(frozen=True, slots=True)
+class Creep:
+    """Creep states of one grasp: time constants and weights, both of shape (states,)."""
+
+    tau_s: FloatArray
+    weight: FloatArray
+
+    @property
+    def instant(self) -> float:
+        """Share of the static value that is there at once."""
+        return float(1.0 + self.weight @ np.expm1(-SETTLED_S / self.tau_s))
+
+
+def two_mode_creep(rng: np.random.Generator, scale: float) -> Creep:
+    """Draw the family fitted to Table 1: 0.131 at 1.96 s, 0.068 at 17.2 s, 0.0103 ln(1 + t/3.2)."""
+    middle = 0.131 * np.exp(0.28 * rng.standard_normal())
+    middle_s = 1.96 * np.exp(0.37 * rng.standard_normal())
+    slow = 0.068 + 0.026 * rng.standard_normal()
+    log_rate = 0.0103 + 0.0089 * rng.standard_normal()
+    log_s = 1.6 * 4.0 ** np.arange(6)
+    # ln(1 + t/t0) is the integral of (1 - exp(-t/tau)) exp(-t0/tau) over ln tau.
+    log_weight = np.log(4.0) * log_rate * np.exp(-3.2 / log_s)
+    parts, times = zip(*_COMPRESSED, strict=True)
+    tau_s = np.concatenate([middle_s * np.array(times), [17.2], log_s])
+    weight = np.concatenate([middle * np.array(parts), [slow], log_weight])
+    return Creep(tau_s, scale * weight)
+
+
+def slow_power_creep(share: float, *, exponent: float, start_s: float) -> Creep:
+    """Return creep whose rest falls as (1 + t/start_s) ** -exponent, as a sum over log-spaced s."""
+    ratio = 3.0
+    s = ratio ** np.arange(-9.0, 3.0)
+    weight = share * np.log(ratio) / gamma(exponent) * s**exponent * np.exp(-s)
+    return Creep(start_s / s, weight)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Family:
+    """How a sheet creeps: a draw for each grasp, and the coordinate in which creep is linear."""
+
+    name: str
+    relative: bool
+    draw: Callable[[np.random.Generator], Creep]
+
+    def coordinate(self, excess: FloatArray) -> FloatArray:
+        """Return v of an excess conductance."""
+        if not self.relative:
+            return np.log1p(excess)
+        low = np.minimum(excess, _BEND)
+        beyond = np.log(np.maximum(excess, _BEND) / _BEND)
+        return low / (1.0 + low) + _BEND / (1.0 + _BEND) ** 2 * beyond
+
+    def excess(self, v: FloatArray) -> FloatArray:
+        """Return the excess conductance of a coordinate: the inverse of `coordinate`."""
+        if not self.relative:
+            return np.expm1(v)
+        bend_v = _BEND / (1.0 + _BEND)
+        low = np.minimum(v, bend_v)
+        beyond = np.maximum(v - bend_v, 0.0) * (1.0 + _BEND) ** 2 / _BEND
+        return low / (1.0 - low) * np.exp(beyond)
+
+
+def _two_mode(rng: np.random.Generator, ranges: Ranges) -> Family:
+    scale = uniform(rng, ranges.two_mode_scale)
+    return Family(name="two-mode", relative=True, draw=lambda grasp: two_mode_creep(grasp, scale))
+
+
+def _slow_power(rng: np.random.Generator, ranges: Ranges) -> Family:
+    share = uniform(rng, ranges.slow_power_share)
+    exponent = uniform(rng, ranges.slow_power_exponent)
+    start_s = log_uniform(rng, ranges.slow_power_start_s_log)
+    sd = ranges.creep_place_log_sd
+
+    def draw(grasp: np.random.Generator) -> Creep:
+        jitter = np.exp(sd * grasp.standard_normal(2))
+        return slow_power_creep(share * jitter[0], exponent=exponent, start_s=start_s * jitter[1])
+
+    return Family(name="slow-power", relative=False, draw=draw)
+
+
+def _hetero(rng: np.random.Generator, ranges: Ranges) -> Family:
+    modes = int(rng.integers(3, 6))
+    tau_s = np.sort([log_uniform(rng, ranges.hetero_time_s_log) for _ in range(modes)])
+    weight = rng.dirichlet(np.ones(modes)) * uniform(rng, ranges.hetero_share)
+    sd = ranges.creep_place_log_sd
+
+    def draw(grasp: np.random.Generator) -> Creep:
+        jitter = np.exp(sd * grasp.standard_normal((2, modes)))
+        return Creep(tau_s * jitter[0], weight * jitter[1])
+
+    return Family(name="hetero", relative=False, draw=draw)
+
+
+#: Name -> draw of a family at a level.
+FAMILIES: dict[str, Callable[[np.random.Generator, Ranges], Family]] = {
+    "two-mode": _two_mode,
+    "slow-power": _slow_power,
+    "hetero": _hetero,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Environment:
+    """Surroundings and use of a sheet; the defaults are the paper's room and a new sheet."""
+
+    temperature_c: float = 21.9
+    humidity_percent: float = 45.0
+    cycles: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """One sheet of pixels; arrays have shape (pixels,). Load is the pixel's force in newtons."""
+
+    family: Family
+    rest_ohm: FloatArray
+    gain: FloatArray
+    unit_force_n: float
+    exponent: float
+    threshold_n: float
+    saturation: float
+    hysteresis: float
+    spike_decay_s: float
+    spike_per_mm: float
+    spike_per_target: float
+    white_noise: float
+    slow_noise: float
+    rest_per_kelvin: float
+    rest_per_humidity_percent: float
+    gain_per_kelvin: float
+    break_in: float
+    break_in_cycles: float
+
+    def static_excess(self, load_n: FloatArray, *, gain: FloatArray) -> FloatArray:
+        """Return the excess conductance that a load leads to, without its history."""
+        pressed = np.maximum(load_n - self.threshold_n, 0.0) / self.unit_force_n
+        x = gain * pressed**self.exponent
+        return x / (1.0 + x / self.saturation)
+
+    def follow(self, played_n: FloatArray, load_n: FloatArray) -> FloatArray:
+        """Return the load that the sheet feels: at once when rising, behind by a ratio in fall."""
+        return np.clip(played_n, load_n, load_n * (1.0 + self.hysteresis))
+
+    def rest_factor(self, environment: Environment) -> float:
+        """Return the rest resistance relative to that in the paper's room."""
+        warmer = environment.temperature_c - 21.9
+        damper = environment.humidity_percent - 45.0
+        return float(
+            np.exp(self.rest_per_kelvin * warmer + self.rest_per_humidity_percent * damper)
+        )
+
+    def gain_factor(self, environment: Environment) -> float:
+        """Return the gain relative to that of a broken-in sheet in the paper's room."""
+        warm = np.exp(self.gain_per_kelvin * (environment.temperature_c - 21.9))
+        fresh = self.break_in * np.exp(-environment.cycles / self.break_in_cycles)
+        return float(warm * (1.0 + fresh))
+
+
+def draw_sheet(
+    rng: np.random.Generator, *, layout: ArrayLayout, level: str, family: str | None = None
+) -> Sheet:
+    """Draw a sheet.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of chance.
+    layout : ArrayLayout
+        How many pixels.
+    level : {"paper", "field"}
+        Which ranges (`palpate.twin.ranges`).
+    family : str, optional
+        Name in `FAMILIES`; by default one is drawn.
+    """
+    ranges = ranges_of(level)
+    drawn = str(rng.choice(list(FAMILIES)))
+    name = family or drawn
+    if name not in FAMILIES:
+        raise ValueError(f"no relaxation family {name!r}; there are: {', '.join(FAMILIES)}")
+    pixels = layout.pixels
+    rest_ohm = log_uniform(rng, ranges.rest_ohm_log)
+    return Sheet(
+        family=FAMILIES[name](np.random.default_rng(rng.integers(2**63)), ranges),
+        rest_ohm=rest_ohm * np.exp(ranges.rest_pixel_log_sd * rng.standard_normal(pixels)),
+        gain=np.exp(ranges.sheet_pixel_log_sd * rng.standard_normal(pixels)),
+        unit_force_n=log_uniform(rng, ranges.unit_force_n_log),
+        exponent=uniform(rng, ranges.exponent),
+        threshold_n=uniform(rng, ranges.threshold_n),
+        saturation=log_uniform(rng, ranges.saturation_log),
+        hysteresis=uniform(rng, ranges.hysteresis),
+        spike_decay_s=uniform(rng, ranges.spike_decay_s),
+        spike_per_mm=uniform(rng, ranges.spike_per_mm),
+        spike_per_target=uniform(rng, ranges.spike_per_target),
+        white_noise=uniform(rng, ranges.white_noise),
+        slow_noise=uniform(rng, ranges.slow_noise),
+        rest_per_kelvin=uniform(rng, ranges.rest_per_kelvin),
+        rest_per_humidity_percent=uniform(rng, ranges.rest_per_humidity_percent),
+        gain_per_kelvin=uniform(rng, ranges.gain_per_kelvin),
+        break_in=uniform(rng, ranges.break_in),
+        break_in_cycles=log_uniform(rng, ranges.break_in_cycles_log),
+    )

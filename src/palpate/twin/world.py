@@ -1,0 +1,313 @@
+"""One world: an object, a gripper, a sheet and its readout. Everything it gives is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.clock import ManualClock
+from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
+from palpate.twin.mechanics import Compliance, Motion, PixelGrid
+from palpate.twin.objects import TwinObject
+from palpate.twin.plant import Plant, State
+from palpate.twin.ranges import ranges_of, uniform
+from palpate.twin.readout import Readout
+from palpate.twin.velostat import Environment, draw_sheet
+
+FloatArray: TypeAlias = NDArray[np.float64]
+GripperKind: TypeAlias = Literal["rigid", "soft"]
+
+#: Opening of the fingers at the start, mm (WidowX 250s: 74 mm), and force at which its servo locks.
+OPEN_MM, LOCK_FORCE_N = 74.0, 60.0
+#: Soft fingers: how far they would close per kPa if nothing were in the way, and their compliance.
+SOFT_MM_PER_KPA, SOFT_MM_PER_N = 1.4, 3.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """What really holds in a world; names and meanings as in the answers of `palpate grasp`.
+
+    Attributes
+    ----------
+    size_mm : float or None
+        Extent of the object along the closing axis before contact; None if there is none.
+    settled_percent : float
+        Mean relative change over all pixels at the horizon of the final hold.
+    force_n : float
+        Grip force, the mean of the fingers' normal forces, at that horizon.
+    stiffness_n_per_mm : float or None
+        The object's own secant stiffness at that force; None without contact.
+    peak_force_n : float
+        Largest contact force up to now.
+    damaged : bool
+        Whether the force ever passed the object's yield force.
+    """
+
+    size_mm: float | None
+    settled_percent: float
+    force_n: float
+    stiffness_n_per_mm: float | None
+    peak_force_n: float
+    damaged: bool
+
+    def as_json(self) -> dict[str, float | bool | None]:
+        """Return the form that commands print."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+class World:
+    """A simulated grasp, advanced by whoever holds its clock.
+
+    Times asked for must not go backwards. The physics is a deterministic function of the seeds and
+    the commands; what is read of it never changes it. Noise is drawn frame by frame.
+
+    Parameters
+    ----------
+    obj : TwinObject or None
+        What lies between the open fingers.
+    seed : int
+        Seed of this session: placements, scatter from grasp to grasp, noise.
+    sheet_seed : int, optional
+        Seed of the sensor and the gripper, the same for worlds that share them; `seed` by default.
+    level : {"paper", "field"}
+        How much everything scatters (`palpate.twin.ranges`).
+    gripper : {"rigid", "soft"}
+        Width-driven fingers, or pneumatic ones driven by pressure.
+    layout : ArrayLayout
+        Pixels and readout.
+    clock : ManualClock, optional
+        The clock that the devices move; its own by default.
+    frame_rate_hz : float
+        Rate at which the array is scanned.
+    oversampling : int
+        Conversions summed per pixel.
+    family : str, optional
+        Relaxation family of the sheet (`palpate.twin.velostat.FAMILIES`); drawn by default.
+    environment : Environment
+        Temperature, humidity and earlier use.
+    crosstalk : bool
+        Whether the pixels are a passive matrix whose idle lines float.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from palpate.twin.objects import draw_object
+    >>> world = World(draw_object(np.random.default_rng(1), "springs-4"), seed=1)
+    >>> world.drive(40.0, rate=20.0)
+    40.0
+    >>> world.force_n(5.0) > 1
+    True
+    >>> world.truth().force_n < 25
+    True
+    """
+
+    #: Where all of it comes from, for every file and result.
+    origin = "twin"
+
+    def __init__(
+        self,
+        obj: TwinObject | None,
+        *,
+        seed: int,
+        sheet_seed: int | None = None,
+        level: str = "paper",
+        gripper: GripperKind = "rigid",
+        layout: ArrayLayout = RIGID_LAYOUT,
+        clock: ManualClock | None = None,
+        frame_rate_hz: float = 15.0,
+        oversampling: int = 1,
+        family: str | None = None,
+        environment: Environment | None = None,
+        crosstalk: bool = False,
+    ) -> None:
+        self.seed = seed
+        self.sheet_seed = seed if sheet_seed is None else sheet_seed
+        self.level, self.gripper, self.layout = level, gripper, layout
+        self.clock = clock if clock is not None else ManualClock()
+        self.frame_rate_hz, self.oversampling = frame_rate_hz, oversampling
+        #: Called with the time before the world moves on to it (a sensor scanning on its own).
+        self.watchers: list[Callable[[float], None]] = []
+        ranges = ranges_of(level)
+        rng = np.random.default_rng([self.sheet_seed, 0])
+        self.sheet = draw_sheet(rng, layout=layout, level=level, family=family)
+        finger_mm_per_n = uniform(rng, ranges.finger_mm_per_n)
+        self.compliance = Compliance(
+            finger_mm_per_n=finger_mm_per_n + (SOFT_MM_PER_N if gripper == "soft" else 0.0),
+            pad_travel_mm=uniform(rng, ranges.pad_travel_mm),
+            pad_force_n=uniform(rng, ranges.pad_force_n),
+        )
+        self._plant = Plant(
+            sheet=self.sheet,
+            compliance=self.compliance,
+            grid=PixelGrid.of(layout),
+            ranges=ranges,
+            seed=seed,
+            environment=environment or Environment(),
+            lock_force_n=LOCK_FORCE_N if gripper == "rigid" else np.inf,
+        )
+        start_s = self.clock.now_s()
+        self._node = self._plant.at_rest(time_s=start_s, width_mm=OPEN_MM, obj=obj)
+        self._next = self._plant.next_node(self._node)
+        self._hold: State | None = None
+        self._readout = Readout(
+            sheet=self.sheet,
+            layout=layout,
+            oversampling=oversampling,
+            adc_noise_counts=ranges.adc_noise_counts,
+            crosstalk=crosstalk,
+            seed=seed,
+            start_s=start_s,
+        )
+
+    def now_s(self) -> float:
+        """Return the clock's time, seconds."""
+        return self.clock.now_s()
+
+    # -- the gripper ------------------------------------------------------------------------------
+
+    def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
+        """Send the fingers to a width (mm, mm/s) or the pressure to a value (kPa, kPa/s).
+
+        `time_s` is the clock's by default. Returns the target.
+        """
+        if rate <= 0:
+            raise ValueError(f"the fingers need a positive rate, not {rate}")
+        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        self._aim(now, self._to_width_mm(target), rate * self._mm_per_unit)
+        return target
+
+    def halt(self, *, time_s: float | None = None) -> None:
+        """Stop the fingers where they are."""
+        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        self._aim(now, now.motion.width_mm(now.time_s), 1.0)
+
+    def drive_value(self, time_s: float) -> float:
+        """Return the present width (mm) or pressure (kPa)."""
+        width_mm = self._at(time_s).motion.width_mm(time_s)
+        return width_mm if self.gripper == "rigid" else (OPEN_MM - width_mm) / SOFT_MM_PER_KPA
+
+    def moving(self, time_s: float) -> bool:
+        """Return whether the fingers are on their way."""
+        return self._at(time_s).motion.end_s > time_s
+
+    def place(self, obj: TwinObject | None, *, time_s: float | None = None) -> None:
+        """Take the object away and put another (or none) between the fingers.
+
+        Taking away works at any time; a new object needs fingers open beyond it.
+
+        Raises
+        ------
+        ValueError
+            If the fingers are closer than the new object is large.
+        """
+        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        width_mm = now.motion.width_mm(now.time_s)
+        if obj is not None and obj.size_mm >= width_mm:
+            raise ValueError(
+                f"{obj.name} is {obj.size_mm:.1f} mm and the fingers are at {width_mm:.1f} mm; "
+                "open them first"
+            )
+        self._hold = None
+        self._restart(
+            replace(
+                now,
+                obj=obj,
+                placed=now.placed + 1,
+                closure_mm=-np.inf if obj is None else obj.size_mm - width_mm,
+                elastic_n=0.0,
+                relaxing_n=np.zeros(len(obj.relaxing_share) if obj else 0),
+                force_n=0.0,
+                peak_force_n=0.0,
+                ruptured=False,
+            )
+        )
+
+    # -- what is there ----------------------------------------------------------------------------
+
+    def force_n(self, time_s: float) -> float:
+        """Return the grip force: what a load cell in place of the object would see."""
+        return self._at(time_s).force_n
+
+    def pixel_resistance_ohm(self, time_s: float) -> FloatArray:
+        """Return the noise-free resistance of each pixel, shape (rows, cols)."""
+        return self._ohm(self._at(time_s))
+
+    def pixel_voltage_v(self, time_s: float) -> FloatArray:
+        """Return the voltage at the converter's input for each pixel, shape (rows, cols).
+
+        Includes the sheet's noise, and crosstalk where the world has it; not the converter's noise.
+        """
+        return self._readout.volts(self._ohm(self._at(time_s)), time_s=time_s)
+
+    def scan(self, time_s: float) -> NDArray[np.int32]:
+        """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
+        return self._readout.counts(self._ohm(self._advance(time_s)), time_s=time_s)
+
+    def truth(self, horizon_s: float = 20.0) -> Truth:
+        """Return what really holds, `horizon_s` after the start of the final hold's last movement.
+
+        The final hold is the last command that left the object held. The world is copied there and
+        run on without noise as if the gripper had stayed.
+        """
+        now = self._node if self._hold is None else self._hold
+        end = self._plant.run(now, now.motion.start_s + horizon_s)
+        ohm = self._plant.resistance_ohm(end)
+        rest = self.sheet.rest_ohm * self.sheet.rest_factor(self._plant.environment)
+        deformation_mm = end.closure_mm - self.compliance.deflection_mm(end.force_n)
+        obj, peak_force_n = end.obj, self._node.peak_force_n
+        return Truth(
+            size_mm=None if obj is None else obj.size_mm,
+            settled_percent=float(100.0 * np.mean(ohm / rest - 1.0)),
+            force_n=end.force_n,
+            stiffness_n_per_mm=end.force_n / deformation_mm if end.force_n > 0 else None,
+            peak_force_n=peak_force_n,
+            damaged=obj is not None and peak_force_n >= obj.yield_n,
+        )
+
+    # -- inside -----------------------------------------------------------------------------------
+
+    @property
+    def _mm_per_unit(self) -> float:
+        return 1.0 if self.gripper == "rigid" else SOFT_MM_PER_KPA
+
+    def _to_width_mm(self, target: float) -> float:
+        return target if self.gripper == "rigid" else OPEN_MM - SOFT_MM_PER_KPA * target
+
+    def _ohm(self, state: State) -> FloatArray:
+        resistance = self._plant.resistance_ohm(state)
+        return resistance.reshape(self.layout.rows, self.layout.cols)
+
+    def _at(self, time_s: float) -> State:
+        """Advance to a time, let the watchers see what comes before it, and return the state."""
+        for watcher in self.watchers:
+            watcher(time_s)
+        return self._advance(time_s)
+
+    def _advance(self, time_s: float) -> State:
+        if time_s < self._node.time_s - 1e-9:
+            raise ValueError(
+                f"the world is at {self._node.time_s:.4f} s and can't go back to {time_s:.4f} s"
+            )
+        while self._next.time_s <= time_s:
+            self._node, self._next = self._next, self._plant.next_node(self._next)
+        if time_s <= self._node.time_s:
+            return self._node
+        return self._plant.between(self._node, self._next, time_s)
+
+    def _restart(self, state: State) -> None:
+        self._node, self._next = state, self._plant.next_node(state)
+
+    def _aim(self, now: State, to_mm: float, rate_mm_per_s: float) -> None:
+        motion = Motion(
+            start_s=now.time_s,
+            from_mm=now.motion.width_mm(now.time_s),
+            to_mm=to_mm,
+            rate_mm_per_s=rate_mm_per_s,
+        )
+        self._restart(replace(now, motion=motion))
+        if now.obj is not None and to_mm < now.obj.size_mm:
+            self._hold = self._node
