@@ -1,0 +1,126 @@
+"""One look for every plot: colours that colour-blind readers tell apart, units on every axis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.errors import InputError, MissingExtraError
+from palpate.files import atomic_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Okabe and Ito, "Color universal design" (2008), without its yellow, which is faint on white.
+BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
+PURPLE, SKY, AMBER = "#CC79A7", "#56B4E9", "#E69F00"
+INK, GREY = "#222222", "#8A8A8A"
+
+#: The same method has the same colour and marker in every figure.
+METHOD_LOOKS: dict[str, tuple[str, str]] = {
+    "relaxation": (BLUE, "o"),
+    "relaxation, calibrated": (GREEN, "D"),
+    "exponential": (ORANGE, "s"),
+    "log law": (PURPLE, "^"),
+    "recorded": (GREY, "v"),
+}
+SPARE_LOOKS = ((SKY, "P"), (AMBER, "X"), (INK, "*"))
+
+PLOT_ENDINGS = (".png", ".svg", ".pdf")
+
+_STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.edgecolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "lines.markersize": 5,
+    "svg.hashsalt": "palpate",
+}
+
+
+def look_of(method: str) -> tuple[str, str]:
+    """Return the colour and marker of a method; unknown ones get a spare look by their name.
+
+    Examples
+    --------
+    >>> look_of("relaxation")
+    ('#0072B2', 'o')
+    """
+    spare = SPARE_LOOKS[sum(method.encode()) % len(SPARE_LOOKS)]
+    return METHOD_LOOKS.get(method, spare)
+
+
+def new_figure(
+    *, rows: int = 1, columns: int = 1, width_in: float = 7.0, height_in: float = 4.0
+) -> tuple[Figure, Any]:
+    """Return a figure and its axes, shape (rows, columns), in the house style.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    require_plots()
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(_STYLE):
+        # Not pyplot: it keeps every figure alive and looks for a display.
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False)
+    return figure, axes
+
+
+def require_plots() -> None:
+    """Refuse early, before any long work, where plots can't be drawn.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            "plots need matplotlib; install it with `pip install 'palpate[plots]'`"
+        ) from error
+    del mpl
+
+
+def check_plot_path(path: Path) -> None:
+    """Refuse a file that a plot can't be written to.
+
+    Raises
+    ------
+    InputError
+        If the ending is not one of `PLOT_ENDINGS`, or the folder does not exist.
+
+    Examples
+    --------
+    >>> check_plot_path(Path("plot.bmp"))
+    Traceback (most recent call last):
+    palpate.errors.InputError: plot.bmp: a plot ends in .png, .svg or .pdf
+    """
+    if path.suffix.lower() not in PLOT_ENDINGS:
+        raise InputError(f"{path}: a plot ends in .png, .svg or .pdf")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: no folder {path.parent}; make it first")
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure whole or not at all; the ending chooses the format."""
+    import matplotlib as mpl
+
+    check_plot_path(path)
+    # Without dates the same plot is the same file.
+    dated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with atomic_path(path) as partial, mpl.rc_context(_STYLE):
+        figure.savefig(partial, dpi=150, metadata=dated.get(path.suffix.lower()))

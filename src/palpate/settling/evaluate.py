@@ -1,0 +1,163 @@
+"""Predictions for many holds, methods and cut-offs: the part that commands and studies share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.holds import Hold
+from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod, Status
+from palpate.settling.scoring import Scores, recorded_value, score, settled_value
+
+#: Holds predicted together. Only holds on one sampling grid share work, and those are neighbours.
+HOLDS_AT_A_TIME = 512
+SAMPLES_AT_A_TIME = 500_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """One hold, method and cut-off, beside what the hold settled to.
+
+    Attributes
+    ----------
+    hold_id, channel, method : str, str or None, str
+        Which hold, and which method by the name that the caller gave it.
+    cutoff_s : float
+        The prediction rests on samples up to this time alone.
+    predicted, low, high : float
+        At the horizon; NaN where there is no sample before the cut-off or no interval.
+    settled, recorded : float
+        What it settled to (NaN where the hold ends before), and the last sample at the cut-off.
+    status : Status
+        Of the prediction.
+    """
+
+    hold_id: str
+    channel: str | None
+    method: str
+    cutoff_s: float
+    predicted: float
+    low: float
+    high: float
+    settled: float
+    recorded: float
+    status: Status
+
+
+def predict_holds(
+    holds: Iterable[Hold],
+    *,
+    methods: Mapping[str, SettlingMethod],
+    cutoffs_s: Sequence[float],
+    horizon_s: float,
+    level: float,
+) -> Iterator[Prediction]:
+    """Yield predictions in the order of holds, then methods, then cut-offs.
+
+    Holds are taken in batches and let go, so memory does not grow with their number.
+
+    Parameters
+    ----------
+    holds : iterable of Hold
+        May be a stream.
+    methods : mapping of str to SettlingMethod
+        By the name to report.
+    cutoffs_s : sequence of float
+        Cut-offs, seconds.
+    horizon_s, level : float
+        Time of the value to predict, and the probability its interval is to cover.
+
+    Examples
+    --------
+    >>> from palpate.settling.recorded import Recorded
+    >>> time_s = np.arange(0, 21, 0.5)
+    >>> hold = Hold(hold_id="a", channel=None, time_s=time_s, values=100 - time_s)
+    >>> [row] = predict_holds(
+    ...     [hold], methods={"recorded": Recorded()}, cutoffs_s=[2.5], horizon_s=20.0, level=0.9
+    ... )
+    >>> row.predicted, row.settled
+    (97.5, 80.25)
+    """
+    for batch in _batches(holds):
+        estimates = {
+            (name, cutoff_s): _predict_batch(batch, method, cutoff_s, horizon_s, level)
+            for name, method in methods.items()
+            for cutoff_s in cutoffs_s
+        }
+        for index, hold in enumerate(batch):
+            settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
+            for (name, cutoff_s), found in estimates.items():
+                yield as_prediction(
+                    hold, found[index], method=name, cutoff_s=cutoff_s, settled=settled
+                )
+
+
+def as_prediction(
+    hold: Hold, estimate: SettledEstimate | None, *, method: str, cutoff_s: float, settled: float
+) -> Prediction:
+    """Return an estimate of one hold beside its settled value; None stands for no sample at all."""
+    value, low, high = (
+        (np.nan, np.nan, np.nan)
+        if estimate is None
+        else (float(estimate.value), float(estimate.low), float(estimate.high))
+    )
+    return Prediction(
+        hold_id=hold.hold_id,
+        channel=hold.channel,
+        method=method,
+        cutoff_s=cutoff_s,
+        predicted=value,
+        low=low,
+        high=high,
+        settled=settled,
+        recorded=recorded_value(hold.time_s, hold.values, cutoff_s=cutoff_s),
+        status=Status.TOO_SHORT if estimate is None else Status(str(estimate.status)),
+    )
+
+
+def score_predictions(predictions: Sequence[Prediction]) -> Scores:
+    """Score predictions, one entry for each."""
+    return score(
+        [p.predicted for p in predictions],
+        low=[p.low for p in predictions],
+        high=[p.high for p in predictions],
+        settled=[p.settled for p in predictions],
+        recorded=[p.recorded for p in predictions],
+    )
+
+
+def _batches(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
+    batch: list[Hold] = []
+    samples = 0
+    for hold in holds:
+        batch.append(hold)
+        samples += len(hold.time_s)
+        if len(batch) == HOLDS_AT_A_TIME or samples >= SAMPLES_AT_A_TIME:
+            yield batch
+            batch, samples = [], 0
+    if batch:
+        yield batch
+
+
+def _predict_batch(
+    batch: Sequence[Hold], method: SettlingMethod, cutoff_s: float, horizon_s: float, level: float
+) -> list[SettledEstimate | None]:
+    """Predict each hold of a batch, all those on one sampling grid in one call."""
+    grids: dict[bytes, list[int]] = {}
+    windows: list[FloatArray] = []
+    for index, hold in enumerate(batch):
+        window_s = hold.time_s[: np.searchsorted(hold.time_s, cutoff_s, side="right")]
+        windows.append(window_s)
+        grids.setdefault(window_s.tobytes(), []).append(index)
+    found: list[SettledEstimate | None] = [None] * len(batch)
+    for indices in grids.values():
+        time_s = windows[indices[0]]
+        if not time_s.size:
+            continue
+        values = np.stack([batch[index].values[: time_s.size] for index in indices])
+        estimate = method.predict(time_s, values, horizon_s=horizon_s, level=level)
+        for row, index in enumerate(indices):
+            found[index] = estimate.hold(row)
+    return found

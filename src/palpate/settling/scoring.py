@@ -1,0 +1,204 @@
+"""How good predictions of the settled value are, against the value that the hold settled to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.settling.result import FloatArray
+
+#: Stretch before the horizon whose mean counts as the settled value.
+SETTLED_WINDOW_S = 0.5
+
+
+def settled_value(time_s: FloatArray, values: FloatArray, *, horizon_s: float) -> float:
+    """Return the mean of the last 0.5 s before the horizon; NaN where the hold ends before.
+
+    A sample stands for the time up to the next one, so a hold reaches the horizon when its last
+    sample is no more than one usual interval before it.
+
+    Parameters
+    ----------
+    time_s, values : ndarray, shape (n_times,)
+        The hold.
+    horizon_s : float
+        Time of the settled value, seconds.
+
+    Examples
+    --------
+    >>> time_s = np.arange(0, 21, 0.25)
+    >>> settled_value(time_s, time_s, horizon_s=20.0)
+    19.75
+    >>> settled_value(time_s, time_s, horizon_s=30.0)
+    nan
+    """
+    usual_interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    window = (time_s >= horizon_s - SETTLED_WINDOW_S) & (time_s <= horizon_s)
+    # The slack is for times such as 19.95 + 0.05, which fall short of 20 by rounding.
+    reached = time_s[-1] + usual_interval_s >= horizon_s * (1 - 1e-9)
+    return float(values[window].mean()) if reached and window.any() else float("nan")
+
+
+def recorded_value(time_s: FloatArray, values: FloatArray, *, cutoff_s: float) -> float:
+    """Return the last sample up to the cut-off; NaN where there is none.
+
+    Examples
+    --------
+    >>> recorded_value(np.array([0.0, 1.0, 2.0]), np.array([9.0, 8.0, 7.0]), cutoff_s=1.5)
+    8.0
+    """
+    count = int(np.searchsorted(time_s, cutoff_s, side="right"))
+    return float(values[count - 1]) if count else float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scores:
+    """Predictions against settled values, hold by hold.
+
+    Attributes
+    ----------
+    error_percent : ndarray, shape (n_holds,)
+        (predicted - settled) / abs(settled).
+    of_remaining_percent : ndarray, shape (n_holds,)
+        abs(predicted - settled) / abs(settled - recorded at the cut-off): what is still missing of
+        the change that was still to come. It does not depend on unit or baseline.
+    half_width_percent : ndarray, shape (n_holds,)
+        Half of the interval, in percent of abs(settled).
+    covered : ndarray, shape (n_holds,)
+        1 where the interval holds the settled value, 0 where not, NaN where either is unknown.
+
+    All are NaN where the hold has no settled value, or a percentage has nothing to be a share of.
+    """
+
+    error_percent: FloatArray
+    of_remaining_percent: FloatArray
+    half_width_percent: FloatArray
+    covered: FloatArray
+
+
+def score(
+    predicted: ArrayLike,
+    *,
+    low: ArrayLike,
+    high: ArrayLike,
+    settled: ArrayLike,
+    recorded: ArrayLike,
+) -> Scores:
+    """Score predictions, each of shape (n_holds,), against the values they were to predict.
+
+    Examples
+    --------
+    >>> scores = score([104.0], low=[98.0], high=[110.0], settled=[100.0], recorded=[120.0])
+    >>> scores.error_percent.item(), scores.of_remaining_percent.item(), scores.covered.item()
+    (4.0, 20.0, 1.0)
+    """
+    value, bottom, top, target, last = (
+        np.asarray(array, dtype=np.float64) for array in (predicted, low, high, settled, recorded)
+    )
+    known = np.isfinite(bottom) & np.isfinite(top) & np.isfinite(target)
+    return Scores(
+        error_percent=_percent(value - target, np.abs(target)),
+        of_remaining_percent=_percent(np.abs(value - target), np.abs(target - last)),
+        half_width_percent=_percent((top - bottom) / 2, np.abs(target)),
+        covered=np.where(known, (bottom <= target) & (target <= top), np.nan),
+    )
+
+
+def _percent(part: FloatArray, whole: FloatArray) -> FloatArray:
+    share = np.full(part.shape, np.nan)
+    np.divide(100 * part, whole, out=share, where=whole > 0)
+    return share
+
+
+def median(values: FloatArray) -> float:
+    """Return the median of the finite values; NaN where there is none."""
+    return quantile(values, 0.5)
+
+
+def quantile(values: FloatArray, share: float) -> float:
+    """Return a quantile of the finite values; NaN where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, share)) if finite.size else float("nan")
+
+
+def mean(values: FloatArray) -> float:
+    """Return the mean of the finite values; NaN where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else float("nan")
+
+
+def summarise(scores: Scores) -> dict[str, float]:
+    """Return the summary that `palpate settle --json` prints for one method and cut-off.
+
+    Returns
+    -------
+    dict of str to float
+        NaN where no hold gives the figure.
+    """
+    size = np.abs(scores.error_percent)
+    return {
+        "median_abs_error_percent": median(size),
+        "mean_abs_error_percent": mean(size),
+        "p90_abs_error_percent": quantile(size, 0.9),
+        "median_error_of_remaining_percent": median(scores.of_remaining_percent),
+        "coverage": mean(scores.covered),
+        "median_half_width_percent": median(scores.half_width_percent),
+    }
+
+
+def bootstrap_interval(
+    values: FloatArray,
+    groups: Sequence[str],
+    *,
+    statistic: Callable[[FloatArray], float],
+    level: float = 0.9,
+    draws: int = 1000,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Return a percentile interval of a statistic, drawing whole groups with replacement.
+
+    Holds of one specimen resemble each other; drawing single holds would promise too much.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_holds,)
+        One figure for each hold; NaN ones are left out.
+    groups : sequence of str, length n_holds
+        Specimen of each hold.
+    statistic : callable
+        `mean`, `median`, or any function of an array.
+    level, draws, seed : float, int, int
+        Probability inside the interval, number of draws, seed of the draws.
+
+    Returns
+    -------
+    tuple of float
+        Low and high end; NaN where there are fewer than two groups.
+
+    References
+    ----------
+    A. C. Davison and D. V. Hinkley, "Bootstrap Methods and their Application" (1997), section 3.8.
+
+    Examples
+    --------
+    >>> values = np.array([1.0, 1.0, 0.0, 1.0])
+    >>> bootstrap_interval(values, ["a", "a", "b", "c"], statistic=mean)
+    (0.3333333333333333, 1.0)
+    """
+    kept = np.isfinite(values)
+    members = _members(values[kept], [g for g, keep in zip(groups, kept, strict=True) if keep])
+    if len(members) < 2:
+        return float("nan"), float("nan")
+    random = np.random.default_rng(seed)
+    drawn = random.integers(len(members), size=(draws, len(members)))
+    results = [statistic(np.concatenate([members[index] for index in draw])) for draw in drawn]
+    low, high = np.quantile(results, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def _members(values: FloatArray, groups: Sequence[str]) -> list[NDArray[np.float64]]:
+    labels = np.array(groups, dtype=object)
+    return [values[labels == group] for group in dict.fromkeys(groups)]
