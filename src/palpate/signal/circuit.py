@@ -77,7 +77,7 @@ def counts_to_volts(counts: ArrayLike, *, divider: Divider, oversampling: int = 
     return divider.supply_v * _fraction(counts, divider, oversampling)
 
 
-def counts_to_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
+def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
     """Convert counts to the pixel's resistance.
 
     With the pixel in the upper leg R = R_ref (N / c - 1), in the lower R = R_ref c / (N - c), where
@@ -111,7 +111,7 @@ def counts_to_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1)
     --------
     Mid-scale means that both legs are equal:
 
-    >>> counts_to_ohm([[512, 256, 0]], divider=Divider(reference_ohm=10e3)).tolist()
+    >>> resistance_ohm([[512, 256, 0]], divider=Divider(reference_ohm=10e3)).tolist()
     [[10000.0, 30000.0, inf]]
     """
     fraction = _fraction(counts, divider, oversampling)
@@ -130,7 +130,7 @@ def pixel_faults(
     Parameters
     ----------
     counts, divider, oversampling
-        As in `counts_to_ohm`.
+        As in `resistance_ohm`.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def pixel_faults(
     return faults
 
 
-def ohm_to_volts(resistance_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
+def ohm_to_volts(taxel_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
     """Return the voltage at the converter's input for a pixel's resistance (0 to inf).
 
     Examples
@@ -160,7 +160,7 @@ def ohm_to_volts(resistance_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
     >>> ohm_to_volts([4700.0, float("inf"), 0.0], divider=Divider()).tolist()
     [2.5, 0.0, 5.0]
     """
-    resistance = np.asarray(resistance_ohm, dtype=np.float64)
+    resistance = np.asarray(taxel_ohm, dtype=np.float64)
     across_reference = divider.reference_ohm / (divider.reference_ohm + resistance)
     upper = divider.taxel_leg == "upper"
     return divider.supply_v * (across_reference if upper else 1.0 - across_reference)
@@ -180,26 +180,24 @@ def volts_to_counts(
     return np.asarray(np.clip(np.rint(ideal), 0, divider.full_scale - 1), dtype=np.int32)
 
 
-def resolution_ohm(
-    resistance_ohm: ArrayLike, *, divider: Divider, oversampling: int = 1
-) -> FloatArray:
+def resolution_ohm(taxel_ohm: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
     """Return by how many ohms one count moves the reading, at a resistance.
 
     It is (R + R_ref)^2 / (R_ref N), in either leg, and smallest relative to R where R = R_ref.
 
     Parameters
     ----------
-    resistance_ohm : array_like
+    taxel_ohm : array_like
         Resistance of the pixel.
     divider, oversampling
-        As in `counts_to_ohm`.
+        As in `resistance_ohm`.
 
     Examples
     --------
     >>> resolution_ohm(4700.0, divider=Divider()).round(2).item()
     18.36
     """
-    resistance = np.asarray(resistance_ohm, dtype=np.float64)
+    resistance = np.asarray(taxel_ohm, dtype=np.float64)
     steps = divider.reference_ohm * divider.full_scale * oversampling
     return np.asarray((resistance + divider.reference_ohm) ** 2 / steps)
 

@@ -1,0 +1,240 @@
+"""What happens in a stream of relative changes: actuation spikes, contact, removal, slip.
+
+All of it is causal: an event at a sample rests on that sample and those before it, so a whole
+recording and a live stream give the same answer. Signals have shape (n_times,) or, where said,
+(n_times, fingers); times are in seconds and strictly increasing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.signal.relative import CONTACT_PERCENT
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+
+#: Share by which the change held follows a signal that rises, per sample.
+_FORGET = 0.02
+
+
+class EventKind(StrEnum):
+    """What an event is."""
+
+    SPIKE = "spike"
+    CONTACT = "contact"
+    REMOVAL = "removal"
+    SLIP = "slip"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something that happened.
+
+    Attributes
+    ----------
+    kind : EventKind
+        What.
+    time_s : float
+        Time of the first sample that shows it.
+    finger : int or None
+        On which finger, where it is seen per finger.
+    """
+
+    kind: EventKind
+    time_s: float
+    finger: int | None = None
+
+
+def lowpass(time_s: ArrayLike, values: ArrayLike, *, time_constant_s: float) -> FloatArray:
+    """Smooth with a first-order low pass, exact for uneven sampling; its delay is the constant.
+
+    Parameters
+    ----------
+    time_s : array_like, shape (n_times,)
+        Sampling times.
+    values : array_like, shape (n_times, ...)
+        Signal; the first sample is where the filter starts.
+    time_constant_s : float
+        Positive time constant.
+
+    Examples
+    --------
+    >>> lowpass([0.0, 1.0], [0.0, 1.0], time_constant_s=1.0).round(3).tolist()
+    [0.0, 0.632]
+    """
+    time, smooth = np.asarray(time_s, float), np.array(values, dtype=np.float64)
+    keep = np.exp(-np.diff(time) / time_constant_s)
+    for index, share in enumerate(keep, start=1):
+        smooth[index] = share * smooth[index - 1] + (1.0 - share) * smooth[index]
+    return smooth
+
+
+def running_median(values: ArrayLike, *, length: int) -> FloatArray:
+    """Return the median of each sample and the `length` - 1 before it; NaN is left out.
+
+    It drops single outliers and delays a step by half its length.
+
+    Examples
+    --------
+    >>> running_median([0.0, 9.0, 0.0, 1.0], length=3).tolist()
+    [0.0, 4.5, 0.0, 1.0]
+    """
+    signal = np.asarray(values, dtype=np.float64)
+    padding = np.full((length - 1, *signal.shape[1:]), np.nan)
+    padded = np.concatenate([padding, signal])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)
+    ordered = np.sort(windows, axis=-1)
+    count = np.sum(~np.isnan(windows), axis=-1, keepdims=True)
+    middle = [np.maximum(count - 1, 0) // 2, np.minimum(count // 2, length - 1)]
+    pair = [np.take_along_axis(ordered, index, axis=-1)[..., 0] for index in middle]
+    median: FloatArray = 0.5 * (pair[0] + pair[1])
+    return median
+
+
+def actuation_spikes(
+    time_s: ArrayLike,
+    change_percent: ArrayLike,
+    *,
+    rise_percent: float = 3.0,
+    within_s: float = 0.3,
+) -> list[Event]:
+    """Find the spikes upward in resistance that each movement of the fingers makes.
+
+    A spike begins where the signal stands more than `rise_percent` above its lowest value of the
+    last `within_s`, and ends when it falls back below half of that. Opening makes a spike as well
+    as closing; a release, which also rises but stays up, counts as one.
+
+    Parameters
+    ----------
+    time_s, change_percent : array_like, shape (n_times,)
+        Times and mean relative change.
+    rise_percent, within_s : float
+        Height and steepness that make a spike; the height should be several times the noise.
+
+    Returns
+    -------
+    list of Event
+        In order of time.
+
+    Examples
+    --------
+    >>> events = actuation_spikes([0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 8.0, 1.0])
+    >>> [(event.kind.value, event.time_s) for event in events]
+    [('spike', 0.2)]
+    """
+    time, signal = np.asarray(time_s, float), np.asarray(change_percent, float)
+    events: list[Event] = []
+    rising, first = False, 0
+    for index, now_s in enumerate(time):
+        while time[first] < now_s - within_s:
+            first += 1
+        rise = signal[index] - np.min(signal[first : index + 1])
+        if not rising and rise > rise_percent:
+            events.append(Event(kind=EventKind.SPIKE, time_s=float(now_s)))
+        rising = rise > rise_percent or (rising and rise > 0.5 * rise_percent)
+    return events
+
+
+@dataclass(frozen=True, slots=True)
+class ContactState:
+    """What `watch_contact` remembers of one finger: touched or not, and the deepest change held."""
+
+    touching: bool = False
+    held_percent: float = 0.0
+    slipping: bool = False
+
+
+def watch_contact(
+    state: ContactState, change_percent: float, *, threshold_percent: float = CONTACT_PERCENT
+) -> tuple[ContactState, EventKind | None]:
+    """Take one sample of a finger's relative change; say whether something happened.
+
+    Contact is a change below the threshold; removal one above half of it (so that noise at the
+    threshold gives no chatter). Slip is the loss of more than a quarter of the change held, while
+    still touching. The change held follows the signal down at once and, by 2 % of the difference
+    per sample, up: slow relaxation of a soft object is not slip.
+
+    Parameters
+    ----------
+    state : ContactState
+        Memory of the finger.
+    change_percent : float
+        The finger's mean relative change; NaN (no pixel reads) changes nothing.
+    threshold_percent : float
+        Negative; the paper's is -10 % (section 4.1).
+
+    Returns
+    -------
+    ContactState, EventKind or None
+        The new memory, and what happened at this sample.
+
+    Examples
+    --------
+    >>> state, event = watch_contact(ContactState(), -12.0)
+    >>> state.touching, event.value
+    (True, 'contact')
+    """
+    if np.isnan(change_percent):
+        return state, None
+    if not state.touching:
+        if change_percent > threshold_percent:
+            return state, None
+        return ContactState(True, change_percent), EventKind.CONTACT
+    if change_percent > 0.5 * threshold_percent:
+        return ContactState(), EventKind.REMOVAL
+    above = change_percent - state.held_percent
+    held = state.held_percent + (above if above < 0 else _FORGET * above)
+    slipping = change_percent > 0.75 * held and held < 2.0 * threshold_percent
+    event = EventKind.SLIP if slipping and not state.slipping else None
+    return ContactState(True, held, slipping), event
+
+
+def contact_events(
+    time_s: ArrayLike,
+    finger_percent: ArrayLike,
+    *,
+    threshold_percent: float = CONTACT_PERCENT,
+    smooth: int = 3,
+) -> list[Event]:
+    """Find contact, slip and removal of each finger.
+
+    Parameters
+    ----------
+    time_s : array_like, shape (n_times,)
+        Times.
+    finger_percent : array_like, shape (n_times, fingers)
+        Mean relative change of each finger (`palpate.signal.relative.finger_means`).
+    threshold_percent : float
+        See `watch_contact`.
+    smooth : int
+        Samples of the running median taken before.
+
+    Returns
+    -------
+    list of Event
+        In order of time.
+
+    Examples
+    --------
+    >>> touch = contact_events([0.0, 0.1, 0.2], [[0.0], [-20.0], [-30.0]], smooth=1)
+    >>> [(event.kind.value, event.time_s, event.finger) for event in touch]
+    [('contact', 0.1, 0)]
+    """
+    time = np.asarray(time_s, float)
+    signal = running_median(finger_percent, length=smooth)
+    events: list[Event] = []
+    states = [ContactState()] * signal.shape[1]
+    for index, now_s in enumerate(time):
+        for finger, change in enumerate(signal[index]):
+            states[finger], kind = watch_contact(
+                states[finger], float(change), threshold_percent=threshold_percent
+            )
+            if kind is not None:
+                events.append(Event(kind=kind, time_s=float(now_s), finger=finger))
+    return events

@@ -1,0 +1,251 @@
+"""From ohm to what pixels say about load: rest baseline, relative change, sums over pixels.
+
+Arrays have shape (..., rows, cols). A pixel that reads open (infinite) or has no rest value gives
+NaN, and the sums over pixels leave NaN out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import CalibrationError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Contact threshold of the paper (section 4.1), percent of relative change.
+CONTACT_PERCENT = -10.0
+#: A stretch counts as rest if the pixels' mean moves by no more than this over it, and no pixel
+#: spreads more, in percent. Actuation spikes and loads are far above, drift and noise below.
+_REST_TREND_PERCENT, _REST_SPREAD_PERCENT = 1.0, 3.0
+#: A rest value this far below the one known before means that something presses on the sensor.
+_REST_FALL_PERCENT = -15.0
+_FEWEST_FRAMES = 5
+#: Scales the median absolute deviation to a standard deviation of normal noise.
+_MAD_TO_SD = 1.4826
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestBaseline:
+    """What each pixel reads with nothing on it.
+
+    Attributes
+    ----------
+    rest_ohm : ndarray, shape (rows, cols)
+        Robust mean; NaN for pixels that read open or short.
+    spread_percent : ndarray, shape (rows, cols)
+        Robust standard deviation of one frame, percent of `rest_ohm`.
+    frames : int
+        How many frames it rests on.
+    """
+
+    rest_ohm: FloatArray
+    spread_percent: FloatArray
+    frames: int
+
+
+def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = None) -> RestBaseline:
+    """Take the rest values from a stretch of frames, or refuse.
+
+    The mean over frames leaves out what lies more than three robust standard deviations from the
+    median. A stretch in which the sensor was moving, settling or touched shows as a trend or a
+    jump, and is refused. A load that has long settled can't be told from rest by the stretch
+    alone: give the rest values known before.
+
+    Parameters
+    ----------
+    resistance_ohm : array_like, shape (frames, rows, cols)
+        Readings; at least five frames.
+    known_ohm : array_like, shape (rows, cols), optional
+        Rest values of an earlier calibration.
+
+    Raises
+    ------
+    CalibrationError
+        If the stretch is too short, no pixel reads, or the sensor was loaded or moving.
+
+    Examples
+    --------
+    >>> rest = rest_baseline([[[1000.0, 2000.0]]] * 20)
+    >>> rest.rest_ohm.tolist(), rest.spread_percent.tolist()
+    ([[1000.0, 2000.0]], [[0.0, 0.0]])
+    """
+    ohm = np.asarray(resistance_ohm, dtype=np.float64)
+    if ohm.ndim != 3 or ohm.shape[0] < _FEWEST_FRAMES:
+        frames = ohm.shape[0] if ohm.ndim == 3 else 0
+        raise CalibrationError(
+            f"a rest baseline needs at least {_FEWEST_FRAMES} frames, got {frames}; record longer"
+        )
+    ohm = np.where(np.isfinite(ohm) & (ohm > 0), ohm, np.nan)
+    ohm[:, np.isnan(ohm).any(axis=0)] = np.nan
+    if np.isnan(ohm).all():
+        raise CalibrationError("no pixel reads in the rest stretch; check wiring and power")
+    middle = np.median(ohm, axis=0)
+    sd = _MAD_TO_SD * np.median(np.abs(ohm - middle), axis=0)
+    kept = np.abs(ohm - middle) <= np.maximum(3.0 * sd, 1e-9 * middle)
+    rest_ohm = np.where(kept, ohm, 0.0).sum(axis=0) / np.maximum(kept.sum(axis=0), 1)
+    rest_ohm = np.where(np.isnan(middle), np.nan, rest_ohm)
+    _refuse_unrest(relative_change_percent(ohm, rest_ohm=rest_ohm))
+    if known_ohm is not None:
+        _refuse_load(relative_change_percent(rest_ohm, rest_ohm=known_ohm))
+    return RestBaseline(
+        rest_ohm=rest_ohm, spread_percent=100.0 * sd / rest_ohm, frames=int(ohm.shape[0])
+    )
+
+
+def relative_change_percent(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
+    """Return 100 (R / R_rest - 1), percent (paper, equation 1).
+
+    Parameters
+    ----------
+    resistance_ohm : array_like, shape (..., rows, cols)
+        Readings; infinite (open) gives NaN.
+    rest_ohm : array_like, shape (rows, cols)
+        Rest values; NaN or zero gives NaN.
+
+    Examples
+    --------
+    >>> relative_change_percent([[500.0, 1000.0]], rest_ohm=[[1000.0, 1000.0]]).tolist()
+    [[-50.0, 0.0]]
+    """
+    resistance, rest = np.asarray(resistance_ohm, float), np.asarray(rest_ohm, float)
+    usable = np.isfinite(resistance) & (rest > 0)
+    ratio = np.where(usable, resistance, 1.0) / np.where(rest > 0, rest, 1.0)
+    return np.where(usable, 100.0 * (ratio - 1.0), np.nan)
+
+
+def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
+    """Return G / G_rest - 1 = R_rest / R - 1, a ratio.
+
+    Where the relative change runs into -100 %, the excess conductance goes on rising with load.
+
+    Parameters
+    ----------
+    resistance_ohm : array_like, shape (..., rows, cols)
+        Readings; infinite (open) and zero (short) give NaN.
+    rest_ohm : array_like, shape (rows, cols)
+        Rest values; NaN or zero gives NaN.
+
+    Examples
+    --------
+    >>> excess_conductance([[500.0, 1000.0]], rest_ohm=[[1000.0, 1000.0]]).tolist()
+    [[1.0, 0.0]]
+    """
+    resistance, rest = np.asarray(resistance_ohm, float), np.asarray(rest_ohm, float)
+    usable = np.isfinite(resistance) & (resistance > 0) & (rest > 0)
+    return np.where(usable, rest / np.where(usable, resistance, 1.0) - 1.0, np.nan)
+
+
+def mean_change(change_percent: ArrayLike) -> FloatArray:
+    """Return the mean over all pixels: the paper's aggregate. Shape (..., rows, cols) to (...).
+
+    Examples
+    --------
+    >>> mean_change([[-50.0, 0.0], [float("nan"), -10.0]]).item()
+    -20.0
+    """
+    return _mean_over(np.asarray(change_percent, float), axis=(-2, -1))
+
+
+def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> FloatArray:
+    """Return the mean over the pixels of each finger: shape (..., rows, cols) to (..., fingers).
+
+    Examples
+    --------
+    >>> finger_means([[-50.0, -30.0], [0.0, -2.0]], finger_of_row=(0, 1)).tolist()
+    [-40.0, -1.0]
+    """
+    change = np.asarray(change_percent, float)
+    row_finger = np.asarray(finger_of_row)
+    each = [
+        _mean_over(change[..., row_finger == finger, :], axis=(-2, -1))
+        for finger in np.unique(row_finger)
+    ]
+    return np.stack(each, axis=-1)
+
+
+def largest_change(change_percent: ArrayLike) -> FloatArray:
+    """Return the change of the pixel that fell most: shape (..., rows, cols) to (...).
+
+    Examples
+    --------
+    >>> largest_change([[-50.0, 3.0]]).item()
+    -50.0
+    """
+    change = np.asarray(change_percent, float)
+    lowest = np.min(np.where(np.isnan(change), np.inf, change), axis=(-2, -1))
+    return np.where(np.isinf(lowest), np.nan, lowest)
+
+
+def contacting_mean(
+    change_percent: ArrayLike, *, threshold_percent: float = CONTACT_PERCENT
+) -> FloatArray:
+    """Return the mean over the pixels below a threshold: shape (..., rows, cols) to (...).
+
+    NaN where no pixel is below it.
+
+    Examples
+    --------
+    >>> contacting_mean([[-50.0, -2.0, -30.0]]).item()
+    -40.0
+    """
+    change = np.asarray(change_percent, float)
+    return _mean_over(np.where(change <= threshold_percent, change, np.nan), axis=(-2, -1))
+
+
+def total_excess(excess: ArrayLike) -> FloatArray:
+    """Return the sum of excess conductances: shape (..., rows, cols) to (...); NaN if none reads.
+
+    It hardly depends on how a force spreads over the pixels, as long as the law is near linear.
+
+    Examples
+    --------
+    >>> total_excess([[1.0, 0.0], [float("nan"), 2.5]]).item()
+    3.5
+    """
+    values = np.asarray(excess, float)
+    total = np.nansum(values, axis=(-2, -1))
+    return np.where(np.isnan(values).all(axis=(-2, -1)), np.nan, total)
+
+
+def _mean_over(values: FloatArray, *, axis: tuple[int, int]) -> FloatArray:
+    """Return the mean that leaves NaN out, NaN where nothing is left."""
+    count = np.sum(~np.isnan(values), axis=axis)
+    return np.where(count > 0, np.nansum(values, axis=axis) / np.maximum(count, 1), np.nan)
+
+
+def _refuse_unrest(change_percent: FloatArray) -> None:
+    """Raise if a stretch of relative changes, shape (frames, rows, cols), is not rest."""
+    overall = mean_change(change_percent)
+    third = max(overall.size // 3, 1)
+    trend = float(np.median(overall[-third:]) - np.median(overall[:third]))
+    if abs(trend) > _REST_TREND_PERCENT:
+        raise CalibrationError(
+            f"the sensor moved by {trend:+.1f} % during the rest stretch (at most "
+            f"{_REST_TREND_PERCENT:g} %): it was loaded or still settling; leave it and repeat"
+        )
+    smooth = overall if overall.size < 3 else np.median(_windows(overall), axis=-1)
+    reach = float(np.ptp(smooth))
+    if reach > _REST_SPREAD_PERCENT:
+        raise CalibrationError(
+            f"the sensor jumped by {reach:.1f} % during the rest stretch (at most "
+            f"{_REST_SPREAD_PERCENT:g} %): the fingers moved or it was touched; repeat at rest"
+        )
+
+
+def _windows(values: FloatArray) -> FloatArray:
+    return np.lib.stride_tricks.sliding_window_view(values, 3)
+
+
+def _refuse_load(change_percent: FloatArray) -> None:
+    """Raise if rest values lie below those known before, shape (rows, cols)."""
+    fall = float(mean_change(change_percent))
+    if fall < _REST_FALL_PERCENT:
+        raise CalibrationError(
+            f"the rest values are {-fall:.0f} % below the known ones: something presses on the "
+            "sensor; take it away, or calibrate anew if the sensor was changed"
+        )
