@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,11 @@ class HoldWindow:
         """Number of samples in each window, shape (n_holds,)."""
         return self.stop - self.first
 
+    def grids(self) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        """Yield each first sample that occurs, and which holds have it."""
+        for first in np.unique(self.first):
+            yield int(first), np.flatnonzero(self.first == first)
+
 
 def peak_index(values: ArrayLike) -> NDArray[np.intp]:
     """Return the index of the peak: the extreme that the signal has moved farthest away from.
@@ -74,7 +80,10 @@ def peak_index(values: ArrayLike) -> NDArray[np.intp]:
     fallen = np.take_along_axis(samples, top[..., None], axis=-1)[..., 0] - last
     risen = last - np.take_along_axis(samples, bottom[..., None], axis=-1)[..., 0]
     earlier = np.minimum(top, bottom)
-    return np.where(fallen > risen, top, np.where(risen > fallen, bottom, earlier))
+    peak: NDArray[np.intp] = np.where(
+        fallen > risen, top, np.where(risen > fallen, bottom, earlier)
+    )
+    return peak
 
 
 def hold_window(

@@ -1,0 +1,71 @@
+"""A plain logarithm of time: the baseline that any predictor of creep has to beat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from palpate.settling.result import FloatArray, SettledEstimate, Status
+from palpate.signal.transient import WAIT_S, hold_window
+
+#: Keeps the logarithm finite at the peak; 0.2 s is about the length of the contact transient.
+_ORIGIN_S = 0.2
+#: A line and one sample to spare.
+_MIN_SAMPLES = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogLaw:
+    """Least squares of a + b ln(t - t_p + 0.2 s), read off at the horizon.
+
+    Attributes
+    ----------
+    wait_s : float
+        Time after the peak from which samples are used.
+
+    Examples
+    --------
+    >>> time_s = np.arange(0.0, 2.5, 0.1)
+    >>> creep = 8.0 - 0.5 * np.log(time_s + 0.2)[None]
+    >>> hold = LogLaw().predict(time_s, creep, horizon_s=19.8, level=0.9)
+    >>> round(float(hold.value[0]), 6) == round(8.0 - 0.5 * np.log(20.0), 6)
+    True
+    """
+
+    name: ClassVar[str] = "log_law"
+    wait_s: float = WAIT_S
+
+    def predict(
+        self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
+    ) -> SettledEstimate:
+        """Return the line's value at the horizon; see `SettlingMethod.predict`."""
+        window = hold_window(time_s, values, wait_s=self.wait_s)
+        settled = values[:, -1].copy()
+        window_s = np.zeros(len(values))
+        status = np.full(len(values), Status.TOO_SHORT, dtype=object)
+        for peak in np.unique(window.peak):
+            rows = np.flatnonzero(window.peak == peak)
+            first = window.first[rows[0]]
+            if window.stop - first < _MIN_SAMPLES:
+                continue
+            log_time = np.log(time_s[first:] - time_s[peak] + _ORIGIN_S)
+            centred = log_time - log_time.mean()
+            beyond = np.log(horizon_s - time_s[peak] + _ORIGIN_S) - log_time.mean()
+            weights = 1 / len(centred) + centred * beyond / (centred @ centred)
+            last = values[rows, -1]
+            settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights
+            window_s[rows] = time_s[-1] - time_s[first]
+            status[rows] = Status.OK
+        unknown = np.full(len(values), np.nan)
+        return SettledEstimate(
+            value=settled,
+            low=unknown,
+            high=unknown.copy(),
+            level=level,
+            horizon_s=horizon_s,
+            window_s=window_s,
+            method=self.name,
+            status=status,
+        )
