@@ -8,6 +8,7 @@ depend on which other times were read.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeAlias
@@ -58,10 +59,22 @@ class Placement:
 
 
 def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return decay and mean decay over a step, for step / time constant = `rate`."""
-    decay = np.exp(-rate)
-    mean = np.where(rate > 1e-12, -np.expm1(-rate) / np.maximum(rate, 1e-300), 1.0)
-    return decay, mean
+    """Return decay and mean decay over a step, for step / time constant = `rate`.
+
+    Examples
+    --------
+    >>> decay, mean = exact_step(np.array([0.0, 1.0]))
+    >>> decay.round(3).tolist(), mean.round(3).tolist()
+    ([1.0, 0.368], [1.0, 0.632])
+    """
+    fall = np.expm1(-np.maximum(rate, 1e-12))
+    return 1.0 + fall, -fall / np.maximum(rate, 1e-12)
+
+
+@lru_cache(maxsize=16)
+def _relaxation(obj: TwinObject) -> tuple[FloatArray, FloatArray]:
+    """Return an object's relaxing shares and their time constants."""
+    return np.array(obj.relaxing_share), np.array(obj.relaxing_time_s)
 
 
 class Plant:
@@ -246,11 +259,11 @@ class Plant:
         """Return the object's relaxing parts and the force, the elastic force having moved."""
         if state.obj is None:
             return state.relaxing_n, 0.0
-        share = np.array(state.obj.relaxing_share)
-        decay, mean = exact_step(step_s / np.array(state.obj.relaxing_time_s))
+        share, time_s = _relaxation(state.obj)
+        decay, mean = exact_step(step_s / time_s)
         relaxing_n = state.relaxing_n * decay + share * (elastic_n - state.elastic_n) * mean
-        force_n = (1.0 - share.sum()) * elastic_n + relaxing_n.sum()
-        return relaxing_n, max(float(force_n), 0.0)
+        force_n = elastic_n * (1.0 - float(share.sum())) + float(relaxing_n.sum())
+        return relaxing_n, max(force_n, 0.0)
 
     def _target(
         self, state: State, closure_mm: float, force_n: float, placement: Placement
@@ -272,15 +285,12 @@ class Plant:
     ) -> State:
         """Return the state with creep and spikes moved under a target that goes in a line."""
         step_s = time_s - state.time_s
-        decay, mean = exact_step(step_s / creep.tau_s)
-        moved = (
-            decay[:, None] * state.creep
-            + (mean - decay)[:, None] * state.target
-            + (1.0 - mean)[:, None] * target
-        )
-        fall, average = exact_step(np.array(step_s / self.sheet.spike_decay_s))
+        decay, mean = exact_step(step_s / creep.tau_s[:, None])
+        jump = target - state.target
+        moved = target - mean * jump - decay * (state.target - state.creep)
+        fall = math.exp(-step_s / self.sheet.spike_decay_s)
+        average = (1.0 - fall) * self.sheet.spike_decay_s / step_s if step_s > 0 else 1.0
         travel_mm = abs(width_mm - state.motion.width_mm(state.time_s))
-        jump = np.abs(target - state.target)
-        push = self.sheet.spike_per_mm * travel_mm + self.sheet.spike_per_target * jump
+        push = self.sheet.spike_per_mm * travel_mm + self.sheet.spike_per_target * abs(jump)
         spike = state.spike * fall + push * average
         return replace(state, time_s=time_s, target=target, creep=moved, spike=spike)
