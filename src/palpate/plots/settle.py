@@ -49,19 +49,19 @@ def settle_figure(
     """Draw a few holds with the forecast of every method; the first method also gets its band."""
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
-    figure, axes = new_figure(
+    with new_figure(
         rows=rows, columns=columns, width_in=0.8 + 3.4 * columns, height_in=0.8 + 2.6 * rows
-    )
-    for axis, panel in zip(axes.flat, panels, strict=False):
-        _draw_panel(axis, panel, methods=methods, horizon_s=horizon_s, level=level)
-    for axis in axes.flat[len(panels) :]:
-        axis.set_visible(False)
-    for axis in axes[:, 0]:
-        axis.set_ylabel("value (unit of the file)")
-    for axis in axes[-1, :]:
-        axis.set_xlabel("time (s)")
-    handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    ) as (figure, axes):
+        for axis, panel in zip(axes.flat, panels, strict=False):
+            _draw_panel(axis, panel, methods=methods, horizon_s=horizon_s, level=level)
+        for axis in axes.flat[len(panels) :]:
+            axis.set_visible(False)
+        for axis in axes[:, 0]:
+            axis.set_ylabel("value (unit of the file)")
+        for axis in axes[-1, :]:
+            axis.set_xlabel("time (s)")
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
     return figure
 
 

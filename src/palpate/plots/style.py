@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,10 +59,11 @@ def look_of(method: str) -> tuple[str, str]:
     return METHOD_LOOKS.get(method, spare)
 
 
+@contextmanager
 def new_figure(
     *, rows: int = 1, columns: int = 1, width_in: float = 7.0, height_in: float = 4.0
-) -> tuple[Figure, Any]:
-    """Return a figure and its axes, shape (rows, columns), in the house style.
+) -> Iterator[tuple[Figure, Any]]:
+    """Yield a figure and its axes, shape (rows, columns); what the block draws is in our style.
 
     Raises
     ------
@@ -74,8 +77,7 @@ def new_figure(
     with mpl.rc_context(_STYLE):
         # Not pyplot: it keeps every figure alive and looks for a display.
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        axes = figure.subplots(rows, columns, squeeze=False)
-    return figure, axes
+        yield figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def require_plots() -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.holds import Hold
+from palpate.settling.deciding import first_sure
 from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod, Status
 from palpate.settling.scoring import Scores, recorded_value, score, settled_value
 
@@ -22,10 +23,14 @@ class Prediction:
 
     Attributes
     ----------
-    hold_id, channel, method : str, str or None, str
-        Which hold, and which method by the name that the caller gave it.
+    source, hold_id, channel : str, str, str or None
+        Which hold of which file.
+    method : str
+        By the name that the caller gave it.
     cutoff_s : float
         The prediction rests on samples up to this time alone.
+    decided : bool or None
+        Whether the interval became narrow enough; None where the cut-off was given beforehand.
     predicted, low, high : float
         At the horizon; NaN where there is no sample before the cut-off or no interval.
     settled, recorded : float
@@ -34,10 +39,12 @@ class Prediction:
         Of the prediction.
     """
 
+    source: str
     hold_id: str
     channel: str | None
     method: str
     cutoff_s: float
+    decided: bool | None
     predicted: float
     low: float
     high: float
@@ -53,6 +60,7 @@ def predict_holds(
     cutoffs_s: Sequence[float],
     horizon_s: float,
     level: float,
+    source: str = "",
 ) -> Iterator[Prediction]:
     """Yield predictions in the order of holds, then methods, then cut-offs.
 
@@ -68,6 +76,8 @@ def predict_holds(
         Cut-offs, seconds.
     horizon_s, level : float
         Time of the value to predict, and the probability its interval is to cover.
+    source : str
+        Where the holds are from, for the results.
 
     Examples
     --------
@@ -89,25 +99,73 @@ def predict_holds(
         for index, hold in enumerate(batch):
             settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
             for (name, cutoff_s), found in estimates.items():
-                yield as_prediction(
-                    hold, found[index], method=name, cutoff_s=cutoff_s, settled=settled
+                yield _beside_settled(
+                    hold, found[index], source=source, name=name, cutoff_s=cutoff_s, settled=settled
                 )
 
 
-def as_prediction(
-    hold: Hold, estimate: SettledEstimate | None, *, method: str, cutoff_s: float, settled: float
+def decide_holds(
+    holds: Iterable[Hold],
+    *,
+    methods: Mapping[str, SettlingMethod],
+    half_width_percent: float,
+    horizon_s: float,
+    level: float,
+    source: str = "",
+) -> Iterator[Prediction]:
+    """Yield the first prediction of each hold that is sure enough, by `deciding.first_sure`.
+
+    The cut-off of each is its time of decision; the other parameters are those of `predict_holds`.
+    """
+    for hold in holds:
+        settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
+        for name, method in methods.items():
+            if hold.time_s[0] > horizon_s:
+                found, cutoff_s, decided = None, horizon_s, False
+            else:
+                decision = first_sure(
+                    hold.time_s,
+                    hold.values,
+                    method=method,
+                    half_width_percent=half_width_percent,
+                    horizon_s=horizon_s,
+                    level=level,
+                )
+                found, cutoff_s, decided = decision.estimate, decision.time_s, decision.decided
+            yield _beside_settled(
+                hold,
+                found,
+                source=source,
+                name=name,
+                cutoff_s=cutoff_s,
+                settled=settled,
+                decided=decided,
+            )
+
+
+def _beside_settled(
+    hold: Hold,
+    estimate: SettledEstimate | None,
+    *,
+    source: str,
+    name: str,
+    cutoff_s: float,
+    settled: float,
+    decided: bool | None = None,
 ) -> Prediction:
-    """Return an estimate of one hold beside its settled value; None stands for no sample at all."""
+    """Put an estimate beside what the hold settled to; None stands for no sample at all."""
     value, low, high = (
         (np.nan, np.nan, np.nan)
         if estimate is None
         else (float(estimate.value), float(estimate.low), float(estimate.high))
     )
     return Prediction(
+        source=source,
         hold_id=hold.hold_id,
         channel=hold.channel,
-        method=method,
+        method=name,
         cutoff_s=cutoff_s,
+        decided=decided,
         predicted=value,
         low=low,
         high=high,

@@ -1,0 +1,177 @@
+"""`palpate settle`: the settled value of recorded holds, predicted from their first seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.settling.evaluate import Prediction
+    from palpate.settling.result import SettlingMethod
+
+DEFAULT_CUTOFF_S = 2.5
+
+
+def settle(
+    holds: Annotated[
+        list[Path],
+        typer.Argument(help="Holds files: CSV, CSV.gz or Parquet with hold_id,time_s,value."),
+    ],
+    method: Annotated[
+        list[str] | None,
+        typer.Option(help="Method; may be repeated. [default: relaxation]", metavar="NAME"),
+    ] = None,
+    cutoff: Annotated[
+        list[float] | None,
+        typer.Option(help="Use samples up to here, s; may be repeated. [default: 2.5]"),
+    ] = None,
+    horizon: Annotated[float, typer.Option(help="Time of the settled value, s.")] = 20.0,
+    level: Annotated[float, typer.Option(help="Probability the interval is to cover.")] = 0.9,
+    fit_on: Annotated[
+        list[Path] | None,
+        typer.Option(help="Calibration holds for methods that can use them.", metavar="HOLDS"),
+    ] = None,
+    until_half_width: Annotated[
+        float | None,
+        typer.Option(
+            help="Decide for each hold as soon as the half-width of its interval is below this.",
+            metavar="PERCENT",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw typical and worst holds (.png, .svg, .pdf).", metavar="FILE"),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write all of it (.json) or the rows (.csv, .parquet).", metavar="FILE"),
+    ] = None,
+) -> None:
+    """Predict what holds settle to from their first seconds, and say how far off that is.
+
+    Example: palpate settle holds.csv --method relaxation --method exponential --cutoff 2.5
+    """
+    from palpate.commands import settle_report as report
+
+    cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
+    _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
+    report.check_outputs(plot=plot, out=out)
+    chosen = _methods(method or ["relaxation"], fit_on or [], horizon_s=horizon, level=level)
+    predictions = list(
+        _predict(
+            holds,
+            methods=chosen,
+            cutoffs_s=cutoffs_s,
+            horizon_s=horizon,
+            level=level,
+            until_half_width_percent=until_half_width,
+        )
+    )
+    document = report.Document(
+        predictions=predictions, until_half_width_percent=until_half_width, horizon_s=horizon
+    )
+    if out is not None:
+        report.write(document, out)
+    if plot is not None:
+        report.draw(document, holds, plot, methods=chosen, level=level)
+    if as_json:
+        report.print_json(document)
+    else:
+        report.print_tables(document, level=level, written=[p for p in (out, plot) if p])
+
+
+def _check_numbers(
+    cutoffs_s: Sequence[float], *, horizon_s: float, level: float, until: float | None
+) -> None:
+    if not 0 < horizon_s < float("inf"):
+        raise InputError(f"--horizon {horizon_s:g}: give a positive time in seconds, such as 20")
+    for cutoff_s in cutoffs_s:
+        if not 0 < cutoff_s <= horizon_s:
+            raise InputError(
+                f"--cutoff {cutoff_s:g}: give a time above 0 s and not after the horizon "
+                f"({horizon_s:g} s)"
+            )
+    if not 0 < level < 1:
+        raise InputError(f"--level {level:g}: give a probability between 0 and 1, such as 0.9")
+    if until is not None and not 0 < until < float("inf"):
+        raise InputError(f"--until-half-width {until:g}: give a positive percentage, such as 2.5")
+
+
+def _methods(
+    names: Sequence[str], fit_on: Sequence[Path], *, horizon_s: float, level: float
+) -> dict[str, SettlingMethod]:
+    """Make each method once, from calibration holds where it can use them."""
+    from palpate.holds import read_holds
+    from palpate.settling.predict import METHODS
+
+    unknown = [name for name in names if name not in METHODS]
+    if unknown:
+        raise InputError(f"no method {unknown[0]!r}; there are: {', '.join(METHODS)}")
+    calibration = [hold for file in fit_on for hold in read_holds(file, until_s=horizon_s)]
+    made: dict[str, SettlingMethod] = {}
+    for name in names:
+        calibrate = getattr(METHODS[name], "calibrated_on", None)
+        if calibration and calibrate is not None:
+            made[name] = calibrate(calibration, horizon_s=horizon_s, level=level)
+        else:
+            made[name] = METHODS[name]()
+    return made
+
+
+def _predict(
+    files: Sequence[Path],
+    *,
+    methods: Mapping[str, SettlingMethod],
+    cutoffs_s: Sequence[float],
+    horizon_s: float,
+    level: float,
+    until_half_width_percent: float | None,
+) -> Iterator[Prediction]:
+    """Yield predictions file by file while a bar on standard error shows how far it is."""
+    from palpate.holds import read_holds
+    from palpate.settling.evaluate import decide_holds, predict_holds
+
+    with _progress(len(files)) as show:
+        for number, file in enumerate(files):
+            if cutoffs_s:
+                yield from predict_holds(
+                    read_holds(file, until_s=horizon_s, progress=show(number)),
+                    methods=methods,
+                    cutoffs_s=cutoffs_s,
+                    horizon_s=horizon_s,
+                    level=level,
+                    source=str(file),
+                )
+            if until_half_width_percent is not None:
+                yield from decide_holds(
+                    read_holds(file, until_s=horizon_s, progress=show(number)),
+                    methods=methods,
+                    half_width_percent=until_half_width_percent,
+                    horizon_s=horizon_s,
+                    level=level,
+                    source=str(file),
+                )
+
+
+@contextmanager
+def _progress(files: int) -> Iterator[Callable[[int], Callable[[float], None]]]:
+    """Show a bar where standard error is a terminal; yield what reports the share of file n."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    bar = Progress(console=console, transient=True, disable=not console.is_terminal)
+    with bar:
+        task = bar.add_task("settling", total=files)
+
+        def of_file(number: int) -> Callable[[float], None]:
+            return lambda share: bar.update(task, completed=number + share)
+
+        yield of_file

@@ -1,0 +1,305 @@
+"""What `palpate settle` prints, writes and draws."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import InputError, MissingExtraError
+from palpate.files import atomic_path
+from palpate.holds import read_holds
+from palpate.settling.evaluate import Prediction, score_predictions
+from palpate.settling.result import SettlingMethod
+from palpate.settling.scoring import Scores, median, summarise
+
+OUT_ENDINGS = (".json", ".csv", ".parquet")
+ROWS_SHOWN = 10
+
+#: Columns of text where standard output is no terminal that has a width of its own.
+PIPED_WIDTH = 120
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Document:
+    """The predictions of one run.
+
+    Attributes
+    ----------
+    predictions : sequence of Prediction
+        In the order of files, holds, methods and cut-offs.
+    until_half_width_percent : float or None
+        The rule of decision, where there was one.
+    horizon_s : float
+        Time of the settled value.
+    """
+
+    predictions: Sequence[Prediction]
+    until_half_width_percent: float | None
+    horizon_s: float
+
+    def groups(self) -> dict[tuple[str, float | None], list[Prediction]]:
+        """Return predictions by method and cut-off (None: decided hold by hold)."""
+        found: dict[tuple[str, float | None], list[Prediction]] = {}
+        for row in self.predictions:
+            cutoff_s = row.cutoff_s if row.decided is None else None
+            found.setdefault((row.method, cutoff_s), []).append(row)
+        return found
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the document as the public interface has it, null where a figure is unknown."""
+        return {"rows": list(self.rows()), "summary": self.summary()}
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Yield one mapping for each prediction."""
+        scores = score_predictions(self.predictions)
+        for index, row in enumerate(self.predictions):
+            cells = {
+                "hold_id": row.hold_id,
+                "channel": row.channel,
+                "method": row.method,
+                "cutoff_s": row.cutoff_s,
+                "predicted": _known(row.predicted),
+                "low": _known(row.low),
+                "high": _known(row.high),
+                "settled": _known(row.settled),
+                "error_percent": _known(scores.error_percent[index]),
+                "status": str(row.status),
+                "error_of_remaining_percent": _known(scores.of_remaining_percent[index]),
+                "file": row.source,
+            }
+            if self.until_half_width_percent is not None:
+                cells["decided"] = row.decided
+            yield cells
+
+    def summary(self) -> list[dict[str, Any]]:
+        """Return one mapping for each method and cut-off."""
+        found = []
+        for (method, cutoff_s), rows in self.groups().items():
+            scores = score_predictions(rows)
+            entry: dict[str, Any] = {"method": method, "cutoff_s": cutoff_s, "holds": len(rows)}
+            entry |= {name: _known(figure) for name, figure in summarise(scores).items()}
+            entry["holds_with_settled_value"] = sum(bool(np.isfinite(r.settled)) for r in rows)
+            if cutoff_s is None:
+                times_s = np.array([row.cutoff_s for row in rows if row.decided])
+                entry["cutoff_s"] = entry["median_decision_s"] = _known(median(times_s))
+                entry["until_half_width_percent"] = self.until_half_width_percent
+                entry["holds_decided"] = len(times_s)
+            found.append(entry)
+        return found
+
+
+def _known(figure: float) -> float | None:
+    return float(figure) if np.isfinite(figure) else None
+
+
+def check_outputs(*, plot: Path | None, out: Path | None) -> None:
+    """Refuse, before the work, files that can't be written after it."""
+    if plot is not None:
+        from palpate.plots.style import check_plot_path, require_plots
+
+        check_plot_path(plot)
+        require_plots()
+    if out is not None:
+        if out.suffix.lower() not in OUT_ENDINGS:
+            raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
+        if out.is_dir() or not out.parent.is_dir():
+            raise InputError(f"--out {out}: name a file in a folder that exists")
+        if out.suffix.lower() == ".parquet":
+            _pyarrow()
+
+
+def _pyarrow() -> Any:
+    try:
+        import pyarrow as pa
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            "--out FILE.parquet needs pyarrow; install it with `pip install 'palpate[data]'`"
+        ) from error
+    return pa
+
+
+def write(document: Document, out: Path) -> None:
+    """Write the document as JSON, or its rows as CSV or Parquet, whole or not at all."""
+    ending = out.suffix.lower()
+    with atomic_path(out) as partial:
+        if ending == ".json":
+            partial.write_text(json.dumps(document.as_json(), allow_nan=False, indent=1) + "\n")
+        elif ending == ".csv":
+            rows = list(document.rows())
+            with partial.open("w", newline="", encoding="utf-8") as stream:
+                writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
+                writer.writeheader()
+                writer.writerows(rows)
+        else:
+            import pyarrow.parquet as pq
+
+            pq.write_table(_pyarrow().Table.from_pylist(list(document.rows())), partial)
+
+
+def print_json(document: Document) -> None:
+    """Print the document on standard output, and nothing else."""
+    json.dump(document.as_json(), sys.stdout, allow_nan=False)
+    sys.stdout.write("\n")
+
+
+def print_tables(document: Document, *, level: float, written: Sequence[Path]) -> None:
+    """Print the summary, then the holds that the first method missed by most."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    def table(title: str, *headings: str) -> Table:
+        view = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        for place, heading in enumerate(headings):
+            first = place == 0
+            view.add_column(
+                heading,
+                justify="left" if first else "right",
+                no_wrap=not first,
+                overflow="fold",
+                min_width=14 if first else None,
+            )
+        return view
+
+    console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    summary = table(
+        f"Value predicted for {document.horizon_s:g} s: |error| in % of the settled value",
+        *("method", "cut-off", "holds", "median", "mean", "p90", "of rest", f"in {level:.0%}", "±"),
+    )
+    for entry in document.summary():
+        summary.add_row(*_summary_cells(entry))
+    console.print(summary)
+    console.print(
+        f"[dim]of rest: median |error| in % of the change still to come; in {level:.0%}: share of "
+        "holds inside their interval; ±: median half-width in %[/dim]",
+        highlight=False,
+    )
+    for entry in document.summary():
+        if "holds_decided" in entry:
+            console.print(
+                f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
+                f"{entry['holds_decided']} of {entry['holds']} holds, at "
+                f"{_text(entry['median_decision_s'])} s in the median"
+            )
+    counts = Counter(str(row.status) for row in document.predictions)
+    console.print("Status: " + ", ".join(f"{n} {status}" for status, n in counts.most_common()))
+    rows = [r for r in document.predictions if r.method == document.predictions[0].method]
+    order = by_error(rows)[:ROWS_SHOWN]
+    every = len(order) == len(rows)
+    worst = table(
+        f"{'All' if every else 'Furthest off'}, {rows[0].method}",
+        *("hold", "cut-off", "predicted", "interval", "settled", "error", "status"),
+    )
+    for index in sorted(order) if every else order:
+        worst.add_row(*_row_cells(rows[index]))
+    console.print(worst)
+    for path in written:
+        console.print(f"Written: {path}", highlight=False, soft_wrap=True)
+
+
+def _summary_cells(entry: Mapping[str, Any]) -> list[str]:
+    cutoff = f"{_text(entry['cutoff_s'])} s"
+    if "holds_decided" in entry:
+        cutoff = f"~{cutoff}"
+    coverage = entry["coverage"]
+    return [
+        entry["method"],
+        cutoff,
+        str(entry["holds"]),
+        _text(entry["median_abs_error_percent"]),
+        _text(entry["mean_abs_error_percent"]),
+        _text(entry["p90_abs_error_percent"]),
+        _text(entry["median_error_of_remaining_percent"]),
+        "-" if coverage is None else f"{coverage:.2f}",
+        _text(entry["median_half_width_percent"]),
+    ]
+
+
+def _row_cells(row: Prediction) -> list[str]:
+    error_percent = float(score_predictions([row]).error_percent[0])
+    return [
+        row.hold_id + (f" {row.channel}" if row.channel else ""),
+        f"{row.cutoff_s:.3g} s",
+        _text(row.predicted, 5),
+        f"{_text(row.low, 5)}..{_text(row.high, 5)}" if np.isfinite(row.low) else "-",
+        _text(row.settled, 5),
+        f"{error_percent:+.2g} %" if np.isfinite(error_percent) else "-",
+        str(row.status),
+    ]
+
+
+def _text(figure: float | None, digits: int = 3) -> str:
+    return "-" if figure is None or not np.isfinite(figure) else f"{figure:.{digits}g}"
+
+
+def by_error(predictions: Sequence[Prediction]) -> list[int]:
+    """Return indices, furthest off first; without settled values the widest interval comes first.
+
+    Those with neither come last, in their own order.
+    """
+    scores = score_predictions(predictions)
+    keys = np.abs(_sortable(scores, predictions))
+    return [int(index) for index in np.argsort(-keys, kind="stable")]
+
+
+def _sortable(scores: Scores, predictions: Sequence[Prediction]) -> np.ndarray[Any, Any]:
+    keys = scores.error_percent
+    if not np.isfinite(keys).any():
+        keys = np.array([row.high - row.low for row in predictions])
+    return np.nan_to_num(keys, nan=0.0, posinf=np.inf)
+
+
+def draw(
+    document: Document,
+    files: Sequence[Path],
+    plot: Path,
+    *,
+    methods: Mapping[str, SettlingMethod],
+    level: float,
+) -> None:
+    """Draw the holds with the median, the 90th percentile and the largest error.
+
+    They are ranked by the first method at its first cut-off, and read from their files again: only
+    then is it known which they are, and keeping every hold would take the memory of all.
+    """
+    from palpate.plots.settle import Panel, settle_figure
+    from palpate.plots.style import save_figure
+
+    rows = next(iter(document.groups().values()))
+    order = [rows[index] for index in reversed(by_error(rows))]
+    places = {
+        "median error": (len(order) - 1) // 2,
+        "90th percentile": round(0.9 * (len(order) - 1)),
+        "largest error": len(order) - 1,
+    }
+    # Later names win where a short file has the same hold in several places.
+    wanted = {_key(order[place]): (name, order[place]) for name, place in places.items()}
+    panels = {}
+    for file in files:
+        for hold in read_holds(file, until_s=document.horizon_s):
+            key = (str(file), hold.hold_id, hold.channel)
+            if key in wanted:
+                name, row = wanted[key]
+                title = f"{name}{_off(row)}\n{hold.hold_id} {hold.channel or ''}"
+                panels[key] = Panel(title=title, hold=hold, cutoff_s=row.cutoff_s)
+    figure = settle_figure(
+        [panels[key] for key in wanted], methods=methods, horizon_s=document.horizon_s, level=level
+    )
+    save_figure(figure, plot)
+
+
+def _key(row: Prediction) -> tuple[str, str, str | None]:
+    return row.source, row.hold_id, row.channel
+
+
+def _off(row: Prediction) -> str:
+    error = float(score_predictions([row]).error_percent[0])
+    return f": {row.method} {error:+.2g} %" if np.isfinite(error) else ""
