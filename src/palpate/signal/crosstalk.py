@@ -103,7 +103,7 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     Parameters
     ----------
     readings_ohm : array_like, shape (..., rows, cols)
-        Readings, positive; inf is an open circuit.
+        Readings; inf is an open circuit, 0 a short.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     Raises
     ------
     ValueError
-        If a reading is not positive, or NaN.
+        If a reading is negative or NaN.
 
     Examples
     --------
@@ -121,12 +121,13 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     >>> unmixed.resistance_ohm.round(6).tolist(), bool(unmixed.solved)
     ([[100.0, 100.0], [100.0, 100.0]], True)
     """
-    readings = _positive(readings_ohm)
+    readings = _not_negative(readings_ohm)
     rows, cols = readings.shape[-2:]
     flat = readings.reshape(-1, rows * cols)
-    measured = np.isfinite(flat)
+    measured = np.isfinite(flat) & (flat > 0)
     ceiling = 1e6 * np.max(np.where(measured, flat, 0.0), axis=1, keepdims=True, initial=1.0)
-    log_target = np.log(np.where(measured, flat, ceiling))
+    floor = 1e-4 * np.min(np.where(measured, flat, np.inf), axis=1, keepdims=True, initial=1.0)
+    log_target = np.log(np.clip(flat, floor, ceiling))
     log_g = np.log((rows + cols - 1) / (rows * cols)) - log_target
     hidden = np.zeros(flat.shape, dtype=bool)
     gain = np.ones(flat.shape)
@@ -148,7 +149,8 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
         step = np.linalg.solve(sharing, error[:, :, None])[:, :, 0]
         log_g[active] += np.clip(step, -1.0, 1.0)
     resistance = np.exp(-log_g)
-    resistance[hidden | ~measured] = np.inf
+    resistance[hidden | np.isinf(flat)] = np.inf
+    resistance[flat == 0] = 0.0
     gain[hidden] = np.inf
     resistance[~solved] = np.nan
     gain[~solved] = np.nan
@@ -198,21 +200,21 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixel
     Parameters
     ----------
     readings_ohm : array_like, shape (..., rows, cols)
-        Readings as the divider's formula gives them, positive; inf is an open circuit.
+        Readings as the divider's formula gives them; inf is an open circuit, 0 a short.
     reference_ohm : float
         The divider's fixed resistor.
 
     Returns
     -------
     UnmixedPixels
-        A frame is unsolved where the shares of a column reach the whole supply.
+        A frame is unsolved where the shares of a column reach the whole supply, as with a short.
 
     Examples
     --------
     >>> unmix_held([[2000.0], [2000.0]], reference_ohm=1000.0).resistance_ohm.round(6).tolist()
     [[1000.0], [1000.0]]
     """
-    readings = _positive(readings_ohm)
+    readings = _not_negative(readings_ohm)
     share = reference_ohm / (reference_ohm + readings)
     left = 1.0 - share.sum(axis=-2, keepdims=True)
     solved = np.all(left > 0, axis=(-2, -1))
@@ -231,12 +233,19 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixel
     )
 
 
-def _positive(ohm: ArrayLike) -> _Array:
+def _not_negative(ohm: ArrayLike) -> _Array:
     values = np.asarray(ohm, dtype=np.float64)
     if values.ndim < 2:
         raise ValueError(f"expected shape (..., rows, cols), got {values.shape}")
+    if not np.all(values >= 0):
+        raise ValueError("readings can't be negative or NaN (inf is an open circuit, 0 a short)")
+    return values
+
+
+def _positive(ohm: ArrayLike) -> _Array:
+    values = _not_negative(ohm)
     if not np.all(values > 0):
-        raise ValueError("resistances must be positive (inf is an open circuit)")
+        raise ValueError("pixel resistances must be positive (inf is an open pixel)")
     return values
 
 

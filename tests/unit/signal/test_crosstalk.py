@@ -165,10 +165,26 @@ def test_impossible_held_readings_are_unsolved() -> None:
     assert np.isnan(unmixed.resistance_ohm[0]).all()
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan])
+def test_a_short_pixel_is_zero_and_the_others_are_solved() -> None:
+    pixels = random_pixels((4, 2))
+    pixels[1, 1] = 1e-9
+    readings = floating_readings_ohm(pixels)
+    readings[1, 1] = 0.0
+    unmixed = unmix_floating(readings)
+    others = np.arange(8).reshape(4, 2) != 3
+    assert unmixed.resistance_ohm[1, 1] == 0.0
+    assert unmixed.resistance_ohm[others] == pytest.approx(pixels[others], rel=0.01)
+
+
+@pytest.mark.parametrize("bad", [-1.0, np.nan])
 def test_readings_that_are_no_resistance_are_refused(bad: float) -> None:
-    with pytest.raises(ValueError, match="must be positive"):
+    with pytest.raises(ValueError, match="negative or NaN"):
         unmix_floating([[100.0, bad]])
+
+
+def test_pixels_without_resistance_have_no_model() -> None:
+    with pytest.raises(ValueError, match="must be positive"):
+        floating_readings_ohm([[100.0, 0.0]])
 
 
 def test_a_flat_list_is_refused() -> None:

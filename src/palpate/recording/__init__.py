@@ -1,0 +1,25 @@
+"""Recordings: what they hold, writing, reading, replay, export and recovery of MCAP files.
+
+Above both `palpate.sensor` and `palpate.gripper`, because a recording holds frames and states.
+"""
+
+from palpate.recording.contents import Event, LoadCells, Origin, Recording, RecordingInfo
+from palpate.recording.reader import FileState, RecordingReader, load_recording
+from palpate.recording.recover import recover
+from palpate.recording.replay import PacedClock, Replay
+from palpate.recording.writer import RecordingWriter
+
+__all__ = [
+    "Event",
+    "FileState",
+    "LoadCells",
+    "Origin",
+    "PacedClock",
+    "Recording",
+    "RecordingInfo",
+    "RecordingReader",
+    "RecordingWriter",
+    "Replay",
+    "load_recording",
+    "recover",
+]

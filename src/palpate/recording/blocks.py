@@ -1,0 +1,177 @@
+"""Reading MCAP records from a file that may be cut short or damaged, in bounded memory.
+
+The mcap package's readers are strict and trust lengths. Here every length is checked against the
+file and a limit, checksums are compared, and reading stops where the framing is lost.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import IO
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from palpate.errors import RecordingError
+
+#: Nothing that palpate writes comes near; a damaged length must not fill the memory.
+LARGEST_RECORD_BYTES = 32 << 20
+_HEAD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+_CHUNK_HEAD = struct.Struct("<QQQI")
+_WANTED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA}
+
+#: What malformed content can raise while it is taken apart.
+MALFORMED = (struct.error, McapError, ValueError, OverflowError)
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """A message as it lies in the file; its data are still encoded."""
+
+    channel_id: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+Record = Schema | Channel | Metadata | RawMessage
+
+
+@dataclass(slots=True, kw_only=True)
+class FileState:
+    """How far a file could be read; complete once all of it was.
+
+    Attributes
+    ----------
+    complete : bool
+        The file was finished: its footer is there.
+    damaged_chunks : int
+        Chunks left out because their content or checksum is wrong.
+    unread_bytes : int
+        Bytes at the end that belong to no whole record.
+    """
+
+    complete: bool = False
+    damaged_chunks: int = 0
+    unread_bytes: int = 0
+
+    @property
+    def intact(self) -> bool:
+        """Whether nothing is missing or damaged."""
+        return self.complete and self.damaged_chunks == 0 and self.unread_bytes == 0
+
+
+def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[Record]]:
+    """Yield the records of each block (a chunk, or one record outside chunks), in file order.
+
+    Parameters
+    ----------
+    stream : binary file
+        Seekable, at its start.
+    state : FileState
+        Filled in while reading.
+
+    Raises
+    ------
+    RecordingError
+        If the file doesn't begin as an MCAP file.
+    """
+    size = stream.seek(0, io.SEEK_END)
+    stream.seek(0)
+    if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+        raise RecordingError("not an MCAP recording (its first bytes are different)")
+    while True:
+        state.unread_bytes = size - stream.tell()
+        head = stream.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return
+        opcode, length = _HEAD.unpack(head)
+        if length > size - stream.tell():
+            return
+        if opcode == Opcode.FOOTER:
+            stream.seek(length, io.SEEK_CUR)
+            if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
+                state.complete = True
+                state.unread_bytes = size - stream.tell()
+            return
+        if opcode not in _WANTED:
+            stream.seek(length, io.SEEK_CUR)
+            continue
+        if length > LARGEST_RECORD_BYTES:
+            return
+        yield _block(opcode, stream.read(length), state)
+
+
+def _block(opcode: int, body: bytes, state: FileState) -> list[Record]:
+    try:
+        if opcode == Opcode.CHUNK:
+            return list(_split(_chunk_content(body)))
+        return [_record(opcode, body)]
+    except MALFORMED:
+        state.damaged_chunks += 1
+        return []
+
+
+def _split(content: bytes) -> Iterator[Record]:
+    at = 0
+    while at < len(content):
+        opcode, length = _HEAD.unpack_from(content, at)
+        at += _HEAD.size
+        if length > len(content) - at:
+            raise ValueError("a record reaches beyond its chunk")
+        if opcode in _WANTED and opcode != Opcode.CHUNK:
+            yield _record(opcode, content[at : at + length])
+        at += length
+
+
+def _record(opcode: int, body: bytes) -> Record:
+    if opcode == Opcode.MESSAGE:
+        channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(body)
+        data = body[_MESSAGE_HEAD.size :]
+        return RawMessage(channel_id, sequence, log_time, publish_time, data)
+    kinds: dict[int, type[Channel | Schema | Metadata]] = {
+        Opcode.CHANNEL: Channel,
+        Opcode.SCHEMA: Schema,
+        Opcode.METADATA: Metadata,
+    }
+    record: Record = kinds[opcode].read(ReadDataStream(io.BytesIO(body)))
+    return record
+
+
+def _chunk_content(body: bytes) -> bytes:
+    _, _, size, checksum = _CHUNK_HEAD.unpack_from(body)
+    stream = ReadDataStream(io.BytesIO(body[_CHUNK_HEAD.size :]))
+    compression = stream.read_prefixed_string()
+    packed = stream.read(stream.read8())
+    if size > LARGEST_RECORD_BYTES:
+        raise ValueError("a chunk is too large")
+    content = _unpack(packed, compression=compression, size=size)
+    if len(content) != size or (checksum and zlib.crc32(content) != checksum):
+        raise ValueError("a chunk's checksum is wrong")
+    return content
+
+
+def _unpack(packed: bytes, *, compression: str, size: int) -> bytes:
+    """Decompress, never to more than one byte beyond `size`."""
+    try:
+        if compression == "zstd":
+            with zstandard.ZstdDecompressor().stream_reader(packed) as unpacked:
+                return bytes(unpacked.read(size + 1))
+        if compression == "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise ValueError(f"a chunk can't be decompressed: {error}") from error
+    if compression:
+        raise ValueError(f"unknown compression {compression!r}")
+    return packed

@@ -1,0 +1,237 @@
+"""The channels of a recording: topics, JSON schemas, and messages to and from our types.
+
+Messages are JSON with JSON schemas, which Foxglove and the mcap tools show without any plug-in.
+Arrays are flat because Foxglove plots no arrays of arrays; what is not sensed is left out.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, get_args
+
+import numpy as np
+
+from palpate.errors import RecordingError
+from palpate.gripper.interface import GripperState
+from palpate.recording.contents import Event, LoadCells, Origin, RecordingInfo
+from palpate.sensor.array import ArrayLayout, Frame
+from palpate.signal.circuit import Divider
+
+Message = Frame | GripperState | Event | LoadCells
+
+FORMAT = "1"
+METADATA_NAME = "palpate"
+_ORIGINS: dict[str, Origin] = {origin: origin for origin in get_args(Origin)}
+_NUMBER = {"type": "number"}
+_TIME = {"type": "number", "description": "Seconds on the recording's clock."}
+
+
+def _schema(title: str, required: list[str], **properties: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "title": title,
+        "type": "object",
+        "properties": {"time_s": _TIME, **properties},
+        "required": ["time_s", *required],
+    }
+
+
+#: Topic -> JSON schema of its messages.
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "/frames": _schema(
+        "palpate.Frame",
+        ["sequence", "counts", "oversampling"],
+        sequence={"type": "integer", "description": "Gaps are lost frames."},
+        counts={
+            "type": "array",
+            "items": {"type": "integer"},
+            "description": "Raw ADC counts, row by row, summed over `oversampling` conversions.",
+        },
+        oversampling={"type": "integer"},
+    ),
+    "/gripper": _schema(
+        "palpate.GripperState",
+        ["moving"],
+        width_mm=_NUMBER,
+        pressure_kpa=_NUMBER,
+        current_ma=_NUMBER,
+        moving={"type": "boolean"},
+    ),
+    "/events": _schema(
+        "palpate.Event", ["name", "text"], name={"type": "string"}, text={"type": "string"}
+    ),
+    "/load_cells": _schema(
+        "palpate.LoadCells",
+        ["raw"],
+        raw={"type": "array", "items": {"type": "integer"}},
+        force_n={"type": "array", "items": _NUMBER},
+    ),
+}
+_TOPICS: dict[type, str] = {
+    Frame: "/frames",
+    GripperState: "/gripper",
+    Event: "/events",
+    LoadCells: "/load_cells",
+}
+_compact = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+
+
+def topic_of(message: Message) -> str:
+    """Return the topic that a message goes to."""
+    return _TOPICS[type(message)]
+
+
+def encode(message: Message) -> bytes:
+    """Turn a message into its JSON.
+
+    Raises
+    ------
+    ValueError
+        If its time is not finite.
+
+    Examples
+    --------
+    >>> encode(Event(time_s=1.5, name="contact"))
+    b'{"time_s":1.5,"name":"contact","text":""}'
+    """
+    if isinstance(message, Frame):
+        fields: dict[str, Any] = {
+            "time_s": float(message.time_s),
+            "sequence": int(message.sequence),
+            "counts": message.counts.ravel().tolist(),
+            "oversampling": int(message.oversampling),
+        }
+    elif isinstance(message, GripperState):
+        sensed = {
+            name: float(getattr(message, name))
+            for name in ("width_mm", "pressure_kpa", "current_ma")
+            if math.isfinite(getattr(message, name))
+        }
+        fields = {"time_s": float(message.time_s), **sensed, "moving": bool(message.moving)}
+    else:
+        fields = asdict(message)
+    return _compact(fields).encode()
+
+
+def decode(topic: str, data: bytes, *, layout: ArrayLayout) -> Message | None:
+    """Turn JSON back into a message; None for a topic that palpate doesn't know.
+
+    Raises
+    ------
+    RecordingError
+        If the message doesn't fit its schema or the layout.
+    """
+    if topic not in SCHEMAS:
+        return None
+    try:
+        fields = json.loads(data)
+        if not math.isfinite(fields["time_s"]):
+            raise ValueError("time is not finite")
+        return _DECODERS[topic](fields, layout)
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        raise RecordingError(f"a message on {topic} can't be read: {error!r}") from error
+
+
+def _frame(fields: dict[str, Any], layout: ArrayLayout) -> Frame:
+    counts = np.array(fields["counts"])
+    if counts.shape != (layout.pixels,) or counts.dtype.kind != "i":
+        raise ValueError(f"expected {layout.pixels} whole counts")
+    if np.any(counts != counts.astype(np.int32)):
+        raise ValueError("a count is out of range")
+    return Frame(
+        time_s=float(fields["time_s"]),
+        sequence=_whole(fields["sequence"]),
+        counts=counts.reshape(layout.rows, layout.cols),
+        oversampling=_whole(fields["oversampling"]),
+    )
+
+
+def _gripper_state(fields: dict[str, Any], _: ArrayLayout) -> GripperState:
+    if not isinstance(fields["moving"], bool):
+        raise ValueError("moving is neither true nor false")
+    return GripperState(
+        time_s=float(fields["time_s"]),
+        width_mm=float(fields.get("width_mm", math.nan)),
+        pressure_kpa=float(fields.get("pressure_kpa", math.nan)),
+        current_ma=float(fields.get("current_ma", math.nan)),
+        moving=fields["moving"],
+    )
+
+
+def _event(fields: dict[str, Any], _: ArrayLayout) -> Event:
+    name, text = fields["name"], fields["text"]
+    if not (isinstance(name, str) and isinstance(text, str)):
+        raise ValueError("name and text must be strings")
+    return Event(time_s=float(fields["time_s"]), name=name, text=text)
+
+
+def _load_cells(fields: dict[str, Any], _: ArrayLayout) -> LoadCells:
+    return LoadCells(
+        time_s=float(fields["time_s"]),
+        raw=tuple(_whole(value) for value in fields["raw"]),
+        force_n=tuple(float(value) for value in fields.get("force_n", ())),
+    )
+
+
+_DECODERS: dict[str, Callable[[dict[str, Any], ArrayLayout], Message]] = {
+    "/frames": _frame,
+    "/gripper": _gripper_state,
+    "/events": _event,
+    "/load_cells": _load_cells,
+}
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number that fits 64 bits (what arrays of them can hold)."""
+    if not isinstance(value, int) or isinstance(value, bool) or not -(2**63) <= value < 2**63:
+        raise ValueError(f"{str(value)[:30]} is not a whole number of 64 bits")
+    return value
+
+
+def encode_info(info: RecordingInfo) -> dict[str, str]:
+    """Turn the recording's metadata into MCAP's form, text by text; None is left out."""
+    texts = {
+        "format": FORMAT,
+        "origin": info.origin,
+        "layout": _compact(asdict(info.layout)),
+        "versions": _compact(dict(info.versions)),
+        "clock_zero_unix_ns": str(info.clock_zero_unix_ns),
+        "rig": info.rig,
+        "firmware_version": info.firmware_version,
+        "calibration": info.calibration,
+        "seed": None if info.seed is None else str(info.seed),
+    }
+    return {name: text for name, text in texts.items() if text is not None}
+
+
+def decode_info(texts: dict[str, str]) -> RecordingInfo:
+    """Turn MCAP metadata back.
+
+    Raises
+    ------
+    RecordingError
+        If it is of a newer format, or incomplete.
+    """
+    if texts.get("format") != FORMAT:
+        raise RecordingError(
+            f"its format is {texts.get('format')!r}, and this palpate reads {FORMAT!r}; "
+            "upgrade palpate"
+        )
+    try:
+        fields = json.loads(texts["layout"])
+        fields["divider"] = Divider(**fields["divider"])
+        fields["finger_of_row"] = tuple(map(_whole, fields["finger_of_row"]))
+        return RecordingInfo(
+            layout=ArrayLayout(**fields),
+            origin=_ORIGINS[texts["origin"]],
+            rig=texts.get("rig"),
+            firmware_version=texts.get("firmware_version"),
+            calibration=texts.get("calibration"),
+            seed=int(texts["seed"]) if "seed" in texts else None,
+            versions=json.loads(texts["versions"]),
+            clock_zero_unix_ns=int(texts["clock_zero_unix_ns"]),
+        )
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise RecordingError(f"its metadata can't be read: {error!r}") from error

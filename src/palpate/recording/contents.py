@@ -1,0 +1,129 @@
+"""What a recording holds, and where it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.sensor.array import ArrayLayout
+
+#: Where the frames came from. Anything but `hardware` is simulated, and is said to be.
+Origin = Literal["hardware", "firmware-simulated", "twin"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingInfo:
+    """Everything needed to make sense of the raw counts later.
+
+    Attributes
+    ----------
+    layout : ArrayLayout
+        Pixels, wiring and divider.
+    origin : {"hardware", "firmware-simulated", "twin"}
+        What produced the frames.
+    rig : str or None
+        Name or file of the rig.
+    firmware_version : str or None
+        As the board identified itself.
+    calibration : str or None
+        The calibration file's whole text, as it was used.
+    seed : int or None
+        Seed of a simulated run.
+    versions : mapping of str to str
+        Versions of palpate and of what its numbers rest on.
+    clock_zero_unix_ns : int
+        Unix time, nanoseconds, at which the recording's clock read 0 s. 0 for simulated time, so
+        that the same seed gives the same file.
+    """
+
+    layout: ArrayLayout
+    origin: Origin
+    rig: str | None = None
+    firmware_version: str | None = None
+    calibration: str | None = None
+    seed: int | None = None
+    versions: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    clock_zero_unix_ns: int = 0
+
+    def __post_init__(self) -> None:
+        if self.origin not in get_args(Origin):
+            raise ValueError(f"origin {self.origin!r} is none of {', '.join(get_args(Origin))}")
+        object.__setattr__(self, "versions", MappingProxyType(dict(self.versions)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something that happened at one moment: a contact, a stop, a user's note."""
+
+    time_s: float
+    name: str
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadCells:
+    """One reading of the reference load cells.
+
+    Attributes
+    ----------
+    time_s : float
+        Device time mapped to the host's clock.
+    raw : tuple of int
+        Converter readings, one per cell; always kept.
+    force_n : tuple of float
+        The same in newton where the cells are calibrated, else empty.
+    """
+
+    time_s: float
+    raw: tuple[int, ...]
+    force_n: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GripperTrack:
+    """Gripper states as columns, each of shape (n_states,); NaN where not sensed."""
+
+    time_s: NDArray[np.float64]
+    width_mm: NDArray[np.float64]
+    pressure_kpa: NDArray[np.float64]
+    current_ma: NDArray[np.float64]
+    moving: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """A whole recording in memory; arrays are read-only.
+
+    Attributes
+    ----------
+    info : RecordingInfo
+        Layout, origin, calibration, versions, seed.
+    time_s : ndarray, shape (n_frames,)
+        When each frame was scanned.
+    sequence : ndarray of int, shape (n_frames,)
+        Frame numbers without wrap: gaps are lost frames.
+    counts : ndarray of int, shape (n_frames, rows, cols)
+        Raw ADC counts, summed over `oversampling` conversions.
+    oversampling : ndarray of int, shape (n_frames,)
+        Conversions summed per pixel.
+    gripper : GripperTrack
+        States in the order they were recorded.
+    events : tuple of Event
+        In the order they were recorded.
+    load_cells : tuple of LoadCells
+        In the order they were recorded.
+    """
+
+    info: RecordingInfo
+    time_s: NDArray[np.float64]
+    sequence: NDArray[np.int64]
+    counts: NDArray[np.int32]
+    oversampling: NDArray[np.int32]
+    gripper: GripperTrack
+    events: tuple[Event, ...]
+    load_cells: tuple[LoadCells, ...]

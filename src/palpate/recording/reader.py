@@ -1,0 +1,169 @@
+"""Reading a recording, finished or cut short, in bounded memory."""
+
+from __future__ import annotations
+
+import os
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TypeVar
+
+import numpy as np
+from mcap.records import Channel, Metadata
+from numpy.typing import NDArray
+
+from palpate.errors import RecordingError
+from palpate.gripper.interface import GripperState
+from palpate.recording.blocks import FileState, RawMessage, read_blocks
+from palpate.recording.channels import METADATA_NAME, Message, decode, decode_info
+from palpate.recording.contents import Event, GripperTrack, LoadCells, Recording, RecordingInfo
+from palpate.sensor.array import Frame
+
+_Item = TypeVar("_Item", bound=np.generic)
+
+__all__ = ["FileState", "RecordingReader", "load_recording"]
+
+
+class RecordingReader:
+    """Opens one recording; also a context manager.
+
+    Parameters
+    ----------
+    path : path
+        An `.mcap` file that palpate wrote; it need not have been finished.
+
+    Attributes
+    ----------
+    info : RecordingInfo
+        What it is a recording of.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be opened or isn't a recording of palpate.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        try:
+            self._stream = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"{self.path}: can't be opened: {error.strerror}") from error
+        try:
+            self.info = self._read_info()
+        except RecordingError as error:
+            self._stream.close()
+            raise RecordingError(f"{self.path}: {error}") from error
+
+    def messages(self, *, state: FileState | None = None) -> Iterator[Message]:
+        """Yield frames, gripper states, events and load cells in the order they were recorded.
+
+        Parameters
+        ----------
+        state : FileState, optional
+            Filled in while reading: whether the end was reached whole.
+
+        Raises
+        ------
+        RecordingError
+            If a message with a good checksum doesn't fit its schema.
+        """
+        topics: dict[int, str] = {}
+        for block in read_blocks(self._stream, state=state or FileState()):
+            for record in block:
+                if isinstance(record, Channel):
+                    topics[record.id] = record.topic
+                elif isinstance(record, RawMessage):
+                    message = self._decode(record, topic=topics.get(record.channel_id, ""))
+                    if message is not None:
+                        yield message
+
+    def close(self) -> None:
+        """Close the file; calling it again does nothing."""
+        self._stream.close()
+
+    def __enter__(self) -> RecordingReader:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _decode(self, record: RawMessage, *, topic: str) -> Message | None:
+        try:
+            return decode(topic, record.data, layout=self.info.layout)
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}: {error}") from error
+
+    def _read_info(self) -> RecordingInfo:
+        for block in read_blocks(self._stream, state=FileState()):
+            for record in block:
+                if isinstance(record, Metadata) and record.name == METADATA_NAME:
+                    return decode_info(record.metadata)
+        raise RecordingError("an MCAP file, but not a recording of palpate (no such metadata)")
+
+
+def load_recording(path: str | os.PathLike[str]) -> Recording:
+    """Read a whole recording into arrays (about 70 bytes per frame of 8 pixels).
+
+    Parameters
+    ----------
+    path : path
+        An `.mcap` file that palpate wrote; it need not have been finished.
+
+    Returns
+    -------
+    Recording
+        Everything that could be read.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be opened or isn't a recording of palpate.
+    """
+    time_s, sequence, counts, oversampling = array("d"), array("q"), array("i"), array("i")
+    gripper: dict[str, array[float]] = {
+        name: array("d") for name in ("time_s", "width_mm", "pressure_kpa", "current_ma")
+    }
+    moving = bytearray()
+    events: list[Event] = []
+    load_cells: list[LoadCells] = []
+    with RecordingReader(path) as reader:
+        for message in reader.messages():
+            if isinstance(message, Frame):
+                time_s.append(message.time_s)
+                sequence.append(message.sequence)
+                counts.frombytes(message.counts.tobytes())
+                oversampling.append(message.oversampling)
+            elif isinstance(message, GripperState):
+                for name, column in gripper.items():
+                    column.append(getattr(message, name))
+                moving.append(message.moving)
+            elif isinstance(message, Event):
+                events.append(message)
+            else:
+                load_cells.append(message)
+        layout = reader.info.layout
+    return Recording(
+        info=reader.info,
+        time_s=_fixed(np.array(time_s)),
+        sequence=_fixed(np.array(sequence, dtype=np.int64)),
+        counts=_fixed(np.array(counts, dtype=np.int32).reshape(-1, layout.rows, layout.cols)),
+        oversampling=_fixed(np.array(oversampling, dtype=np.int32)),
+        gripper=GripperTrack(
+            **{name: _fixed(np.array(column)) for name, column in gripper.items()},
+            moving=_fixed(np.array(moving, dtype=np.bool_)),
+        ),
+        events=tuple(events),
+        load_cells=tuple(load_cells),
+    )
+
+
+def _fixed(column: NDArray[_Item]) -> NDArray[_Item]:
+    column.flags.writeable = False
+    return column

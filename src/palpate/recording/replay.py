@@ -1,0 +1,128 @@
+"""A recording as a sensor: the same frames, in the same order, at the same times of its clock."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+
+from palpate.clock import Clock
+from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.gripper.interface import GripperState
+from palpate.recording.reader import RecordingReader
+from palpate.sensor.array import ArrayLayout, Frame
+
+
+class PacedClock:
+    """The recording's clock, driven by another one at some speed.
+
+    Examples
+    --------
+    >>> from palpate.clock import ManualClock
+    >>> wall = ManualClock()
+    >>> clock = PacedClock(wall, start_s=100.0, speed=2.0)
+    >>> clock.sleep_s(1.0)
+    >>> clock.now_s(), wall.now_s()
+    (101.0, 0.5)
+    """
+
+    def __init__(self, wall: Clock, *, start_s: float, speed: float = 1.0) -> None:
+        if not (math.isfinite(speed) and speed > 0):
+            raise ValueError(f"speed must be positive, not {speed}")
+        self._wall = wall
+        self._start_s = start_s
+        self._wall_start_s = wall.now_s()
+        self._speed = speed
+
+    def now_s(self) -> float:
+        """Return the time on the recording's clock, seconds."""
+        return self._start_s + (self._wall.now_s() - self._wall_start_s) * self._speed
+
+    def sleep_s(self, duration_s: float) -> None:
+        """Let `duration_s` of the recording pass."""
+        self._wall.sleep_s(duration_s / self._speed)
+
+
+class Replay:
+    """A recording as a `PressureArray`, with the gripper states recorded beside the frames.
+
+    On a `ManualClock` started at the first frame it runs as fast as it is read, on a `PacedClock`
+    at speed; frames and their times are the recorded ones either way.
+
+    Parameters
+    ----------
+    path : path
+        An `.mcap` recording.
+    clock : Clock
+        In the recording's time. A frame is given when the clock has reached its time.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, clock: Clock) -> None:
+        self._reader = RecordingReader(path)
+        self._clock = clock
+        self._pairs = observations(self._reader)
+        self._next: tuple[Frame, GripperState | None] | None = next(self._pairs, None)
+        self._gripper: GripperState | None = None
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the recorded frames."""
+        return self._reader.info.layout
+
+    @property
+    def gripper_state(self) -> GripperState | None:
+        """The state recorded with the frame last read; None if there was none."""
+        return self._gripper
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next recorded frame, when its time has come.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If the recording has a gap longer than `timeout_s`, as the live sensor had.
+        DeviceError
+            At the end of the recording.
+        """
+        if self._next is None:
+            raise DeviceError(f"{self._reader.path}: the recording has ended")
+        frame, gripper = self._next
+        wait_s = frame.time_s - self._clock.now_s()
+        if wait_s > timeout_s:
+            self._clock.sleep_s(timeout_s)
+            raise DeviceTimeoutError(
+                f"{self._reader.path}: no frame within {timeout_s:g} s at "
+                f"{self._clock.now_s():.3f} s of the recording; frames were lost there"
+            )
+        if wait_s > 0:
+            self._clock.sleep_s(wait_s)
+        self._next = next(self._pairs, None)
+        self._gripper = gripper
+        return frame
+
+    def close(self) -> None:
+        """Close the recording; calling it again does nothing."""
+        self._reader.close()
+
+
+def observations(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState | None]]:
+    """Yield every frame with the gripper's state as it was known then.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        An open recording.
+
+    Yields
+    ------
+    frame : Frame
+        In recorded order.
+    state : GripperState or None
+        The last one recorded before the frame.
+    """
+    gripper: GripperState | None = None
+    for message in reader.messages():
+        if isinstance(message, GripperState):
+            gripper = message
+        elif isinstance(message, Frame):
+            yield message, gripper

@@ -1,0 +1,188 @@
+"""Writing a recording so that a killed process or a full disk costs at most its last second."""
+
+from __future__ import annotations
+
+import json
+import os
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import IO, cast
+
+from mcap.writer import Writer
+
+from palpate.errors import RecordingError
+from palpate.gripper.interface import GripperState
+from palpate.recording.channels import (
+    METADATA_NAME,
+    SCHEMAS,
+    Message,
+    encode,
+    encode_info,
+    topic_of,
+)
+from palpate.recording.contents import RecordingInfo
+from palpate.sensor.array import Frame
+
+#: Recorded time per chunk: what a kill can cost, with a margin of two.
+CHUNK_S = 0.5
+LIBRARY = "palpate"
+
+
+class DirectFile:
+    """A file whose every write reaches the system at once, whole or with the system's error."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._written = 0
+
+    def write(self, data: bytes) -> int:
+        """Write all of `data`."""
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(self._descriptor, rest) :]
+        self._written += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Return the position: everything is written in order."""
+        return self._written
+
+    def flush(self) -> None:
+        """Do nothing: there is no buffer."""
+
+
+def register_channels(writer: Writer) -> dict[str, int]:
+    """Write every schema and channel; return topic -> channel id."""
+    return {
+        topic: writer.register_channel(
+            topic,
+            "json",
+            writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode()),
+        )
+        for topic, schema in SCHEMAS.items()
+    }
+
+
+class RecordingWriter:
+    """Writes one recording; also a context manager.
+
+    Every half second of recorded time is one chunk, handed to the system whole: after `kill -9`
+    the file lacks less than a second. Syncing to the disk itself (against power loss) runs beside,
+    so that a slow card never delays a control loop.
+
+    Parameters
+    ----------
+    path : path
+        A new file; one that has content is not overwritten.
+    info : RecordingInfo
+        What the recording is of.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or can't be made; later, from any method, if it can't be written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, info: RecordingInfo) -> None:
+        self.path = Path(path)
+        self._info = info
+        self._descriptor = _create(self.path)
+        self._failed = False
+        self._chunk_start_s: float | None = None
+        self._last_s: float | None = None
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="recording-sync")
+        self._sync: Future[None] | None = None
+        self._writer = Writer(
+            cast(IO[bytes], DirectFile(self._descriptor)), chunk_size=1 << 22, enable_data_crcs=True
+        )
+        try:
+            self._writer.start(profile="", library=LIBRARY)
+            self._writer.add_metadata(METADATA_NAME, encode_info(info))
+            self._channels = register_channels(self._writer)
+        except OSError as error:
+            failure = self._failure(error)
+            self.close()
+            raise failure from error
+
+    def add(self, message: Message) -> None:
+        """Add a frame, gripper state, event or load cell reading, in the order they happened."""
+        if self._failed:
+            raise RecordingError(f"{self.path}: writing failed before; nothing more is recorded")
+        start_s = self._chunk_start_s
+        try:
+            if start_s is not None and not 0 <= message.time_s - start_s < CHUNK_S:
+                self._finish_chunk()
+            self._put(message)
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def add_observation(self, frame: Frame, *, gripper: GripperState) -> None:
+        """Add a frame and the gripper's state that belongs to it, so that a replay pairs them."""
+        self.add(gripper)
+        self.add(frame)
+
+    def close(self) -> None:
+        """Finish the file; calling it again does nothing."""
+        if self._descriptor < 0:
+            return
+        try:
+            if not self._failed:
+                self._writer.finish()
+                os.fsync(self._descriptor)
+        except OSError as error:
+            raise self._failure(error) from error
+        finally:
+            self._pool.shutdown()
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _put(self, message: Message) -> None:
+        time_ns = self._info.clock_zero_unix_ns + round(message.time_s * 1e9)
+        sequence = message.sequence % 2**32 if isinstance(message, Frame) else 0
+        self._writer.add_message(
+            self._channels[topic_of(message)],
+            log_time=max(0, time_ns),
+            data=encode(message),
+            publish_time=max(0, time_ns),
+            sequence=sequence,
+        )
+        if self._chunk_start_s is None:
+            self._chunk_start_s = message.time_s
+        self._last_s = message.time_s
+
+    def _finish_chunk(self) -> None:
+        self._writer.flush()
+        self._chunk_start_s = None
+        if self._sync is None or self._sync.done():
+            if self._sync is not None:
+                self._sync.result()
+            self._sync = self._pool.submit(os.fdatasync, self._descriptor)
+
+    def _failure(self, error: OSError) -> RecordingError:
+        self._failed = True
+        end_s = 0.0 if self._last_s is None else self._last_s
+        return RecordingError(
+            f"{self.path}: {error.strerror}. The file lacks at most the last second before "
+            f"{end_s:.1f} s; free some space, then run `palpate recover` on it."
+        )
+
+
+def _create(path: Path) -> int:
+    if path.exists() and path.stat().st_size > 0:
+        raise RecordingError(f"{path}: exists already and is not overwritten; choose another name")
+    try:
+        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        raise RecordingError(f"{path}: can't be made: {error.strerror}") from error
