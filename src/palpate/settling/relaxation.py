@@ -1,0 +1,170 @@
+"""Our predictor: a prior over how materials relax, conditioned on the samples in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.holds import Hold
+from palpate.settling.bins import noise_scatter
+from palpate.settling.conditionals import Conditionals, conditionals
+from palpate.settling.intervals import UNCALIBRATED, IntervalScale
+from palpate.settling.prior import DEFAULT_PRIOR, Prior
+from palpate.settling.result import FloatArray, SettledEstimate, Status
+from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
+from palpate.signal.transient import peak_index
+
+#: Holds worked on at once; bounds the memory whatever the batch.
+CHUNK = 1024
+#: A prediction from less than this after the peak has no basis but the prior.
+SHORTEST_S = 0.3
+#: Window lengths at which calibration residuals are taken, s.
+CALIBRATION_WINDOWS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relaxation:
+    """Mixture of Gaussian conditionals over relaxation shapes.
+
+    Scale, sign and offset of the values drop out exactly; see `docs/prediction.md`.
+
+    Attributes
+    ----------
+    prior : Prior
+        Shapes that a hold may have.
+    scale : IntervalScale
+        Width of the intervals.
+
+    Examples
+    --------
+    The first two seconds of a hold that falls with the logarithm of time:
+
+    >>> time_s = np.arange(0.0, 20.5, 0.1)
+    >>> hold = 100.0 - 5.0 * np.log(time_s + 0.4)
+    >>> seen = time_s <= 2.0
+    >>> estimate = Relaxation().predict(time_s[seen], hold[None, seen], horizon_s=20.0, level=0.9)
+    >>> bool(abs(estimate.value[0] - hold[200]) < 3.0), estimate.status[0].value
+    (True, 'ok')
+    """
+
+    prior: Prior = field(default=DEFAULT_PRIOR, repr=False)
+    scale: IntervalScale = field(default=UNCALIBRATED, repr=False)
+
+    @property
+    def name(self) -> str:
+        """Name on the command line and in results."""
+        return "relaxation"
+
+    def predict(
+        self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
+    ) -> SettledEstimate:
+        """Predict the value at the horizon; see `SettlingMethod.predict`.
+
+        Raises
+        ------
+        ValueError
+            If `level` is not between 0 and 1.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level must lie between 0 and 1, not {level:g}")
+        value, deviation, window_s, status = _predict(self.prior, time_s, values, horizon_s)
+        half_width = deviation * self.scale.half_widths(window_s, level=level)
+        return SettledEstimate(
+            value=value,
+            low=value - half_width,
+            high=value + half_width,
+            level=level,
+            horizon_s=horizon_s,
+            window_s=window_s,
+            method=self.name,
+            status=status,
+        )
+
+    def calibrated_on(self, holds: Iterable[Hold], *, horizon_s: float = 20.0) -> Relaxation:
+        """Return a predictor whose intervals are as wide as these holds' residuals call for.
+
+        Parameters
+        ----------
+        holds : iterable of Hold
+            Calibration holds that reach the horizon (others are passed over), best of several
+            specimens. Sampling may differ from hold to hold.
+        horizon_s : float
+            Time of the settled value.
+        """
+        residuals: list[list[float]] = [[] for _ in CALIBRATION_WINDOWS_S]
+        for hold in holds:
+            settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
+            if np.isnan(settled):
+                continue
+            for index, window in enumerate(CALIBRATION_WINDOWS_S):
+                seen = hold.time_s <= window
+                if window >= horizon_s or seen.sum() < 2:
+                    continue
+                value, deviation, _, _ = _predict(
+                    self.prior, hold.time_s[seen], hold.values[None, seen], horizon_s
+                )
+                if deviation[0] > 0:
+                    residuals[index].append(abs(float(value[0]) - settled) / float(deviation[0]))
+        scale = IntervalScale(
+            window_s=np.array(CALIBRATION_WINDOWS_S),
+            residuals=tuple(np.sort(np.array(r)) for r in residuals),
+        )
+        return Relaxation(prior=self.prior, scale=scale)
+
+
+def _predict(
+    prior: Prior, time_s: FloatArray, values: FloatArray, horizon_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.object_]]:
+    """Return value, standard deviation, window and status of each hold."""
+    value = values[:, -1].copy()
+    deviation = np.ptp(values, axis=1)
+    peaks = peak_index(values)
+    window_s = time_s[-1] - time_s[peaks]
+    status = np.full(len(values), Status.OK, dtype=object)
+    status[window_s < SHORTEST_S] = Status.TOO_SHORT
+    target_s = horizon_s - SETTLED_WINDOW_S / 2
+    for peak in np.unique(peaks):
+        rows = np.flatnonzero(peaks == peak)
+        since = time_s[peak:] - time_s[peak]
+        if since.size < 2 or target_s <= time_s[-1]:
+            continue
+        forms = conditionals(since, after_s=float(target_s - time_s[peak]), prior=prior)
+        for start in range(0, rows.size, CHUNK):
+            chunk = rows[start : start + CHUNK]
+            value[chunk], deviation[chunk] = _mix(forms, prior, since, values[chunk, peak:])
+    status[np.ptp(values, axis=1) == 0] = Status.NOT_SETTLING
+    return value, deviation, window_s, status
+
+
+def _mix(
+    forms: Conditionals, prior: Prior, time_s: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of the mixture's forecast for holds on one grid."""
+    binned = values @ forms.bins.averaging.T
+    seen = binned[:, :-1] - binned[:, -1:]
+    reach = np.abs(seen).max(axis=1)
+    moving = reach > 0
+    reach[~moving] = 1.0
+    seen /= reach[:, None]
+    scatter, scatter_samples = noise_scatter(time_s, values)
+    whitened = forms.whitening @ seen.T
+    squares = (whitened**2).sum(axis=1).T
+    squares += scatter_samples * (scatter / reach**2)[:, None] / prior.noise**2
+    degrees = seen.shape[1] + scatter_samples
+    log_weight = (
+        prior.log_weight
+        - forms.log_det / 2
+        - scatter_samples * np.log(prior.noise)
+        - degrees / 2 * np.log(squares + np.finfo(float).tiny)
+    )
+    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    forecast = seen @ forms.forecast.T
+    mean = (weight * forecast).sum(axis=1)
+    within = squares / max(degrees - 2, 1) * forms.variance
+    variance = (weight * (within + (forecast - mean[:, None]) ** 2)).sum(axis=1)
+    reach[~moving] = 0.0
+    return binned[:, -1] + reach * mean, reach * np.sqrt(variance)
