@@ -113,7 +113,7 @@ def _difference_covariance(bins: Bins, *, after_s: float, prior: Prior) -> Float
     walk = np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0)
     noise = 1 / bins.count + NOISE_FLOOR
     noise_matrix = np.diag(np.append(noise[:-1], 0.0)) + noise[-1]
-    return (
+    return np.asarray(
         curve[:, :, None] * curve[:, None, :]
         + spread
         + prior.walk[:, None, None] ** 2 * walk

@@ -1,7 +1,7 @@
 """When is a prediction sure enough to act on?
 
-The rule behind ``palpate settle --until-half-width PERCENT``: the first sample at which the interval
-is narrow enough twice in a row. One narrow interval may be luck; two successive ones seldom are.
+The rule behind ``palpate settle --until-half-width PERCENT``: the first sample at which the
+interval is narrow enough twice in a row. One narrow interval may be luck; two seldom are.
 
 >>> from palpate.settling.relaxation import Relaxation
 >>> import numpy as np

@@ -57,7 +57,7 @@ class IntervalScale:
             [_shrunk_quantile(r, level=level, default=default) for r in self.residuals]
         )
         log_window = np.log(np.maximum(window_s, self.window_s[0] / 10))
-        return np.interp(log_window, np.log(self.window_s), known)
+        return np.asarray(np.interp(log_window, np.log(self.window_s), known))
 
 
 def _shrunk_quantile(residuals: FloatArray, *, level: float, default: float) -> float:

@@ -123,7 +123,7 @@ def _predict(
     deviation = np.ptp(values, axis=1)
     peaks = peak_index(values)
     window_s = time_s[-1] - time_s[peaks]
-    status = np.full(len(values), Status.OK, dtype=object)
+    status = np.array([Status.OK] * len(values), dtype=object)
     status[window_s < SHORTEST_S] = Status.TOO_SHORT
     target_s = horizon_s - SETTLED_WINDOW_S / 2
     for peak in np.unique(peaks):
