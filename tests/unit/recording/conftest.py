@@ -1,0 +1,51 @@
+"""A small recording with everything in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.gripper.interface import GripperState
+from palpate.recording import Event, LoadCells, RecordingInfo, RecordingWriter
+from palpate.recording.channels import Message
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+
+
+@pytest.fixture
+def info() -> RecordingInfo:
+    return RecordingInfo(
+        layout=RIGID_LAYOUT,
+        origin="twin",
+        rig="sim-rigid",
+        firmware_version="1.2.3",
+        calibration="[rest]\nresistance_ohm = 1",
+        seed=7,
+        versions={"palpate": "0.1.0"},
+    )
+
+
+@pytest.fixture
+def messages() -> list[Message]:
+    """Four seconds at 50 frames/s: closing for 1 s, still for 2 s, opening for 1 s."""
+    rng = np.random.default_rng(0)
+    made: list[Message] = []
+    for k in range(200):
+        time_s = k / 50
+        moving = k < 50 or k >= 150
+        made.append(GripperState(time_s=time_s, width_mm=60.0 - k / 10, moving=moving))
+        counts = 300 + rng.integers(0, 5, (4, 2)) + (200 if 25 <= k < 175 else 0)
+        made.append(Frame(time_s=time_s, sequence=k + (k >= 100), counts=counts, oversampling=1))
+    made.append(Event(time_s=4.0, name="note", text="ripe — by eye"))
+    made.append(LoadCells(time_s=4.0, raw=(-12, 8_388_607), force_n=(0.1, 2.5)))
+    return made
+
+
+@pytest.fixture
+def recorded(tmp_path: Path, info: RecordingInfo, messages: list[Message]) -> Path:
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path, info=info) as writer:
+        for message in messages:
+            writer.add(message)
+    return path

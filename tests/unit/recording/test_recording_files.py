@@ -1,0 +1,232 @@
+"""Recordings written, read, cut short, filled up and recovered."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import NonSeekingReader, make_reader
+
+from palpate.errors import RecordingError
+from palpate.gripper.interface import GripperState
+from palpate.recording import (
+    FileState,
+    RecordingInfo,
+    RecordingReader,
+    RecordingWriter,
+    load_recording,
+    recover,
+)
+from palpate.recording.channels import Message
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+
+WRITE_UNTIL_KILLED = """
+import os, sys
+import numpy as np
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+
+counts = np.arange(8).reshape(4, 2)
+for path in sys.argv[1:]:
+    child = os.fork()
+    if child == 0:
+        os.write(1, f"pid {os.getpid()}\\n".encode())
+        with RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")) as writer:
+            k = 0
+            while True:
+                writer.add(Frame(time_s=k / 500, sequence=k, counts=counts + k % 500))
+                os.write(1, f"{k / 500}\\n".encode())
+                k += 1
+    os.waitpid(child, 0)
+    os.write(1, b"dead\\n")
+"""
+
+
+def same(first: Message, second: Message) -> bool:
+    """Compare two messages exactly, arrays and NaN included."""
+    return type(first) is type(second) and repr(first) == repr(second)
+
+
+def read_all(path: Path) -> tuple[list[Message], FileState]:
+    state = FileState()
+    with RecordingReader(path) as reader:
+        return list(reader.messages(state=state)), state
+
+
+def strict_count(path: Path) -> int:
+    """Read with the mcap package's own strict readers, all checksums checked."""
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    with path.open("rb") as stream:
+        seeking = sum(1 for _ in make_reader(stream, validate_crcs=True).iter_messages())
+    with path.open("rb") as stream:
+        linear = sum(1 for _ in NonSeekingReader(stream, validate_crcs=True).iter_messages())
+    assert seeking == linear == summary.statistics.message_count
+    return linear
+
+
+def test_everything_comes_back_exactly(
+    recorded: Path, messages: list[Message], info: RecordingInfo
+) -> None:
+    read, state = read_all(recorded)
+    assert state.intact
+    assert len(read) == len(messages)
+    assert all(map(same, read, messages))
+    with RecordingReader(recorded) as reader:
+        assert reader.info == info
+
+
+def test_strict_readers_accept_it(recorded: Path, messages: list[Message]) -> None:
+    assert strict_count(recorded) == len(messages)
+
+
+def test_the_same_messages_give_the_same_bytes(
+    recorded: Path, messages: list[Message], info: RecordingInfo, tmp_path: Path
+) -> None:
+    again = tmp_path / "again.mcap"
+    with RecordingWriter(again, info=info) as writer:
+        for message in messages:
+            writer.add(message)
+    assert again.read_bytes() == recorded.read_bytes()
+
+
+def test_loaded_arrays_are_the_messages(recorded: Path, messages: list[Message]) -> None:
+    recording = load_recording(recorded)
+    frames = [message for message in messages if isinstance(message, Frame)]
+    states = [message for message in messages if isinstance(message, GripperState)]
+    assert recording.counts.shape == (200, 4, 2)
+    assert np.array_equal(recording.counts, [frame.counts for frame in frames])
+    assert recording.time_s.tolist() == [frame.time_s for frame in frames]
+    assert recording.sequence.tolist() == [frame.sequence for frame in frames]
+    assert recording.gripper.moving.tolist() == [state.moving for state in states]
+    assert np.isnan(recording.gripper.pressure_kpa).all()
+    assert recording.events[0].text == "ripe — by eye"
+    assert recording.load_cells[0].raw == (-12, 8_388_607)
+    with pytest.raises(ValueError, match="read-only"):
+        recording.counts[0, 0, 0] = 1
+
+
+def test_log_times_are_unix_times_on_hardware(tmp_path: Path, messages: list[Message]) -> None:
+    path = tmp_path / "bench.mcap"
+    zero_ns = 1_790_000_000_123_456_789
+    info = RecordingInfo(layout=RIGID_LAYOUT, origin="hardware", clock_zero_unix_ns=zero_ns)
+    with RecordingWriter(path, info=info) as writer:
+        writer.add(messages[3])
+    with path.open("rb") as stream:
+        (_, channel, message) = next(iter(make_reader(stream).iter_messages()))
+    assert (channel.topic, message.log_time) == ("/frames", zero_ns + 20_000_000)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.999])
+def test_a_cut_file_opens_and_is_recovered(
+    recorded: Path, messages: list[Message], share: float
+) -> None:
+    whole = recorded.read_bytes()
+    recorded.write_bytes(whole[: int(len(whole) * share)])
+    read, state = read_all(recorded)
+    assert not state.complete
+    assert all(map(same, read, messages))
+    found = recover(recorded, recorded)
+    assert not found.intact
+    assert strict_count(recorded) == len(read)
+    again, state = read_all(recorded)
+    assert state.intact
+    assert all(map(same, again, read))
+
+
+def test_a_damaged_chunk_costs_only_itself(recorded: Path, messages: list[Message]) -> None:
+    with recorded.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    damaged = bytearray(recorded.read_bytes())
+    damaged[summary.chunk_indexes[3].chunk_start_offset + 200] ^= 0x10
+    recorded.write_bytes(damaged)
+    read, state = read_all(recorded)
+    assert (state.complete, state.damaged_chunks) == (True, 1)
+    assert len(messages) - 60 <= len(read) < len(messages)
+    recover(recorded, recorded)
+    assert strict_count(recorded) == len(read)
+
+
+def test_a_killed_process_loses_less_than_a_second(tmp_path: Path) -> None:
+    rng = np.random.default_rng(20)
+    paths = [tmp_path / f"{k}.mcap" for k in range(20)]
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITE_UNTIL_KILLED, *map(str, paths)],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as writers:
+        assert writers.stdout is not None
+        for path in paths:
+            child = int(writers.stdout.readline().split()[1])
+            for _ in range(int(rng.integers(100, 1000))):
+                last = writers.stdout.readline()
+            subprocess.run(["kill", f"-{signal.SIGKILL}", str(child)], check=True)
+            while (line := writers.stdout.readline()) != "dead\n":
+                last = line if line.endswith("\n") else last
+            read, state = read_all(path)
+            assert not state.complete
+            assert read[-1].time_s > float(last) - 1.0
+            assert [message.time_s for message in read] == [k / 500 for k in range(len(read))]
+            recover(path, path)
+            assert strict_count(path) == len(read)
+
+
+def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
+    tmp_path: Path, info: RecordingInfo
+) -> None:
+    path = tmp_path / "full.mcap"
+    counts = np.random.default_rng(0).integers(0, 1024, (5000, 4, 2))
+    writer = RecordingWriter(path, info=info)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, hard))
+    try:
+        with pytest.raises(RecordingError, match=r"full\.mcap: File too large.*palpate recover"):
+            for k in range(5000):
+                writer.add(Frame(time_s=k / 500, sequence=k, counts=counts[k]))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with pytest.raises(RecordingError, match="writing failed before"):
+        writer.add(Frame(time_s=99.0, sequence=99, counts=counts[0]))
+    writer.close()
+    writer.close()
+    read, state = read_all(path)
+    assert not state.complete
+    assert read[-1].time_s > k / 500 - 1.0
+    recover(path, path)
+    assert strict_count(path) == len(read)
+
+
+def test_no_space_at_the_start_is_one_line(info: RecordingInfo) -> None:
+    with pytest.raises(RecordingError, match="/dev/full: No space left on device"):
+        RecordingWriter("/dev/full", info=info)
+
+
+def test_an_earlier_recording_is_not_overwritten(recorded: Path, info: RecordingInfo) -> None:
+    with pytest.raises(RecordingError, match="exists already"):
+        RecordingWriter(recorded, info=info)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"not a recording", bytes(1000)])
+def test_other_files_are_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "other.mcap"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
+        RecordingReader(path)
+    with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
+        recover(path, tmp_path / "out.mcap")
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"gone\.mcap: can't be opened: No such file"):
+        RecordingReader(tmp_path / "gone.mcap")
+    with pytest.raises(RecordingError, match=r"gone\.mcap: No such file"):
+        recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")

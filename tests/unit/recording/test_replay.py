@@ -1,0 +1,64 @@
+"""A replay gives what was live."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.gripper.interface import GripperState
+from palpate.recording import PacedClock, RecordingInfo, RecordingWriter, Replay
+from palpate.recording.channels import Message
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+
+
+def test_frames_states_and_times_are_the_recorded_ones(
+    recorded: Path, messages: list[Message]
+) -> None:
+    clock = ManualClock()
+    replay = Replay(recorded, clock=clock)
+    live = list(zip(messages[0:400:2], messages[1:400:2], strict=True))
+    for state, frame in live:
+        assert repr(replay.read(timeout_s=0.1)) == repr(frame)
+        assert repr(replay.gripper_state) == repr(state)
+        assert clock.now_s() == pytest.approx(frame.time_s)
+    assert replay.layout == RIGID_LAYOUT
+    with pytest.raises(DeviceError, match="has ended"):
+        replay.read(timeout_s=0.1)
+    replay.close()
+    replay.close()
+
+
+def test_speed_is_relative_to_the_wall(recorded: Path) -> None:
+    wall = ManualClock(50.0)
+    replay = Replay(recorded, clock=PacedClock(wall, start_s=0.0, speed=4.0))
+    for _ in range(200):
+        frame = replay.read(timeout_s=1.0)
+    assert frame.time_s == 3.98
+    assert wall.now_s() - 50.0 == pytest.approx(3.98 / 4)
+    replay.close()
+
+
+def test_a_gap_times_out_as_it_did_live(tmp_path: Path, info: RecordingInfo) -> None:
+    path = tmp_path / "gap.mcap"
+    with RecordingWriter(path, info=info) as writer:
+        for k, time_s in enumerate((0.0, 0.02, 1.0)):
+            frame = Frame(time_s=time_s, sequence=k, counts=np.ones((4, 2)))
+            writer.add_observation(frame, gripper=GripperState(time_s=time_s))
+    clock = ManualClock()
+    replay = Replay(path, clock=clock)
+    replay.read(timeout_s=0.1)
+    replay.read(timeout_s=0.1)
+    with pytest.raises(DeviceTimeoutError, match=r"no frame within 0\.5 s at 0\.520 s"):
+        replay.read(timeout_s=0.5)
+    assert replay.read(timeout_s=0.5).time_s == 1.0
+    replay.close()
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
+def test_speed_must_be_positive(speed: float) -> None:
+    with pytest.raises(ValueError, match="speed must be positive"):
+        PacedClock(ManualClock(), start_s=0.0, speed=speed)
