@@ -1,5 +1,62 @@
-"""palpate: examine produce by touch."""
+"""palpate: examine produce by touch.
+
+Names are loaded on first use, so that ``import palpate`` costs nothing.
+"""
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from palpate.errors import PalpateError
+    from palpate.estimate.measurement import Measurement
+    from palpate.holds import Hold, read_holds
+    from palpate.settling.exponential import Exponential
+    from palpate.settling.predict import predict_settled
+    from palpate.settling.recorded import Recorded
+    from palpate.settling.relaxation import Relaxation
+    from palpate.settling.result import SettledEstimate, Status
+    from palpate.settling.streaming import SettlingStream
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "Exponential",
+    "Hold",
+    "Measurement",
+    "PalpateError",
+    "Recorded",
+    "Relaxation",
+    "SettledEstimate",
+    "SettlingStream",
+    "Status",
+    "predict_settled",
+    "read_holds",
+]
+
+_HOMES = {
+    "Exponential": "palpate.settling.exponential",
+    "Hold": "palpate.holds",
+    "Measurement": "palpate.estimate.measurement",
+    "PalpateError": "palpate.errors",
+    "Recorded": "palpate.settling.recorded",
+    "Relaxation": "palpate.settling.relaxation",
+    "SettledEstimate": "palpate.settling.result",
+    "SettlingStream": "palpate.settling.streaming",
+    "Status": "palpate.settling.result",
+    "predict_settled": "palpate.settling.predict",
+    "read_holds": "palpate.holds",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'palpate' has no attribute {name!r}")
+    found = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -32,6 +32,8 @@ _FASTEST_DECAYS_PER_SAMPLE = 10.0
 _GRID_STEP = 0.22
 _PADDING = 3
 
+_STATUS_IF_STANDS = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExponentialFit:
@@ -49,8 +51,9 @@ class ExponentialFit:
         Length of the fitted stretch; 0 where the recorded value stands in.
     status : ndarray of Status
         `ok`; `too_short` with fewer than four samples; `not_settling` where the rate is at an end
-        of its range, or C runs away: it lies further from the last sample than the signal has come
-        since its peak, and the curvature that puts it there does not stand clear of the residuals.
+        of its range (as in a constant window, which has none), or C runs away: it lies further from
+        the last sample than the signal has come since its peak, and the curvature that puts it
+        there does not stand clear of the residuals.
     """
 
     settled: FloatArray
@@ -95,7 +98,7 @@ def fit_exponential(
         amplitude=np.full(n_holds, np.nan),
         rate_per_s=np.full(n_holds, np.nan),
         window_s=np.zeros(n_holds),
-        status=np.full(n_holds, Status.TOO_SHORT, dtype=object),
+        status=np.array([Status.TOO_SHORT] * n_holds, dtype=object),
     )
     for start in range(0, n_holds, _BLOCK):
         block = slice(start, start + _BLOCK)
@@ -125,7 +128,7 @@ def _fit_block(
         decays = np.minimum(fit.rate * (time_s[first] - time_s[peak]), 600.0)
         into.amplitude[at] = fit.amplitude * np.exp(decays)
         into.window_s[at] = stands * since_first[-1]
-        into.status[at] = np.where(stands, Status.OK, Status.NOT_SETTLING)
+        into.status[at] = _STATUS_IF_STANDS[stands.astype(np.intp)]
 
 
 def _rates(since_first: FloatArray) -> FloatArray:
@@ -139,13 +142,13 @@ def _rates(since_first: FloatArray) -> FloatArray:
 
 
 def _stands(fit: RateFit, *, come: FloatArray, samples: int) -> NDArray[np.bool_]:
-    """Return which fits determine their settled value; a constant window determines it trivially.
+    """Return which fits determine their settled value.
 
     `come` is how far the signal has come since its peak; the offset counts from the last sample.
     """
     near = np.abs(fit.offset) <= come
     clear = fit.gained * (samples - MIN_SAMPLES + 1) >= _CLEAR_CURVATURE * fit.unexplained
-    stands: NDArray[np.bool_] = ~fit.at_end & (near | clear) | (fit.amplitude == 0)
+    stands: NDArray[np.bool_] = ~fit.at_end & (near | clear)
     return stands
 
 

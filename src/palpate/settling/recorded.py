@@ -18,7 +18,6 @@ class Recorded:
 
     Examples
     --------
-    >>> import numpy as np
     >>> hold = Recorded().predict(
     ...     np.array([0.0, 1.0]), np.array([[5.0, 3.0]]), horizon_s=20.0, level=0.9
     ... )
@@ -41,5 +40,5 @@ class Recorded:
             horizon_s=horizon_s,
             window_s=np.zeros(n_holds),
             method=self.name,
-            status=np.full(n_holds, Status.OK, dtype=object),
+            status=np.array([Status.OK] * n_holds, dtype=object),
         )

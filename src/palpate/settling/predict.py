@@ -1,0 +1,122 @@
+"""`predict_settled`: from the first seconds of a hold to the value that it settles to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError
+from palpate.settling.exponential import Exponential
+from palpate.settling.recorded import Recorded
+from palpate.settling.relaxation import Relaxation
+from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
+
+#: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
+METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
+    {"recorded": Recorded, "exponential": Exponential, "relaxation": Relaxation}
+)
+
+
+def method_named(name: str) -> SettlingMethod:
+    """Return an uncalibrated method by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name; the message lists those that there are.
+    """
+    if name not in METHODS:
+        raise InputError(f"no method {name!r}; there are: {', '.join(METHODS)}")
+    return METHODS[name]()
+
+
+def predict_settled(
+    time_s: ArrayLike,
+    values: ArrayLike,
+    *,
+    cutoff_s: float,
+    horizon_s: float = 20.0,
+    method: str | SettlingMethod = "relaxation",
+    level: float = 0.9,
+) -> SettledEstimate:
+    """Predict the value that a hold settles to from its samples up to a cut-off.
+
+    Parameters
+    ----------
+    time_s : array_like, shape (n_times,)
+        Strictly increasing sampling times, seconds; 0 is the actuation or the peak. Sampling may be
+        uneven.
+    values : array_like, shape (n_times,) or (n_holds, n_times)
+        One hold or a batch of them, in any unit. Samples after the cut-off are not looked at.
+    cutoff_s : float
+        The prediction rests on samples with ``time_s <= cutoff_s`` alone.
+    horizon_s : float
+        Time of the value to predict, not before the cut-off.
+    method : str or SettlingMethod
+        ``"relaxation"`` (ours), ``"exponential"`` (the paper's) or ``"recorded"``, or a method of
+        your own making, such as a calibrated one.
+    level : float
+        Probability that the interval is to cover, between 0 and 1.
+
+    Returns
+    -------
+    SettledEstimate
+        Scalar fields for one hold, arrays of shape (n_holds,) for a batch.
+
+    Raises
+    ------
+    InputError
+        (a `ValueError`) If shapes don't fit, times don't increase, a sample is not finite, no
+        sample lies before the cut-off, or an option is out of range.
+
+    Examples
+    --------
+    >>> time_s = np.arange(0.0, 2.5, 1 / 15)
+    >>> hold = 40 * np.exp(-1.2 * time_s) - 60
+    >>> settled = predict_settled(time_s, hold, cutoff_s=2.5, method="exponential")
+    >>> round(float(settled.value), 6), settled.status.value
+    (-60.0, 'ok')
+    """
+    times = np.asarray(time_s, dtype=np.float64)
+    samples = np.asarray(values, dtype=np.float64)
+    if times.ndim != 1 or samples.ndim not in (1, 2) or samples.shape[-1] != times.size:
+        raise InputError(
+            f"values of shape {samples.shape} don't fit time_s of shape {times.shape}; give time_s "
+            "(n_times,) and values (n_times,) or (n_holds, n_times)"
+        )
+    if not cutoff_s <= horizon_s < np.inf:
+        raise InputError(
+            f"cutoff_s {cutoff_s:g} and horizon_s {horizon_s:g}: give finite times, the cut-off "
+            "not after the horizon"
+        )
+    if not 0 < level < 1:
+        raise InputError(f"level {level:g}: give a probability between 0 and 1, such as 0.9")
+    chosen = method_named(method) if isinstance(method, str) else method
+    stop = _samples_until(times, cutoff_s)
+    used = samples.reshape(-1, times.size)[:, :stop]
+    if not np.isfinite(used).all():
+        hold, sample = np.argwhere(~np.isfinite(used))[0]
+        raise InputError(
+            f"values of hold {hold} at {times[sample]:g} s: {used[hold, sample]} is not a finite "
+            "number; drop such samples or cut the hold before them"
+        )
+    estimate = chosen.predict(times[:stop], used, horizon_s=horizon_s, level=level)
+    return estimate if samples.ndim == 2 else estimate.hold(0)
+
+
+def _samples_until(times: FloatArray, cutoff_s: float) -> int:
+    """Return how many samples lie at or before the cut-off; refuse times out of order."""
+    wrong = np.flatnonzero(~(times[1:] > times[:-1]))
+    if wrong.size or not np.isfinite(times[-1:]).all():
+        at = int(wrong[0]) + 1 if wrong.size else times.size - 1
+        raise InputError(
+            f"time_s[{at}] is {times[at]:g} s after {times[max(at - 1, 0)]:g} s; times must be "
+            "finite and increase from sample to sample"
+        )
+    stop = int(times.searchsorted(cutoff_s, side="right"))
+    if stop == 0:
+        raise InputError(f"no sample at or before cutoff_s {cutoff_s:g}; give a later cut-off")
+    return stop
