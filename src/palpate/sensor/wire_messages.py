@@ -1,0 +1,301 @@
+"""What travels on the wire: the messages of the board and the commands of the host.
+
+`docs/protocol.md` is the specification; `palpate.sensor.wire` turns them into bytes and back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+PROTOCOL_VERSION = 1
+MAX_SIDE = 16
+MAX_OVERSAMPLING = 64
+MAX_PRESSURE_KPA = 50.0
+LOAD_CELLS = 2
+#: Raw load-cell value that means "no reading since the start of the stream".
+NO_READING = -(2**31)
+
+
+class MessageType(IntEnum):
+    """First byte of a packet from the board."""
+
+    FRAME = 0x01
+    ACK = 0x02
+    IDENTITY = 0x03
+
+
+class CommandType(IntEnum):
+    """First byte of a packet to the board."""
+
+    IDENTIFY = 0x81
+    LAYOUT = 0x82
+    RATE = 0x83
+    OVERSAMPLING = 0x84
+    START = 0x85
+    STOP = 0x86
+    PING = 0x87
+    PRESSURE = 0x88
+    CEILING = 0x89
+
+
+class Result(IntEnum):
+    """What the board made of a command."""
+
+    OK = 0
+    UNKNOWN_COMMAND = 1
+    BAD_ARGUMENT = 2
+    #: The rate can't be met; `Ack.highest_rate_hz` is the highest that can.
+    TOO_FAST = 3
+    #: Only possible while no frames are streamed: send `Stop` first.
+    STREAMING = 4
+    #: The pixel ceiling has tripped: send `SetCeiling` to arm it again.
+    TRIPPED = 5
+
+
+class Contents(IntFlag):
+    """What a frame carries besides the pixels."""
+
+    PIXELS = 0
+    LOAD_CELLS = 1
+    PRESSURE = 2
+
+
+class Status(IntFlag):
+    """Conditions and faults that every frame reports."""
+
+    #: The scan before this one was dropped on the board: the link was too slow.
+    DROPPED = 0x01
+    #: No command for the heartbeat time, so the pressure output was vented.
+    HEARTBEAT_LOST = 0x02
+    #: A pixel reached the ceiling; output vented, safe line low, until `SetCeiling`.
+    CEILING_TRIPPED = 0x04
+    #: A load cell that was asked for does not answer.
+    LOAD_CELL_SILENT = 0x08
+    #: The board came back by its watchdog since power-up.
+    WATCHDOG_RESET = 0x10
+    #: The board received a damaged command since the previous frame.
+    COMMAND_DAMAGED = 0x20
+
+
+class ResetCause(IntFlag):
+    """Why the board last started (bits of the ATmega's MCUSR)."""
+
+    POWER_ON = 0x01
+    RESET_PIN = 0x02
+    BROWN_OUT = 0x04
+    WATCHDOG = 0x08
+    JTAG = 0x10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadCell:
+    """One load-cell amplifier's latest reading.
+
+    Attributes
+    ----------
+    raw : int
+        24-bit signed reading; `NO_READING` before the first.
+    sample : int
+        Readings so far, modulo 256: unchanged means the same reading as in the frame before.
+    """
+
+    raw: int
+    sample: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameMessage:
+    """One scan of the pixels, as the board sent it.
+
+    Attributes
+    ----------
+    sequence : int
+        Number of the scan in its stream, from 0, without the 32-bit wrap.
+    time_us : int
+        Board time at the start of the scan, microseconds, without the 32-bit wrap within a stream.
+    stream : int
+        1 to 255; changes at each start and each reset of the board.
+    oversampling : int
+        Conversions summed per pixel.
+    status : int
+        Bits of `Status`.
+    counts : ndarray of uint16, shape (rows, cols)
+        Sums of 10-bit readings: at most 1023 times `oversampling`; read-only.
+    load_cells : tuple of LoadCell
+        Empty unless asked for.
+    pressure_set_kpa, pressure_kpa : float or None
+        Regulator output now (after the slew limit) and its read-back.
+    """
+
+    sequence: int
+    time_us: int
+    stream: int
+    oversampling: int
+    status: int
+    counts: NDArray[np.uint16]
+    load_cells: tuple[LoadCell, ...] = ()
+    pressure_set_kpa: float | None = None
+    pressure_kpa: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ack:
+    """The board's answer to a command.
+
+    Attributes
+    ----------
+    command : int
+        `CommandType` that is answered, as received.
+    tag : int
+        The command's own tag, 0 to 255.
+    result : Result
+        What came of it.
+    stream, next_sequence : int
+        Every frame of this stream below `next_sequence` was sent before this answer, or dropped;
+        stream 0 is none since the board started.
+    time_us : int
+        Board time, 32 bits.
+    highest_rate_hz : float
+        Highest frame rate of the layout, oversampling and contents now in force (or just refused).
+    """
+
+    command: int
+    tag: int
+    result: Result
+    stream: int = 0
+    next_sequence: int = 0
+    time_us: int = 0
+    highest_rate_hz: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """What the board says of itself; sent once at start-up (tag 0) and on `Identify`.
+
+    Attributes
+    ----------
+    tag : int
+        Tag of the command; 0 when unasked.
+    protocol : int
+        `PROTOCOL_VERSION` of the board.
+    version : tuple of int
+        Firmware version.
+    features : int
+        Bits of `Contents` that the board can send.
+    rows, cols, oversampling, settle_us : int
+        Configuration in force.
+    max_rows, max_cols, max_oversampling : int
+        What it can be set to.
+    heartbeat_ms : int
+        Silence after which the pressure output is vented.
+    reset_cause : int
+        Bits of `ResetCause`.
+    streaming : bool
+        Whether frames are being sent.
+    conversion_us, baud : int
+        Nominal time of one conversion, and speed of the link.
+    rate_hz, highest_rate_hz : float
+        Frame rate set, and highest possible with this configuration.
+    board : str
+        Name of the hardware.
+    """
+
+    tag: int
+    protocol: int
+    version: tuple[int, int, int]
+    features: int
+    rows: int
+    cols: int
+    oversampling: int
+    max_rows: int
+    max_cols: int
+    max_oversampling: int
+    settle_us: int
+    heartbeat_ms: int
+    reset_cause: int
+    streaming: bool
+    conversion_us: int
+    baud: int
+    rate_hz: float
+    highest_rate_hz: float
+    board: str
+
+
+Message = FrameMessage | Ack | Identity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identify:
+    """Ask for an `Identity`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetLayout:
+    """Set the size of the matrix, and the wait after each multiplexer step."""
+
+    rows: int
+    cols: int
+    settle_us: int = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetRate:
+    """Set the frame rate; refused with the highest possible one if it can't be met."""
+
+    rate_hz: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetOversampling:
+    """Set the number of conversions summed per pixel, 1 to 64."""
+
+    conversions: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Start:
+    """Begin a new stream of frames."""
+
+    contents: Contents = Contents.PIXELS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """End the stream; the answer's `next_sequence` is the number of its frames."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ping:
+    """Ask for a sign of life; every valid command counts as a heartbeat."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetPressure:
+    """Set the regulator's pressure, 0 to 50 kPa, and how fast to go there."""
+
+    target_kpa: float
+    slew_kpa_per_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetCeiling:
+    """Set the reading (0 to 1023 per conversion) at which the board vents by itself; 0 is off."""
+
+    counts: int
+
+
+Command = (
+    Identify
+    | SetLayout
+    | SetRate
+    | SetOversampling
+    | Start
+    | Stop
+    | Ping
+    | SetPressure
+    | SetCeiling
+)

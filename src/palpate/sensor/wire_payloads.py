@@ -1,0 +1,257 @@
+"""The payloads of packets: messages and commands to fields of fixed places, and back.
+
+`docs/protocol.md` has the tables that this follows.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.sensor.wire_messages import (
+    MAX_OVERSAMPLING,
+    MAX_SIDE,
+    Ack,
+    Command,
+    CommandType,
+    Contents,
+    FrameMessage,
+    Identify,
+    Identity,
+    LoadCell,
+    Ping,
+    Result,
+    SetCeiling,
+    SetLayout,
+    SetOversampling,
+    SetPressure,
+    SetRate,
+    Start,
+    Stop,
+)
+
+_FRAME_HEAD = struct.Struct("<IIBBBBB")
+_LOADS = struct.Struct("<iBiB")
+_PRESSURE = struct.Struct("<HH")
+_ACK = struct.Struct("<BBBBIII")
+_IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
+
+_ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE)
+
+
+@dataclass(frozen=True, slots=True)
+class _CommandForm:
+    kind: CommandType
+    layout: str
+    values: Callable[..., tuple[int, ...]] = lambda _: ()
+
+
+_COMMANDS: dict[type[Command], _CommandForm] = {
+    Identify: _CommandForm(CommandType.IDENTIFY, ""),
+    SetLayout: _CommandForm(CommandType.LAYOUT, "BBH", lambda c: (c.rows, c.cols, c.settle_us)),
+    SetRate: _CommandForm(CommandType.RATE, "I", lambda c: (round(c.rate_hz * 1e3),)),
+    SetOversampling: _CommandForm(CommandType.OVERSAMPLING, "B", lambda c: (c.conversions,)),
+    Start: _CommandForm(CommandType.START, "B", lambda c: (int(c.contents),)),
+    Stop: _CommandForm(CommandType.STOP, ""),
+    Ping: _CommandForm(CommandType.PING, ""),
+    SetPressure: _CommandForm(
+        CommandType.PRESSURE,
+        "HI",
+        lambda c: (round(c.target_kpa * 1e3), round(c.slew_kpa_per_s * 1e3)),
+    ),
+    SetCeiling: _CommandForm(CommandType.CEILING, "H", lambda c: (c.counts,)),
+}
+
+
+def pack_command(command: Command, *, tag: int) -> tuple[int, bytes]:
+    """Return the type and payload of a command.
+
+    Raises
+    ------
+    ValueError
+        If a value does not fit its field; whether it makes sense is the board's to say.
+    """
+    form = _COMMANDS[type(command)]
+    try:
+        return form.kind, struct.pack(f"<B{form.layout}", tag, *form.values(command))
+    except struct.error as error:
+        raise ValueError(f"{command} with tag {tag} can't be sent: {error}") from error
+
+
+def pack_frame(frame: FrameMessage) -> bytes:
+    """Return the payload of a frame; sequence and time are cut to 32 bits."""
+    counts = np.asarray(frame.counts)
+    rows, cols = counts.shape
+    if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE):
+        raise ValueError(f"a frame of {rows} x {cols} pixels: rows and cols must be 1 to 16")
+    contents, extra = Contents.PIXELS, b""
+    if frame.load_cells:
+        contents |= Contents.LOAD_CELLS
+        first, second = frame.load_cells
+        extra += _LOADS.pack(first.raw, first.sample, second.raw, second.sample)
+    if frame.pressure_set_kpa is not None and frame.pressure_kpa is not None:
+        contents |= Contents.PRESSURE
+        extra += _PRESSURE.pack(
+            round(frame.pressure_set_kpa * 1e3), round(frame.pressure_kpa * 1e3)
+        )
+    head = _FRAME_HEAD.pack(
+        frame.sequence & 0xFFFFFFFF,
+        frame.time_us & 0xFFFFFFFF,
+        frame.stream,
+        frame.oversampling,
+        (rows - 1) << 4 | (cols - 1),
+        contents,
+        frame.status,
+    )
+    return head + counts.astype("<u2").tobytes() + extra
+
+
+def pack_ack(ack: Ack) -> bytes:
+    """Return the payload of an answer."""
+    return _ACK.pack(
+        ack.command,
+        ack.tag,
+        ack.result,
+        ack.stream,
+        ack.next_sequence & 0xFFFFFFFF,
+        ack.time_us & 0xFFFFFFFF,
+        round(ack.highest_rate_hz * 1e3),
+    )
+
+
+def pack_identity(identity: Identity) -> bytes:
+    """Return the payload of an identity."""
+    return _IDENTITY.pack(
+        identity.tag,
+        identity.protocol,
+        *identity.version,
+        identity.features,
+        identity.rows,
+        identity.cols,
+        identity.oversampling,
+        identity.max_rows,
+        identity.max_cols,
+        identity.max_oversampling,
+        identity.settle_us,
+        identity.heartbeat_ms,
+        identity.reset_cause | identity.streaming << 7,
+        identity.conversion_us,
+        identity.baud,
+        round(identity.rate_hz * 1e3),
+        round(identity.highest_rate_hz * 1e3),
+    ) + identity.board.encode("ascii")
+
+
+def _as_sent(sequence: int, time_us: int, _stream: int) -> tuple[int, int]:
+    return sequence, time_us
+
+
+def unpack_frame(
+    payload: bytes, *, place: Callable[[int, int, int], tuple[int, int]] = _as_sent
+) -> FrameMessage | None:
+    """Return the frame in `payload`, or None if it isn't one.
+
+    `place` turns the 32-bit sequence and time and the stream into unwrapped sequence and time; it
+    is called for valid frames only.
+    """
+    if len(payload) < _FRAME_HEAD.size:
+        return None
+    head = _FRAME_HEAD.unpack_from(payload)
+    sequence, time_us, stream, oversampling, sides, contents, status = head
+    rows, cols = (sides >> 4) + 1, (sides & 0x0F) + 1
+    end = _FRAME_HEAD.size + 2 * rows * cols
+    if not 1 <= oversampling <= MAX_OVERSAMPLING:
+        return None
+    loads: tuple[LoadCell, ...] = ()
+    set_kpa = read_kpa = None
+    if contents:
+        if contents > _ALL_CONTENTS or len(payload) != end + _extra_size(contents):
+            return None
+        loads, set_kpa, read_kpa = _unpack_extra(payload, end, contents)
+    elif len(payload) != end:
+        return None
+    pixels = np.ndarray((rows, cols), "<u2", payload, _FRAME_HEAD.size)
+    sequence, time_us = place(sequence, time_us, stream)
+    return FrameMessage(
+        sequence=sequence,
+        time_us=time_us,
+        stream=stream,
+        oversampling=oversampling,
+        status=status,
+        counts=pixels,
+        load_cells=loads,
+        pressure_set_kpa=set_kpa,
+        pressure_kpa=read_kpa,
+    )
+
+
+def _extra_size(contents: int) -> int:
+    return (_LOADS.size if contents & Contents.LOAD_CELLS else 0) + (
+        _PRESSURE.size if contents & Contents.PRESSURE else 0
+    )
+
+
+def _unpack_extra(
+    payload: bytes, offset: int, contents: int
+) -> tuple[tuple[LoadCell, ...], float | None, float | None]:
+    loads: tuple[LoadCell, ...] = ()
+    if contents & Contents.LOAD_CELLS:
+        raw_0, sample_0, raw_1, sample_1 = _LOADS.unpack_from(payload, offset)
+        loads = (LoadCell(raw=raw_0, sample=sample_0), LoadCell(raw=raw_1, sample=sample_1))
+        offset += _LOADS.size
+    if not contents & Contents.PRESSURE:
+        return loads, None, None
+    set_pa, read_pa = _PRESSURE.unpack_from(payload, offset)
+    return loads, set_pa / 1e3, read_pa / 1e3
+
+
+def unpack_ack(payload: bytes) -> Ack | None:
+    """Return the answer in `payload`, or None if it isn't one."""
+    if len(payload) != _ACK.size:
+        return None
+    command, tag, result, stream, next_sequence, time_us, highest_mhz = _ACK.unpack(payload)
+    if result > max(Result):
+        return None
+    return Ack(
+        command=command,
+        tag=tag,
+        result=Result(result),
+        stream=stream,
+        next_sequence=next_sequence,
+        time_us=time_us,
+        highest_rate_hz=highest_mhz / 1e3,
+    )
+
+
+def unpack_identity(payload: bytes) -> Identity | None:
+    """Return the identity in `payload`, or None if it isn't one."""
+    board = payload[_IDENTITY.size :]
+    if len(payload) < _IDENTITY.size or not board.isascii():
+        return None
+    tag, protocol, major, minor, patch, *rest = _IDENTITY.unpack_from(payload)
+    features, rows, cols, oversampling, max_rows, max_cols, max_oversampling, *rest = rest
+    settle_us, heartbeat_ms, state, conversion_us, baud, rate_mhz, highest_mhz = rest
+    return Identity(
+        tag=tag,
+        protocol=protocol,
+        version=(major, minor, patch),
+        features=features,
+        rows=rows,
+        cols=cols,
+        oversampling=oversampling,
+        max_rows=max_rows,
+        max_cols=max_cols,
+        max_oversampling=max_oversampling,
+        settle_us=settle_us,
+        heartbeat_ms=heartbeat_ms,
+        reset_cause=state & 0x7F,
+        streaming=bool(state & 0x80),
+        conversion_us=conversion_us,
+        baud=baud,
+        rate_hz=rate_mhz / 1e3,
+        highest_rate_hz=highest_mhz / 1e3,
+        board=board.decode("ascii"),
+    )
