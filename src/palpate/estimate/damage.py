@@ -1,0 +1,237 @@
+"""A damage limit learned while closing: where the object will rupture, and where to stop before.
+
+Two answers from one closing curve. The *prediction* is the likely rupture force with a lower bound.
+The *guard* stops closing at the force where the hazard of the next step passes a threshold set so
+that at most a nominal share of objects like those seen ruptures. Both work with a force from any
+source, with the kind of object known or not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimate.closing import ClosingCurve, ClosingState
+from palpate.estimate.hazard import Hazard, fit_hazard
+from palpate.estimate.strength import FEWEST, Strength, fit_strength
+
+Path: TypeAlias = Sequence[ClosingState]
+
+#: Default share of objects that the guard may let rupture.
+NOMINAL_RATE = 0.01
+#: Probability that the rupture force lies above the lower bound.
+LOWER_BOUND_LEVEL = 0.95
+FOLDS = 5
+#: Stands for the hazard passed by an object that ruptured before its first force level.
+LOWEST_HAZARD = 1e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DamageLimit:
+    """What is known of the damage limit at one moment of a closing.
+
+    Attributes
+    ----------
+    force_n : float
+        The force level just passed.
+    predicted_n, low_n : float
+        Likely rupture force, and the force that it exceeds with probability 0.95.
+    hazard : float
+        Expected ruptures in the next 5 % of force.
+    stop : bool
+        Whether closing should stop here.
+    """
+
+    force_n: float
+    predicted_n: float
+    low_n: float
+    hazard: float
+    stop: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DamageModel:
+    """What was learned from closings that ended in rupture, for one kind of object or for any.
+
+    Attributes
+    ----------
+    hazard : Hazard
+        Chance of rupture in the next step.
+    tails : mapping of str to (float, float)
+        By kind: median of the ln of the critical hazard, and how far its lower tenth lies below.
+        The critical hazard of an object is the smallest threshold that would have ruptured it, by
+        models fitted without it.
+    critical_scores : ndarray, shape (n_objects,)
+        The critical hazards of all objects in those terms, ascending.
+    strengths : mapping of str to Strength
+        Prediction of the rupture force, by kind; ``""`` serves the kinds that have none.
+    low_shares : mapping of str to float
+        Lower bound as a share of the prediction, by kind.
+    """
+
+    hazard: Hazard
+    tails: Mapping[str, tuple[float, float]]
+    critical_scores: NDArray[np.float64]
+    strengths: Mapping[str, Strength]
+    low_shares: Mapping[str, float]
+
+    def threshold(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> float:
+        """Return the hazard at which to stop so that a new object ruptures at most that often.
+
+        The k-th smallest critical score of n promises a rate of at most k / (n + 1) on objects
+        exchangeable with those learned from (conformal prediction). The scores are pooled because
+        no kind alone has the hundred objects that a promise of 1 % takes. With too few of them
+        even so, the threshold lies one tail below the smallest score.
+
+        Raises
+        ------
+        ValueError
+            If the rate is not between 0 and 1.
+        """
+        if not 0 < nominal_rate < 1:
+            raise ValueError(f"nominal_rate is {nominal_rate}; it must lie between 0 and 1")
+        count = len(self.critical_scores)
+        rank = int(np.floor(nominal_rate * (count + 1)))
+        score = self.critical_scores[min(rank, count) - 1] if rank else self.critical_scores[0] - 1
+        location, spread = self.tails[kind if kind in self.tails else ""]
+        return float(np.exp(location + score * spread))
+
+    def guard(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> DamageGuard:
+        """Return a guard for one closing of an object of that kind (``""``: not known)."""
+        return DamageGuard(
+            model=self,
+            kind=kind,
+            threshold=self.threshold(kind=kind, nominal_rate=nominal_rate),
+        )
+
+
+class DamageGuard:
+    """Follows one closing and says when to stop."""
+
+    def __init__(self, *, model: DamageModel, kind: str, threshold: float) -> None:
+        self._curve = ClosingCurve()
+        self._model = model
+        self._kind = kind
+        self._strength_kind = kind if kind in model.strengths else ""
+        self._threshold = threshold
+        self._stopped = False
+
+    def push(self, closure_mm: float, *, force_n: float) -> list[DamageLimit]:
+        """Take one sample; return the limits at the force levels that it passed, lowest first.
+
+        Once a limit has said stop, all later ones do.
+        """
+        limits = []
+        for state in self._curve.push(closure_mm, force_n=force_n):
+            hazard = float(self._model.hazard.per_step([state], kind=self._kind)[0])
+            self._stopped = self._stopped or hazard >= self._threshold
+            predicted_n = self._model.strengths[self._strength_kind].predict_n(state)
+            low_n = max(self._model.low_shares[self._strength_kind] * predicted_n, state.force_n)
+            limits.append(
+                DamageLimit(
+                    force_n=state.force_n,
+                    predicted_n=predicted_n,
+                    low_n=low_n,
+                    hazard=hazard,
+                    stop=self._stopped,
+                )
+            )
+        return limits
+
+
+def fit_damage_model(
+    paths: Sequence[Path],
+    *,
+    rupture_force_n: Sequence[float],
+    kinds: Sequence[str],
+    tell_apart: bool = True,
+) -> DamageModel:
+    """Learn from closings that ended in rupture.
+
+    Parameters
+    ----------
+    paths : sequence of sequences of ClosingState
+        The states of each closing (`ClosingCurve.push`); those past the rupture are passed over.
+    rupture_force_n : sequence of float
+        Force at which each object ruptured, N.
+    kinds : sequence of str
+        Kind of each object. Kinds of fewer than twice `FEWEST` objects are not told apart.
+    tell_apart : bool
+        Whether the kind will be known when the model is used.
+
+    Raises
+    ------
+    ValueError
+        If there are too few closings to learn from.
+    """
+    limits_n = np.asarray(rupture_force_n, dtype=np.float64)
+    counts = {kind: list(kinds).count(kind) for kind in sorted(set(kinds))}
+    known = [kind for kind, count in counts.items() if tell_apart and count >= 2 * FEWEST]
+    strengths, low_shares = {}, {}
+    for kind in ("", *known):
+        chosen = [i for i in range(len(paths)) if kind in ("", kinds[i])]
+        strengths[kind] = fit_strength(
+            [paths[i] for i in chosen], rupture_force_n=limits_n[chosen].tolist()
+        )
+        low_shares[kind] = _low_share([paths[i] for i in chosen], limits_n[chosen])
+    return DamageModel(
+        hazard=fit_hazard(paths, rupture_force_n=limits_n.tolist(), kinds=kinds, tell_apart=known),
+        critical_hazards=_critical_hazards(paths, limits_n, kinds=kinds, tell_apart=known),
+        strengths=strengths,
+        low_shares=low_shares,
+    )
+
+
+def _critical_hazards(
+    paths: Sequence[Path],
+    limits_n: NDArray[np.float64],
+    *,
+    kinds: Sequence[str],
+    tell_apart: Sequence[str],
+) -> NDArray[np.float64]:
+    """Return the ln of the largest hazard that each object passed on its way to rupture."""
+    critical = np.empty(len(paths))
+    for inside, outside in _folds(len(paths)):
+        hazard = fit_hazard(
+            [paths[i] for i in inside],
+            rupture_force_n=limits_n[inside].tolist(),
+            kinds=[kinds[i] for i in inside],
+            tell_apart=tell_apart,
+        )
+        for i in outside:
+            survived = [state for state in paths[i] if state.force_n < limits_n[i]]
+            passed = hazard.per_step(survived, kind=kinds[i]) if survived else np.zeros(1)
+            critical[i] = np.log(max(passed.max(), LOWEST_HAZARD))
+    return critical
+
+
+def _tail(log_critical: NDArray[np.float64]) -> tuple[float, float]:
+    tenth, median = np.quantile(log_critical, [0.1, 0.5])
+    return float(median), max(float(median - tenth), 0.1)
+
+
+def _low_share(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:
+    """Return the share of its prediction at half load that objects exceed with the level."""
+    shares = []
+    for inside, outside in _folds(len(paths)):
+        strength = fit_strength(
+            [paths[i] for i in inside], rupture_force_n=limits_n[inside].tolist()
+        )
+        for i in outside:
+            for state in paths[i]:
+                predicted_n = strength.predict_n(state)
+                if state.force_n >= predicted_n / 2:
+                    shares.append(limits_n[i] / predicted_n)
+                    break
+    rank = int(np.floor((1 - LOWER_BOUND_LEVEL) * (len(shares) + 1)))
+    return float(np.sort(shares)[rank - 1] if rank else 0.9 * min(shares))
+
+
+def _folds(count: int) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Split by position: neighbours in a file are often alike, and land in different folds."""
+    fold = np.arange(count) % FOLDS
+    return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(FOLDS)]
