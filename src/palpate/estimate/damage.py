@@ -178,9 +178,13 @@ def fit_damage_model(
             [paths[i] for i in chosen], rupture_force_n=limits_n[chosen].tolist()
         )
         low_shares[kind] = _low_share([paths[i] for i in chosen], limits_n[chosen])
+    critical = _critical_hazards(paths, limits_n, kinds=kinds, tell_apart=known)
+    tails = {kind: _tail(critical[[kind in ("", k) for k in kinds]]) for kind in ("", *known)}
+    of_each = np.array([tails[kind if kind in tails else ""] for kind in kinds])
     return DamageModel(
         hazard=fit_hazard(paths, rupture_force_n=limits_n.tolist(), kinds=kinds, tell_apart=known),
-        critical_hazards=_critical_hazards(paths, limits_n, kinds=kinds, tell_apart=known),
+        tails=tails,
+        critical_scores=np.sort((critical - of_each[:, 0]) / of_each[:, 1]),
         strengths=strengths,
         low_shares=low_shares,
     )
