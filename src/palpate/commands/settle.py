@@ -63,7 +63,7 @@ def settle(
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
     report.check_outputs(plot=plot, out=out)
-    chosen = _methods(method or ["relaxation"], fit_on or [], horizon_s=horizon, level=level)
+    chosen = _methods(method or ["relaxation"], fit_on=fit_on or [], horizon_s=horizon)
     predictions = list(
         _predict(
             holds,
@@ -105,23 +105,19 @@ def _check_numbers(
 
 
 def _methods(
-    names: Sequence[str], fit_on: Sequence[Path], *, horizon_s: float, level: float
+    names: Sequence[str], *, fit_on: Sequence[Path], horizon_s: float
 ) -> dict[str, SettlingMethod]:
     """Make each method once, from calibration holds where it can use them."""
     from palpate.holds import read_holds
-    from palpate.settling.predict import METHODS
+    from palpate.settling.evaluate import Calibrates
+    from palpate.settling.predict import method_named
 
-    unknown = [name for name in names if name not in METHODS]
-    if unknown:
-        raise InputError(f"no method {unknown[0]!r}; there are: {', '.join(METHODS)}")
+    made = {name: method_named(name) for name in names}
     calibration = [hold for file in fit_on for hold in read_holds(file, until_s=horizon_s)]
-    made: dict[str, SettlingMethod] = {}
-    for name in names:
-        calibrate = getattr(METHODS[name], "calibrated_on", None)
-        if calibration and calibrate is not None:
-            made[name] = calibrate(calibration, horizon_s=horizon_s, level=level)
-        else:
-            made[name] = METHODS[name]()
+    if calibration:
+        for name, method in made.items():
+            if isinstance(method, Calibrates):
+                made[name] = method.calibrated_on(calibration, horizon_s=horizon_s)
     return made
 
 

@@ -10,7 +10,10 @@ import typer
 from palpate.errors import InputError
 
 #: Study -> (module under `palpate.studies`, what it shows). Each module holds a function `command`.
-STUDIES: dict[str, tuple[str, str]] = {}
+STUDIES: dict[str, tuple[str, str]] = {
+    "table1": ("table1", "Table 1 and Figures 5 and 6, on simulated holds"),
+    "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
+}
 
 #: The study's own options are parsed by the study.
 SETTINGS: dict[str, Any] = {

@@ -21,9 +21,9 @@ INK, GREY = "#222222", "#8A8A8A"
 #: The same method has the same colour and marker in every figure.
 METHOD_LOOKS: dict[str, tuple[str, str]] = {
     "relaxation": (BLUE, "o"),
-    "relaxation, calibrated": (GREEN, "D"),
+    "calibrated": (GREEN, "D"),
     "exponential": (ORANGE, "s"),
-    "log law": (PURPLE, "^"),
+    "log_law": (PURPLE, "^"),
     "recorded": (GREY, "v"),
 }
 SPARE_LOOKS = ((SKY, "P"), (AMBER, "X"), (INK, "*"))

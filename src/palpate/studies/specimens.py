@@ -1,0 +1,98 @@
+"""Which holds are of one specimen, and predictions for each from calibration on the others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+
+from palpate.errors import InputError
+from palpate.holds import Hold
+from palpate.settling.evaluate import Prediction, predict_holds
+from palpate.settling.result import SettlingMethod
+
+#: A part of a name that tells runs of one specimen apart: `20mm`, `0.3Strain`, `v4`, `h00`.
+_RUN_PART = re.compile(r"\d+(\.\d+)?[A-Za-z]+|[vh]\d+")
+
+#: Below this many specimens, leaving one out says little: single holds are left out instead.
+FEWEST_SPECIMENS = 3
+
+
+def specimen_of(hold_id: str, *, pattern: re.Pattern[str] | None = None) -> str:
+    """Return the specimen that a hold is of, from its name.
+
+    The name is cut at the first part (between underscores) that is a number with a unit, a version
+    or a hold number; then the run number at the end of a name that begins with a letter is dropped.
+
+    Parameters
+    ----------
+    hold_id : str
+        As in the file.
+    pattern : compiled regular expression, optional
+        Instead of the rule: its first group, or all it matches, is the specimen.
+
+    Raises
+    ------
+    InputError
+        If the pattern is not found in the name.
+
+    Examples
+    --------
+    >>> [specimen_of(name) for name in ("1_10_E4pin_20mm_v4_0.3Strain_h00", "test15_h02", "12_h03")]
+    ['1_10_E4pin', 'test', '12']
+    >>> specimen_of("left_pad_7_h02", pattern=re.compile("[a-z]+_pad"))
+    'left_pad'
+    """
+    if pattern is not None:
+        found = pattern.search(hold_id)
+        if found is None:
+            raise InputError(
+                f"--specimen-pattern {pattern.pattern!r} is not found in hold {hold_id}; "
+                "give one that fits every hold_id"
+            )
+        return found.group(1) if pattern.groups else found.group(0)
+    first, *others = hold_id.split("_")
+    kept = [first]
+    for part in others:
+        if _RUN_PART.fullmatch(part):
+            break
+        kept.append(part)
+    name = "_".join(kept)
+    return name.rstrip("0123456789") if name[0].isalpha() else name
+
+
+def predict_held_out(
+    holds: Sequence[Hold],
+    *,
+    units: Sequence[str],
+    calibrate: Callable[[Sequence[Hold]], SettlingMethod],
+    name: str,
+    cutoffs_s: Sequence[float],
+    horizon_s: float,
+    level: float,
+) -> Iterator[Prediction]:
+    """Yield predictions for the holds of each unit from a method calibrated on all the others.
+
+    Parameters
+    ----------
+    holds : sequence of Hold
+        All of one file.
+    units : sequence of str, length n_holds
+        What is left out together: the specimen of each hold, say.
+    calibrate : callable
+        Makes the method from calibration holds.
+    name : str
+        What to call the method in the results.
+    cutoffs_s, horizon_s, level
+        As in `predict_holds`.
+    """
+    for left_out in dict.fromkeys(units):
+        inside = [hold for hold, unit in zip(holds, units, strict=True) if unit == left_out]
+        outside = [hold for hold, unit in zip(holds, units, strict=True) if unit != left_out]
+        if outside:
+            yield from predict_holds(
+                inside,
+                methods={name: calibrate(outside)},
+                cutoffs_s=cutoffs_s,
+                horizon_s=horizon_s,
+                level=level,
+            )
