@@ -1,0 +1,104 @@
+"""Holds made on the twin, by the steps that the paper took on its sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from palpate.gripper.interface import GripperCommand
+from palpate.holds import Hold
+from palpate.settling.result import FloatArray
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import mean_change, relative_change_percent, rest_baseline
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+#: The four silicone sheets of section 3.2.
+MATERIALS = ("ecoflex-10", "dragonskin-10", "dragonskin-20", "dragonskin-30")
+#: Five force levels: by how much the fingers close beyond contact, mm.
+CLOSURES_MM = (2.0, 2.5, 3.0, 3.5, 4.0)
+
+#: Gap from which the fingers close, their speed, and how the hold goes on.
+_GAP_MM, _SPEED_MM_PER_S = 6.0, 40.0
+_REST_S, _STILL_S, _HOLD_S, _PAUSE_S = 1.4, 2.0, 20.2, 20.0
+
+
+def twin_holds(
+    *,
+    repeats: int,
+    family: str | None = None,
+    level: str = "paper",
+    materials: Sequence[str] = MATERIALS,
+    closures_mm: Sequence[float] = CLOSURES_MM,
+    seed: int = 1,
+) -> Iterator[Hold]:
+    """Yield holds of the mean relative change (percent), time 0 at the start of actuation.
+
+    Each repeat is made on a sensor of its own, so that no single sheet decides. On each sensor
+    every material is taken in turn: rest values from 20 frames, then for each closure a hold of
+    20 s and a pause of 20 s with the fingers open. Frames come at 15 Hz through the divider and
+    the 10-bit converter.
+
+    Parameters
+    ----------
+    repeats : int
+        Sensors.
+    family : str, optional
+        Relaxation family; drawn for each sensor by default.
+    level : {"paper", "field"}
+        Scatter of the twin.
+    materials : sequence of str
+        Names in `palpate.twin.objects.OBJECTS`.
+    closures_mm : sequence of float
+        Closures beyond contact.
+    seed : int
+        Seed of everything.
+
+    Yields
+    ------
+    Hold
+        `hold_id` is ``sensor/material/closure``.
+    """
+    for repeat in range(repeats):
+        sensor = 1000 * seed + repeat
+        for index, material in enumerate(materials):
+            obj = draw_object(np.random.default_rng([seed, index]), material)
+            world = World(
+                obj, seed=sensor + 1_000_000 * index, sheet_seed=sensor, level=level, family=family
+            )
+            rest_ohm = rest_baseline(_ohm(world, until_s=_REST_S)).rest_ohm
+            for closure_mm in closures_mm:
+                name = f"{repeat}/{material}/{closure_mm:g}"
+                touch_mm = obj.size_mm
+                yield _hold(world, name, touch_mm, closure_mm=closure_mm, rest_ohm=rest_ohm)
+                world.clock.sleep_s(_PAUSE_S)
+
+
+def _hold(
+    world: World, name: str, touch_mm: float, *, closure_mm: float, rest_ohm: FloatArray
+) -> Hold:
+    gripper, clock = TwinGripper(world), world.clock
+    gripper.command(GripperCommand(target=touch_mm + _GAP_MM, rate=_SPEED_MM_PER_S))
+    clock.sleep_s(_STILL_S)
+    gripper.command(GripperCommand(target=touch_mm - closure_mm, rate=_SPEED_MM_PER_S))
+    ohm = _ohm(world, until_s=clock.now_s() + _HOLD_S)
+    gripper.release()
+    return Hold(
+        hold_id=name,
+        channel=None,
+        # One raster for all, so that predictors can share work between holds.
+        time_s=np.arange(1, len(ohm) + 1) / world.frame_rate_hz,
+        values=mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)),
+    )
+
+
+def _ohm(world: World, *, until_s: float) -> FloatArray:
+    """Read frames from now on up to a time, shape (frames, rows, cols)."""
+    array = TwinArray(world)
+    counts = []
+    while world.clock.now_s() < until_s - 1e-9:
+        counts.append(array.read(timeout_s=1.0).counts)
+    array.close()
+    return resistance_ohm(np.stack(counts), divider=world.layout.divider)
