@@ -43,8 +43,11 @@ class HoldWindow:
 
     def grids(self) -> Iterator[tuple[int, NDArray[np.intp]]]:
         """Yield each first sample that occurs, and which holds have it."""
-        for first in np.unique(self.first):
+        left = self.first
+        while left.size:
+            first = left[0]
             yield int(first), np.flatnonzero(self.first == first)
+            left = left[left != first]
 
 
 def peak_index(values: ArrayLike) -> NDArray[np.intp]:
@@ -77,12 +80,11 @@ def peak_index(values: ArrayLike) -> NDArray[np.intp]:
     samples = np.asarray(values, dtype=np.float64)
     top, bottom = samples.argmax(axis=-1), samples.argmin(axis=-1)
     last = samples[..., -1]
-    fallen = np.take_along_axis(samples, top[..., None], axis=-1)[..., 0] - last
-    risen = last - np.take_along_axis(samples, bottom[..., None], axis=-1)[..., 0]
-    earlier = np.minimum(top, bottom)
-    peak: NDArray[np.intp] = np.where(
-        fallen > risen, top, np.where(risen > fallen, bottom, earlier)
-    )
+    fallen = samples.max(axis=-1) - last
+    risen = last - samples.min(axis=-1)
+    later, earlier = np.maximum(top, bottom), np.minimum(top, bottom)
+    down_first = (top <= bottom) == (fallen >= risen)
+    peak: NDArray[np.intp] = np.where(down_first | (fallen == risen), earlier, later)
     return peak
 
 
