@@ -1,0 +1,116 @@
+"""Size between the closing steps: where the force-closure curve begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+#: Exponents of force over indentation: 1 a flat or layered body, 1.5 a round one (Hertz), between
+#: them what is neither; 2 a pointed or very soft one.
+_EXPONENTS = np.array([1.0, 1.25, 1.5, 1.75, 2.0])
+#: Relative scatter of the force from step to step, unknown beforehand.
+_SCATTER = np.array([0.03, 0.06, 0.12, 0.24])
+_GRID_MM = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactPoint:
+    """Where contact began, as a distribution.
+
+    Attributes
+    ----------
+    size_mm : ndarray, shape (n_grid,)
+        Candidates: the opening at which both fingers just touch.
+    weight : ndarray, shape (n_grid,)
+        Their probabilities.
+    """
+
+    size_mm: FloatArray
+    weight: FloatArray
+
+    def quantile(self, probability: ArrayLike) -> FloatArray:
+        """Return quantiles, linear between candidates, mm."""
+        reached = np.cumsum(self.weight) - 0.5 * self.weight
+        return np.interp(np.asarray(probability, dtype=float), reached, self.size_mm)
+
+
+def contact_point(
+    width_mm: ArrayLike,
+    *,
+    force_n: ArrayLike,
+    give_mm: ArrayLike,
+    floor_n: float,
+) -> ContactPoint:
+    """Extrapolate the force-closure curve back to no force.
+
+    Each step is one reading. For each candidate size and exponent n, force = K * (size - width -
+    give)**n with K free; the posterior is summed over n and over the scatter of the readings, so
+    a curve that several shapes explain gives a wide answer. A common error of the force's gain
+    goes into K and hardly moves the contact point.
+
+    Parameters
+    ----------
+    width_mm : array_like, shape (n_steps,)
+        Opening at each step, steps without force included: they bound the size from above.
+    force_n : array_like, shape (n_steps,)
+        Grip force read there; 0 where nothing was felt.
+    give_mm : array_like, shape (n_steps,)
+        How far pads, fingers and servo give way under that force.
+    floor_n : float
+        Force below which nothing is felt.
+
+    Raises
+    ------
+    ValueError
+        If no step has a force.
+
+    Examples
+    --------
+    >>> width = np.array([31.0, 30.0, 29.5, 29.0, 28.5])
+    >>> force = 2.0 * np.maximum(30.4 - width, 0)
+    >>> found = contact_point(width, force_n=force, give_mm=0 * width, floor_n=0.05)
+    >>> float(found.quantile(0.5).round(1))
+    30.4
+    """
+    width, force, give = (np.asarray(a, dtype=float) for a in (width_mm, force_n, give_mm))
+    felt = force > floor_n
+    if not felt.any():
+        raise ValueError("no step of the curve has a force; there is no contact point to look for")
+    inner = width[felt] + give[felt]
+    beyond = width[~felt]
+    highest = max(float(beyond.min()) if beyond.size else -np.inf, float(inner.max())) + 2.0
+    size = np.arange(float(inner.max()) + _GRID_MM, highest, _GRID_MM)
+    depth = size[:, None] - inner
+    log_force = np.log(force[felt])
+    log_weight = np.stack(
+        [
+            _log_evidence(depth, log_force, size[:, None] - beyond, exponent, scatter, floor_n)
+            for exponent in _EXPONENTS
+            for scatter in _SCATTER
+        ]
+    )
+    weight = np.exp(log_weight - log_weight.max()).sum(axis=0)
+    return ContactPoint(size_mm=size, weight=weight / weight.sum())
+
+
+def _log_evidence(
+    depth: FloatArray,
+    log_force: FloatArray,
+    unfelt_depth: FloatArray,
+    exponent: float,
+    scatter: float,
+    floor_n: float,
+) -> FloatArray:
+    """Return the log evidence of each size, shape (n_sizes,), with ln K integrated out."""
+    variance = scatter**2 + (0.5 * floor_n / np.exp(log_force)) ** 2
+    left = log_force - exponent * np.log(depth)
+    precision = 1.0 / variance
+    log_k = (left @ precision) / precision.sum()
+    fit = -0.5 * ((left - log_k[:, None]) ** 2 @ precision)
+    fit -= 0.5 * (np.log(variance).sum() + np.log(precision.sum()))
+    unfelt = np.exp(log_k)[:, None] * np.maximum(unfelt_depth, 0.0) ** exponent
+    return np.asarray(fit - 0.5 * ((unfelt / floor_n) ** 2).sum(axis=1))

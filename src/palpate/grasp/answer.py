@@ -1,0 +1,175 @@
+"""From what was felt to the answer: settled value, force, size and stiffness, with intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.size import ContactPoint, contact_point
+from palpate.estimate.stiffness import STIFFEST_N_PER_MM, secant_stiffness
+from palpate.grasp.belief import Belief
+from palpate.grasp.plan import Plan
+from palpate.settling.result import Status
+
+FloatArray = NDArray[np.float64]
+
+#: Draws that carry the joint uncertainty of force, size and give into the stiffness.
+_DRAWS = 2000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settled:
+    """What the sheet is going to read at the horizon."""
+
+    relative_percent: Measurement
+    excess: Measurement
+
+
+def forecast(belief: Belief, *, plan: Plan) -> Settled:
+    """Predict the settled readings from the touches since the last movement."""
+    time_s = np.array([t.time_s for t in belief.touches]) - belief.moved_s
+    values = np.array(
+        [[t.relative_percent for t in belief.touches], [t.excess for t in belief.touches]]
+    )
+    # The movement's own spike comes first; the hold begins where it is strongest.
+    start = int(np.argmax(values[0, : max(len(time_s) // 3, 1)]))
+    found = plan.settling.predict(
+        time_s[start:], values[:, start:], horizon_s=plan.horizon_s, level=plan.level
+    )
+    relative, excess = (
+        Measurement(
+            value=float(one.value),
+            low=float(one.low),
+            high=float(one.high),
+            unit=unit,
+            level=plan.level,
+            status=Status(str(one.status)),
+        )
+        for one, unit in ((found.hold(0), "percent"), (found.hold(1), ""))
+    )
+    return Settled(relative_percent=relative, excess=excess)
+
+
+def sure_enough(settled: Settled, *, plan: Plan) -> bool:
+    """Whether the interval of the settled reading is narrow enough to act on."""
+    excess = settled.excess
+    half = max(excess.high - excess.value, excess.value - excess.low)
+    return excess.status is Status.OK and half <= plan.decide_half_width * abs(excess.value)
+
+
+def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
+    """Put the measurements into the result."""
+    force = settled_force(settled, plan=plan)
+    size = _contact_point(belief, settled, plan)
+    size_mm, stiffness = None, None
+    if size is not None:
+        size_mm = _size(size, plan)
+        stiffness = _stiffness(belief, force, size, plan)
+    began_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
+    result = replace(
+        belief.result,
+        decision_time_s=round(belief.now_s - began_s, 6),
+        settled_percent=settled.relative_percent,
+        force_n=force,
+        size_mm=size_mm,
+        stiffness_n_per_mm=stiffness,
+        peak_force_n=max(belief.peak_force_n, force.value),
+    )
+    return replace(belief, result=result, peak_force_n=max(belief.peak_force_n, force.value))
+
+
+def settled_force(settled: Settled, *, plan: Plan) -> Measurement:
+    """Convert the settled excess conductance to newtons.
+
+    Two doubts add in ln force: the law's own scatter, and what the forecast leaves open, carried
+    through the law.
+    """
+    excess = settled.excess
+    law = plan.settled_law.force_n([excess.value, excess.low, excess.high], level=plan.level)
+    value = float(law.value[0])
+    status = Status.OK if bool(law.in_range[0]) else Status.SATURATED
+    if value <= 0:
+        return Measurement(
+            value=0.0, low=0.0, high=float(law.high[0]), unit="n", level=plan.level, status=status
+        )
+    down = np.hypot(_log_ratio(value, law.low[0]), _log_ratio(value, law.value[1]))
+    up = np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value))
+    return Measurement(
+        value=value,
+        low=value * float(np.exp(-down)),
+        high=value * float(np.exp(up)),
+        unit="n",
+        level=plan.level,
+        status=excess.status if status is Status.OK else status,
+    )
+
+
+def _log_ratio(large: float, small: float) -> float:
+    # A bound at 0 N counts as a thousandth: its logarithm would swallow everything else.
+    return float(np.log(large / max(small, 1e-3 * large)))
+
+
+def _contact_point(belief: Belief, settled: Settled, plan: Plan) -> ContactPoint | None:
+    """Extrapolate the staircase, read in early forces, to where contact began."""
+    width = np.array([c.width_mm for c in belief.staircase])
+    felt = np.array([c.touch.deepest_percent < plan.hint_percent for c in belief.staircase])
+    if felt.sum() < 2:
+        return None
+    first = max(int(np.argmax(felt)) - 2, 0)
+    excess = np.array([c.touch.excess for c in belief.staircase])
+    force = np.where(felt, plan.early_law.force_n(excess, level=plan.level).value, 0.0)
+    weakest = float(force[felt].min())
+    return contact_point(
+        width[first:] - plan.give.zero_mm,
+        force_n=force[first:],
+        give_mm=plan.give.give_mm(force[first:]),
+        floor_n=min(0.5 * weakest, 0.2),
+    )
+
+
+def _size(size: ContactPoint, plan: Plan) -> Measurement:
+    """Return the size, widened by the scatter of the gripper's own width."""
+    tail = (1 - plan.level) / 2
+    low, value, high = size.quantile([tail, 0.5, 1 - tail])
+    own = float(norm.ppf(1 - tail)) * plan.give.residual_mm
+    return Measurement(
+        value=float(value),
+        low=float(value - np.hypot(value - low, own)),
+        high=float(value + np.hypot(high - value, own)),
+        unit="mm",
+        level=plan.level,
+    )
+
+
+def _stiffness(
+    belief: Belief, force: Measurement, size: ContactPoint, plan: Plan
+) -> Measurement | None:
+    """Return the object's own secant stiffness at the settled force."""
+    if force.value <= 0:
+        return None
+    tail = (1 - plan.level) / 2
+    # A fixed seed: the same touch gives the same answer.
+    rng = np.random.default_rng(0)
+    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * norm.ppf(1 - tail))
+    force_n = force.value * np.exp(log_sd * rng.standard_normal(_DRAWS))
+    slack_mm = plan.give.residual_mm * rng.standard_normal(_DRAWS)
+    drawn = secant_stiffness(
+        force_n,
+        size_mm=size.quantile(rng.uniform(size=_DRAWS)) + slack_mm,
+        opening_mm=belief.width_mm - plan.give.zero_mm,
+        give_mm=plan.give.give_mm(force_n),
+    )
+    low, value, high = np.quantile(drawn, [tail, 0.5, 1 - tail])
+    rigid = high >= STIFFEST_N_PER_MM
+    return Measurement(
+        value=float(value),
+        low=float(low),
+        high=float(high),
+        unit="n_per_mm",
+        level=plan.level,
+        status=Status.SATURATED if rigid else force.status,
+    )

@@ -1,0 +1,218 @@
+"""What the controller knows at one moment, and how an observation adds to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import CalibrationError
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.gripper.interface import GripperState
+from palpate.sensor.array import Frame
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import (
+    excess_conductance,
+    finger_means,
+    mean_change,
+    relative_change_percent,
+    rest_baseline,
+    total_excess,
+)
+
+#: Frames whose mean is read as "now".
+_NOW_FRAMES = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A frame and the gripper's state at the same time."""
+
+    frame: Frame
+    gripper: GripperState
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Touch:
+    """One frame, made readable.
+
+    Attributes
+    ----------
+    time_s : float
+        The frame's own time.
+    finger_percent : tuple of float
+        Mean relative change of each finger's pixels.
+    relative_percent : float
+        Mean relative change of all pixels.
+    excess : float
+        Excess conductance G/G0 - 1 summed over pixels.
+    """
+
+    time_s: float
+    finger_percent: tuple[float, ...]
+    relative_percent: float
+    excess: float
+
+    @property
+    def deepest_percent(self) -> float:
+        """The strongest fall: of any finger, or of all pixels."""
+        return min(*self.finger_percent, self.relative_percent)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Closing:
+    """One step of the staircase, read after its dwell."""
+
+    width_mm: float
+    touch: Touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Belief:
+    """All that the controller remembers.
+
+    Attributes
+    ----------
+    phase : Phase
+        What it is doing.
+    since_s : float
+        When the phase began.
+    rest_ohm : ndarray or None, shape (rows, cols)
+        Rest values in use; None until they have been taken.
+    rest_frames : tuple of ndarray
+        Resistances seen before the first movement.
+    still_since_s : float or None
+        End of the last movement; None while the gripper moves.
+    touches : tuple of Touch
+        Since the last movement ended.
+    staircase : tuple of Closing
+        Every step read so far.
+    contact_s : float or None
+        First contact: when the movement that led to it began.
+    moved_s : float
+        When the last movement began.
+    force_n, force_high_n : float
+        Grip force now and its upper bound, from the last step read.
+    peak_force_n : float
+        Largest grip force so far.
+    adjustments : int
+        Corrections made towards the target.
+    next_forecast_s : float
+        When the settled value is worth predicting again.
+    result : GraspResult
+        What is known of the answer so far.
+    now_s, width_mm : float
+        Time and opening of the last observation.
+    frames, lost, last_sequence : int
+        Frames received, gaps, and the last number.
+    """
+
+    phase: Phase = Phase.APPROACH
+    since_s: float = 0.0
+    rest_ohm: NDArray[np.float64] | None = None
+    rest_frames: tuple[NDArray[np.float64], ...] = ()
+    still_since_s: float | None = None
+    touches: tuple[Touch, ...] = ()
+    staircase: tuple[Closing, ...] = ()
+    contact_s: float | None = None
+    moved_s: float = 0.0
+    force_n: float = 0.0
+    force_high_n: float = 0.0
+    peak_force_n: float = 0.0
+    adjustments: int = 0
+    next_forecast_s: float = 0.0
+    result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
+    now_s: float = 0.0
+    width_mm: float = float("nan")
+    frames: int = 0
+    lost: int = 0
+    last_sequence: int | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will be commanded."""
+        return self.phase is Phase.STOPPED
+
+    @property
+    def still_s(self) -> float:
+        """How long the gripper has stood still, seconds."""
+        return 0.0 if self.still_since_s is None else self.now_s - self.still_since_s
+
+    @property
+    def now(self) -> Touch:
+        """Mean of the last few frames since the last movement."""
+        last = self.touches[-_NOW_FRAMES:]
+        return Touch(
+            time_s=self.now_s,
+            finger_percent=tuple(np.mean([t.finger_percent for t in last], axis=0).tolist()),
+            relative_percent=float(np.mean([t.relative_percent for t in last])),
+            excess=float(np.mean([t.excess for t in last])),
+        )
+
+    def enter(self, phase: Phase, *, note: str | None = None) -> Belief:
+        """Begin a phase, and note the moment in the result if it is worth telling."""
+        moments = self.result.moments
+        if note is not None:
+            moments = (*moments, Moment(time_s=self.now_s, name=note))
+        return replace(
+            self, phase=phase, since_s=self.now_s, result=replace(self.result, moments=moments)
+        )
+
+
+def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
+    """Add an observation: count the frame, follow the movement, read the touch."""
+    frame, gripper = observation.frame, observation.gripper
+    gap = 0 if belief.last_sequence is None else frame.sequence - belief.last_sequence - 1
+    still_since = belief.still_since_s
+    if gripper.moving:
+        still_since = None
+    elif still_since is None:
+        still_since = frame.time_s
+    belief = replace(
+        belief,
+        now_s=frame.time_s,
+        width_mm=gripper.width_mm,
+        still_since_s=still_since,
+        frames=belief.frames + 1,
+        lost=belief.lost + max(gap, 0),
+        last_sequence=frame.sequence,
+    )
+    ohm = resistance_ohm(
+        frame.counts, divider=plan.layout.divider, oversampling=frame.oversampling
+    )
+    if belief.rest_ohm is None:
+        return replace(belief, rest_frames=(*belief.rest_frames, ohm))
+    touches = () if gripper.moving else (*belief.touches, _touch(frame.time_s, ohm, belief, plan))
+    return replace(belief, touches=touches)
+
+
+def rezeroed(belief: Belief, *, plan: Plan) -> Belief:
+    """Take the rest values from the frames before the first movement.
+
+    The sheet drifts with climate and wear, so every grasp takes its own. But what presses already
+    must not be zeroed away: where the frames are no rest, the calibration's values stay, and the
+    result says so.
+    """
+    try:
+        rest = rest_baseline(np.array(belief.rest_frames), known_ohm=plan.rest_ohm)
+    except CalibrationError as refused:
+        faults = (*belief.result.faults, f"rest values of the calibration used: {refused}")
+        result = replace(belief.result, faults=faults)
+        return replace(belief, rest_ohm=plan.rest_ohm, rest_frames=(), result=result)
+    return replace(belief, rest_ohm=rest.rest_ohm, rest_frames=())
+
+
+def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) -> Touch:
+    assert belief.rest_ohm is not None
+    change = relative_change_percent(ohm, rest_ohm=belief.rest_ohm)
+    fingers = finger_means(change, finger_of_row=plan.layout.finger_of_row)
+    excess = total_excess(excess_conductance(ohm, rest_ohm=belief.rest_ohm))
+    return Touch(
+        time_s=time_s,
+        finger_percent=tuple(np.nan_to_num(fingers).tolist()),
+        relative_percent=float(np.nan_to_num(mean_change(change))),
+        excess=float(np.nan_to_num(excess)),
+    )

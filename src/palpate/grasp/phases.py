@@ -1,0 +1,18 @@
+"""The phases of a grasp, in the order that it goes through them."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Phase(StrEnum):
+    """What the grasp is doing. `adjust` returns to `settle`; `stopped` is the only end."""
+
+    APPROACH = "approach"
+    CONTACT = "contact"
+    SQUEEZE = "squeeze"
+    SETTLE = "settle"
+    ADJUST = "adjust"
+    HOLD = "hold"
+    RELEASE = "release"
+    STOPPED = "stopped"

@@ -1,0 +1,107 @@
+"""What is to be done, with which sensor, within which bounds: all that the controller may know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimate.force import ForceLaw
+from palpate.estimate.stiffness import Give
+from palpate.grasp.safety import SafetyLimits
+from palpate.gripper.interface import GripperLimits
+from palpate.sensor.array import ArrayLayout
+from palpate.settling.result import SettlingMethod
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """One grasp, planned.
+
+    Attributes
+    ----------
+    layout : ArrayLayout
+        Of the frames to come.
+    rest_ohm : ndarray, shape (rows, cols)
+        Rest resistances of the calibration.
+    settled_law, early_law : ForceLaw
+        Force from excess conductance at the settling horizon, and from that read `dwell_s` after a
+        movement: the sheet lags, so they are two laws.
+    give : Give
+        How far pads, fingers and servo give way.
+    gripper : GripperLimits
+        Range of the opening.
+    settling : SettlingMethod
+        Predictor of the settled value.
+    target_force_n : float or None
+        Grip force to reach; None for a gentle squeeze, just enough to measure.
+    safety : SafetyLimits
+        Bounds that the plan can't exceed.
+    epsilon_percent : float
+        Relative change that is contact (paper, section 4.1).
+    step_mm : float
+        Closing step before contact (paper, section 4.1).
+    hint_percent : float
+        Relative change that may be a touch: from there on steps are `fine_step_mm` at most.
+    fine_step_mm : float
+        First step after a hint; later ones follow from the stiffness seen.
+    smallest_step_mm : float
+        Steps below this are not worth the movement's spike.
+    force_step_n : float
+        Rise of force aimed at with each step of the squeeze.
+    gentle_force_n : float
+        Where a squeeze without target ends.
+    fewest_steps : int
+        Steps with a touch that size and stiffness need.
+    rest_s, dwell_s, confirm_s : float
+        Time to take the rest values before moving; wait after each step before it is read; further
+        wait to confirm a contact.
+    rate_mm_per_s : float
+        Speed of closing.
+    horizon_s : float
+        When the sheet counts as settled, from the end of the last movement.
+    decide_after_s, decide_by_s : float
+        Earliest and latest time of the answer, from the end of the last movement.
+    decide_half_width : float
+        The answer is given as soon as the interval of the settled excess conductance is narrower
+        than this share of it, to either side.
+    target_tolerance : float
+        Share of the target that is near enough.
+    most_adjustments : int
+        Corrections towards the target before the answer stands as it is.
+    hold_s : float
+        How long to hold after the answer, before release.
+    level : float
+        Probability that intervals are meant to cover.
+    """
+
+    layout: ArrayLayout
+    rest_ohm: NDArray[np.float64]
+    settled_law: ForceLaw
+    early_law: ForceLaw
+    give: Give
+    gripper: GripperLimits
+    settling: SettlingMethod
+    target_force_n: float | None = None
+    safety: SafetyLimits = field(default_factory=SafetyLimits)
+    epsilon_percent: float = -10.0
+    step_mm: float = 1.0
+    hint_percent: float = -3.0
+    fine_step_mm: float = 0.25
+    smallest_step_mm: float = 0.05
+    force_step_n: float = 0.7
+    gentle_force_n: float = 2.0
+    fewest_steps: int = 3
+    rest_s: float = 0.5
+    dwell_s: float = 0.4
+    confirm_s: float = 0.1
+    rate_mm_per_s: float = 20.0
+    horizon_s: float = 20.0
+    decide_after_s: float = 1.0
+    decide_by_s: float = 2.5
+    decide_half_width: float = 0.05
+    target_tolerance: float = 0.1
+    most_adjustments: int = 4
+    hold_s: float = 0.5
+    level: float = 0.9

@@ -1,0 +1,89 @@
+"""What a grasp hands back: the outcome, the measurements, and how it went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from palpate.estimate.measurement import Measurement
+
+
+class Outcome(StrEnum):
+    """How a grasp ended. Only `held` means that the object is, or was given back from, the hand."""
+
+    HELD = "held"
+    NOTHING_THERE = "nothing_there"
+    SLIPPED = "slipped"
+    FORCE_LIMIT = "force_limit"
+    SENSOR_LOST = "sensor_lost"
+    STOPPED = "stopped"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """Something that happened, and when: seconds on the sensor's clock."""
+
+    time_s: float
+    name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraspResult:
+    """One finished grasp. What could not be measured is None, never invented.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        How it ended.
+    decision_time_s : float or None
+        From first contact to the answer.
+    settled_percent, size_mm, force_n, stiffness_n_per_mm : Measurement or None
+        Mean relative change and grip force at the settling horizon, the object's extent before
+        contact, and its own secant stiffness at that force.
+    previous_width_mm : float or None
+        The paper's estimate of size: the last width before contact was seen.
+    peak_force_n : float or None
+        Largest grip force that was read during the grasp.
+    frames, frames_lost : int
+        Frames received, and gaps in their numbering.
+    moments : tuple of Moment
+        Contact, answer, slip and the like, in order.
+    faults : tuple of str
+        What went wrong beside the grasp itself: a recorder that failed, a device's last words.
+    """
+
+    outcome: Outcome
+    decision_time_s: float | None = None
+    settled_percent: Measurement | None = None
+    size_mm: Measurement | None = None
+    force_n: Measurement | None = None
+    stiffness_n_per_mm: Measurement | None = None
+    previous_width_mm: float | None = None
+    peak_force_n: float | None = None
+    frames: int = 0
+    frames_lost: int = 0
+    moments: tuple[Moment, ...] = ()
+    faults: tuple[str, ...] = field(default=())
+
+    def as_json(self) -> dict[str, object]:
+        """Return the documented JSON form, without `verdict` and `truth`."""
+        measured = {
+            name: None if value is None else value.as_json()
+            for name, value in (
+                ("settled_percent", self.settled_percent),
+                ("size_mm", self.size_mm),
+                ("force_n", self.force_n),
+                ("stiffness_n_per_mm", self.stiffness_n_per_mm),
+            )
+        }
+        return {
+            "outcome": str(self.outcome),
+            "decision_time_s": self.decision_time_s,
+            **measured,
+            "previous_width_mm": self.previous_width_mm,
+            "peak_force_n": self.peak_force_n,
+            "frames": self.frames,
+            "frames_lost": self.frames_lost,
+            "moments": [{"time_s": m.time_s, "name": m.name} for m in self.moments],
+            "faults": list(self.faults),
+        }

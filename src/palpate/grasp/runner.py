@@ -1,0 +1,162 @@
+"""The only control loop: it owns the devices, and leaves the gripper safe whatever happens."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from types import FrameType
+from typing import TypeAlias
+
+from palpate.clock import Clock
+from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.controller import step, stopped
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult
+from palpate.grasp.safety import Danger
+from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.sensor.array import Frame, PressureArray
+
+#: Gets every observation: a recorder, a view. It must return quickly; what it raises ends it alone.
+Subscriber: TypeAlias = Callable[[Observation], None]
+
+#: How long an opening hand may take before it is stopped where it is.
+_OPENING_S = 10.0
+#: Until two frames have told the sensor's own rate, it gets this long for each.
+_FIRST_FRAME_S = 2.0
+#: The period follows the frames with this weight, so that one late frame doesn't loosen the limit.
+_PERIOD_WEIGHT = 0.1
+
+
+class _Feed:
+    """Frames that are fresh, or an error: nothing is decided on what the sensor felt long ago."""
+
+    def __init__(self, array: PressureArray, *, clock: Clock, plan: Plan) -> None:
+        self._array, self._clock, self._safety = array, clock, plan.safety
+        self._last_s: float | None = None
+        self._period_s: float | None = None
+
+    def next(self) -> Frame:
+        stale_after_s = (
+            _FIRST_FRAME_S
+            if self._period_s is None
+            else self._safety.stale_after_s(self._period_s)
+        )
+        frame = self._array.read(timeout_s=stale_after_s)
+        age_s = self._clock.now_s() - frame.time_s
+        if age_s > stale_after_s:
+            raise DeviceTimeoutError(
+                f"the newest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
+                "check the sensor's cable and that nothing else loads this machine"
+            )
+        if self._last_s is not None:
+            period_s = frame.time_s - self._last_s
+            old_s = period_s if self._period_s is None else self._period_s
+            self._period_s = old_s + _PERIOD_WEIGHT * (period_s - old_s)
+        self._last_s = frame.time_s
+        return frame
+
+
+def run_grasp(
+    plan: Plan,
+    *,
+    array: PressureArray,
+    gripper: Gripper,
+    clock: Clock,
+    subscribers: Sequence[Subscriber] = (),
+) -> GraspResult:
+    """Run one grasp to its end; afterwards the gripper stands still or is open.
+
+    Ctrl-C and SIGTERM end the grasp with outcome `stopped`, a silent or lost array with
+    `sensor_lost`. What that means for the hand is in `palpate.grasp.safety`.
+
+    Raises
+    ------
+    DeviceError
+        If the gripper fails: nothing can be promised of it then.
+    """
+    belief, feed, faults = Belief(), _Feed(array, clock=clock, plan=plan), list[str]()
+    views = list(subscribers)
+    try:
+        with _stop_requests() as requested:
+            while not belief.ended:
+                if requested.is_set() and belief.phase is not Phase.RELEASE:
+                    belief, command = stopped(belief, Danger.STOPPED, plan=plan)
+                else:
+                    try:
+                        frame = feed.next()
+                    except DeviceError as error:
+                        faults.append(str(error))
+                        belief, command = stopped(belief, Danger.SENSOR_LOST, plan=plan)
+                        if belief.phase is Phase.RELEASE:
+                            _open_blindly(gripper, command, clock=clock)
+                            break
+                        continue
+                    observation = Observation(frame=frame, gripper=gripper.state())
+                    belief, command = step(belief, observation, plan=plan)
+                    _tell(views, observation, faults)
+                if command is not None:
+                    gripper.command(command)
+    except KeyboardInterrupt:
+        belief, _ = stopped(belief, Danger.STOPPED, plan=plan)
+    finally:
+        gripper.stop()
+    return replace(
+        belief.result,
+        faults=(*belief.result.faults, *faults),
+        frames=belief.frames,
+        frames_lost=belief.lost,
+        peak_force_n=belief.peak_force_n if belief.contact_s is not None else None,
+    )
+
+
+def _tell(views: list[Subscriber], observation: Observation, faults: list[str]) -> None:
+    for view in tuple(views):
+        try:
+            view(observation)
+        # Whatever a recorder or view does wrong, the hand must not feel it; the result tells.
+        except Exception as error:
+            views.remove(view)
+            name = getattr(view, "__name__", type(view).__name__)
+            faults.append(f"{name} failed and was left out from then on: {error}")
+
+
+def _open_blindly(gripper: Gripper, command: GripperCommand | None, *, clock: Clock) -> None:
+    """Finish an opening without frames: by the gripper's own word alone."""
+    if command is not None:
+        gripper.command(command)
+    until_s = clock.now_s() + _OPENING_S
+    while gripper.state().moving and clock.now_s() < until_s:
+        clock.sleep_s(0.02)
+
+
+@contextmanager
+def _stop_requests() -> Iterator[threading.Event]:
+    """Turn Ctrl-C and SIGTERM into a flag, so that none interrupts a transfer halfway.
+
+    A second Ctrl-C does interrupt: the old handlers are back after the first.
+    """
+    requested = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield requested
+        return
+    old = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def restore() -> None:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+
+    def request(number: int, frame: FrameType | None) -> None:
+        requested.set()
+        restore()
+
+    for number in old:
+        signal.signal(number, request)
+    try:
+        yield requested
+    finally:
+        restore()

@@ -1,0 +1,276 @@
+"""The calibration file: rest values, raw force and closure pairs, and the law made of them.
+
+JSON, written whole or not at all. The raw pairs are always kept, so a better law can be fitted to
+an old calibration; the law's own numbers stand beside them for whoever reads the file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import CalibrationError
+from palpate.files import atomic_path
+from palpate.sensor.array import ArrayLayout
+from palpate.signal.circuit import Divider
+
+FORMAT = "palpate-calibration"
+VERSION = 1
+#: The sheet breaks in and ages with use and climate (paper, Figures 3 and 4).
+STALE_DAYS = 30
+
+Pairs = TypeVar("Pairs", "ForcePairs", "BlockPairs")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestValues:
+    """Pixels without load.
+
+    Attributes
+    ----------
+    ohm : tuple of tuple of float, shape (rows, cols)
+        Robust mean resistance of each pixel.
+    spread_percent : tuple of tuple of float, shape (rows, cols)
+        Standard deviation of each pixel, percent of its rest value.
+    frames : int
+        Frames that they rest on.
+    """
+
+    ohm: tuple[tuple[float, ...], ...]
+    spread_percent: tuple[tuple[float, ...], ...]
+    frames: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForcePairs:
+    """Readings of the sheet beside a reference force, one entry per reading.
+
+    Attributes
+    ----------
+    run : tuple of int
+        Which placement of the load cell: pairs of one run share its place on the sheet.
+    since_move_s : tuple of float
+        How long after the last movement it was read.
+    excess : tuple of float
+        Excess conductance G/G0 - 1 summed over pixels.
+    relative_percent : tuple of float
+        Mean relative change (paper, eq. 1).
+    force_n : tuple of float
+        Reference: mean of the fingers' normal forces.
+    """
+
+    run: tuple[int, ...]
+    since_move_s: tuple[float, ...]
+    excess: tuple[float, ...]
+    relative_percent: tuple[float, ...]
+    force_n: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        _one_length(self, what="force pairs")
+        if len(self.force_n) >= 4 and np.ptp(self.force_n) < 0.01 * max(map(abs, self.force_n)):
+            raise CalibrationError(
+                f"force pairs: the reference force stays at {self.force_n[0]:g} N; "
+                "is the load cell connected?"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BlockPairs:
+    """Closing on a rigid block of known size: all the closure is pads, fingers and servo.
+
+    Attributes
+    ----------
+    block_mm : tuple of float
+        True size of the block, one entry per reading.
+    width_mm : tuple of float
+        Width that the gripper reported.
+    force_n : tuple of float
+        Grip force there.
+    """
+
+    block_mm: tuple[float, ...]
+    width_mm: tuple[float, ...]
+    force_n: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        _one_length(self, what="block pairs")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """Everything that turns the counts of one sensor on one gripper into quantities.
+
+    Attributes
+    ----------
+    sensor_id : str
+        Which sensor.
+    origin : str
+        Where it was made: ``"hardware"`` or ``"simulated"``.
+    layout : ArrayLayout
+        Layout and readout circuit.
+    rest : RestValues
+        Pixels without load.
+    force : ForcePairs
+        Raw pairs of reading and force.
+    block : BlockPairs
+        Raw pairs of width and force on a rigid block.
+    force_law : mapping
+        The law fitted to `force`, as its `as_dict` gave it: for readers of the file.
+    made_at : str or None
+        ISO 8601 date and time.
+    temperature_c, humidity_percent : float or None
+        Conditions, where known.
+
+    Examples
+    --------
+    >>> Calibration.load("no-such-file.json")
+    Traceback (most recent call last):
+    palpate.errors.CalibrationError: calibration no-such-file.json: No such file or directory
+    """
+
+    sensor_id: str
+    origin: str
+    layout: ArrayLayout
+    rest: RestValues
+    force: ForcePairs
+    block: BlockPairs
+    force_law: Mapping[str, Any] = field(default_factory=dict)
+    made_at: str | None = None
+    temperature_c: float | None = None
+    humidity_percent: float | None = None
+
+    def __post_init__(self) -> None:
+        shape = (self.layout.rows, self.layout.cols)
+        if self.rest_ohm.shape != shape:
+            raise CalibrationError(
+                f"rest: {self.rest_ohm.shape} values for a layout of {shape} pixels"
+            )
+        if not (self.rest_ohm > 0).all():
+            raise CalibrationError("rest: every pixel needs a resistance above 0 ohm")
+
+    @property
+    def rest_ohm(self) -> NDArray[np.float64]:
+        """Rest resistances, shape (rows, cols)."""
+        return np.array(self.rest.ohm, dtype=float)
+
+    def concerns(
+        self, *, now: datetime, temperature_c: float | None = None
+    ) -> tuple[str, ...]:
+        """Return what speaks against using it now: age, or a climate other than its own."""
+        found: list[str] = []
+        if self.made_at is not None:
+            made = datetime.fromisoformat(self.made_at)
+            made = made if made.tzinfo else made.replace(tzinfo=timezone.utc)
+            days = (now - made).days
+            if days > STALE_DAYS:
+                found.append(f"calibration is {days} days old (advised: at most {STALE_DAYS})")
+        if temperature_c is not None and self.temperature_c is not None:
+            apart = abs(temperature_c - self.temperature_c)
+            if apart > 5:
+                found.append(f"calibrated at {self.temperature_c:g} C, {apart:.0f} C away from now")
+        return tuple(found)
+
+    def save(self, path: str | Path) -> None:
+        """Write the file, whole or not at all."""
+        document = {"format": FORMAT, "version": VERSION, **asdict(self)}
+        text = json.dumps(document, indent=1, allow_nan=False)
+        with atomic_path(path) as partial:
+            partial.write_text(_rows_on_one_line(text) + "\n")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Calibration:
+        """Read a calibration file.
+
+        Raises
+        ------
+        CalibrationError
+            If it can't be read, is cut, comes from a newer version, or lacks or misnames a value
+            (units stand in the names); one line that says which.
+        """
+        try:
+            document = json.loads(Path(path).read_text())
+            return cls._from_document(document)
+        except OSError as error:
+            raise CalibrationError(f"calibration {path}: {error.strerror}") from error
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise CalibrationError(
+                f"calibration {path}: not whole JSON ({error}); "
+                "take the file from a backup or calibrate again"
+            ) from error
+        except (CalibrationError, ValueError, TypeError) as error:
+            raise CalibrationError(f"calibration {path}: {error}") from error
+
+    @classmethod
+    def _from_document(cls, document: Any) -> Calibration:
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            raise CalibrationError(f"not a calibration file: its format is not {FORMAT!r}")
+        if document.get("version") != VERSION:
+            raise CalibrationError(
+                f"written by another version of palpate (file version {document.get('version')}, "
+                f"this one reads {VERSION}); update palpate or calibrate again"
+            )
+        known = {k: v for k, v in document.items() if k not in ("format", "version")}
+        _same_names(known, [f.name for f in fields(cls)], where="the file")
+        layout = dict(known["layout"])
+        _same_names(layout, [f.name for f in fields(ArrayLayout)], where="layout")
+        layout["divider"] = Divider(**layout["divider"])
+        layout["finger_of_row"] = tuple(layout["finger_of_row"])
+        rest = known["rest"]
+        _same_names(rest, [f.name for f in fields(RestValues)], where="rest")
+        known |= {
+            "layout": ArrayLayout(**layout),
+            "rest": RestValues(
+                ohm=tuple(map(tuple, rest["ohm"])),
+                spread_percent=tuple(map(tuple, rest["spread_percent"])),
+                frames=rest["frames"],
+            ),
+            "force": _pairs(ForcePairs, known["force"], where="force"),
+            "block": _pairs(BlockPairs, known["block"], where="block"),
+        }
+        return cls(**known)
+
+
+def _pairs(kind: type[Pairs], stored: Mapping[str, Any], *, where: str) -> Pairs:
+    names = [f.name for f in fields(kind)]
+    _same_names(stored, names, where=where)
+    columns = {name: tuple(stored[name]) for name in names}
+    for name, column in columns.items():
+        if not all(isinstance(v, int | float) and np.isfinite(v) for v in column):
+            raise CalibrationError(f"{where}.{name}: every entry must be a finite number")
+    return kind(**columns)
+
+
+def _same_names(stored: Mapping[str, Any], wanted: list[str], *, where: str) -> None:
+    missing = sorted(set(wanted) - set(stored))
+    unknown = sorted(set(stored) - set(wanted))
+    if missing or unknown:
+        found = f", found {', '.join(unknown)}" if unknown else ""
+        lacks = f"lacks {', '.join(missing)}" if missing else "has more than it should"
+        raise CalibrationError(f"{where} {lacks}{found}; units are part of the names")
+
+
+def _one_length(pairs: Any, *, what: str) -> None:
+    lengths = {f.name: len(getattr(pairs, f.name)) for f in fields(pairs)}
+    if len(set(lengths.values())) != 1:
+        raise CalibrationError(f"{what} of unequal length: {lengths}")
+
+
+def _rows_on_one_line(text: str) -> str:
+    """Put lists of numbers on one line each: a person reads the file, and diffs it."""
+    lines: list[str] = []
+    for line in text.splitlines():
+        inner = line.strip()
+        if lines and lines[-1].rstrip().endswith("[") and not inner.endswith(("[", "{")):
+            lines[-1] += inner
+        elif lines and "[" in lines[-1] and not lines[-1].rstrip().endswith(("]", "],", "[")):
+            lines[-1] += inner if inner.startswith("]") else f" {inner}"
+        else:
+            lines.append(line)
+    return "\n".join(lines)
