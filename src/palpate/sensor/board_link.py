@@ -1,0 +1,159 @@
+"""Commands and answers over a byte stream: one conversation with one board."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palpate.clock import Clock
+from palpate.errors import DeviceError, DeviceTimeoutError, WireError
+from palpate.sensor.byte_stream import ByteStream
+from palpate.sensor.wire import Decoder, encode_command
+from palpate.sensor.wire_messages import (
+    Ack,
+    Command,
+    FrameMessage,
+    Identify,
+    Identity,
+    Result,
+    SetRate,
+)
+
+#: A board that was reset by opening its port spends about 2 s in its boot loader.
+ANSWER_TIMEOUT_S = 4.0
+#: An answer that has not come by then is lost (docs/protocol.md; 1 s at 9600 baud).
+RESEND_S = 0.3
+#: Bytes are fetched in bulk this often: a quarter of the time between frames at 500 Hz at most.
+POLL_S = 0.001
+
+
+class BoardLink:
+    """Feeds a decoder from a stream and carries out lists of commands without ever waiting.
+
+    Parameters
+    ----------
+    stream : ByteStream
+        An open port.
+    clock : Clock
+        For timeouts.
+    decoder : Decoder, optional
+        To go on counting with after a reconnect.
+    """
+
+    def __init__(self, stream: ByteStream, *, clock: Clock, decoder: Decoder | None = None) -> None:
+        self.stream = stream
+        self.decoder = decoder or Decoder()
+        self.identity: Identity | None = None
+        #: The board started anew (an identity that nobody asked for) since it was last set up.
+        self.was_reset = False
+        self._clock = clock
+        self._commands: Sequence[Command] = ()
+        self._todo: list[Command] = []
+        self._tag = 0
+        self._sent_s = -float("inf")
+        self._asked_s = 0.0
+        self._bytes_seen = 0
+        self._heard = False
+
+    @property
+    def busy(self) -> bool:
+        """Whether commands are still to be answered."""
+        return bool(self._todo)
+
+    def begin(self, commands: Sequence[Command]) -> None:
+        """Send these commands one by one, each after the answer to the one before."""
+        self._commands = commands
+        self._todo = list(commands)
+        self.was_reset = False
+        self._bytes_seen = 0
+        self._heard = False
+        self._next_command()
+
+    def poll(self) -> list[FrameMessage]:
+        """Take what has come, send what is due; return the frames.
+
+        Raises
+        ------
+        DeviceError
+            If the port is gone, or the board refuses a command or does not answer.
+        """
+        data = self.stream.read_waiting()
+        self._bytes_seen += len(data)
+        frames: list[FrameMessage] = []
+        for message in self.decoder.feed(data) if data else ():
+            self._heard = True
+            if isinstance(message, FrameMessage):
+                frames.append(message)
+            elif isinstance(message, Identity):
+                self._identified(message)
+            else:
+                self._answered(message)
+        if self._todo:
+            self._send_if_due()
+        return frames
+
+    def ask(self, *commands: Command) -> None:
+        """Carry out commands and wait for the answers; frames meanwhile are dropped."""
+        self.begin(commands)
+        while self.busy:
+            self.poll()
+            if self.busy:
+                self._clock.sleep_s(POLL_S)
+
+    def tell(self, command: Command) -> None:
+        """Send a command without waiting for its answer (heartbeats, pressure steps)."""
+        self.stream.write(encode_command(command, tag=0))
+
+    def _next_command(self) -> None:
+        # Tags 1 to 255: an identity with tag 0 was not asked for.
+        self._tag = self._tag % 255 + 1
+        self._asked_s = self._clock.now_s()
+        self._sent_s = -float("inf")
+
+    def _send_if_due(self) -> None:
+        now_s = self._clock.now_s()
+        if now_s - self._asked_s > ANSWER_TIMEOUT_S:
+            raise self._silence()
+        if now_s - self._sent_s >= RESEND_S:
+            self._sent_s = now_s
+            self.stream.write(encode_command(self._todo[0], tag=self._tag))
+
+    def _identified(self, identity: Identity) -> None:
+        self.identity = identity
+        if identity.tag == 0 and self._todo:
+            self._todo = list(self._commands)  # what it was told before is forgotten
+            self._next_command()
+        elif identity.tag == 0:
+            self.was_reset = True
+        elif identity.tag == self._tag and self._todo and isinstance(self._todo[0], Identify):
+            self._done()
+
+    def _answered(self, ack: Ack) -> None:
+        if not self._todo or ack.tag != self._tag:
+            return
+        if ack.result == Result.TOO_FAST:
+            wanted = self._todo[0]
+            rate = f"{wanted.rate_hz:g} frames/s" if isinstance(wanted, SetRate) else "the rate set"
+            raise WireError(
+                f"{self.stream.name}: the board can't do {rate} with this layout and "
+                f"oversampling; at most {ack.highest_rate_hz:.1f}"
+            )
+        if ack.result != Result.OK:
+            refusal = ack.result.name.lower().replace("_", " ")
+            raise WireError(f"{self.stream.name}: the board refused {self._todo[0]}: {refusal}")
+        self._done()
+
+    def _done(self) -> None:
+        del self._todo[0]
+        self._next_command()
+
+    def _silence(self) -> DeviceError:
+        name = self.stream.name
+        if self._bytes_seen and not self._heard:
+            return WireError(
+                f"{name}: {self._bytes_seen} bytes but no valid packet in {ANSWER_TIMEOUT_S:g} s: "
+                "the baud rate is another, or the board runs other firmware (`palpate flash`)"
+            )
+        return DeviceTimeoutError(
+            f"{name}: no answer from the board in {ANSWER_TIMEOUT_S:g} s. Check its power, then "
+            "put palpate's firmware on it with `palpate flash`."
+        )

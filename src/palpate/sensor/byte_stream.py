@@ -1,0 +1,124 @@
+"""A serial port as plain bytes, and what can be wrong with opening one."""
+
+from __future__ import annotations
+
+import errno
+import grp
+import os
+from typing import Protocol
+
+import serial
+
+from palpate.errors import DeviceError, DeviceNotFoundError
+
+BAUD = 1_000_000
+_READ_BYTES = 1 << 16
+
+
+class ByteStream(Protocol):
+    """Bytes to and from a board."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in messages, e.g. the port."""
+        ...
+
+    def read_waiting(self) -> bytes:
+        """Return all bytes that have come, without waiting; none is b"".
+
+        Raises
+        ------
+        DeviceError
+            If the port is gone.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`.
+
+        Raises
+        ------
+        DeviceError
+            If the port is gone.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the port; calling it again does nothing."""
+        ...
+
+
+class SerialStream:
+    """A `ByteStream` over a serial port, locked against other programs.
+
+    Parameters
+    ----------
+    port : str
+        Device, e.g. ``"/dev/ttyACM0"``.
+    baud : int
+        Speed that the firmware was built for.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        If there is no such port.
+    DeviceError
+        If it is busy, or may not be opened.
+    """
+
+    def __init__(self, port: str, *, baud: int = BAUD) -> None:
+        self.name = port
+        try:
+            self._serial = serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        except serial.SerialException as error:
+            raise _why_not(port, error) from error
+
+    def read_waiting(self) -> bytes:
+        """Return all bytes that have come, without waiting."""
+        try:
+            return bytes(self._serial.read(_READ_BYTES))
+        except (serial.SerialException, OSError) as error:
+            raise DeviceError(_gone(self.name)) from error
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`."""
+        try:
+            self._serial.write(data)
+        except (serial.SerialException, OSError) as error:
+            raise DeviceError(_gone(self.name)) from error
+
+    def close(self) -> None:
+        """Let go of the port; calling it again does nothing."""
+        self._serial.close()
+
+
+def _gone(port: str) -> str:
+    return f"{port} is gone: the cable was pulled or the board lost power. Plug it in again."
+
+
+def _why_not(port: str, error: serial.SerialException) -> DeviceError:
+    """Say in one line why a port can't be opened, and what helps."""
+    code = error.errno
+    if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return DeviceNotFoundError(
+            f"no port {port}; `palpate ports` lists those there are. Check cable and power."
+        )
+    if code in (errno.EACCES, errno.EPERM):
+        return DeviceError(
+            f"{port}: permission denied. Run `sudo usermod -aG {_group_of(port)} $USER`, "
+            "then log out and in again."
+        )
+    if code in (errno.EBUSY, errno.EAGAIN):
+        return DeviceError(
+            f"{port} is in use by another program; `fuser -v {port}` names it. Close it first."
+        )
+    return DeviceError(f"{port} can't be opened as a serial port: {error}")
+
+
+def _group_of(port: str) -> str:
+    """Return the group that may use the port: `dialout` on most systems."""
+    try:
+        name = grp.getgrgid(os.stat(port).st_gid).gr_name
+    except (OSError, KeyError):
+        return "dialout"
+    return "dialout" if name == "root" else name

@@ -1,0 +1,149 @@
+"""Which serial ports there are, and on which one palpate's firmware answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from serial.tools import list_ports
+
+from palpate.clock import Clock
+from palpate.errors import DeviceError, DeviceNotFoundError
+from palpate.sensor.board_link import BoardLink
+from palpate.sensor.byte_stream import ByteStream, SerialStream
+from palpate.sensor.wire_messages import Identify, Identity
+
+_ARDUINO = "Arduino"
+#: USB vendor -> what it means; product ids matter only for the chips that are on everything.
+_VENDORS = {0x2341: _ARDUINO, 0x2A03: _ARDUINO}
+_BRIDGES = {
+    (0x1A86, 0x7523): "CH340, as on many Arduino clones",
+    (0x1A86, 0x55D4): "CH9102, as on some Arduino clones",
+    (0x0403, 0x6001): "FTDI FT232",
+    (0x10C4, 0xEA60): "CP210x",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Port:
+    """One serial port of this machine.
+
+    Attributes
+    ----------
+    device : str
+        What to open, e.g. ``"/dev/ttyACM0"``.
+    description : str
+        What the system calls it.
+    usb_id : tuple of int or None
+        Vendor and product.
+    serial_number : str or None
+        Of the USB device: tells two boards apart.
+    board : str or None
+        What is probably behind it; None if nothing speaks for a board.
+    """
+
+    device: str
+    description: str
+    usb_id: tuple[int, int] | None = None
+    serial_number: str | None = None
+    board: str | None = None
+
+
+def board_of(usb_id: tuple[int, int] | None) -> str | None:
+    """Say what board or chip a USB id speaks for.
+
+    Examples
+    --------
+    >>> board_of((0x2341, 0x0042)), board_of((0x1A86, 0x7523)), board_of(None)
+    ('Arduino', 'CH340, as on many Arduino clones', None)
+    """
+    if usb_id is None:
+        return None
+    return _VENDORS.get(usb_id[0]) or _BRIDGES.get(usb_id)
+
+
+def serial_ports() -> list[Port]:
+    """Return the serial ports of this machine, likely boards first."""
+    ports = []
+    for found in list_ports.comports():
+        usb_id = None if found.vid is None or found.pid is None else (found.vid, found.pid)
+        ports.append(
+            Port(
+                device=found.device,
+                description=found.description or "",
+                usb_id=usb_id,
+                serial_number=found.serial_number,
+                board=board_of(usb_id),
+            )
+        )
+    return sorted(ports, key=lambda port: (port.board is None, port.board != _ARDUINO, port.device))
+
+
+def find_port(
+    ports: Sequence[Port],
+    *,
+    clock: Clock,
+    open_stream: Callable[[str], ByteStream] = SerialStream,
+) -> str:
+    """Return the port of the one board: by its USB id, else by asking who answers.
+
+    Parameters
+    ----------
+    ports : sequence of Port
+        As `serial_ports` gives them.
+    clock : Clock
+        For timeouts.
+    open_stream : callable
+        Opens a port.
+
+    Returns
+    -------
+    str
+        The port's device.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        If there is no board.
+    DeviceError
+        If several boards answer.
+    """
+    likely = [port for port in ports if port.board is not None]
+    if len(likely) == 1:
+        return likely[0].device
+    asked = likely or list(ports)
+    silence: list[str] = []
+    answering: list[str] = []
+    for port in asked:
+        try:
+            identify(open_stream(port.device), clock=clock)
+            answering.append(port.device)
+        except DeviceError as error:
+            silence.append(str(error))
+    if len(answering) == 1:
+        return answering[0]
+    if answering:
+        raise DeviceError(
+            f"{len(answering)} boards answer: {', '.join(answering)}. Choose one with --port."
+        )
+    if not asked:
+        raise DeviceNotFoundError("no serial port on this machine. Plug the board in.")
+    raise DeviceNotFoundError(f"no board answers. {silence[0]}")
+
+
+def identify(stream: ByteStream, *, clock: Clock) -> Identity:
+    """Ask what is behind a port, and close it.
+
+    Raises
+    ------
+    DeviceError
+        If it does not answer as palpate's firmware does.
+    """
+    try:
+        link = BoardLink(stream, clock=clock)
+        link.ask(Identify())
+        if link.identity is None:
+            raise DeviceError(f"{stream.name}: the board did not say what it is")
+        return link.identity
+    finally:
+        stream.close()

@@ -1,0 +1,301 @@
+"""A pressure array behind a serial port: frames in host time, every loss counted."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.clock import Clock
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError
+from palpate.sensor.array import ArrayLayout, Frame
+from palpate.sensor.board_link import POLL_S, BoardLink
+from palpate.sensor.byte_stream import ByteStream
+from palpate.sensor.device_clock import DeviceClock
+from palpate.sensor.wire_messages import (
+    Command,
+    Contents,
+    FrameMessage,
+    Identify,
+    Identity,
+    LoadCell,
+    SetLayout,
+    SetOversampling,
+    SetRate,
+    Start,
+    Stop,
+)
+
+#: Between two tries to open a port that was pulled out.
+_REOPEN_S = 0.25
+#: Frames older than this on arrival in the program count as late: 5 periods, at least 100 ms.
+_LATE_PERIODS, _LATE_S = 5, 0.1
+#: Without a frame for so long the stream is set up anew: 10 periods, at least 0.5 s.
+_SILENT_PERIODS, _SILENT_S = 10, 0.5
+_FRAME_OVERHEAD_BYTES = 23  # head 13, packet 7, stuffing 2, final zero
+_FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkCounters:
+    """What happened on the link so far.
+
+    Attributes
+    ----------
+    frames : int
+        Frames received.
+    lost : int
+        Frames that the numbering shows to be missing.
+    corrupt : int
+        Packets rejected.
+    late : int
+        Frames older than 5 periods and 100 ms when they were read: the host stalled.
+    restarts : int
+        Streams begun after the first: resets of the board, and resumptions.
+    reconnects : int
+        Times that the port was opened again.
+    """
+
+    frames: int
+    lost: int
+    corrupt: int
+    late: int
+    restarts: int
+    reconnects: int
+
+
+class SerialArray:
+    """A `PressureArray` on a board with palpate's firmware.
+
+    Parameters
+    ----------
+    stream : ByteStream
+        An open port.
+    clock : Clock
+        The host's clock; frames carry its time.
+    layout : ArrayLayout
+        Size of the matrix to scan.
+    rate_hz : float
+        Frames per second to ask for.
+    oversampling : int
+        Conversions summed per pixel, 1 to 64.
+    settle_us : int
+        Wait after each multiplexer step.
+    contents : Contents
+        What to send besides pixels.
+    reopen : callable, optional
+        Opens the port again after an unplug, raising `DeviceError` while it can't. Without it, an
+        unplugged board is lost for good.
+
+    Raises
+    ------
+    DeviceError
+        If the board does not answer or refuses the set-up (then with the highest possible rate).
+    """
+
+    def __init__(
+        self,
+        stream: ByteStream,
+        *,
+        clock: Clock,
+        layout: ArrayLayout,
+        rate_hz: float = 250.0,
+        oversampling: int = 1,
+        settle_us: int = 20,
+        contents: Contents = Contents.PIXELS,
+        reopen: Callable[[], ByteStream] | None = None,
+    ) -> None:
+        self._layout = layout
+        self._clock = clock
+        self._rate_hz = rate_hz
+        self._reopen = reopen
+        self._setup: tuple[Command, ...] = (
+            Stop(),
+            SetLayout(rows=layout.rows, cols=layout.cols, settle_us=settle_us),
+            SetOversampling(conversions=oversampling),
+            SetRate(rate_hz=rate_hz),
+            Identify(),
+            Start(contents=contents),
+        )
+        self._link: BoardLink | None = BoardLink(stream, clock=clock)
+        self._name = stream.name
+        self._decoder = self._link.decoder
+        self._device_clock = DeviceClock()
+        self._waiting: deque[Frame] = deque()
+        self._load_cells: tuple[LoadCell, ...] = ()
+        self._stream_number: int | None = None
+        self._sequence_offset = 0
+        self._last: Frame | None = None
+        self._heard_s = self._tried_s = clock.now_s()
+        self._late = self._reconnects = 0
+        try:
+            self._link.ask(*self._setup)
+        except DeviceError:
+            self.close()
+            raise
+        self._heard_s = clock.now_s()
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the frames."""
+        return self._layout
+
+    @property
+    def identity(self) -> Identity | None:
+        """What the board says of itself; None while it is unplugged."""
+        return None if self._link is None else self._link.identity
+
+    @property
+    def load_cells(self) -> tuple[LoadCell, ...]:
+        """Raw readings that came with the newest frame; empty unless asked for."""
+        return self._load_cells
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much longer a host second is than the board's, parts per million."""
+        return self._device_clock.drift_ppm
+
+    @property
+    def counters(self) -> LinkCounters:
+        """What happened on the link so far."""
+        wire = self._decoder.counters
+        return LinkCounters(
+            frames=wire.frames,
+            lost=wire.lost,
+            corrupt=wire.corrupt,
+            late=self._late,
+            restarts=wire.restarts,
+            reconnects=self._reconnects,
+        )
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next frame, oldest first.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If none came within `timeout_s`; an unplugged board is waited for, so call again.
+        DeviceError
+            If the board is gone for good.
+        """
+        deadline_s = self._clock.now_s() + timeout_s
+        while not self._waiting:
+            self._fetch()
+            if self._waiting:
+                break
+            left_s = deadline_s - self._clock.now_s()
+            if left_s <= 0:
+                raise DeviceTimeoutError(self._silence(timeout_s))
+            self._clock.sleep_s(min(POLL_S, left_s))
+        frame = self._waiting.popleft()
+        age_s = self._clock.now_s() - frame.time_s
+        self._late += age_s > max(_LATE_S, _LATE_PERIODS / self._rate_hz)
+        return frame
+
+    def send(self, command: Command) -> None:
+        """Send a command without waiting for its answer (heartbeat, pressure, ceiling).
+
+        Raises
+        ------
+        DeviceError
+            If the board is unplugged.
+        """
+        if self._link is None:
+            raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
+        self._link.tell(command)
+
+    def close(self) -> None:
+        """Stop the stream and let go of the port; calling it again does nothing."""
+        self._reopen = None
+        if self._link is None:
+            return
+        try:
+            self._link.tell(Stop())
+        except DeviceError:
+            pass  # unplugged: there is nothing to stop
+        finally:
+            self._link.stream.close()
+            self._link = None
+
+    def _fetch(self) -> None:
+        """Take what has come; follow resets and unplugs."""
+        now_s = self._clock.now_s()
+        if self._link is None:
+            self._try_again(now_s)
+            return
+        try:
+            messages = self._link.poll()
+        except DeviceError:
+            if self._reopen is None:
+                raise
+            self._link.stream.close()
+            self._link = None
+            self._tried_s = now_s
+            return
+        for message in messages:
+            self._accept(message, arrival_s=now_s)
+        if messages:
+            self._heard_s = now_s
+        silent = now_s - self._heard_s > max(_SILENT_S, _SILENT_PERIODS / self._rate_hz)
+        if self._link.was_reset or (silent and not self._link.busy):
+            self._link.begin(self._setup)
+
+    def _try_again(self, now_s: float) -> None:
+        if self._reopen is None:
+            raise DeviceNotFoundError(f"{self._name} was closed")
+        if now_s - self._tried_s < _REOPEN_S:
+            return
+        self._tried_s = now_s
+        try:
+            stream = self._reopen()
+        except DeviceError:
+            return  # still unplugged: the caller is told by the timeout
+        self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
+        self._link.begin(self._setup)
+        self._name = stream.name
+        self._heard_s = now_s
+        self._reconnects += 1
+
+    def _accept(self, message: FrameMessage, *, arrival_s: float) -> None:
+        if message.counts.shape != (self._layout.rows, self._layout.cols):
+            return  # sent before the layout was set
+        if message.stream != self._stream_number:
+            self._enter(message)
+        time_s = self._device_clock.to_host_s(message.time_us * 1e-6, arrival_s=arrival_s)
+        if self._last is not None:
+            time_s = max(time_s, self._last.time_s)
+        self._last = Frame(
+            time_s=time_s,
+            sequence=message.sequence + self._sequence_offset,
+            counts=message.counts.astype(np.int32),
+            oversampling=message.oversampling,
+        )
+        self._load_cells = message.load_cells
+        self._waiting.append(self._last)
+
+    def _enter(self, message: FrameMessage) -> None:
+        """Begin to follow a stream: numbers go on, the clocks are compared afresh."""
+        self._stream_number = message.stream
+        self._sequence_offset = 0 if self._last is None else self._last.sequence + 1
+        self._device_clock = DeviceClock(floor_s=self._least_delay_s(message))
+
+    def _least_delay_s(self, message: FrameMessage) -> float:
+        """Time from the start of a scan to its last byte, as the board's identity gives it."""
+        identity = self.identity
+        if identity is None:
+            return 0.0
+        pixels = self._layout.pixels
+        conversion_s = message.oversampling * identity.conversion_us * 1e-6
+        scan_s = pixels * (identity.settle_us * 1e-6 + conversion_s + _FIRMWARE_S_PER_PIXEL)
+        wire_s = (_FRAME_OVERHEAD_BYTES + 2 * pixels) * 10 / identity.baud
+        return scan_s + wire_s
+
+    def _silence(self, timeout_s: float) -> str:
+        if self._link is None:
+            return f"{self._name} is unplugged ({timeout_s:g} s without a frame). Plug it in again."
+        return (
+            f"no frame from {self._name} in {timeout_s:.2f} s (expected every "
+            f"{1 / self._rate_hz:.3g} s). Check power, then run `palpate doctor`."
+        )
