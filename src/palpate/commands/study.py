@@ -11,6 +11,7 @@ from palpate.errors import InputError
 
 #: Study -> (module under `palpate.studies`, what it shows). Each module holds a function `command`.
 STUDIES: dict[str, tuple[str, str]] = {
+    "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
     "table1": ("table1", "Table 1 and Figures 5 and 6, on simulated holds"),
     "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
 }

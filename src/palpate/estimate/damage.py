@@ -40,8 +40,8 @@ class DamageLimit:
         The force level just passed.
     predicted_n, low_n : float
         Likely rupture force, and the force that it exceeds with probability 0.95.
-    hazard : float
-        Expected ruptures in the next 5 % of force.
+    score : float
+        Hazard of the next 5 % of force, in terms that mean the same for every kind of object.
     stop : bool
         Whether closing should stop here.
     """
@@ -49,7 +49,7 @@ class DamageLimit:
     force_n: float
     predicted_n: float
     low_n: float
-    hazard: float
+    score: float
     stop: bool
 
 
@@ -79,13 +79,13 @@ class DamageModel:
     strengths: Mapping[str, Strength]
     low_shares: Mapping[str, float]
 
-    def threshold(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> float:
-        """Return the hazard at which to stop so that a new object ruptures at most that often.
+    def stop_score(self, *, nominal_rate: float = NOMINAL_RATE) -> float:
+        """Return the score at which to stop so that a new object ruptures at most that often.
 
         The k-th smallest critical score of n promises a rate of at most k / (n + 1) on objects
         exchangeable with those learned from (conformal prediction). The scores are pooled because
         no kind alone has the hundred objects that a promise of 1 % takes. With too few of them
-        even so, the threshold lies one tail below the smallest score.
+        even so, the score lies one tail below the smallest.
 
         Raises
         ------
@@ -96,51 +96,45 @@ class DamageModel:
             raise ValueError(f"nominal_rate is {nominal_rate}; it must lie between 0 and 1")
         count = len(self.critical_scores)
         rank = int(np.floor(nominal_rate * (count + 1)))
-        score = self.critical_scores[min(rank, count) - 1] if rank else self.critical_scores[0] - 1
-        location, spread = self.tails[kind if kind in self.tails else ""]
-        return float(np.exp(location + score * spread))
+        if rank == 0:
+            return float(self.critical_scores[0] - 1)
+        return float(self.critical_scores[min(rank, count) - 1])
+
+    def limit(self, state: ClosingState, *, kind: str = "", stop_score: float) -> DamageLimit:
+        """Return what one state of a closing curve says (kind ``""``: not known)."""
+        kind = kind if kind in self.strengths else ""
+        location, spread = self.tails[kind]
+        hazard = self.hazard.per_step([state], kind=kind)[0]
+        score = float((np.log(hazard) - location) / spread)
+        predicted_n = self.strengths[kind].predict_n(state)
+        return DamageLimit(
+            force_n=state.force_n,
+            predicted_n=predicted_n,
+            low_n=max(self.low_shares[kind] * predicted_n, state.force_n),
+            score=score,
+            stop=score >= stop_score,
+        )
 
     def guard(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> DamageGuard:
         """Return a guard for one closing of an object of that kind (``""``: not known)."""
-        return DamageGuard(
-            model=self,
-            kind=kind,
-            threshold=self.threshold(kind=kind, nominal_rate=nominal_rate),
-        )
+        return DamageGuard(self, kind=kind, stop_score=self.stop_score(nominal_rate=nominal_rate))
 
 
 class DamageGuard:
     """Follows one closing and says when to stop."""
 
-    def __init__(self, *, model: DamageModel, kind: str, threshold: float) -> None:
+    def __init__(self, model: DamageModel, *, kind: str, stop_score: float) -> None:
         self._curve = ClosingCurve()
         self._model = model
         self._kind = kind
-        self._strength_kind = kind if kind in model.strengths else ""
-        self._threshold = threshold
-        self._stopped = False
+        self._stop_score = stop_score
 
     def push(self, closure_mm: float, *, force_n: float) -> list[DamageLimit]:
-        """Take one sample; return the limits at the force levels that it passed, lowest first.
-
-        Once a limit has said stop, all later ones do.
-        """
-        limits = []
-        for state in self._curve.push(closure_mm, force_n=force_n):
-            hazard = float(self._model.hazard.per_step([state], kind=self._kind)[0])
-            self._stopped = self._stopped or hazard >= self._threshold
-            predicted_n = self._model.strengths[self._strength_kind].predict_n(state)
-            low_n = max(self._model.low_shares[self._strength_kind] * predicted_n, state.force_n)
-            limits.append(
-                DamageLimit(
-                    force_n=state.force_n,
-                    predicted_n=predicted_n,
-                    low_n=low_n,
-                    hazard=hazard,
-                    stop=self._stopped,
-                )
-            )
-        return limits
+        """Take one sample; return the limits at the force levels that it passed, lowest first."""
+        return [
+            self._model.limit(state, kind=self._kind, stop_score=self._stop_score)
+            for state in self._curve.push(closure_mm, force_n=force_n)
+        ]
 
 
 def fit_damage_model(

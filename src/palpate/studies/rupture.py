@@ -1,0 +1,303 @@
+"""When to stop closing on a fruit: our guard beside a cap per fruit and a linear stiffness rule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from palpate.errors import InputError
+from palpate.estimate.damage import NOMINAL_RATE, DamageModel, fit_damage_model
+from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate.studies.rupture_policies import (
+    FruitClosing,
+    cap_scores,
+    fit_rule,
+    follow,
+    half_load,
+    our_scores,
+    rule_scores,
+    stop_forces,
+)
+from palpate.studies.rupture_tradeoff import RATES, Method, tradeoff
+from palpate.tables import read_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FOLDS = 5
+
+
+def command(
+    curves: Annotated[Path, typer.Option(help="Closings to learn from.", metavar="CSV")],
+    index: Annotated[Path, typer.Option(help="Their rupture forces.", metavar="CSV")],
+    test_curves: Annotated[
+        Path | None, typer.Option(help="Closings to test on; without, 5 folds.", metavar="CSV")
+    ] = None,
+    test_index: Annotated[
+        Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")
+    ] = None,
+    nominal_rate: Annotated[
+        float, typer.Option(help="Share of fruit that the guard may let rupture.")
+    ] = NOMINAL_RATE,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Predict where real fruit ruptures while closing on it, and stop before.
+
+    Example: palpate study rupture --curves fruit.csv.gz --index fruit_index.csv
+    """
+    if (test_curves is None) != (test_index is None):
+        raise InputError("--test-curves and --test-index go together; give both or neither")
+    if not 0 < nominal_rate < 1:
+        raise InputError(f"--nominal-rate {nominal_rate}: it must lie between 0 and 1")
+    closings = read_closings(curves, index)
+    if test_curves is None or test_index is None:
+        splits = _folds(closings)
+        split = f"{FOLDS}-fold cross-validation"
+    else:
+        splits = [(closings, read_closings(test_curves, test_index))]
+        split = f"learned from {index}, tested on {test_index}"
+    _report(splits, split=split, nominal_rate=nominal_rate).emit(as_json=as_json, out=out)
+
+
+def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
+    """Read recorded closings and their labels.
+
+    Raises
+    ------
+    InputError
+        If a file can't be used, or a labelled closing has no curve.
+    """
+    labels = read_table(
+        index, columns={"grasp_id": "text", "fruit": "text", "rupture_force_n": "number"}
+    )
+    samples = read_table(
+        curves, columns={"grasp_id": "text", "closure_mm": "number", "force_n": "number"}
+    )
+    owner = samples["grasp_id"]
+    starts = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+    ends = np.append(starts[1:], len(owner))
+    where = dict(zip(owner[starts], zip(starts, ends, strict=True), strict=True))
+    closings = []
+    for name, fruit, limit_n in zip(*labels.values(), strict=True):
+        if name not in where:
+            raise InputError(f"{curves}: no curve for {name}, which {index} lists")
+        if limit_n <= 0:
+            raise InputError(
+                f"{index}: rupture_force_n of {name} is {limit_n}; it must be positive"
+            )
+        part = slice(*where[name])
+        closings.append(
+            follow(
+                name,
+                fruit=fruit,
+                rupture_force_n=float(limit_n),
+                closure_mm=samples["closure_mm"][part],
+                force_n=samples["force_n"][part],
+            )
+        )
+    return closings
+
+
+def _folds(
+    closings: Sequence[FruitClosing],
+) -> list[tuple[list[FruitClosing], list[FruitClosing]]]:
+    """Split so that each fruit is spread evenly over the folds."""
+    seen: dict[str, int] = {}
+    folds = []
+    for closing in closings:
+        seen[closing.fruit] = seen.get(closing.fruit, -1) + 1
+        folds.append(seen[closing.fruit] % FOLDS)
+    return [
+        (
+            [c for c, fold in zip(closings, folds, strict=True) if fold != k],
+            [c for c, fold in zip(closings, folds, strict=True) if fold == k],
+        )
+        for k in range(FOLDS)
+    ]
+
+
+def _report(
+    splits: Sequence[tuple[list[FruitClosing], list[FruitClosing]]],
+    *,
+    split: str,
+    nominal_rate: float,
+) -> StudyReport:
+    rows: list[dict[str, Any]] = []
+    rows_unknown: list[dict[str, Any]] = []
+    tested: list[FruitClosing] = []
+    scores: dict[str, list[NDArray[np.float64]]] = {}
+    for training, test in splits:
+        tested += test
+        for known, collected in ((True, rows), (False, rows_unknown)):
+            model = _learn(training, tell_apart=known)
+            collected += [
+                _row(closing, model=model, known=known, nominal_rate=nominal_rate)
+                for closing in test
+            ]
+            name = "ours" if known else "ours, fruit unknown"
+            scores.setdefault(name, []).extend(
+                our_scores(closing, model=model, kind_known=known) for closing in test
+            )
+        of_fruit = {
+            fruit: [c for c in training if c.fruit == fruit]
+            for fruit in sorted({c.fruit for c in training})
+        }
+        medians = {f: float(np.median([c.rupture_force_n for c in of_fruit[f]])) for f in of_fruit}
+        lines = {fruit: fit_rule(of_fruit[fruit]) for fruit in of_fruit}
+        for closing in test:
+            if closing.fruit not in of_fruit:
+                raise InputError(f"no {closing.fruit} to learn from, but {closing.grasp_id} is one")
+            scores.setdefault("cap per fruit", []).append(
+                cap_scores(closing, median_n=medians[closing.fruit])
+            )
+            scores.setdefault("stiffness rule", []).append(
+                rule_scores(closing, line=lines[closing.fruit])
+            )
+    entries = tradeoff([Method(name, scores[name]) for name in scores], closings=tested)
+    provenance = (
+        f"Real recordings of fruit closed on until rupture; {split}.",
+        f"Guard at a nominal rupture rate of {nominal_rate:.1%}; every sample used precedes the "
+        "decision.",
+        "Trade-off: every method swept over its setting on the tested fruit, alike.",
+    )
+    return StudyReport(
+        name="rupture",
+        title="Stopping before rupture",
+        provenance=provenance,
+        tables=[_operating_table(rows, rows_unknown), _tradeoff_table(entries)],
+        payload={
+            "study": "rupture",
+            "provenance": list(provenance),
+            "nominal_rate": nominal_rate,
+            "rows": rows,
+            "rows_fruit_unknown": rows_unknown,
+            "summary": _summary(rows, known=True) + _summary(rows_unknown, known=False),
+            "tradeoff": entries,
+        },
+        figures={"rupture": lambda: _figure(entries)},
+    )
+
+
+def _learn(closings: Sequence[FruitClosing], *, tell_apart: bool) -> DamageModel:
+    try:
+        return fit_damage_model(
+            [closing.states for closing in closings],
+            rupture_force_n=[closing.rupture_force_n for closing in closings],
+            kinds=[closing.fruit for closing in closings],
+            tell_apart=tell_apart,
+        )
+    except ValueError as fault:
+        raise InputError(f"can't learn a damage limit: {fault}; give more closings") from fault
+
+
+def _row(
+    closing: FruitClosing, *, model: DamageModel, known: bool, nominal_rate: float
+) -> dict[str, Any]:
+    stop_score = model.stop_score(nominal_rate=nominal_rate)
+    kind = closing.fruit if known else ""
+    limits = [model.limit(s, kind=kind, stop_score=stop_score) for s in closing.states]
+    half = half_load(limits)
+    stop_n = float(
+        stop_forces(
+            [closing],
+            scores=[np.array([limit.score for limit in limits])],
+            at=np.array([stop_score]),
+        )[0, 0]
+    )
+    return {
+        "grasp_id": closing.grasp_id,
+        "fruit": closing.fruit,
+        "rupture_force_n": closing.rupture_force_n,
+        "predicted_n": half and half.predicted_n,
+        "low_n": half and half.low_n,
+        "stop_force_n": stop_n,
+        "ruptured": stop_n >= closing.rupture_force_n,
+    }
+
+
+def _summary(rows: Sequence[dict[str, Any]], *, known: bool) -> list[dict[str, Any]]:
+    entries = []
+    for fruit in [*sorted({row["fruit"] for row in rows}), "all"]:
+        chosen = [row for row in rows if fruit in ("all", row["fruit"])]
+        told = [row for row in chosen if row["predicted_n"] is not None]
+        limits_n = np.array([row["rupture_force_n"] for row in chosen])
+        error = [abs(row["predicted_n"] / row["rupture_force_n"] - 1) for row in told]
+        above = [row["low_n"] <= row["rupture_force_n"] for row in told]
+        share = np.array([row["stop_force_n"] for row in chosen]) / limits_n
+        entries.append(
+            {
+                "fruit": fruit,
+                "fruit_known": known,
+                "grasps": len(chosen),
+                "mean_abs_error_percent": 100 * float(np.mean(error)) if error else None,
+                "above_low_bound": float(np.mean(above)) if above else None,
+                "ruptured": int(sum(row["ruptured"] for row in chosen)),
+                "mean_stop_share": float(share.mean()),
+            }
+        )
+    return entries
+
+
+def _operating_table(
+    rows: Sequence[dict[str, Any]], rows_unknown: Sequence[dict[str, Any]]
+) -> Table:
+    return Table(
+        title="Prediction at half load, and the guard as shipped",
+        columns=(
+            "fruit",
+            "known to it",
+            "grasps",
+            "mean error, %",
+            "rupture above low bound, %",
+            "ruptured",
+            "stop force / rupture force",
+        ),
+        rows=[
+            (
+                entry["fruit"],
+                "yes" if entry["fruit_known"] else "no",
+                str(entry["grasps"]),
+                _number(entry["mean_abs_error_percent"]),
+                _number(entry["above_low_bound"], scale=100),
+                str(entry["ruptured"]),
+                f"{entry['mean_stop_share']:.2f}",
+            )
+            for entry in _summary(rows, known=True) + _summary(rows_unknown, known=False)
+        ],
+    )
+
+
+def _number(value: float | None, *, scale: float = 1.0) -> str:
+    return "–" if value is None else f"{scale * value:.1f}"
+
+
+def _tradeoff_table(entries: Sequence[dict[str, Any]]) -> Table:
+    keys = list(dict.fromkeys((entry["fruit"], entry["method"]) for entry in entries))
+    return Table(
+        title="Firmness (mean stop force / rupture force) at a rupture rate of at most",
+        columns=("fruit", "method", *(f"{rate:.0%}" for rate in RATES)),
+        rows=[
+            (
+                fruit,
+                method,
+                *(
+                    f"{entry['firmness']:.2f}"
+                    for entry in entries
+                    if (entry["fruit"], entry["method"]) == (fruit, method)
+                ),
+            )
+            for fruit, method in keys
+        ],
+    )
+
+
+def _figure(entries: Sequence[dict[str, Any]]) -> Figure:
+    from palpate.plots.rupture import tradeoff_figure
+
+    return tradeoff_figure(entries)

@@ -1,0 +1,137 @@
+"""Ways to decide when to stop closing on a fruit, and where each would have stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimate.closing import ClosingCurve, ClosingState
+from palpate.estimate.damage import DamageLimit, DamageModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FruitClosing:
+    """One recorded closing until rupture.
+
+    Attributes
+    ----------
+    grasp_id, fruit : str
+        As in the file.
+    rupture_force_n : float
+        Labelled rupture force.
+    force_n : ndarray, shape (n_states,)
+        Force of the sample at which each state became known: never below the state's own.
+    states : sequence of ClosingState, length n_states
+        What was known, strictly before the force first reached the label.
+    """
+
+    grasp_id: str
+    fruit: str
+    rupture_force_n: float
+    force_n: NDArray[np.float64]
+    states: Sequence[ClosingState]
+
+
+def follow(
+    grasp_id: str,
+    *,
+    fruit: str,
+    rupture_force_n: float,
+    closure_mm: NDArray[np.float64],
+    force_n: NDArray[np.float64],
+) -> FruitClosing:
+    """Follow a recorded closing sample by sample, up to its rupture."""
+    curve = ClosingCurve()
+    states: list[ClosingState] = []
+    known_at_n: list[float] = []
+    for closure, force in zip(closure_mm.tolist(), force_n.tolist(), strict=True):
+        if force >= rupture_force_n:
+            break
+        passed = curve.push(closure, force_n=force)
+        states += passed
+        known_at_n += [force] * len(passed)
+    return FruitClosing(
+        grasp_id=grasp_id,
+        fruit=fruit,
+        rupture_force_n=rupture_force_n,
+        force_n=np.array(known_at_n),
+        states=states,
+    )
+
+
+def half_load(limits: Sequence[DamageLimit]) -> DamageLimit | None:
+    """Return the limit as it stood when the force first reached half of its own prediction.
+
+    Where the fruit ruptured before that, the last one known; None where nothing was known.
+    """
+    for limit in limits:
+        if limit.force_n >= limit.predicted_n / 2:
+            return limit
+    return limits[-1] if limits else None
+
+
+def our_scores(
+    closing: FruitClosing, *, model: DamageModel, kind_known: bool
+) -> NDArray[np.float64]:
+    """Return the guard's score at each state."""
+    kind = closing.fruit if kind_known else ""
+    return np.array(
+        [model.limit(state, kind=kind, stop_score=np.inf).score for state in closing.states]
+    )
+
+
+def cap_scores(closing: FruitClosing, *, median_n: float) -> NDArray[np.float64]:
+    """Score of the cap per fruit: force as a share of the fruit's median rupture force."""
+    return np.array([state.force_n / median_n for state in closing.states])
+
+
+def rule_scores(closing: FruitClosing, *, line: tuple[float, float]) -> NDArray[np.float64]:
+    """Score of the linear stiffness rule: force as a share of what the rule predicts."""
+    intercept_n, slope_mm = line
+    stiffness = np.exp([state.log_stiffness for state in closing.states])
+    predicted_n = np.maximum(intercept_n + slope_mm * stiffness, 0.1)
+    return np.array([state.force_n for state in closing.states]) / predicted_n
+
+
+def fit_rule(closings: Sequence[FruitClosing]) -> tuple[float, float]:
+    """Fit rupture force = intercept + slope x stiffness, the stiffness as it is at half load."""
+    stiffness, limits_n = [], []
+    for closing in closings:
+        reached = [s for s in closing.states if s.force_n >= closing.rupture_force_n / 2]
+        if reached:
+            stiffness.append(np.exp(reached[0].log_stiffness))
+            limits_n.append(closing.rupture_force_n)
+    slope, intercept = np.polyfit(stiffness, limits_n, 1)
+    return float(intercept), float(slope)
+
+
+def stop_forces(
+    closings: Sequence[FruitClosing],
+    *,
+    scores: Sequence[NDArray[np.float64]],
+    at: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return where each closing stops when its score first reaches each setting.
+
+    Parameters
+    ----------
+    closings : sequence of FruitClosing, length n
+    scores : sequence of ndarray, shape (n_states,)
+        One per closing.
+    at : ndarray, shape (n_settings,)
+        Scores at which to stop.
+
+    Returns
+    -------
+    ndarray, shape (n, n_settings)
+        Force, N; the rupture force where it didn't stop in time.
+    """
+    stops = np.empty((len(closings), len(at)))
+    for row, (closing, score) in enumerate(zip(closings, scores, strict=True)):
+        first = np.searchsorted(np.maximum.accumulate(score), at) if len(score) else 0 * at
+        forces = np.append(closing.force_n, closing.rupture_force_n)
+        stops[row] = forces[np.asarray(first, dtype=int)]
+    return stops
