@@ -20,7 +20,10 @@ def bench(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Measure speed, memory and agreement with other libraries. Example: palpate bench settling."""
+    """Measure speed, memory and agreement with other libraries.
+
+    Example: palpate bench settling --quick
+    """
     if name not in BENCHMARKS:
         raise InputError(f"no benchmark {name!r}; there are: {', '.join(BENCHMARKS)}")
     from palpate.studies.settling_speed import FULL, QUICK, measure

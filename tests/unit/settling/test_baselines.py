@@ -1,0 +1,37 @@
+"""The recorded value and the log law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.settling.log_law import LogLaw
+from palpate.settling.recorded import Recorded
+from palpate.settling.result import Status
+
+
+def test_recorded_is_the_last_sample() -> None:
+    estimate = Recorded().predict(
+        np.array([0.0, 1.0]), np.array([[1.0, 2.0], [3.0, 4.0]]), horizon_s=20, level=0.9
+    )
+    assert estimate.value.tolist() == [2.0, 4.0]
+    assert estimate.status.tolist() == [Status.OK, Status.OK]
+    assert estimate.window_s.tolist() == [0.0, 0.0]
+
+
+def test_log_law_continues_a_logarithm_from_each_holds_own_peak() -> None:
+    time_s = np.arange(0, 4, 0.1)
+    since = np.stack([time_s, time_s - time_s[3]])
+    holds = np.where(since < 0, 6.0, 9 - 0.7 * np.log(np.maximum(since, 0) + 0.2))
+    estimate = LogLaw().predict(time_s, holds, horizon_s=20.0, level=0.9)
+    expected = 9 - 0.7 * np.log(20.2 - np.array([0, time_s[3]]))
+    assert estimate.value == pytest.approx(expected)
+    assert estimate.status.tolist() == [Status.OK, Status.OK]
+
+
+def test_log_law_on_two_samples_falls_back() -> None:
+    estimate = LogLaw().predict(
+        np.array([0.0, 0.5, 0.7]), np.array([[5.0, 4.0, 3.0]]), horizon_s=20.0, level=0.9
+    )
+    assert estimate.value.tolist() == [3.0]
+    assert estimate.status.tolist() == [Status.TOO_SHORT]

@@ -1,0 +1,78 @@
+"""`predict_settled`: shapes, the cut-off, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.errors import InputError
+from palpate.settling.exponential import Exponential
+from palpate.settling.predict import METHODS, predict_settled
+from palpate.settling.result import Status
+
+TIME_S = np.arange(0, 20, 0.1)
+HOLD = 30 * np.exp(-TIME_S / 1.5) - 4 * np.log(TIME_S + 0.5) - 40
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_hold_is_a_row_of_a_batch(method: str) -> None:
+    one = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=method)
+    batch = predict_settled(TIME_S, np.stack([HOLD, 2 * HOLD]), cutoff_s=2.5, method=method)
+    assert np.ndim(one.value) == 0
+    assert batch.value.shape == (2,)
+    assert one.value == pytest.approx(batch.value[0], rel=1e-9)
+    assert isinstance(one.status, Status)
+    assert one.method == method
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_after_the_cutoff_are_not_looked_at(method: str) -> None:
+    changed = np.where(TIME_S > 2.5, np.nan, HOLD)
+    seen = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=method)
+    unseen = predict_settled(TIME_S, changed, cutoff_s=2.5, method=method)
+    assert seen.value == unseen.value
+
+
+def test_relaxation_is_the_default_and_own_methods_are_welcome() -> None:
+    assert predict_settled(TIME_S, HOLD, cutoff_s=2.5).method == "relaxation"
+    patient = predict_settled(TIME_S, HOLD, cutoff_s=2.5, method=Exponential(wait_s=1.0))
+    assert patient.window_s == pytest.approx(1.5)
+    assert palpate.predict_settled is predict_settled
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_few_samples_and_constants_give_finite_values(method: str, samples: int) -> None:
+    for values in (HOLD[:samples], np.full(samples, 3.0)):
+        found = predict_settled(TIME_S[:samples], values, cutoff_s=1.0, method=method)
+        assert np.isfinite(found.value)
+        assert method == "recorded" or found.status != Status.OK
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"values": HOLD[:-1]}, "don't fit"),
+        ({"time_s": np.stack([TIME_S, TIME_S])}, "don't fit"),
+        ({"values": 3.0}, "don't fit"),
+        ({"time_s": np.where(TIME_S[7] == TIME_S, 0.0, TIME_S)}, r"time_s\[7\] is 0 s after 0.6 s"),
+        ({"time_s": np.where(TIME_S[7] == TIME_S, np.nan, TIME_S)}, r"time_s\[7\] is nan s"),
+        ({"time_s": np.append(TIME_S[:-1], np.inf)}, r"time_s\[199\] is inf"),
+        ({"values": np.where(TIME_S == 1.0, np.inf, HOLD)}, "hold 0 at 1 s: inf"),
+        ({"cutoff_s": -1.0}, "no sample at or before cutoff_s -1"),
+        ({"cutoff_s": 25.0}, "cutoff_s 25 and horizon_s 20"),
+        ({"cutoff_s": np.nan}, "cutoff_s nan"),
+        ({"horizon_s": np.inf}, "horizon_s inf"),
+        ({"level": 1.0}, "level 1"),
+        ({"method": "magic"}, "no method 'magic'; there are: recorded, exponential, relaxation"),
+        ({"time_s": [], "values": []}, "no sample"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_one_line(change: dict, message: str) -> None:
+    arguments = {"time_s": TIME_S, "values": HOLD, "cutoff_s": 2.5, "method": "exponential"}
+    arguments |= change
+    with pytest.raises(InputError, match=message) as refusal:
+        predict_settled(arguments.pop("time_s"), arguments.pop("values"), **arguments)
+    assert isinstance(refusal.value, ValueError)
+    assert "\n" not in str(refusal.value)

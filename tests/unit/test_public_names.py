@@ -1,0 +1,34 @@
+"""The public face of the package: light to import, and every name is there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import palpate
+
+
+@pytest.mark.parametrize("name", palpate.__all__)
+def test_every_public_name_exists(name: str) -> None:
+    assert getattr(palpate, name).__name__ == name
+    assert name in dir(palpate)
+
+
+def test_a_name_that_is_not_there_says_so() -> None:
+    with pytest.raises(AttributeError, match="module 'palpate' has no attribute 'nothing'"):
+        _ = palpate.nothing
+
+
+def test_importing_the_package_loads_no_library() -> None:
+    """`import palpate` must cost no more than a moment: names are loaded on first use."""
+    script = (
+        "import sys; before = set(sys.modules); import palpate; print(set(sys.modules) - before)"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout
+    assert "palpate" in loaded
+    for heavy in ("numpy", "scipy", "typer", "rich", "matplotlib"):
+        assert f"'{heavy}" not in loaded
