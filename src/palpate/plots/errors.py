@@ -54,9 +54,10 @@ def _draw_line(axis: Any, entries: Sequence[Mapping[str, Any]], name: str) -> No
         return
     colour, marker = look_of(entries[0]["method"])
     cutoffs_s = [entry["cutoff_s"] for entry in shown]
-    axis.plot(
-        cutoffs_s, [e[name] for e in shown], color=colour, marker=marker, label=shown[0]["method"]
-    )
+    # Calibration often changes the interval and not the value: its line must not hide the other.
+    hollow = {"ls": "--", "mfc": "none", "ms": 9} if shown[0]["method"] == "calibrated" else {}
+    figures = [entry[name] for entry in shown]
+    axis.plot(cutoffs_s, figures, color=colour, marker=marker, label=shown[0]["method"], **hollow)
     spans = [entry.get(f"{name}_interval") for entry in shown]
     if all(span is not None and None not in span for span in spans):
         lows, highs = zip(*((span[0], span[1]) for span in spans if span), strict=True)

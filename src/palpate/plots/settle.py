@@ -58,7 +58,7 @@ def settle_figure(
             axis.set_visible(False)
         for axis in axes[:, 0]:
             axis.set_ylabel("value (unit of the file)")
-        for axis in axes[-1, :]:
+        for axis in axes.flat[max(0, len(panels) - columns) : len(panels)]:
             axis.set_xlabel("time (s)")
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
@@ -83,7 +83,8 @@ def _draw_panel(
     if np.isfinite(settled):
         axis.axhline(settled, color=GREY, ls="--", lw=1, label="settled value")
     if seen.any():
-        times_s = np.geomspace(cutoff_s, max(horizon_s, cutoff_s * 1.001), FORECAST_POINTS)
+        # Not from the cut-off itself: there is nothing to predict there.
+        times_s = np.geomspace(cutoff_s, horizon_s, FORECAST_POINTS + 1)[1:]
         for rank, (name, method) in enumerate(methods.items()):
             forecast = [
                 method.predict(

@@ -1,0 +1,210 @@
+"""Holds files as users have them: what is read, and what is refused in one line that says where."""
+
+from __future__ import annotations
+
+import gzip
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from palpate.errors import InputError
+from palpate.holds import Hold, read_holds
+
+HEADER = "hold_id,time_s,value\n"
+RANDOM_BYTES = np.random.default_rng(7).bytes(5000)
+NOISE = "".join(f"a,{i},{i * 7919 % 1000}\n" for i in range(20000))
+
+
+def written(folder: Path, name: str, content: str | bytes) -> Path:
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def as_lists(holds: list[Hold]) -> list[tuple[str, str | None, list[float], list[float]]]:
+    return [(h.hold_id, h.channel, h.time_s.tolist(), h.values.tolist()) for h in holds]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEADER + "a,0,5\na,0.5,4\nb,-1,7\n",
+        "\ufeff" + HEADER + "a,0,5\na,0.5,4\nb,-1,7",
+        (HEADER + "a,0,5\na,0.5,4\nb,-1,7\n").replace("\n", "\r\n"),
+        HEADER + "\na,0,5\n\n  \na,0.5,4\nb,-1,7\n\n",
+        'value,"hold_id", time_s\n5,"a",0\n"4",a,0.5\n7,b,-1e0\n',
+    ],
+    ids=["plain", "byte-order mark", "crlf", "blank lines", "quotes and another order"],
+)
+def test_the_same_holds_from_every_accepted_form(tmp_path: Path, text: str) -> None:
+    wanted = [("a", None, [0.0, 0.5], [5.0, 4.0]), ("b", None, [-1.0], [7.0])]
+    assert as_lists(list(read_holds(written(tmp_path, "holds.csv", text)))) == wanted
+    packed = written(tmp_path, "holds.csv.gz", gzip.compress(text.encode()))
+    assert as_lists(list(read_holds(packed))) == wanted
+
+
+def test_channels_may_be_interleaved_or_one_after_the_other(tmp_path: Path) -> None:
+    text = "hold_id,channel,time_s,value\na,l,0,1\na,r,0,2\na,l,1,3\na,r,2,4\nb,r,0,5\nb,,0,6\n"
+    assert as_lists(list(read_holds(written(tmp_path, "holds.csv", text)))) == [
+        ("a", "l", [0.0, 1.0], [1.0, 3.0]),
+        ("a", "r", [0.0, 2.0], [2.0, 4.0]),
+        ("b", "r", [0.0], [5.0]),
+        ("b", None, [0.0], [6.0]),
+    ]
+
+
+BAD_TEXT = {
+    "empty": ("", "empty"),
+    "no rows": (HEADER, "no rows"),
+    "missing column": ("hold_id,value\na,1\n", "line 1: no column time_s"),
+    "semicolons": ("hold_id;time_s;value\na;1;2\n", "line 1: no column"),
+    "unknown column": ("hold_id,time_s,value,chanel\na,1,2,3\n", "line 1: unknown column 'chanel'"),
+    "column twice": (
+        "hold_id,time_s,value,value\na,1,2,3\n",
+        "line 1: a column stands there twice",
+    ),
+    "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is nan in hold a"),
+    "infinite": (HEADER + "a,0,1\na,inf,2\n", "line 3: time_s is inf in hold a"),
+    "overflow": (HEADER + "a,0,1e999\n", "line 2: value is inf"),
+    "text": (HEADER + "a,0,1\na,1,x2\n", "line 3: value is 'x2', not a number"),
+    "nothing": (HEADER + "a,0,\n", "line 2: value is ''"),
+    "underscore": (HEADER + "a,0,1_000\n", "line 2: value is '1_000'"),
+    "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time goes backwards in hold a"),
+    "repeated": (HEADER + "a,0,1\na,0,2\n", "line 3: time stands still in hold a"),
+    "too many fields": (HEADER + "a,0,1\n\na,1,2,3\n", "line 4: 4 fields where the header has 3"),
+    "too few fields": (HEADER + "a,0,1\na,1\n", "line 3: 2 fields where the header has 3"),
+    "comes back": (HEADER + "a,0,1\nb,0,1\na,1,1\n", "line 4: hold a comes back"),
+    "no name": (HEADER + " ,0,1\n", "line 2: hold_id is empty"),
+    "line end in a name": (HEADER + '"a\nb",0,1\n', "line 2: hold_id 'a\\nb'"),
+    "unclosed quote": (HEADER + 'a,0,1\n"b,0,1\nb,1,1\n', "line 3: not CSV"),
+    "bad after a name of two lines": (HEADER + 'a,0,"\n1"\na,x,1\n', "line 4: time_s is 'x'"),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), BAD_TEXT.values(), ids=BAD_TEXT.keys())
+def test_bad_text_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+    path = written(tmp_path, "holds.csv", text)
+    with pytest.raises(InputError) as caught:
+        list(read_holds(path))
+    assert said in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+BAD_BYTES = {
+    "random.csv": (RANDOM_BYTES, "line 1: not a line of UTF-8 text"),
+    "random.csv.gz": (RANDOM_BYTES, "line 1: the gzip data are cut or damaged"),
+    "random.parquet": (RANDOM_BYTES, "not a whole Parquet file"),
+    "cut.parquet": (b"PAR1" + RANDOM_BYTES, "not a whole Parquet file"),
+    "cut.csv.gz": (gzip.compress((HEADER + NOISE).encode())[:-5000], "the gzip data are cut"),
+    "zeros.csv": (bytes(300_000), "line 1: not a line of UTF-8 text"),
+    "latin.csv": (HEADER.encode() + b"a,0,1\ncaf\xe9,0,1\n", "line 3: hold_id 'caf\\udce9'"),
+    "latin_number.csv": (HEADER.encode() + b"a,\xe9,1\n", "line 2: time_s is '\\udce9'"),
+    "utf16.csv": ((HEADER + "a,0,1\n").encode("utf-16"), "line 1: not a line of UTF-8 text"),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"), [(n, *b) for n, b in BAD_BYTES.items()], ids=BAD_BYTES.keys()
+)
+def test_bad_bytes_are_refused(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        list(read_holds(written(tmp_path, name, content)))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).isprintable()
+
+
+def test_a_cut_gzip_names_the_line_after_the_last_whole_row(tmp_path: Path) -> None:
+    path = written(tmp_path, "cut.csv.gz", BAD_BYTES["cut.csv.gz"][0])
+    with pytest.raises(InputError, match=r"line 1\d{4}: the gzip data are cut"):
+        list(read_holds(path))
+
+
+def test_a_folder_and_a_missing_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a folder"):
+        list(read_holds(tmp_path))
+    with pytest.raises(InputError, match="no such file"):
+        list(read_holds(tmp_path / "nothing.csv"))
+
+
+def table(**columns: object) -> pa.Table:
+    whole = {"hold_id": ["a", "a"], "time_s": [0.0, 1.0], "value": [3.0, 2.0]}
+    return pa.table({name: cells for name, cells in (whole | columns).items() if cells is not None})
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"value": None}, "no column value"),
+        ({"other": [1, 2]}, "unknown column 'other'"),
+        ({"time_s": ["0", "1"]}, "column time_s is string; it must be numbers"),
+        ({"hold_id": [1.5, 1.5]}, "column hold_id is double; it must be text"),
+        ({"value": [1.0, None]}, "row 2: no value"),
+        ({"value": [1.0, float("nan")]}, "row 2: value is nan in hold a"),
+        ({"time_s": [1.0, 0.0]}, "row 2: time goes backwards"),
+    ],
+)
+def test_bad_parquet_is_refused_with_its_row(tmp_path: Path, columns: dict, said: str) -> None:
+    path = tmp_path / "holds.parquet"
+    pq.write_table(table(**columns), path)
+    with pytest.raises(InputError, match=said):
+        list(read_holds(path))
+
+
+def test_parquet_may_hold_dictionaries_integers_and_small_floats(tmp_path: Path) -> None:
+    path = tmp_path / "holds.parquet"
+    columns = {
+        "hold_id": pa.array(["a", "a"]).dictionary_encode(),
+        "time_s": pa.array([0, 1]),
+        "value": pa.array([3.5, 2.5], pa.float32()),
+        "channel": pa.array([7, 7]),
+    }
+    pq.write_table(table(**columns), path)
+    assert as_lists(list(read_holds(path))) == [("a", "7", [0.0, 1.0], [3.5, 2.5])]
+
+
+def test_samples_beyond_the_horizon_are_checked_but_not_kept(tmp_path: Path) -> None:
+    rows = "".join(f"a,{i},{i}\n" for i in range(10))
+    path = written(tmp_path, "holds.csv", HEADER + rows)
+    [hold] = read_holds(path, until_s=3.5)
+    assert hold.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    bad = written(tmp_path, "bad.csv", HEADER + rows + "a,9,1\n")
+    with pytest.raises(InputError, match="line 12: time stands still"):
+        list(read_holds(bad, until_s=3.5))
+
+
+def test_progress_ends_at_one(tmp_path: Path) -> None:
+    shares: list[float] = []
+    path = written(tmp_path, "holds.csv", HEADER + NOISE)
+    assert len(list(read_holds(path, progress=shares.append))) == 1
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def peak_memory(path: Path) -> int:
+    tracemalloc.start()
+    try:
+        for _ in read_holds(path, until_s=20.0):
+            pass
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("one_hold", [False, True], ids=["many holds", "one endless hold"])
+def test_memory_does_not_grow_with_the_file(tmp_path: Path, one_hold: bool) -> None:
+    peaks = []
+    for count in (40, 240):
+        path = tmp_path / f"{count}.csv.gz"
+        with gzip.open(path, "wt", compresslevel=1) as file:
+            file.write(HEADER)
+            for hold in range(count):
+                name, start = ("a", hold * 40.0) if one_hold else (f"h{hold}", 0.0)
+                file.writelines(f"{name},{start + i * 0.1:.1f},{i}\n" for i in range(400))
+        peaks.append(peak_memory(path))
+    assert peaks[1] < 1.2 * peaks[0]
