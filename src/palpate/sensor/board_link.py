@@ -69,7 +69,7 @@ class BoardLink:
         self._next_command()
 
     def poll(self) -> list[FrameMessage]:
-        """Take what has come, send what is due; return the frames.
+        """Take what has come, send what is due; return the frames, if all commands are answered.
 
         Raises
         ------
@@ -82,7 +82,8 @@ class BoardLink:
         for message in self.decoder.feed(data) if data else ():
             self._heard = True
             if isinstance(message, FrameMessage):
-                frames.append(message)
+                if not self._todo:
+                    frames.append(message)
             elif isinstance(message, Identity):
                 self._identified(message)
             else:
@@ -91,13 +92,14 @@ class BoardLink:
             self._send_if_due()
         return frames
 
-    def ask(self, *commands: Command) -> None:
-        """Carry out commands and wait for the answers; frames meanwhile are dropped."""
+    def ask(self, *commands: Command) -> list[FrameMessage]:
+        """Carry out commands and wait for the answers; return the frames right after the last."""
         self.begin(commands)
-        while self.busy:
-            self.poll()
-            if self.busy:
-                self._clock.sleep_s(POLL_S)
+        while True:
+            frames = self.poll()
+            if not self.busy:
+                return frames
+            self._clock.sleep_s(POLL_S)
 
     def tell(self, command: Command) -> None:
         """Send a command without waiting for its answer (heartbeats, pressure steps)."""

@@ -131,11 +131,11 @@ class SerialArray:
         self._heard_s = self._tried_s = clock.now_s()
         self._late = self._reconnects = 0
         try:
-            self._link.ask(*self._setup)
+            frames = self._link.ask(*self._setup)
         except DeviceError:
             self.close()
             raise
-        self._heard_s = clock.now_s()
+        self._take(frames)
 
     @property
     def layout(self) -> ArrayLayout:
@@ -226,7 +226,7 @@ class SerialArray:
             self._try_again(now_s)
             return
         try:
-            messages = self._link.poll()
+            frames = self._link.poll()
         except DeviceError:
             if self._reopen is None:
                 raise
@@ -234,13 +234,16 @@ class SerialArray:
             self._link = None
             self._tried_s = now_s
             return
-        for message in messages:
-            self._accept(message, arrival_s=now_s)
-        if messages:
-            self._heard_s = now_s
+        if frames or self._link.busy:
+            self._take(frames)
         silent = now_s - self._heard_s > max(_SILENT_S, _SILENT_PERIODS / self._rate_hz)
-        if self._link.was_reset or (silent and not self._link.busy):
+        if self._link.was_reset or silent:
             self._link.begin(self._setup)
+
+    def _take(self, frames: list[FrameMessage]) -> None:
+        self._heard_s = self._clock.now_s()
+        for frame in frames:
+            self._accept(frame, arrival_s=self._heard_s)
 
     def _try_again(self, now_s: float) -> None:
         if self._reopen is None:

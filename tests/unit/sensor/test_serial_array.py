@@ -1,0 +1,441 @@
+"""A serial array over real pseudo-terminals, against a board driven by the same manual clock."""
+
+from __future__ import annotations
+
+import array
+import fcntl
+import os
+import struct
+import termios
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, WireError
+from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT
+from palpate.sensor.byte_stream import SerialStream
+from palpate.sensor.ports import Port, find_port
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire import encode_message, unpack
+from palpate.sensor.wire_messages import (
+    Ack,
+    CommandType,
+    FrameMessage,
+    Identity,
+    Result,
+    SetPressure,
+)
+
+#: What the system keeps for a port that nobody reads; a pseudo-terminal's is the same.
+BUFFER_BYTES = 4000
+PERIOD_US = 4000
+
+
+class PtyBoard:
+    """Speaks the protocol at the far end of a pseudo-terminal; moves when `advance` is called."""
+
+    def __init__(
+        self, *, drift_ppm: float = 0.0, first_us: int = 0, first_sequence: int = 0
+    ) -> None:
+        self.drift_ppm = drift_ppm
+        self.first_us, self.first_sequence = first_us, first_sequence
+        self.booted_s = 0.0
+        self.stream = 0
+        self.silent = False
+        self.highest_rate_hz = 600.0
+        self.seen: list[int] = []
+        self.started_us: int | None = None
+        self.sent = 0
+        self.rows, self.cols = 1, 1
+        self._pending = b""
+        self._expected = 0
+        self.plug()
+
+    def plug(self) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        os.set_blocking(self.master, False)
+        self.port = os.ttyname(self.slave)
+
+    def unplug(self) -> None:
+        os.close(self.master)
+        os.close(self.slave)
+        self.master = self.slave = -1
+
+    def reset(self, now_s: float) -> None:
+        self.booted_s, self.started_us, self.first_us, self.stream = now_s, None, 0, self.stream + 7
+        self.send(b"\0" + encode_message(self.identity(tag=0)))
+
+    def expect(self, count: int) -> None:
+        """Say that the host wrote: the kernel hands bytes over when it finds time."""
+        self._expected += count
+
+    def waiting(self) -> int:
+        count = array.array("i", [0])
+        fcntl.ioctl(self.slave, termios.FIONREAD, count)
+        return count[0]
+
+    def send(self, data: bytes) -> None:
+        before = self.waiting()
+        if before + len(data) > BUFFER_BYTES:
+            return  # nobody reads: lost, as in a real port
+        os.write(self.master, data)
+        while self.waiting() < before + len(data):
+            os.sched_yield()
+
+    def device_us(self, now_s: float) -> int:
+        return self.first_us + round((now_s - self.booted_s) * 1e6 / (1 + self.drift_ppm * 1e-6))
+
+    def advance(self, now_s: float) -> None:
+        if self.master < 0 or self.silent:
+            return
+        while self._expected:
+            try:
+                data = os.read(self.master, 4096)
+            except BlockingIOError:
+                os.sched_yield()
+                continue
+            self._expected -= len(data)
+            *packets, self._pending = (self._pending + data).split(b"\0")
+            for packet in packets:
+                self.obey(packet, now_s)
+        while self.started_us is not None and self.next_us() <= self.device_us(now_s):
+            self.send(encode_message(self.frame()))
+            self.sent += 1
+
+    def next_us(self) -> int:
+        assert self.started_us is not None
+        return self.started_us + self.sent * PERIOD_US
+
+    def frame(self) -> FrameMessage:
+        sequence = self.first_sequence + self.sent
+        counts = np.full((self.rows, self.cols), sequence % 1000, dtype=np.uint16)
+        return FrameMessage(
+            sequence=sequence,
+            time_us=self.next_us(),
+            stream=self.stream,
+            oversampling=1,
+            status=0,
+            counts=counts,
+        )
+
+    def obey(self, packet: bytes, now_s: float) -> None:
+        unpacked = unpack(packet)
+        assert unpacked is not None
+        kind, (tag, *rest) = unpacked[0], unpacked[1]
+        self.seen.append(kind)
+        result = Result.OK
+        if kind == CommandType.IDENTIFY:
+            return self.send(encode_message(self.identity(tag=tag)))
+        if kind == CommandType.LAYOUT:
+            self.rows, self.cols = rest[:2]
+        if kind == CommandType.RATE:
+            (rate_mhz,) = struct.unpack("<I", bytes(rest))
+            result = Result.TOO_FAST if rate_mhz > self.highest_rate_hz * 1e3 else Result.OK
+        if kind == CommandType.START:
+            self.stream = self.stream % 255 + 1
+            self.started_us, self.sent = self.device_us(now_s), 0
+        if kind == CommandType.STOP:
+            self.started_us = None
+        ack = Ack(command=kind, tag=tag, result=result, highest_rate_hz=self.highest_rate_hz)
+        return self.send(encode_message(ack))
+
+    def identity(self, *, tag: int) -> Identity:
+        return Identity(
+            tag=tag, protocol=1, version=(1, 0, 0), features=3, rows=self.rows, cols=self.cols,
+            oversampling=1, max_rows=16, max_cols=16, max_oversampling=64, settle_us=20,
+            heartbeat_ms=500, reset_cause=1, streaming=self.started_us is not None,
+            conversion_us=104, baud=1_000_000, rate_hz=250.0,
+            highest_rate_hz=self.highest_rate_hz, board="pty",
+        )  # fmt: skip
+
+
+class Bench(ManualClock):
+    """A clock that moves boards, and opens their ports."""
+
+    def __init__(self) -> None:
+        super().__init__(100.0)
+        self.boards: list[PtyBoard] = []
+        self.streams: list[SerialStream] = []
+
+    def board(
+        self, *, first_us: int = 0, first_sequence: int = 0, drift_ppm: float = 0
+    ) -> PtyBoard:
+        board = PtyBoard(first_us=first_us, first_sequence=first_sequence, drift_ppm=drift_ppm)
+        board.booted_s = self.now_s()
+        self.boards.append(board)
+        return board
+
+    def sleep_s(self, duration_s: float) -> None:
+        super().sleep_s(duration_s)
+        for board in self.boards:
+            board.advance(self.now_s())
+
+    def open(self, port: str) -> SerialStream:
+        board = next((board for board in self.boards if board.port == port), None)
+        stream = WatchedStream(port, told=board.expect if board else lambda _: None)
+        self.streams.append(stream)
+        return stream
+
+
+class WatchedStream(SerialStream):
+    """The real stream, telling the board how much to wait for."""
+
+    def __init__(self, port: str, *, told: Callable[[int], None]) -> None:
+        super().__init__(port)
+        self._told = told
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        self._told(len(data))
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    for stream in bench.streams:
+        stream.close()
+    for board in bench.boards:
+        if board.master >= 0:
+            board.unplug()
+
+
+def connect(bench: Bench, board: PtyBoard) -> SerialArray:
+    def reopen() -> SerialStream:
+        if board.master < 0:
+            raise DeviceNotFoundError("still unplugged")
+        return bench.open(board.port)
+
+    return SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT, reopen=reopen)
+
+
+def read_on(array: SerialArray, *, timeout_s: float) -> None:
+    """Read until something is wrong."""
+    while True:
+        array.read(timeout_s=timeout_s)
+
+
+def test_frames_come_in_order_with_nothing_lost(bench: Bench) -> None:
+    array = connect(bench, bench.board())
+    frames = [array.read(timeout_s=0.1) for _ in range(500)]
+    assert [frame.sequence for frame in frames] == list(range(500))
+    assert [int(frame.counts[3, 1]) for frame in frames] == list(range(500))
+    assert np.diff([frame.time_s for frame in frames]) == pytest.approx(0.004, abs=1e-3)
+    counters = array.counters
+    assert (counters.frames, counters.lost, counters.corrupt, counters.late) == (500, 0, 0, 0)
+    array.close()
+    array.close()
+
+
+def test_the_board_is_set_up_in_order(bench: Bench) -> None:
+    board = bench.board()
+    array = connect(bench, board)
+    assert [CommandType(kind).name for kind in board.seen] == [
+        "STOP", "LAYOUT", "OVERSAMPLING", "RATE", "IDENTIFY", "START",
+    ]  # fmt: skip
+    assert array.identity is not None
+    assert array.identity.board == "pty"
+    array.send(SetPressure(target_kpa=10.0, slew_kpa_per_s=20.0))
+    bench.sleep_s(0.001)
+    assert board.seen[-1] == CommandType.PRESSURE
+
+
+@pytest.mark.parametrize("drift_ppm", [-4000.0, 0.0, 50.0, 4000.0])
+def test_device_time_is_followed_with_its_drift(bench: Bench, drift_ppm: float) -> None:
+    array = connect(bench, bench.board(drift_ppm=drift_ppm))
+    scanned = []
+    for k in range(5000):
+        if k % 100 == 99:
+            bench.sleep_s(0.03)
+        scanned.append(array.read(timeout_s=0.2).time_s)
+    # One poll (1 ms) over the half of 20 s that an edge of the hull spans at least.
+    assert array.drift_ppm == pytest.approx(drift_ppm, abs=100)
+    truth = scanned[0] + 0.004 * (1 + drift_ppm * 1e-6) * np.arange(5000)
+    assert np.ptp((scanned - truth)[1000:]) < 1.5e-3
+    assert np.all(np.diff(scanned) >= 0)
+
+
+def test_sequence_and_microseconds_wrap_unseen(bench: Bench) -> None:
+    board = bench.board(first_us=2**32 - 800_000, first_sequence=2**32 - 100)
+    array = connect(bench, board)
+    frames = [array.read(timeout_s=0.1) for _ in range(300)]
+    assert np.diff([frame.sequence for frame in frames]).tolist() == [1] * 299
+    assert np.diff([frame.time_s for frame in frames]) == pytest.approx(0.004, abs=1e-3)
+    assert array.counters.lost == 0
+
+
+def test_a_host_stall_is_counted_late_and_lost(bench: Bench) -> None:
+    board = bench.board()
+    array = connect(bench, board)
+    for _ in range(50):
+        array.read(timeout_s=0.1)
+    bench.sleep_s(5.0)
+    frames = [array.read(timeout_s=0.1)]
+    while frames[-1].sequence < board.sent - 1:
+        frames.append(array.read(timeout_s=0.1))
+    counters = array.counters
+    assert counters.lost == board.sent - counters.frames
+    assert 1100 < counters.lost < 1250
+    assert counters.late > 80
+    assert array.read(timeout_s=0.1).time_s == pytest.approx(bench.now_s(), abs=0.01)
+    assert array.counters.late == counters.late
+
+
+def test_garbage_before_the_start_is_no_frame(bench: Bench) -> None:
+    board = bench.board()
+    board.send(np.random.default_rng(3).bytes(2000))
+    array = connect(bench, board)
+    assert [array.read(timeout_s=0.1).sequence for _ in range(20)] == list(range(20))
+    assert array.counters.lost == 0
+
+
+def test_unplugged_and_plugged_in_again(bench: Bench) -> None:
+    board = bench.board()
+    array = connect(bench, board)
+    before = [array.read(timeout_s=0.1) for _ in range(20)]
+    board.unplug()
+    with pytest.raises(DeviceTimeoutError, match=r"is unplugged .*Plug it in again"):
+        read_on(array, timeout_s=0.1)
+    with pytest.raises(DeviceTimeoutError, match="is unplugged"):
+        array.read(timeout_s=1.0)
+    with pytest.raises(DeviceError, match="is unplugged"):
+        array.send(SetPressure(target_kpa=0.0, slew_kpa_per_s=20.0))
+    board.plug()
+    board.reset(bench.now_s())
+    after = [array.read(timeout_s=2.0) for _ in range(20)]
+    assert after[0].sequence > before[-1].sequence
+    assert np.diff([frame.sequence for frame in after]).tolist() == [1] * 19
+    assert after[0].time_s == pytest.approx(bench.now_s(), abs=0.1)
+    assert (array.counters.reconnects, array.counters.restarts) == (1, 1)
+
+
+def test_an_unplugged_board_is_gone_where_nothing_reopens_it(bench: Bench) -> None:
+    board = bench.board()
+    array = SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT)
+    array.read(timeout_s=0.1)
+    board.unplug()
+    with pytest.raises(DeviceError, match="is gone: the cable was pulled"):
+        read_on(array, timeout_s=0.1)
+
+
+def test_a_reset_board_is_set_up_again(bench: Bench) -> None:
+    board = bench.board(drift_ppm=100.0)
+    array = connect(bench, board)
+    before = [array.read(timeout_s=0.1) for _ in range(100)]
+    board.reset(bench.now_s())
+    after = [array.read(timeout_s=0.5) for _ in range(100)]
+    numbers = [frame.sequence for frame in before + after]
+    assert np.all(np.diff(numbers) > 0)
+    assert np.all(np.diff([frame.time_s for frame in before + after]) >= 0)
+    assert after[-1].time_s == pytest.approx(bench.now_s(), abs=0.01)
+    assert array.counters.restarts == 1
+
+
+def test_a_reset_whose_word_is_lost_is_noticed_by_the_silence(bench: Bench) -> None:
+    board = bench.board()
+    array = connect(bench, board)
+    array.read(timeout_s=0.1)
+    board.started_us = None
+    assert array.read(timeout_s=2.0).sequence > 0
+    assert array.counters.restarts == 1
+
+
+def test_a_silent_board_times_out_with_its_period(bench: Bench) -> None:
+    board = bench.board()
+    array = connect(bench, board)
+    array.read(timeout_s=0.1)
+    board.silent = True
+    with pytest.raises(DeviceTimeoutError, match=r"in 0\.20 s \(expected every 0\.004 s\)"):
+        read_on(array, timeout_s=0.2)
+
+
+def test_an_impossible_rate_names_the_highest(bench: Bench) -> None:
+    board = bench.board()
+    board.highest_rate_hz = 123.4
+    with pytest.raises(WireError, match=r"can't do 250 frames/s .* at most 123\.4"):
+        connect(bench, board)
+
+
+def test_a_wrong_baud_rate_is_told_from_silence(bench: Bench) -> None:
+    board = bench.board()
+    board.silent = True
+    stream = bench.open(board.port)
+    with pytest.raises(DeviceTimeoutError, match=r"no answer from the board in 4 s"):
+        SerialArray(stream, clock=bench, layout=RIGID_LAYOUT)
+    stream = bench.open(board.port)
+    board.send(np.random.default_rng(0).bytes(1500))
+    with pytest.raises(WireError, match=r"1500 bytes but no valid packet .* baud rate is another"):
+        SerialArray(stream, clock=bench, layout=SOFT_LAYOUT)
+
+
+def test_a_missing_port_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(DeviceNotFoundError, match=r"no port .*ttyACM9; `palpate ports`"):
+        SerialStream(str(tmp_path / "ttyACM9"))
+
+
+def test_a_file_is_no_port(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(DeviceError, match="can't be opened as a serial port"):
+        SerialStream(str(tmp_path / "file"))
+
+
+def test_a_port_without_permission_says_which_group(bench: Bench) -> None:
+    port = bench.board().port
+    os.chmod(port, 0o600 if os.getuid() == 0 else 0)
+    was = os.geteuid()
+    if was == 0:
+        os.seteuid(65534)
+    try:
+        with pytest.raises(DeviceError, match=r"permission denied\. Run `sudo usermod -aG \w+"):
+            SerialStream(port)
+    finally:
+        os.seteuid(was)
+
+
+def test_a_busy_port_is_one_line(bench: Bench) -> None:
+    port = bench.board().port
+    bench.open(port)
+    with pytest.raises(DeviceError, match=r"is in use by another program; `fuser -v"):
+        SerialStream(port)
+
+
+def test_the_port_is_found_by_usb_id_without_asking() -> None:
+    ports = [
+        Port(device="/dev/ttyS0", description="built in"),
+        Port(device="/dev/ttyACM0", description="Mega", board="Arduino"),
+    ]
+    assert find_port(ports, clock=ManualClock()) == "/dev/ttyACM0"
+
+
+def test_the_port_is_found_by_asking(bench: Bench) -> None:
+    mute, board = bench.board(), bench.board()
+    mute.silent = True
+    ports = [Port(device=each.port, description="") for each in (mute, board)]
+    assert find_port(ports, clock=bench, open_stream=bench.open) == board.port
+
+
+def test_two_boards_are_not_chosen_between(bench: Bench) -> None:
+    ports = [Port(device=bench.board().port, description="", board="Arduino") for _ in range(2)]
+    with pytest.raises(DeviceError, match=r"2 boards answer: .* Choose one with --port"):
+        find_port(ports, clock=bench, open_stream=bench.open)
+
+
+def test_two_boards_stream_side_by_side(bench: Bench) -> None:
+    arrays = [connect(bench, bench.board()) for _ in range(2)]
+    numbers = [[array.read(timeout_s=0.1).sequence for array in arrays] for _ in range(100)]
+    assert np.diff(np.array(numbers), axis=0).tolist() == [[1, 1]] * 99
+    assert [array.counters.lost for array in arrays] == [0, 0]
+
+
+def test_no_board_says_what_was_tried(bench: Bench) -> None:
+    with pytest.raises(DeviceNotFoundError, match="no serial port"):
+        find_port([], clock=bench, open_stream=bench.open)
+    mute = bench.board()
+    mute.silent = True
+    with pytest.raises(DeviceNotFoundError, match=r"no board answers\. /dev/pts/.* no answer"):
+        find_port([Port(device=mute.port, description="")], clock=bench, open_stream=bench.open)
