@@ -22,7 +22,7 @@ def test_recorded_is_the_last_sample() -> None:
 def test_log_law_continues_a_logarithm_from_each_holds_own_peak() -> None:
     time_s = np.arange(0, 4, 0.1)
     since = np.stack([time_s, time_s - time_s[3]])
-    holds = np.where(since < 0, 6.0, 9 - 0.7 * np.log(np.maximum(since, 0) + 0.2))
+    holds = np.where(since < 0, 8.0, 9 - 0.7 * np.log(np.maximum(since, 0) + 0.2))
     estimate = LogLaw().predict(time_s, holds, horizon_s=20.0, level=0.9)
     expected = 9 - 0.7 * np.log(20.2 - np.array([0, time_s[3]]))
     assert estimate.value == pytest.approx(expected)
