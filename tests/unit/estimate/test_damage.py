@@ -1,0 +1,144 @@
+"""The damage limit: curve states, hazard, prediction and guard, on fruit made up here."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.estimate.closing import LEVEL_STEP, ClosingCurve, ClosingState
+from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.hazard import fit_hazard
+from palpate.estimate.strength import fit_strength
+
+
+def close_on(stiffness: float, *, until_n: float) -> list[ClosingState]:
+    """Close on a linear spring and return the states."""
+    curve = ClosingCurve()
+    states: list[ClosingState] = []
+    closure_mm = 0.05
+    while stiffness * closure_mm < until_n:
+        states += curve.push(closure_mm, force_n=stiffness * closure_mm)
+        closure_mm += 0.05
+    return states
+
+
+def orchard(count: int, *, seed: int) -> tuple[list[list[ClosingState]], list[float], list[str]]:
+    """Fruit that ruptures at twice its stiffness, give or take 20 %."""
+    rng = np.random.default_rng(seed)
+    paths, limits_n, kinds = [], [], []
+    for _ in range(count):
+        stiffness = math.exp(rng.normal(1.0, 0.4))
+        limit_n = 2 * stiffness * math.exp(rng.normal(0.0, 0.2))
+        paths.append(close_on(stiffness, until_n=1.1 * limit_n))
+        limits_n.append(limit_n)
+        kinds.append(str(rng.choice(["plum", "pear"])))
+    return paths, limits_n, kinds
+
+
+@pytest.fixture(scope="module")
+def model() -> DamageModel:
+    paths, limits_n, kinds = orchard(240, seed=1)
+    return fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds)
+
+
+def test_states_of_a_spring_give_its_stiffness_and_no_flattening() -> None:
+    states = close_on(3.0, until_n=12.0)
+    assert math.exp(states[-1].log_stiffness) == pytest.approx(3.0, rel=1e-3)
+    assert math.exp(states[-1].log_early_stiffness) == pytest.approx(3.0, rel=1e-3)
+    assert states[-1].flattening == pytest.approx(0.0, abs=5e-3)
+
+
+def test_states_do_not_depend_on_where_closure_is_counted_from_or_on_sampling() -> None:
+    fine, coarse, shifted = ClosingCurve(), ClosingCurve(), ClosingCurve()
+    x = np.linspace(0.1, 4.0, 4001)
+    a = [s for c in x for s in fine.push(c, force_n=2 * c)]
+    b = [s for c in x[::10] for s in coarse.push(c, force_n=2 * c)]
+    c = [s for v in x for s in shifted.push(v + 7.0, force_n=2 * v)]
+    assert np.allclose(np.array(a), np.array(c), atol=1e-9)
+    assert np.allclose(np.array(a), np.array(b), atol=1e-9)
+
+
+def test_unloading_and_reloading_adds_no_state() -> None:
+    curve = ClosingCurve()
+    for closure in np.linspace(0.1, 2.0, 200):
+        curve.push(closure, force_n=2 * closure)
+    for closure in np.linspace(2.0, 1.0, 50):
+        assert curve.push(closure, force_n=2 * closure - 0.5) == []
+
+
+def test_a_bending_curve_shows_as_flattening() -> None:
+    curve = ClosingCurve()
+    states = [s for x in np.linspace(0.1, 4, 800) for s in curve.push(x, force_n=4 * math.tanh(x))]
+    assert states[-1].flattening < -0.5
+
+
+def test_hazard_rises_with_force_and_falls_with_stiffness() -> None:
+    paths, limits_n, kinds = orchard(80, seed=2)
+    hazard = fit_hazard(paths, rupture_force_n=limits_n, kinds=kinds)
+    soft, stiff = close_on(2.0, until_n=6.0), close_on(4.0, until_n=6.0)
+    soft_rates = hazard.per_step(soft, kind="")
+    assert soft_rates[-1] > soft_rates[0]
+    assert soft_rates[-1] > hazard.per_step(stiff, kind="")[-1]
+
+
+def test_prediction_at_half_load_is_near_the_rupture_force() -> None:
+    paths, limits_n, _ = orchard(80, seed=3)
+    strength = fit_strength(paths, rupture_force_n=limits_n)
+    state = close_on(3.0, until_n=3.0)[-1]
+    assert strength.predict_n(state) == pytest.approx(6.0, rel=0.15)
+
+
+def test_prediction_is_never_below_the_force_already_borne(model: DamageModel) -> None:
+    for state in close_on(1.0, until_n=20.0):
+        assert model.strengths[""].predict_n(state) >= state.force_n
+
+
+def test_the_guard_ruptures_about_as_many_new_fruit_as_it_promises(model: DamageModel) -> None:
+    paths, limits_n, kinds = orchard(300, seed=4)
+    stop_score = model.stop_score(nominal_rate=0.05)
+    ruptured = 0
+    for path, limit_n, kind in zip(paths, limits_n, kinds, strict=True):
+        stops = [s.force_n for s in path if model.limit(s, kind=kind, stop_score=stop_score).stop]
+        ruptured += not stops or stops[0] >= limit_n
+    # 15 of 300 are promised; 3 binomial standard deviations are 11, and the promise itself rests
+    # on 240 objects.
+    assert 2 <= ruptured <= 30
+
+
+def test_guard_online_gives_what_its_model_gives(model: DamageModel) -> None:
+    guard = model.guard(kind="plum", nominal_rate=0.02)
+    online = [limit for x in np.linspace(0.05, 5, 500) for limit in guard.push(x, force_n=2.0 * x)]
+    assert online[0].stop is False
+    assert online[-1].stop is True
+    assert all(limit.low_n <= limit.predicted_n for limit in online)
+    assert np.diff([limit.force_n for limit in online]).min() > 0
+
+
+def test_a_smaller_promised_rate_stops_no_later(model: DamageModel) -> None:
+    assert model.stop_score(nominal_rate=0.001) <= model.stop_score(nominal_rate=0.01)
+    assert model.stop_score(nominal_rate=0.01) <= model.stop_score(nominal_rate=0.2)
+
+
+def test_an_unknown_kind_is_served_by_the_model_of_all(model: DamageModel) -> None:
+    state = close_on(3.0, until_n=4.0)[-1]
+    unknown = model.limit(state, kind="durian", stop_score=0.0)
+    assert unknown == model.limit(state, kind="", stop_score=0.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, 1.0, -0.1])
+def test_a_rate_that_is_no_share_is_refused(model: DamageModel, rate: float) -> None:
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        model.stop_score(nominal_rate=rate)
+
+
+def test_too_few_closings_are_refused() -> None:
+    paths, limits_n, kinds = orchard(3, seed=5)
+    with pytest.raises(ValueError, match="are needed"):
+        fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds)
+
+
+def test_levels_are_even_in_log_force() -> None:
+    forces_n = [state.force_n for state in close_on(2.0, until_n=10.0)]
+    assert np.allclose(np.diff(np.log(forces_n)), LEVEL_STEP)
