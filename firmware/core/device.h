@@ -1,0 +1,88 @@
+// The board's behaviour: commands, streaming, safety. Knows the hardware only through Board.
+#pragma once
+#include <stdint.h>
+
+#include "packet.h"
+#include "plan.h"
+#include "protocol.h"
+#include "regulator.h"
+
+namespace palpate {
+
+struct LoadCell {
+  int32_t raw = kNoReading;
+  uint8_t sample = 0;
+  bool silent = false;
+};
+
+// A finished scan, as the board hands it over.
+struct Scan {
+  uint32_t sequence;
+  uint32_t time_us;
+  const uint16_t* counts;
+  uint16_t pressure_counts;
+};
+
+// What the core asks of the hardware.
+class Board {
+ public:
+  virtual uint32_t now_us() = 0;
+  virtual void start_scanning(const Plan& plan) = 0;
+  virtual void stop_scanning() = 0;
+  // A free transmit buffer of kMaxStuffedBytes, or null while both are on their way.
+  virtual uint8_t* transmit_buffer() = 0;
+  virtual void transmit(uint16_t size) = 0;
+  virtual void set_pressure_output(uint16_t pa) = 0;
+  virtual void set_safe_line(bool safe) = 0;
+  virtual const LoadCell& load_cell(uint8_t index) = 0;
+
+ protected:
+  ~Board() = default;
+};
+
+class Device {
+ public:
+  Device(Board& board, const Timing& timing, const char* name)
+      : board_(board), timing_(timing), name_(name) {}
+
+  // `seed` makes stream numbers differ from those before a reset.
+  void begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_up);
+  // Only while a transmit buffer is free: the byte may complete a command, which is answered.
+  void on_byte(uint8_t byte);
+  // Likewise.
+  void on_scan(const Scan& scan);
+  void poll();
+  // Keep it over a reset, for the next begin().
+  uint8_t stream_seed() const { return stream_seed_; }
+
+ private:
+  void obey(const Packet& packet);
+  Result execute(const Packet& packet);
+  Result start(uint8_t contents);
+  Result set_layout(uint8_t rows, uint8_t cols, uint16_t settle_us);
+  Result set_rate(uint32_t rate_mhz);
+  void send_ack(uint8_t command, uint8_t tag, Result result);
+  void send_identity(uint8_t tag);
+  void send_frame(uint8_t* out, const Scan& scan);
+  void check_ceiling(const Scan& scan);
+  uint8_t status() const;
+
+  Board& board_;
+  Timing timing_;
+  const char* name_;
+  PacketReader reader_;
+  Plan plan_;
+  Regulator regulator_;
+  uint32_t next_sequence_ = 0;
+  uint16_t ceiling_ = 0;
+  uint8_t stream_ = 0;
+  uint8_t stream_seed_ = 0;
+  uint8_t reset_cause_ = 0;
+  bool streaming_ = false;
+  bool tripped_ = false;
+  bool watchdog_ = false;
+  bool dropped_ = false;
+  bool damaged_ = false;
+};
+
+}  // namespace palpate

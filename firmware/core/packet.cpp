@@ -1,0 +1,100 @@
+#include "packet.h"
+
+namespace palpate {
+
+namespace {
+// CRC-32 of the 16 half bytes: a quarter of the speed of the full table in a sixteenth of its size.
+constexpr uint32_t kCrcOfNibble[16] = {
+    0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4, 0x4DB26158, 0x5005713C,
+    0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C, 0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+}  // namespace
+
+void Crc32::add(uint8_t byte) {
+  state_ ^= byte;
+  state_ = kCrcOfNibble[state_ & 0x0F] ^ (state_ >> 4);
+  state_ = kCrcOfNibble[state_ & 0x0F] ^ (state_ >> 4);
+}
+
+PacketWriter::PacketWriter(uint8_t* out, uint8_t type, uint16_t payload) : out_(out) {
+  u8(type);
+  u16(payload);
+}
+
+void PacketWriter::stuff(uint8_t byte) {
+  if (byte != 0) {
+    out_[end_++] = byte;
+    if (end_ - code_at_ < 0xFF) return;
+  }
+  out_[code_at_] = static_cast<uint8_t>(end_ - code_at_);
+  code_at_ = end_++;
+}
+
+void PacketWriter::u8(uint8_t value) {
+  crc_.add(value);
+  stuff(value);
+}
+
+void PacketWriter::u16(uint16_t value) {
+  u8(static_cast<uint8_t>(value));
+  u8(static_cast<uint8_t>(value >> 8));
+}
+
+void PacketWriter::u32(uint32_t value) {
+  u16(static_cast<uint16_t>(value));
+  u16(static_cast<uint16_t>(value >> 16));
+}
+
+uint16_t PacketWriter::finish() {
+  const uint32_t crc = crc_.value();
+  for (uint8_t shift = 0; shift < 32; shift += 8) stuff(static_cast<uint8_t>(crc >> shift));
+  out_[code_at_] = static_cast<uint8_t>(end_ - code_at_);
+  out_[end_++] = 0;
+  return end_;
+}
+
+PacketReader::Event PacketReader::feed(uint8_t byte) {
+  if (byte != 0) {
+    if (size_ < kMaxCommandBytes) {
+      bytes_[size_++] = byte;
+    } else {
+      overlong_ = true;
+    }
+    return kNothing;
+  }
+  // What came before the very first zero may be the tail of something: not worth a complaint.
+  Event event = in_step_ ? kDamaged : kNothing;
+  if (size_ == 0) {
+    event = kNothing;
+  } else if (!overlong_ && open()) {
+    event = kPacket;
+  }
+  in_step_ = true;
+  size_ = 0;
+  overlong_ = false;
+  return event;
+}
+
+bool PacketReader::open() {
+  uint8_t at = 0;
+  while (at < size_) {
+    const uint8_t code = bytes_[at];
+    bytes_[at] = 0;
+    if (code > size_ - at) return false;
+    at = static_cast<uint8_t>(at + code);
+  }
+  // The first code byte is not data.
+  const uint8_t* body = bytes_ + 1;
+  if (size_ < 1 + kHeadBytes + kCrcBytes) return false;
+  const uint8_t payload = static_cast<uint8_t>(size_ - 1 - kHeadBytes - kCrcBytes);
+  if (body[1] != payload || body[2] != 0) return false;
+  Crc32 crc;
+  const uint8_t* end = body + kHeadBytes + payload;
+  for (const uint8_t* byte = body; byte != end; ++byte) crc.add(*byte);
+  for (uint8_t i = 0; i < kCrcBytes; ++i) {
+    if (end[i] != static_cast<uint8_t>(crc.value() >> (8 * i))) return false;
+  }
+  packet_ = {body[0], body + kHeadBytes, payload};
+  return true;
+}
+
+}  // namespace palpate

@@ -1,0 +1,289 @@
+/* An Arduino Mega 2560 on simavr, with what is wired to it: the pixels behind two multiplexers, a
+ * pressure regulator, two HX711 load-cell amplifiers and a serial line at its true speed.
+ * Driven from Python by ctypes (palpate.twin.firmware). Test tool only: simavr is GPL-3. */
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <simavr/avr_adc.h>
+#include <simavr/avr_ioport.h>
+#include <simavr/avr_timer.h>
+#include <simavr/avr_uart.h>
+#include <simavr/sim_avr.h>
+#include <simavr/sim_elf.h>
+#include <simavr/sim_hex.h>
+#include <simavr/sim_time.h>
+
+#define CLOCK_HZ 16000000u
+#define PIXELS 256
+#define OUT_BYTES (1u << 20)
+#define IN_BYTES 4096u
+#define LOAD_CELLS 2
+#define LOAD_PERIOD_CYCLES (CLOCK_HZ / 80)
+#define SUPPLY_MV 5000.0
+#define REGULATOR_LAG_S 0.05
+
+/* Data-space addresses, ATmega2560 data sheet, register summary. */
+enum { PORTA_ = 0x22, PORTC_ = 0x28, PORTB_ = 0x25, PORTL_ = 0x10B, TCCR3A_ = 0x90, OCR3AL_ = 0x98 };
+
+typedef struct load_cell {
+  avr_irq_t *data;
+  uint64_t ready_cycle;
+  int32_t raw, shift;
+  int pulses, clock;
+} load_cell_t;
+
+typedef struct board {
+  avr_t *avr;
+  avr_irq_t *adc, *uart_in;
+  float from_mv[PIXELS], to_mv[PIXELS];
+  uint64_t from_cycle, to_cycle;
+  float noise_mv;
+  uint64_t random;
+  uint64_t conversions, misrouted;
+  double pressure;
+  uint64_t pressure_cycle;
+  load_cell_t loads[LOAD_CELLS];
+  uint8_t out[OUT_BYTES];
+  uint64_t out_cycle[OUT_BYTES];
+  uint32_t out_size, out_lost;
+  uint8_t in[IN_BYTES];
+  uint32_t in_head, in_tail;
+  uint32_t byte_cycles;
+} board_t;
+
+static double uniform(board_t *board) {
+  board->random ^= board->random << 13;
+  board->random ^= board->random >> 7;
+  board->random ^= board->random << 17;
+  return (double)(board->random >> 11) / 9007199254740992.0;
+}
+
+static double gaussian(board_t *board) {
+  double sum = -6.0;
+  for (int i = 0; i < 12; i++) sum += uniform(board);
+  return sum;
+}
+
+static double output_duty(const board_t *board) {
+  const uint8_t *data = board->avr->data;
+  if (!(data[TCCR3A_] & 0x80)) return 0.0;
+  return ((data[OCR3AL_] | data[OCR3AL_ + 1] << 8) + 1) / 1024.0;
+}
+
+/* First-order regulator between the pulse output and its read-back, as a share of full scale. */
+static double pressure_now(board_t *board) {
+  double elapsed_s = (double)(board->avr->cycle - board->pressure_cycle) / CLOCK_HZ;
+  board->pressure_cycle = board->avr->cycle;
+  double wanted = output_duty(board);
+  board->pressure = wanted + (board->pressure - wanted) * exp(-elapsed_s / REGULATOR_LAG_S);
+  return board->pressure;
+}
+
+/* The direct row lines must agree with the multiplexer: exactly the selected row high. */
+static int rows_agree(const board_t *board, int row) {
+  const uint8_t *data = board->avr->data;
+  return (data[PORTA_] | data[PORTC_] << 8) == 1 << row;
+}
+
+static double pixel_mv(board_t *board) {
+  uint8_t select = board->avr->data[PORTL_];
+  int row = select & 15, col = select >> 4, pixel = row * 16 + col;
+  if (!rows_agree(board, row)) board->misrouted++;
+  double span = (double)(board->to_cycle - board->from_cycle);
+  double share = span > 0 ? (double)(board->avr->cycle - board->from_cycle) / span : 1.0;
+  if (share < 0) share = 0;
+  if (share > 1) share = 1;
+  return board->from_mv[pixel] + share * (board->to_mv[pixel] - board->from_mv[pixel]);
+}
+
+static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
+  (void)irq;
+  board_t *board = param;
+  union {
+    avr_adc_mux_t mux;
+    uint32_t value;
+  } request = {.value = value};
+  double mv = 0;
+  if (request.mux.src == 0) {
+    mv = pixel_mv(board);
+    board->conversions++;
+  } else if (request.mux.src == 1) {
+    mv = SUPPLY_MV * pressure_now(board);
+  }
+  mv += board->noise_mv * gaussian(board);
+  /* simavr takes whole millivolts: rounding at random keeps the mean. */
+  mv = floor(mv + uniform(board));
+  if (mv < 0) mv = 0;
+  if (mv > SUPPLY_MV) mv = SUPPLY_MV;
+  avr_raise_irq(board->adc + request.mux.src, (uint32_t)mv);
+}
+
+static void on_sent(avr_irq_t *irq, uint32_t value, void *param) {
+  (void)irq;
+  board_t *board = param;
+  if (board->out_size == OUT_BYTES) {
+    board->out_lost++;
+    return;
+  }
+  /* It is on the line until its stop bit is over. */
+  board->out_cycle[board->out_size] = board->avr->cycle + board->byte_cycles;
+  board->out[board->out_size++] = (uint8_t)value;
+}
+
+static avr_cycle_count_t on_receive(avr_t *avr, avr_cycle_count_t when, void *param) {
+  (void)avr;
+  board_t *board = param;
+  if (board->in_head == board->in_tail) return 0;
+  avr_raise_irq(board->uart_in, board->in[board->in_tail++ % IN_BYTES]);
+  return when + board->byte_cycles;
+}
+
+static avr_cycle_count_t on_load_ready(avr_t *avr, avr_cycle_count_t when, void *param) {
+  (void)avr;
+  load_cell_t *cell = param;
+  cell->pulses = 0;
+  cell->shift = cell->raw;
+  avr_raise_irq(cell->data, 0);
+  return when + LOAD_PERIOD_CYCLES;
+}
+
+static void on_load_clock(avr_irq_t *irq, uint32_t value, void *param) {
+  (void)irq;
+  load_cell_t *cell = param;
+  int rising = value && !cell->clock;
+  cell->clock = (int)value;
+  if (!rising) return;
+  int bit = cell->pulses < 24 ? (cell->shift >> (23 - cell->pulses)) & 1 : 1;
+  cell->pulses++;
+  avr_raise_irq(cell->data, (uint32_t)bit);
+}
+
+static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) {
+  (void)avr;
+  (void)cycles;
+}
+
+static void quiet(avr_t *avr, const int level, const char *format, va_list args) {
+  (void)avr, (void)level, (void)format, (void)args;
+}
+
+static void connect(board_t *board) {
+  avr_t *avr = board->avr;
+  board->adc = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, 0);
+  avr_irq_register_notify(board->adc + ADC_IRQ_OUT_TRIGGER, on_convert, board);
+
+  uint32_t flags = 0;
+  avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
+  flags &= ~(uint32_t)(AVR_UART_FLAG_STDIO | AVR_UART_FLAG_POLL_SLEEP);
+  avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
+  board->uart_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
+  avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_sent,
+                          board);
+
+  board->loads[0].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('G'), 1);
+  board->loads[1].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 7);
+  const int clock_pin[LOAD_CELLS] = {0, 2};
+  for (int i = 0; i < LOAD_CELLS; i++) {
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('G'), clock_pin[i]),
+                            on_load_clock, &board->loads[i]);
+    avr_raise_irq(board->loads[i].data, 1);
+  }
+}
+
+/* Returns null if the file is not an ELF that simavr can run. */
+board_t *board_open(const char *elf, uint32_t baud, uint64_t seed) {
+  avr_global_logger_set(quiet);
+  elf_firmware_t firmware = {0};
+  if (elf_read_firmware(elf, &firmware) != 0) return NULL;
+  board_t *board = calloc(1, sizeof *board);
+  avr_t *avr = board ? avr_make_mcu_by_name("atmega2560") : NULL;
+  if (!avr) {
+    free(board);
+    return NULL;
+  }
+  board->avr = avr;
+  board->random = seed * 0x9E3779B97F4A7C15u | 1;
+  board->byte_cycles = CLOCK_HZ / baud * 10;
+  avr_init(avr);
+  avr->frequency = firmware.frequency = CLOCK_HZ;
+  avr->vcc = avr->avcc = avr->aref = (uint32_t)SUPPLY_MV;
+  firmware.vcc = firmware.avcc = firmware.aref = (uint32_t)SUPPLY_MV;
+  avr_load_firmware(avr, &firmware);
+  avr->sleep = no_sleep;
+  avr->log = LOG_NONE;
+  connect(board);
+  return board;
+}
+
+void board_close(board_t *board) {
+  avr_terminate(board->avr);
+  free(board->avr);
+  free(board);
+}
+
+uint64_t board_cycle(const board_t *board) { return board->avr->cycle; }
+uint64_t board_conversions(const board_t *board) { return board->conversions; }
+uint64_t board_misrouted(const board_t *board) { return board->misrouted; }
+uint32_t board_out_lost(const board_t *board) { return board->out_lost; }
+double board_output_duty(const board_t *board) { return output_duty(board); }
+double board_pressure(board_t *board) { return pressure_now(board); }
+int board_safe_line(const board_t *board) { return board->avr->data[PORTB_] >> 7 & 1; }
+void board_reset(board_t *board) { avr_reset(board->avr); }
+void board_set_noise_mv(board_t *board, float noise_mv) { board->noise_mv = noise_mv; }
+
+/* Moves every pixel in a straight line from where it is now to `mv` (16 x 16) at `cycle`. */
+void board_set_pixels(board_t *board, const float *mv, uint64_t cycle) {
+  memcpy(board->from_mv, board->to_mv, sizeof board->from_mv);
+  memcpy(board->to_mv, mv, sizeof board->to_mv);
+  board->from_cycle = board->avr->cycle;
+  board->to_cycle = cycle;
+}
+
+/* An absent amplifier leaves its line high for good. */
+void board_set_load(board_t *board, int index, int32_t raw) {
+  load_cell_t *cell = &board->loads[index];
+  cell->raw = raw;
+  if (!cell->ready_cycle) {
+    cell->ready_cycle = board->avr->cycle + LOAD_PERIOD_CYCLES;
+    avr_cycle_timer_register(board->avr, LOAD_PERIOD_CYCLES, on_load_ready, cell);
+  }
+}
+
+/* Makes the program hang where it is, as a hit by a particle would: interrupts go on. */
+void board_hang(board_t *board) {
+  const avr_flashaddr_t nowhere = 0x3F000;
+  board->avr->flash[nowhere] = 0xFF; /* rjmp to itself */
+  board->avr->flash[nowhere + 1] = 0xCF;
+  board->avr->pc = nowhere;
+}
+
+/* Queues bytes for the board's receiver; returns how many fitted. */
+uint32_t board_give(board_t *board, const uint8_t *bytes, uint32_t size) {
+  uint32_t given = 0;
+  int idle = board->in_head == board->in_tail;
+  while (given < size && board->in_head - board->in_tail < IN_BYTES) {
+    board->in[board->in_head++ % IN_BYTES] = bytes[given++];
+  }
+  if (idle && given) avr_cycle_timer_register(board->avr, board->byte_cycles, on_receive, board);
+  return given;
+}
+
+/* Bytes that have left the board, and the cycle at which each was through. */
+uint32_t board_take(board_t *board, uint8_t *bytes, uint64_t *cycles) {
+  uint32_t size = board->out_size;
+  memcpy(bytes, board->out, size);
+  memcpy(cycles, board->out_cycle, size * sizeof *cycles);
+  board->out_size = 0;
+  return size;
+}
+
+/* Runs up to a cycle; returns 0, or -1 if the program has crashed. */
+int board_run(board_t *board, uint64_t until) {
+  while (board->avr->cycle < until) {
+    int state = avr_run(board->avr);
+    if (state == cpu_Done || state == cpu_Crashed) return -1;
+  }
+  return 0;
+}
