@@ -62,10 +62,10 @@ BAD_TEXT = {
     "no rows": (HEADER, "no rows"),
     "missing column": ("hold_id,value\na,1\n", "line 1: no column time_s"),
     "semicolons": ("hold_id;time_s;value\na;1;2\n", "line 1: no column"),
-    "unknown column": ("hold_id,time_s,value,chanel\na,1,2,3\n", "line 1: unknown column 'chanel'"),
+    "unknown column": ("hold_id,time_s,value,chanel\na,1,2,3\n", "unknown column 'chanel'"),
     "column twice": (
         "hold_id,time_s,value,value\na,1,2,3\n",
-        "line 1: a column stands there twice",
+        "a column stands there twice",
     ),
     "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is nan in hold a"),
     "infinite": (HEADER + "a,0,1\na,inf,2\n", "line 3: time_s is inf in hold a"),

@@ -1,0 +1,26 @@
+"""The document of `palpate settle` on a file small enough to be worked out by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+
+from palpate.cli import run
+from palpate.commands.settle import settle
+
+GOLDEN = Path(__file__).parent / "settle"
+
+
+def test_the_document_is_the_one_worked_out_by_hand(capsys: pytest.CaptureFixture[str]) -> None:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(settle)
+    holds = GOLDEN / "holds.csv"
+    arguments = [str(holds), "--method", "recorded", "--cutoff", "2.5", "--json"]
+    assert run(app, arguments, name="palpate settle") == 0
+    document = json.loads(capsys.readouterr().out)
+    for row in document["rows"]:
+        assert row.pop("file") == str(holds)
+    assert document == json.loads((GOLDEN / "recorded.json").read_text())

@@ -1,0 +1,237 @@
+"""`palpate settle` as a user runs it: documents, tables, plots and refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import typer
+
+from palpate.cli import run
+from palpate.commands.settle import settle
+
+ROW_KEYS = [
+    *("hold_id", "channel", "method", "cutoff_s", "predicted", "low", "high", "settled"),
+    *("error_percent", "status"),
+]
+SUMMARY_KEYS = [
+    *("method", "cutoff_s", "holds", "median_abs_error_percent", "mean_abs_error_percent"),
+    *("p90_abs_error_percent", "median_error_of_remaining_percent", "coverage"),
+    "median_half_width_percent",
+]
+
+
+@pytest.fixture
+def holds_csv(tmp_path: Path) -> Path:
+    """Five falling holds of 21 s, one of 8 s, one constant and one of a single sample."""
+    random = np.random.default_rng(3)
+    lines = ["hold_id,time_s,value"]
+    for number in range(6):
+        time_s = np.arange(0, 8 if number == 5 else 21, 0.1)
+        values = 100 - (4 + number) * np.log(time_s + 0.4) + 0.05 * random.normal(size=time_s.size)
+        lines += [f"h{number},{t:.1f},{v:.4f}" for t, v in zip(time_s, values, strict=True)]
+    lines += [f"flat,{t / 10:.1f},7" for t in range(210)]
+    lines += ["single,0,3.5"]
+    path = tmp_path / "holds.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def ran(*arguments: object) -> int:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(settle)
+    return run(app, [str(argument) for argument in arguments], name="palpate settle")
+
+
+def document(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
+    assert ran(*arguments, "--json") == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert captured.out.endswith("}\n")
+    return json.loads(captured.out, parse_constant=pytest.fail)
+
+
+def test_json_is_one_document_in_the_public_form(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv)
+    assert list(found["rows"][0])[: len(ROW_KEYS)] == ROW_KEYS
+    assert list(found["summary"][0])[: len(SUMMARY_KEYS)] == SUMMARY_KEYS
+    assert [row["hold_id"] for row in found["rows"]] == [
+        *("h0", "h1", "h2", "h3", "h4", "h5", "flat", "single")
+    ]
+    assert {(row["method"], row["cutoff_s"]) for row in found["rows"]} == {("relaxation", 2.5)}
+    rows = {row["hold_id"]: row for row in found["rows"]}
+    assert rows["h5"]["settled"] is None
+    assert rows["h5"]["error_percent"] is None
+    assert rows["h5"]["predicted"] is not None
+    assert rows["flat"]["predicted"] == pytest.approx(7)
+    assert rows["flat"]["error_of_remaining_percent"] is None
+    assert rows["single"]["predicted"] == 3.5
+    assert found["summary"][0]["holds"] == 8
+    assert found["summary"][0]["holds_with_settled_value"] == 6
+
+
+def test_figures_are_what_they_are_called(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--method", "recorded", "--cutoff", "5", "--cutoff", "1")
+    rows = [row for row in found["rows"] if row["error_percent"] is not None]
+    for row in rows:
+        error = 100 * (row["predicted"] - row["settled"]) / abs(row["settled"])
+        assert row["error_percent"] == pytest.approx(error)
+        assert row["low"] is None
+    assert [entry["cutoff_s"] for entry in found["summary"]] == [5.0, 1.0]
+    errors = [abs(row["error_percent"]) for row in rows if row["cutoff_s"] == 5.0]
+    assert found["summary"][0]["median_abs_error_percent"] == pytest.approx(np.median(errors))
+    assert found["summary"][0]["median_error_of_remaining_percent"] == pytest.approx(100)
+    assert found["summary"][0]["coverage"] is None
+
+
+def test_several_files_and_methods_in_a_stable_order(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = (holds_csv, holds_csv, "--method", "exponential", "--method", "recorded")
+    first = document(capsys, *arguments)
+    assert first == document(capsys, *arguments)
+    assert len(first["rows"]) == 2 * 8 * 2
+    assert [row["method"] for row in first["rows"][:2]] == ["exponential", "recorded"]
+
+
+def test_fit_on_changes_the_interval_of_the_method_that_can_use_it(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    methods = ("--method", "relaxation", "--method", "exponential")
+    plain = document(capsys, holds_csv, *methods)
+    fitted = document(capsys, holds_csv, *methods, "--fit-on", holds_csv)
+    assert [r["high"] for r in plain["rows"][::2]] != [r["high"] for r in fitted["rows"][::2]]
+    assert plain["rows"][1::2] == fitted["rows"][1::2]
+
+
+def test_until_half_width_reports_the_time_of_decision(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--until-half-width", "5")
+    [entry] = found["summary"]
+    decided = [row["cutoff_s"] for row in found["rows"] if row["decided"]]
+    assert entry["holds_decided"] == len(decided) >= 5
+    assert entry["median_decision_s"] == pytest.approx(np.median(decided))
+    assert entry["until_half_width_percent"] == 5.0
+    for row in found["rows"]:
+        if row["decided"]:
+            assert (row["high"] - row["low"]) / 2 <= 0.05 * abs(row["predicted"])
+
+
+def test_a_fixed_cutoff_may_stand_beside_the_decisions(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--until-half-width", "5", "--cutoff", "2.5")
+    assert ["median_decision_s" in entry for entry in found["summary"]] == [False, True]
+
+
+def test_out_writes_the_same_as_json_csv_and_parquet(
+    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, holds_csv, "--out", tmp_path / "all.json")
+    assert json.loads((tmp_path / "all.json").read_text()) == found
+    document(capsys, holds_csv, "--out", tmp_path / "rows.parquet")
+    assert pq.read_table(tmp_path / "rows.parquet").to_pylist() == found["rows"]
+    document(capsys, holds_csv, "--out", tmp_path / "rows.csv")
+    with (tmp_path / "rows.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["hold_id"] for row in rows] == [row["hold_id"] for row in found["rows"]]
+    assert float(rows[0]["predicted"]) == found["rows"][0]["predicted"]
+    assert rows[5]["settled"] == ""
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str) -> None:
+    plot = tmp_path / f"plot.{ending}"
+    assert ran(holds_csv, "--method", "relaxation", "--method", "recorded", "--plot", plot) == 0
+    magic = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
+    assert plot.read_bytes().startswith(magic)
+
+
+def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ran(holds_csv, "--until-half-width", "5", "--method", "relaxation") == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
+        assert said in captured.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--method", "magic"], "no method 'magic'; there are: recorded, exponential, relaxation"),
+        (["--cutoff", "0"], "--cutoff 0"),
+        (["--cutoff", "nan"], "--cutoff nan"),
+        (["--cutoff", "21"], "not after the horizon (20 s)"),
+        (["--cutoff", "soon"], "--cutoff"),
+        (["--level", "1"], "--level 1"),
+        (["--level", "0"], "--level 0"),
+        (["--horizon", "-3"], "--horizon -3"),
+        (["--horizon", "inf"], "--horizon inf"),
+        (["--until-half-width", "0"], "--until-half-width 0"),
+        (["--plot", "plot.bmp"], "a plot ends in"),
+        (["--plot", "nowhere/plot.png"], "no folder nowhere"),
+        (["--out", "rows.txt"], ".json, .csv or .parquet"),
+        (["--out", "nowhere/rows.csv"], "a folder that exists"),
+        (["--fit-on", "nowhere.csv"], "nowhere.csv: no such file"),
+        (["--bogus"], "--bogus"),
+    ],
+)
+def test_bad_options_are_one_line_and_status_2(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], said: str
+) -> None:
+    assert ran(holds_csv, *arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert said in captured.err
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "the file is empty"),
+        (b"hold_id,value\na,1\n", "line 1: no column time_s"),
+        (b"hold_id,time_s,value\na,0,1\na,1,nan\n", "line 3: value is nan in hold a"),
+        (b"hold_id,time_s,value\na,0,1\na,1,oops\n", "line 3: value is 'oops'"),
+        (b"hold_id,time_s,value\na,1,1\na,0,1\n", "line 3: time goes backwards in hold a"),
+        (bytes(range(256)) * 8, "line 1: not a line of UTF-8 text"),
+    ],
+)
+def test_bad_files_are_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes, said: str
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_bytes(content)
+    out = tmp_path / "never.json"
+    assert ran(path, "--json", "--out", out) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert f"{path}" in captured.err
+    assert said in captured.err
+    assert not out.exists()
+
+
+def test_a_folder_and_no_file_at_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ran(tmp_path) == 2
+    assert "a folder" in capsys.readouterr().err
+    assert ran() == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_real_holds_give_finite_predictions(
+    real_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = document(capsys, real_data / "holds_cbsilicone.csv.gz", "--cutoff", "2.5")
+    assert len(found["rows"]) == found["summary"][0]["holds"] == 131
+    assert all(row["predicted"] is not None for row in found["rows"])
+    assert all(row["settled"] is not None for row in found["rows"])

@@ -1,0 +1,95 @@
+"""Scores: what counts as settled, what percentages are of, and where there is no figure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.settling.scoring import (
+    bootstrap_interval,
+    mean,
+    median,
+    recorded_value,
+    score,
+    settled_value,
+    summarise,
+)
+
+
+def test_settled_value_is_the_mean_of_the_last_half_second() -> None:
+    time_s = np.array([0.0, 19.4, 19.5, 19.75, 20.0, 20.25])
+    values = np.array([9.0, 8.0, 1.0, 2.0, 6.0, 100.0])
+    assert settled_value(time_s, values, horizon_s=20.0) == 3.0
+
+
+@pytest.mark.parametrize(
+    ("last_s", "reaches"), [(19.9, False), (19.95, True), (20.0, True), (25.0, True)]
+)
+def test_a_hold_reaches_the_horizon_within_one_interval(last_s: float, reaches: bool) -> None:
+    time_s = np.arange(0, last_s + 0.01, 0.05)
+    settled = settled_value(time_s, np.ones(time_s.size), horizon_s=20.0)
+    assert np.isfinite(settled) == reaches
+
+
+def test_no_settled_value_where_nothing_was_sampled_before_the_horizon() -> None:
+    time_s = np.array([0.0, 10.0, 30.0])
+    assert np.isnan(settled_value(time_s, time_s, horizon_s=20.0))
+    assert np.isnan(settled_value(time_s[:1], time_s[:1], horizon_s=20.0))
+
+
+def test_recorded_value_includes_the_sample_at_the_cutoff() -> None:
+    time_s = np.array([0.5, 1.0, 2.0])
+    assert recorded_value(time_s, 10 * time_s, cutoff_s=2.0) == 20.0
+    assert recorded_value(time_s, 10 * time_s, cutoff_s=1.99) == 10.0
+    assert np.isnan(recorded_value(time_s, time_s, cutoff_s=0.4))
+
+
+def test_percentages_of_a_negative_settled_value_keep_their_direction() -> None:
+    scores = score([-48.0], low=[-53.0], high=[-45.0], settled=[-50.0], recorded=[-40.0])
+    assert scores.error_percent.tolist() == [4.0]
+    assert scores.of_remaining_percent.tolist() == [20.0]
+    assert scores.half_width_percent.tolist() == [8.0]
+    assert scores.covered.tolist() == [1.0]
+
+
+def test_no_figure_where_there_is_nothing_to_be_a_share_of() -> None:
+    scores = score(
+        [1.0, 1.0, 1.0],
+        low=[np.nan, 0.0, 0.0],
+        high=[np.nan, 2.0, 2.0],
+        settled=[2.0, 0.0, np.nan],
+        recorded=[2.0, 1.0, 1.0],
+    )
+    np.testing.assert_array_equal(scores.error_percent, [-50.0, np.nan, np.nan])
+    np.testing.assert_array_equal(scores.of_remaining_percent, [np.nan, 100.0, np.nan])
+    np.testing.assert_array_equal(scores.covered, [np.nan, 1.0, np.nan])
+
+
+def test_summary_counts_only_what_is_known() -> None:
+    scores = score(
+        [101.0, 98.0, 103.0, 7.0],
+        low=[99.0, 97.0, 102.0, 6.0],
+        high=[103.0, 99.0, 104.0, 8.0],
+        settled=[100.0, 100.0, 100.0, np.nan],
+        recorded=[110.0, 104.0, 106.0, 9.0],
+    )
+    summary = summarise(scores)
+    assert summary["median_abs_error_percent"] == 2.0
+    assert summary["mean_abs_error_percent"] == 2.0
+    assert summary["p90_abs_error_percent"] == pytest.approx(2.8)
+    assert summary["median_error_of_remaining_percent"] == 50.0
+    assert summary["coverage"] == pytest.approx(1 / 3)
+    assert summary["median_half_width_percent"] == 1.0
+
+
+def test_bootstrap_draws_specimens_and_not_holds() -> None:
+    values = np.repeat([0.0, 1.0], 50)
+    groups = ["a"] * 50 + ["b"] * 50
+    by_specimen = bootstrap_interval(values, groups, statistic=mean)
+    by_hold = bootstrap_interval(values, [str(i) for i in range(100)], statistic=mean)
+    assert by_specimen == (0.0, 1.0)
+    assert 0.4 < by_hold[0] < by_hold[1] < 0.6
+
+
+def test_bootstrap_of_one_specimen_knows_nothing() -> None:
+    assert np.isnan(bootstrap_interval(np.arange(5.0), ["a"] * 5, statistic=median)).all()
