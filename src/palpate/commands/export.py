@@ -1,0 +1,63 @@
+"""`palpate export FILE`: a recording, or the holds in it, as CSV or Parquet."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.errors import RecordingError
+
+
+class Target(StrEnum):
+    """Forms of the file."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+class HoldUnit(StrEnum):
+    """Units of the holds' values."""
+
+    PERCENT = "percent"
+    OHM = "ohm"
+
+
+def export(
+    file: Annotated[Path, typer.Argument(help="An .mcap recording.")],
+    to: Annotated[Target, typer.Option(help="Form of the file.")] = Target.CSV,
+    holds: Annotated[
+        bool, typer.Option("--holds", help="Cut out the holds, for `palpate settle`.")
+    ] = False,
+    unit: Annotated[
+        HoldUnit, typer.Option(help="Holds as relative change or as resistance.")
+    ] = HoldUnit.PERCENT,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write. [default: beside FILE]", metavar="FILE")
+    ] = None,
+) -> None:
+    """Write a recording as a table of frames, or its holds as a holds file.
+
+    Example: palpate export run.mcap --holds && palpate settle run.holds.csv
+    """
+    from palpate.recording import RecordingReader, load_recording
+    from palpate.recording.holds import cut_holds
+    from palpate.recording.tables import frame_tables, hold_tables, write_tables
+
+    target = out or file.with_suffix(f".holds.{to}" if holds else f".{to}")
+    if holds:
+        try:
+            cut = cut_holds(load_recording(file), unit=unit.value, name=file.stem)
+        except RecordingError as error:
+            where = "" if str(file) in str(error) else f"{file}: "
+            raise RecordingError(f"{where}{error}") from error
+        rows = write_tables(target, hold_tables(cut), to=to.value)
+        what = f"{len({hold.hold_id for hold in cut})} holds, "
+    else:
+        with RecordingReader(file) as reader:
+            rows = write_tables(target, frame_tables(reader), to=to.value)
+        what = ""
+    print(f"{target}: {what}{rows} rows", file=sys.stderr)

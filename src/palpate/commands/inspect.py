@@ -1,0 +1,71 @@
+"""`palpate inspect FILE`: what a recording holds, and whether it is whole."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def inspect(
+    file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Say what a recording holds, and whether it is whole. Example: palpate inspect run.mcap"""
+    from palpate.recording import FileState, RecordingReader
+    from palpate.recording.summary import summarise
+
+    state = FileState()
+    with RecordingReader(file) as reader:
+        summary = summarise(reader, state=state)
+        info = reader.info
+    document: dict[str, Any] = {
+        "path": str(file),
+        "bytes": file.stat().st_size,
+        "origin": info.origin,
+        "rig": info.rig,
+        "layout": asdict(info.layout),
+        "firmware_version": info.firmware_version,
+        "seed": info.seed,
+        "versions": dict(info.versions),
+        "calibrated": info.calibration is not None,
+        **asdict(summary),
+        "intact": state.intact,
+        **asdict(state),
+    }
+    print(json.dumps(document, indent=1) if as_json else _text(document))
+
+
+def _text(found: dict[str, Any]) -> str:
+    layout = found["layout"]
+    simulated = "" if found["origin"] == "hardware" else " (simulated)"
+    rate = "" if found["rate_hz"] is None else f" at {found['rate_hz']:.1f} Hz"
+    lines = {
+        "origin": f"{found['origin']}{simulated}",
+        "layout": f"{layout['name']}, {layout['rows']} x {layout['cols']} pixels",
+        "rig": found["rig"],
+        "firmware": found["firmware_version"],
+        "seed": found["seed"],
+        "calibration": "in the file" if found["calibrated"] else None,
+        "duration": f"{found['duration_s']:.2f} s",
+        "frames": f"{found['frames']}{rate}, {found['frames_lost']} lost",
+        "gripper": f"{found['gripper_states']} states",
+        "load cells": found["load_cell_readings"] or None,
+        "events": found["events"] or None,
+        "file": _condition(found),
+    }
+    return "\n".join(f"{name:<12} {text}" for name, text in lines.items() if text is not None)
+
+
+def _condition(found: dict[str, Any]) -> str:
+    if found["intact"]:
+        return "whole"
+    damaged, unread = found["damaged_chunks"], found["unread_bytes"]
+    ended = "finished" if found["complete"] else "not finished"
+    return (
+        f"{ended}, {damaged} damaged chunks, {unread} bytes unread at the end; "
+        f"`palpate recover {found['path']}` makes it whole for strict readers"
+    )

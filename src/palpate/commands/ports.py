@@ -1,0 +1,27 @@
+"""`palpate ports`: the serial ports of this machine, and which look like a board."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+
+def ports(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """List serial ports, likely boards first. Example: palpate ports"""
+    from palpate.sensor.ports import serial_ports
+
+    found = serial_ports()
+    if as_json:
+        print(json.dumps({"ports": [asdict(port) for port in found]}, indent=1))
+        return
+    if not found:
+        print("no serial port on this machine; plug the board in")
+    for port in found:
+        usb = "" if port.usb_id is None else f"{port.usb_id[0]:04x}:{port.usb_id[1]:04x}"
+        mark = f"<- {port.board}" if port.board else ""
+        print(f"{port.device:<16} {usb:<10} {port.description} {mark}".rstrip())

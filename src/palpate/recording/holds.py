@@ -1,0 +1,148 @@
+"""Cutting holds out of a recording: the stretches in which a closed gripper stood still."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import CalibrationError, RecordingError
+from palpate.holds import Hold
+from palpate.recording.contents import Recording
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.events import actuation_spikes
+from palpate.signal.relative import (
+    CONTACT_PERCENT,
+    largest_change,
+    mean_change,
+    relative_change_percent,
+    rest_baseline,
+)
+
+Unit = Literal["percent", "ohm"]
+#: Shorter stretches are steps of a closing staircase, not holds.
+SHORTEST_HOLD_S = 1.0
+#: How much of the recording's beginning is taken as rest where the gripper moves at once.
+REST_S = 1.0
+_FEWEST_FRAMES = 10
+
+_Floats = NDArray[np.float64]
+
+
+def recorded_resistance_ohm(recording: Recording) -> _Floats:
+    """Return the pixels' resistances, shape (n_frames, rows, cols), as they were read.
+
+    Crosstalk is left in: whether idle lines float is not part of a recording.
+    """
+    ohm = np.empty(recording.counts.shape)
+    for oversampling in np.unique(recording.oversampling):
+        frames = recording.oversampling == oversampling
+        ohm[frames] = resistance_ohm(
+            recording.counts[frames],
+            divider=recording.info.layout.divider,
+            oversampling=int(oversampling),
+        )
+    return ohm
+
+
+def cut_holds(recording: Recording, *, unit: Unit = "percent", name: str = "hold") -> list[Hold]:
+    """Cut out every hold of at least a second in which something was touched.
+
+    A hold begins when the gripper's movement ends (time 0) and lasts until it moves again. Where
+    no movement was recorded, it begins at an actuation spike and lasts until the next one.
+
+    Parameters
+    ----------
+    recording : Recording
+        With about a second of rest before the first contact.
+    unit : {"percent", "ohm"}
+        Relative change against the rest at the beginning, or resistance.
+    name : str
+        Beginning of the holds' names.
+
+    Returns
+    -------
+    list of Hold
+        For each hold the channel ``mean`` (percent only: the paper's aggregate) and one per pixel,
+        ``r0c0`` and so on; open pixels are left out.
+
+    Raises
+    ------
+    RecordingError
+        If there is no rest to compare with, or no hold.
+    """
+    if len(recording.time_s) < _FEWEST_FRAMES:
+        raise RecordingError(f"only {len(recording.time_s)} frames: too few to cut holds from")
+    ohm = recorded_resistance_ohm(recording)
+    change = relative_change_percent(ohm, rest_ohm=_rest_ohm(recording, ohm))
+    values = change if unit == "percent" else ohm
+    holds: list[Hold] = []
+    for number, (start_s, end_s) in enumerate(_still_stretches(recording, change), start=1):
+        frames = _strictly_increasing(recording.time_s, start_s, end_s)
+        touched = len(frames) >= _FEWEST_FRAMES and (
+            np.median(largest_change(change[frames[len(frames) // 2 :]])) <= CONTACT_PERCENT
+        )
+        if touched:
+            time_s = recording.time_s[frames] - start_s
+            holds += _channels(f"{name}-{number}", time_s, values[frames], unit=unit)
+    if not holds:
+        raise RecordingError(
+            f"no hold found: nothing was touched for {SHORTEST_HOLD_S:g} s after a movement"
+        )
+    return holds
+
+
+def _rest_ohm(recording: Recording, ohm: _Floats) -> _Floats:
+    """Return the rest before the first movement, or of the first second."""
+    starts = recording.gripper.time_s[recording.gripper.moving]
+    rest_end_s = recording.time_s[0] + REST_S
+    if len(starts) and starts[0] > recording.time_s[0]:
+        rest_end_s = starts[0]
+    try:
+        return rest_baseline(ohm[recording.time_s < rest_end_s]).rest_ohm
+    except CalibrationError as error:
+        raise RecordingError(
+            f"no rest at the beginning to compare with: {error}. Record a second of rest first"
+        ) from error
+
+
+def _still_stretches(recording: Recording, change: _Floats) -> list[tuple[float, float]]:
+    """Return start and end of every stretch without movement that follows a movement."""
+    end_s = float(recording.time_s[-1])
+    moving, at_s = recording.gripper.moving, recording.gripper.time_s
+    if moving.any():
+        turns = np.flatnonzero(np.diff(moving.astype(np.int8)))
+        stops = [float(at_s[k + 1]) for k in turns if moving[k]]
+        starts = [float(at_s[k + 1]) for k in turns if not moving[k]]
+    else:
+        stops = starts = [
+            spike.time_s for spike in actuation_spikes(recording.time_s, mean_change(change))
+        ]
+    ends = [min((s for s in starts if s > stop), default=end_s) for stop in stops]
+    return [
+        (stop, end) for stop, end in zip(stops, ends, strict=True) if end - stop >= SHORTEST_HOLD_S
+    ]
+
+
+def _strictly_increasing(time_s: _Floats, start_s: float, end_s: float) -> NDArray[np.intp]:
+    """Return the frames from `start_s` to before `end_s`, without repeated times."""
+    inside = np.flatnonzero((time_s >= start_s) & (time_s < end_s))
+    keep = np.ones(len(inside), dtype=bool)
+    keep[1:] = np.diff(np.maximum.accumulate(time_s[inside])) > 0
+    return inside[keep]
+
+
+def _channels(hold_id: str, time_s: _Floats, values: _Floats, *, unit: Unit) -> list[Hold]:
+    columns = {
+        f"r{row}c{col}": values[:, row, col]
+        for row in range(values.shape[1])
+        for col in range(values.shape[2])
+    }
+    if unit == "percent":
+        columns = {"mean": mean_change(values), **columns}
+    return [
+        Hold(hold_id=hold_id, channel=channel, time_s=time_s, values=column)
+        for channel, column in columns.items()
+        if np.isfinite(column).all()
+    ]
