@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,7 +154,7 @@ def bootstrap_interval(
     values: FloatArray,
     groups: Sequence[str],
     *,
-    statistic: Callable[[FloatArray], float],
+    statistic: Callable[[FloatArray], np.floating[Any]],
     level: float = 0.9,
     draws: int = 1000,
     seed: int = 0,
@@ -169,7 +170,7 @@ def bootstrap_interval(
     groups : sequence of str, length n_holds
         Specimen of each hold.
     statistic : callable
-        `mean`, `median`, or any function of an array.
+        Of an array of finite values: `np.mean`, `np.median`.
     level, draws, seed : float, int, int
         Probability inside the interval, number of draws, seed of the draws.
 
@@ -185,7 +186,7 @@ def bootstrap_interval(
     Examples
     --------
     >>> values = np.array([1.0, 1.0, 0.0, 1.0])
-    >>> bootstrap_interval(values, ["a", "a", "b", "c"], statistic=mean)
+    >>> bootstrap_interval(values, ["a", "a", "b", "c"], statistic=np.mean)
     (0.3333333333333333, 1.0)
     """
     kept = np.isfinite(values)

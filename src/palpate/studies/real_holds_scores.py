@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.holds import Hold
 from palpate.settling.evaluate import score_predictions
-from palpate.settling.scoring import bootstrap_interval, mean, median, settled_value, summarise
+from palpate.settling.scoring import bootstrap_interval, mean, settled_value, summarise
 from palpate.studies.held_out import CUTOFFS_S, HORIZON_S, MAIN_CUTOFF_S, OURS, FileResult
 
 #: How many of the worst holds are shown.
@@ -27,10 +27,10 @@ def summary_of(result: FileResult) -> list[dict[str, Any]]:
             entry |= {name: _known(figure) for name, figure in summarise(scores).items()}
             size = np.abs(scores.error_percent)
             entry["median_abs_error_percent_interval"] = _span(
-                bootstrap_interval(size, units, statistic=median)
+                bootstrap_interval(size, units, statistic=np.median)
             )
             entry["coverage_interval"] = _span(
-                bootstrap_interval(scores.covered, units, statistic=mean)
+                bootstrap_interval(scores.covered, units, statistic=np.mean)
             )
             found.append(entry)
     return found
