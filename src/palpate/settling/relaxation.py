@@ -21,6 +21,12 @@ from palpate.signal.transient import peak_index
 CHUNK = 1024
 #: A prediction from less than this after the peak has no basis but the prior.
 SHORTEST_S = 0.3
+#: And from fewer samples there is no telling noise from change.
+FEWEST_SAMPLES = 4
+#: A hold that has come back by more than this share of its drop is bouncing, not settling.
+TURNED_BACK = 0.3
+#: No prior holds every shape: the standard deviation is at least this share of the drop seen.
+SHAPE_DOUBT = 0.06
 #: Window lengths at which calibration residuals are taken, s.
 CALIBRATION_WINDOWS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
 
@@ -121,43 +127,63 @@ def _predict(
     """Return value, standard deviation, window and status of each hold."""
     value = values[:, -1].copy()
     deviation = np.ptp(values, axis=1)
+    status = np.array([Status.OK] * len(values), dtype=object)
+    status[deviation == 0] = Status.NOT_SETTLING
     peaks = peak_index(values)
     window_s = time_s[-1] - time_s[peaks]
-    status = np.array([Status.OK] * len(values), dtype=object)
-    status[window_s < SHORTEST_S] = Status.TOO_SHORT
     target_s = horizon_s - SETTLED_WINDOW_S / 2
     for peak in np.unique(peaks):
         rows = np.flatnonzero(peaks == peak)
         since = time_s[peak:] - time_s[peak]
+        if since.size < FEWEST_SAMPLES or since[-1] < SHORTEST_S:
+            status[rows] = Status.TOO_SHORT
         if since.size < 2 or target_s <= time_s[-1]:
             continue
         forms = conditionals(since, after_s=float(target_s - time_s[peak]), prior=prior)
         for start in range(0, rows.size, CHUNK):
             chunk = rows[start : start + CHUNK]
-            value[chunk], deviation[chunk] = _mix(forms, prior, since, values[chunk, peak:])
-    status[np.ptp(values, axis=1) == 0] = Status.NOT_SETTLING
+            value[chunk], deviation[chunk], turned = _forecast(
+                forms, prior, since, values[chunk, peak:]
+            )
+            status[chunk[turned]] = Status.NOT_SETTLING
     return value, deviation, window_s, status
 
 
-def _mix(
+def _forecast(
     forms: Conditionals, prior: Prior, time_s: FloatArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of the mixture's forecast for holds on one grid."""
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return mean and standard deviation at the horizon, and whether the hold has turned back."""
     binned = values @ forms.bins.averaging.T
-    seen = binned[:, :-1] - binned[:, -1:]
-    reach = np.abs(seen).max(axis=1)
-    moving = reach > 0
-    reach[~moving] = 1.0
-    seen /= reach[:, None]
-    scatter, scatter_samples = noise_scatter(time_s, values)
-    whitened = forms.whitening @ seen.T
-    squares = (whitened**2).sum(axis=1).T
-    squares += scatter_samples * (scatter / reach**2)[:, None] / prior.noise**2
-    degrees = seen.shape[1] + scatter_samples
+    last, first = binned[:, -1], values[:, 0]
+    direction = np.where(last >= first, 1.0, -1.0)
+    fallen = (values - first[:, None]) * direction[:, None]
+    drop = fallen.max(axis=1)
+    scale = np.where(drop > 0, drop, 1.0)
+    mean, deviation = _mix(
+        forms,
+        prior,
+        seen=(binned[:, :-1] - last[:, None]) / scale[:, None],
+        scatter=noise_scatter(time_s, values / scale[:, None]),
+    )
+    # Relaxation doesn't turn round: where noise says it does, the last value is the better guess.
+    ahead = np.maximum(mean * direction, 0.0) * direction
+    turned = drop - np.abs(last - first) > TURNED_BACK * drop
+    deviation = np.hypot(deviation, np.where(turned, 1.0, SHAPE_DOUBT))
+    return last + drop * ahead, drop * deviation, turned
+
+
+def _mix(
+    forms: Conditionals, prior: Prior, *, seen: FloatArray, scatter: tuple[FloatArray, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of the mixture's forecast from the last bin."""
+    variance, samples = scatter
+    squares = ((forms.whitening @ seen.T) ** 2).sum(axis=1).T
+    squares += samples * variance[:, None] / prior.noise**2
+    degrees = seen.shape[1] + samples
     log_weight = (
         prior.log_weight
         - forms.log_det / 2
-        - scatter_samples * np.log(prior.noise)
+        - samples * np.log(prior.noise)
         - degrees / 2 * np.log(squares + np.finfo(float).tiny)
     )
     weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
@@ -165,6 +191,5 @@ def _mix(
     forecast = seen @ forms.forecast.T
     mean = (weight * forecast).sum(axis=1)
     within = squares / max(degrees - 2, 1) * forms.variance
-    variance = (weight * (within + (forecast - mean[:, None]) ** 2)).sum(axis=1)
-    reach[~moving] = 0.0
-    return binned[:, -1] + reach * mean, reach * np.sqrt(variance)
+    spread = within + (forecast - mean[:, None]) ** 2
+    return mean, np.sqrt((weight * spread).sum(axis=1))
