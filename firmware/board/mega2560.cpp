@@ -10,6 +10,7 @@
 // grounded); both sets of pins are always driven.
 #include <avr/interrupt.h>
 #include <avr/io.h>
+#include <avr/sleep.h>
 #include <avr/wdt.h>
 #include <util/atomic.h>
 #include <util/delay.h>
@@ -28,15 +29,17 @@ constexpr uint8_t kAdcEnable = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS1) |
 constexpr uint8_t kAdcSupplyReference = _BV(REFS0);
 constexpr uint8_t kReadBackChannel = 1;
 
-constexpr uint32_t kTicksPerSecond = 2000000;  // timer 1 at 16 MHz / 8
-constexpr uint16_t kPwmTop = 1023;             // timer 3 at 16 MHz / 1024: 15.6 kHz
+// Timer 1 gives the frames, timer 4 the settle time, timer 5 the clock, all at 16 MHz / 8. One each:
+// a compare register is never written on the timer whose overflows are counted.
+constexpr uint32_t kTicksPerSecond = 2000000;
+constexpr uint16_t kPwmTop = 1023;  // timer 3 at 16 MHz / 1024: 15.6 kHz
 constexpr uint32_t kSilentUs = 500000;         // five readings of an HX711 at its slower rate
 
 constexpr uint16_t kDivisor = static_cast<uint16_t>((F_CPU + BAUD * 4) / (BAUD * 8) - 1);
 
 // Conversion: 13 ADC clocks, up to one of waiting for the ADC clock's edge, and the interrupt.
 // Measured in the simulator and rounded up.
-constexpr palpate::Timing kTiming = {104, 116, 10, 8, 12, 80, BAUD};
+constexpr palpate::Timing kTiming = {104, 120, 14, 8, 12, 80, BAUD};
 
 // Survives resets: the number of the last stream, and whether the watchdog ever bit.
 struct Kept {
@@ -89,9 +92,9 @@ uint32_t load_read_us[palpate::kLoadCells];
 
 // Interrupts must be off.
 uint32_t clock_us() {
-  const uint16_t ticks = TCNT1;
+  const uint16_t ticks = TCNT5;
   uint32_t high = overflows;
-  if ((TIFR1 & _BV(TOV1)) && ticks < 0x8000) ++high;
+  if ((TIFR5 & _BV(TOV5)) && ticks < 0x8000) ++high;
   return high << 15 | ticks >> 1;
 }
 
@@ -102,9 +105,9 @@ inline void select_pixel(uint8_t row, uint8_t col) {
 }
 
 inline void convert_after_settling() {
-  OCR1B = static_cast<uint16_t>(TCNT1 + 2 * scanner.plan.settle_us);
-  TIFR1 = _BV(OCF1B);
-  TIMSK1 |= _BV(OCIE1B);
+  OCR4A = static_cast<uint16_t>(TCNT4 + 2 * scanner.plan.settle_us);
+  TIFR4 = _BV(OCF4A);
+  TIMSK4 = _BV(OCIE4A);
 }
 
 inline void begin_pixel() {
@@ -202,13 +205,14 @@ class Mega final : public palpate::Board {
       OCR1A = TCNT1;
       schedule_frame();
       TIFR1 = _BV(OCF1A);
-      TIMSK1 |= _BV(OCIE1A);
+      TIMSK1 = _BV(OCIE1A);
     }
   }
 
   void stop_scanning() override {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-      TIMSK1 &= static_cast<uint8_t>(~(_BV(OCIE1A) | _BV(OCIE1B)));
+      TIMSK1 = 0;
+      TIMSK4 = 0;
       // Off and on again: ends a conversion under way.
       ADCSRA = 0;
       ADCSRA = kAdcEnable | _BV(ADIF);
@@ -311,7 +315,14 @@ void set_up_pins() {
 void set_up_timers() {
   TCCR1A = 0;
   TCCR1B = _BV(CS11);
-  TIMSK1 = _BV(TOIE1);
+  TCCR4A = 0;
+  TCCR4B = _BV(CS41);
+  TCCR5A = 0;
+  TCCR5B = _BV(CS51);
+  TIMSK5 = _BV(TOIE5);
+  // Timer 0 wakes the main loop every 1.024 ms, for slew limit, heartbeat and watchdog.
+  TCCR0B = _BV(CS01) | _BV(CS00);
+  TIMSK0 = _BV(TOIE0);
   ICR3 = kPwmTop;
   TCCR3A = _BV(WGM31);
   TCCR3B = _BV(WGM33) | _BV(WGM32) | _BV(CS30);
@@ -341,7 +352,9 @@ void first_thing() {
   wdt_disable();
 }
 
-ISR(TIMER1_OVF_vect) { ++overflows; }
+EMPTY_INTERRUPT(TIMER0_OVF_vect)
+
+ISR(TIMER5_OVF_vect) { ++overflows; }
 
 ISR(TIMER1_COMPA_vect) {
   const bool due = scanner.ticks_left == 0;
@@ -349,8 +362,8 @@ ISR(TIMER1_COMPA_vect) {
   if (due) begin_scan();
 }
 
-ISR(TIMER1_COMPB_vect) {
-  TIMSK1 &= static_cast<uint8_t>(~_BV(OCIE1B));
+ISR(TIMER4_COMPA_vect) {
+  TIMSK4 = 0;
   ADCSRA |= _BV(ADSC);
 }
 
@@ -382,31 +395,57 @@ ISR(USART0_RX_vect) {
   receiver.head = next;
 }
 
+namespace {
+
+bool byte_waits() { return receiver.tail != receiver.head && mega.transmit_buffer() != nullptr; }
+bool scan_waits() { return scanner.ready && mega.transmit_buffer() != nullptr; }
+
+void take_byte() {
+  after_flag();
+  const uint8_t byte = receiver.bytes[receiver.tail];
+  receiver.tail = (receiver.tail + 1) & (sizeof receiver.bytes - 1);
+  device.on_byte(byte);
+  kept.stream_seed = device.stream_seed();
+}
+
+void take_scan() {
+  after_flag();
+  device.on_scan(scanner.done);
+  after_flag();
+  scanner.ready = false;
+}
+
+// Until the next interrupt; nothing can slip in between the look and the sleep. A sleeping
+// processor also disturbs the converter less.
+void rest() {
+  cli();
+  if (!byte_waits() && !scan_waits()) {
+    sleep_enable();
+    sei();
+    sleep_cpu();
+    sleep_disable();
+  }
+  sei();
+}
+
+}  // namespace
+
 int main() {
   remember_reset();
   set_up_pins();
   set_up_timers();
   set_up_serial();
   mega.stop_scanning();
+  set_sleep_mode(SLEEP_MODE_IDLE);
   wdt_enable(WDTO_250MS);
   sei();
   device.begin(reset_cause, kept.stream_seed, kept.watchdog);
   for (;;) {
     wdt_reset();
-    if (receiver.tail != receiver.head && mega.transmit_buffer() != nullptr) {
-      after_flag();
-      const uint8_t byte = receiver.bytes[receiver.tail];
-      receiver.tail = (receiver.tail + 1) & (sizeof receiver.bytes - 1);
-      device.on_byte(byte);
-      kept.stream_seed = device.stream_seed();
-    }
-    if (scanner.ready && mega.transmit_buffer() != nullptr) {
-      after_flag();
-      device.on_scan(scanner.done);
-      after_flag();
-      scanner.ready = false;
-    }
+    if (byte_waits()) take_byte();
+    if (scan_waits()) take_scan();
     poll_load_cells();
     device.poll();
+    rest();
   }
 }
