@@ -36,9 +36,14 @@ def test_the_window_starts_the_wait_after_each_holds_own_peak() -> None:
     values = np.stack([-time_s, np.where(time_s < 0.2, 0, 1 - time_s)])
     window = hold_window(time_s, values, wait_s=0.5)
     assert window.peak_s.tolist() == [0.0, 0.2]
-    # 0.2 + 0.5 is a little more than the sampling time 0.7: the sample counts all the same.
     assert window.first.tolist() == [5, 7]
     assert window.samples.tolist() == [5, 3]
+
+
+def test_a_sample_at_the_end_of_the_wait_counts_whatever_the_rounding() -> None:
+    assert 0.1 + 0.2 > 0.3
+    window = hold_window([0.0, 0.1, 0.2, 0.3, 0.4], [[0.0, 9.0, 1.0, -3.0, -9.0]], wait_s=0.2)
+    assert window.first.tolist() == [3]
 
 
 def test_grids_name_every_hold_once() -> None:
