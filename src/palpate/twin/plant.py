@@ -23,8 +23,9 @@ from palpate.twin.velostat import Creep, Environment, Sheet
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
-#: Node spacing: at least (and while moving), at most, and as a share of the time at rest, seconds.
-_SHORTEST_S, _LONGEST_S, _GROWTH = 0.005, 0.5, 0.1
+#: Node spacing: at least, and at most, seconds; travel of the fingers from node to node, mm; share
+#: of the time at rest.
+_SHORTEST_S, _LONGEST_S, _TRAVEL_MM, _GROWTH = 0.005, 0.5, 0.1, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,12 +197,14 @@ class Plant:
         relaxing_n, force_n = self._relaxed_force(state, elastic_n, time_s - state.time_s)
         width_mm = state.motion.width_mm(time_s)
         closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
+        force_n = force_n if closure_mm > 0 else 0.0
         return replace(
             self._relaxed(state, time_s, target, width_mm, placement.creep),
             closure_mm=closure_mm,
             elastic_n=elastic_n,
             relaxing_n=relaxing_n,
-            force_n=force_n if closure_mm > 0 else 0.0,
+            force_n=force_n,
+            peak_force_n=max(state.peak_force_n, force_n),
             felt_n=state.felt_n + share * (following.felt_n - state.felt_n),
         )
 
@@ -239,7 +242,8 @@ class Plant:
         still_s = state.time_s - state.motion.end_s
         if still_s >= 0:
             return state.time_s + min(max(_GROWTH * still_s, _SHORTEST_S), _LONGEST_S)
-        nearest = min(state.time_s + _SHORTEST_S, state.motion.end_s)
+        step_s = min(max(_TRAVEL_MM / state.motion.rate_mm_per_s, _SHORTEST_S), _LONGEST_S)
+        nearest = min(state.time_s + step_s, state.motion.end_s)
         return contact_s if state.time_s < contact_s < nearest else nearest
 
     def _force(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.circuit import ohm_to_volts, volts_to_counts
+from palpate.signal.crosstalk import floating_readings_ohm
 from palpate.twin.velostat import Sheet
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -46,7 +47,7 @@ class Readout:
         self._slow = keep * self._slow + np.sqrt(1.0 - keep**2) * fresh[:2]
         noise = self._sheet.white_noise * fresh[2] + self._sheet.slow_noise * self._slow.sum(axis=0)
         noisy = pixel_ohm * (1.0 + noise.reshape(pixel_ohm.shape))
-        seen = matrix_reading_ohm(noisy) if self._crosstalk else noisy
+        seen = floating_readings_ohm(noisy) if self._crosstalk else noisy
         return ohm_to_volts(seen, divider=self._layout.divider)
 
     def counts(self, pixel_ohm: FloatArray, *, time_s: float) -> NDArray[np.int32]:
@@ -57,34 +58,3 @@ class Readout:
         )
         each = volts_to_counts(volts, divider=self._layout.divider, noise_counts=noise)
         return np.asarray(each.sum(axis=0), dtype=np.int32)
-
-
-def matrix_reading_ohm(pixel_ohm: FloatArray) -> FloatArray:
-    """Return what a passive matrix with floating idle lines reads at each of its pixels.
-
-    The lines are nodes and the pixels resistors between them; a reading is the effective resistance
-    between a row and a column, from the pseudo-inverse of the network's Laplacian.
-
-    Parameters
-    ----------
-    pixel_ohm : ndarray, shape (rows, cols)
-        Finite resistances.
-
-    Examples
-    --------
-    Four equal pixels: the path through the other three lowers each reading by a quarter.
-
-    >>> import numpy as np
-    >>> matrix_reading_ohm(np.full((2, 2), 1000.0)).round(6).tolist()
-    [[750.0, 750.0], [750.0, 750.0]]
-    """
-    conductance = 1.0 / pixel_ohm
-    rows, cols = conductance.shape
-    laplacian = np.zeros((rows + cols, rows + cols))
-    laplacian[:rows, rows:] = -conductance
-    laplacian[rows:, :rows] = -conductance.T
-    np.fill_diagonal(laplacian, -laplacian.sum(axis=1))
-    inverse = np.linalg.pinv(laplacian, hermitian=True)
-    own = np.diag(inverse)
-    reading: FloatArray = own[:rows, None] + own[None, rows:] - 2.0 * inverse[:rows, rows:]
-    return reading

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.clock import ManualClock
-from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
+from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.mechanics import Compliance, Motion, PixelGrid
 from palpate.twin.objects import TwinObject
 from palpate.twin.plant import Plant, State
 from palpate.twin.ranges import ranges_of, uniform
 from palpate.twin.readout import Readout
+from palpate.twin.truth import Truth
 from palpate.twin.velostat import Environment, draw_sheet
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -25,38 +26,6 @@ GripperKind: TypeAlias = Literal["rigid", "soft"]
 OPEN_MM, LOCK_FORCE_N = 74.0, 60.0
 #: Soft fingers: how far they would close per kPa if nothing were in the way, and their compliance.
 SOFT_MM_PER_KPA, SOFT_MM_PER_N = 1.4, 3.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
-    """What really holds in a world; names and meanings as in the answers of `palpate grasp`.
-
-    Attributes
-    ----------
-    size_mm : float or None
-        Extent of the object along the closing axis before contact; None if there is none.
-    settled_percent : float
-        Mean relative change over all pixels at the horizon of the final hold.
-    force_n : float
-        Grip force, the mean of the fingers' normal forces, at that horizon.
-    stiffness_n_per_mm : float or None
-        The object's own secant stiffness at that force; None without contact.
-    peak_force_n : float
-        Largest contact force up to now.
-    damaged : bool
-        Whether the force ever passed the object's yield force.
-    """
-
-    size_mm: float | None
-    settled_percent: float
-    force_n: float
-    stiffness_n_per_mm: float | None
-    peak_force_n: float
-    damaged: bool
-
-    def as_json(self) -> dict[str, float | bool | None]:
-        """Return the form that commands print."""
-        return {name: getattr(self, name) for name in self.__slots__}
 
 
 class World:
@@ -77,8 +46,8 @@ class World:
         How much everything scatters (`palpate.twin.ranges`).
     gripper : {"rigid", "soft"}
         Width-driven fingers, or pneumatic ones driven by pressure.
-    layout : ArrayLayout
-        Pixels and readout.
+    layout : ArrayLayout, optional
+        Pixels and readout; by default the paper's for this kind of gripper.
     clock : ManualClock, optional
         The clock that the devices move; its own by default.
     frame_rate_hz : float
@@ -116,7 +85,7 @@ class World:
         sheet_seed: int | None = None,
         level: str = "paper",
         gripper: GripperKind = "rigid",
-        layout: ArrayLayout = RIGID_LAYOUT,
+        layout: ArrayLayout | None = None,
         clock: ManualClock | None = None,
         frame_rate_hz: float = 15.0,
         oversampling: int = 1,
@@ -126,6 +95,8 @@ class World:
     ) -> None:
         self.seed = seed
         self.sheet_seed = seed if sheet_seed is None else sheet_seed
+        if layout is None:
+            layout = RIGID_LAYOUT if gripper == "rigid" else SOFT_LAYOUT
         self.level, self.gripper, self.layout = level, gripper, layout
         self.clock = clock if clock is not None else ManualClock()
         self.frame_rate_hz, self.oversampling = frame_rate_hz, oversampling
@@ -150,8 +121,10 @@ class World:
             lock_force_n=LOCK_FORCE_N if gripper == "rigid" else np.inf,
         )
         start_s = self.clock.now_s()
-        self._node = self._plant.at_rest(time_s=start_s, width_mm=OPEN_MM, obj=obj)
-        self._next = self._plant.next_node(self._node)
+        self._node: State
+        self._next: State
+        self._latest: State
+        self._restart(self._plant.at_rest(time_s=start_s, width_mm=OPEN_MM, obj=obj))
         self._hold: State | None = None
         self._readout = Readout(
             sheet=self.sheet,
@@ -212,9 +185,12 @@ class World:
                 "open them first"
             )
         self._hold = None
+        moving = now.motion.end_s > now.time_s
+        still = Motion(start_s=now.time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
         self._restart(
             replace(
                 now,
+                motion=now.motion if moving else still,
                 obj=obj,
                 placed=now.placed + 1,
                 closure_mm=-np.inf if obj is None else obj.size_mm - width_mm,
@@ -258,7 +234,7 @@ class World:
         ohm = self._plant.resistance_ohm(end)
         rest = self.sheet.rest_ohm * self.sheet.rest_factor(self._plant.environment)
         deformation_mm = end.closure_mm - self.compliance.deflection_mm(end.force_n)
-        obj, peak_force_n = end.obj, self._node.peak_force_n
+        obj, peak_force_n = end.obj, self._latest.peak_force_n
         return Truth(
             size_mm=None if obj is None else obj.size_mm,
             settled_percent=float(100.0 * np.mean(ohm / rest - 1.0)),
@@ -294,12 +270,14 @@ class World:
             )
         while self._next.time_s <= time_s:
             self._node, self._next = self._next, self._plant.next_node(self._next)
-        if time_s <= self._node.time_s:
-            return self._node
-        return self._plant.between(self._node, self._next, time_s)
+        self._latest = self._node
+        if time_s > self._node.time_s:
+            self._latest = self._plant.between(self._node, self._next, time_s)
+        return self._latest
 
     def _restart(self, state: State) -> None:
         self._node, self._next = state, self._plant.next_node(state)
+        self._latest = state
 
     def _aim(self, now: State, to_mm: float, rate_mm_per_s: float) -> None:
         motion = Motion(

@@ -1,0 +1,52 @@
+"""Resistance to counts and back stays within one step of the converter, for any divider."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from palpate.signal.circuit import (
+    Divider,
+    PixelFault,
+    ohm_to_volts,
+    pixel_faults,
+    resistance_ohm,
+    resolution_ohm,
+    volts_to_counts,
+)
+
+
+@given(
+    ratio=st.floats(0.01, 100.0),
+    reference_ohm=st.floats(10.0, 1e6),
+    supply_v=st.floats(1.0, 12.0),
+    adc_bits=st.integers(8, 24),
+    leg=st.sampled_from(["upper", "lower"]),
+)
+def test_round_trip(
+    ratio: float,
+    reference_ohm: float,
+    supply_v: float,
+    adc_bits: int,
+    leg: Literal["upper", "lower"],
+) -> None:
+    divider = Divider(
+        reference_ohm=reference_ohm, supply_v=supply_v, adc_bits=adc_bits, taxel_leg=leg
+    )
+    ohm = ratio * reference_ohm
+    counts = volts_to_counts(ohm_to_volts(ohm, divider=divider), divider=divider)
+    assume(pixel_faults(counts, divider=divider) == PixelFault.NONE)
+    step_ohm = resolution_ohm(ohm, divider=divider)
+    # Half a step, and what the curve bends within it where steps are coarse.
+    share = min(counts, divider.full_scale - counts)
+    assert abs(resistance_ohm(counts, divider=divider) - ohm) <= 0.5 * step_ohm * (1 + 1 / share)
+
+
+@given(counts=st.lists(st.integers(1, 1022), min_size=2, max_size=20, unique=True))
+def test_more_resistance_always_moves_the_reading_one_way(counts: list[int]) -> None:
+    ordered = np.sort(counts)
+    assert np.all(np.diff(resistance_ohm(ordered, divider=Divider())) < 0)
+    assert np.all(np.diff(resistance_ohm(ordered, divider=Divider(taxel_leg="lower"))) > 0)

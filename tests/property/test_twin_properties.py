@@ -1,0 +1,74 @@
+"""The twin under any history of commands."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.twin.objects import OBJECTS, draw_object
+from palpate.twin.plant import exact_step
+from palpate.twin.world import World
+
+MOVES = st.lists(
+    st.tuples(st.floats(25.0, 74.0), st.floats(1.0, 60.0), st.floats(0.05, 3.0)),
+    min_size=1,
+    max_size=6,
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    moves=MOVES,
+    name=st.sampled_from(sorted(OBJECTS)),
+    level=st.sampled_from(["paper", "field"]),
+    seed=st.integers(0, 1000),
+)
+def test_any_staircase_stays_physical(
+    moves: list[tuple[float, float, float]], name: str, level: str, seed: int
+) -> None:
+    world = World(draw_object(np.random.default_rng(seed), name), seed=seed, level=level)
+    top, highest_n = world.layout.divider.full_scale, 0.0
+    for target_mm, rate, wait_s in moves:
+        world.drive(target_mm, rate=rate, time_s=world.clock.now_s())
+        world.clock.sleep_s(wait_s)
+        now_s = world.clock.now_s()
+        force_n = world.force_n(now_s)
+        ohm = world.pixel_resistance_ohm(now_s)
+        assert force_n >= 0.0
+        assert np.all(np.isfinite(ohm))
+        assert np.all(ohm > 0)
+        counts = world.scan(now_s)
+        assert np.all((counts >= 0) & (counts < top * world.oversampling))
+        highest_n = max(highest_n, force_n)
+    truth = world.truth()
+    assert truth.peak_force_n >= highest_n
+    assert -100.0 < truth.settled_percent < 100.0
+
+
+@settings(max_examples=20, deadline=None)
+@given(moves=MOVES, seed=st.integers(0, 1000), often_s=st.floats(0.003, 0.2))
+def test_reading_never_changes_the_world(
+    moves: list[tuple[float, float, float]], seed: int, often_s: float
+) -> None:
+    read, unread = (
+        World(draw_object(np.random.default_rng(seed), "tomato"), seed=seed) for _ in range(2)
+    )
+    now_s = 0.0
+    for target_mm, rate, wait_s in moves:
+        for world in (read, unread):
+            world.drive(target_mm, rate=rate, time_s=now_s)
+        for time_s in np.arange(now_s, now_s + wait_s, often_s):
+            read.pixel_resistance_ohm(float(time_s))
+        now_s += wait_s
+    np.testing.assert_allclose(
+        read.pixel_resistance_ohm(now_s), unread.pixel_resistance_ohm(now_s), rtol=1e-9
+    )
+
+
+@given(first=st.floats(1e-9, 50.0), second=st.floats(1e-9, 50.0))
+def test_two_exact_steps_are_one(first: float, second: float) -> None:
+    (one, _), (two, _), (both, _) = (
+        exact_step(np.array(rate)) for rate in (first, second, first + second)
+    )
+    np.testing.assert_allclose(one * two, both, rtol=1e-9, atol=1e-15)

@@ -1,0 +1,92 @@
+"""Counts, volts and ohms against values worked out by hand."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from palpate.signal.circuit import (
+    Divider,
+    PixelFault,
+    counts_to_volts,
+    ohm_to_volts,
+    pixel_faults,
+    resistance_ohm,
+    resolution_ohm,
+    volts_to_counts,
+)
+
+
+def test_paper_divider_by_hand() -> None:
+    # 5 V, 4.7 kohm, 10 bit, pixel in the upper leg: 14.1 kohm is three times the reference.
+    assert ohm_to_volts(14_100.0, divider=Divider()) == pytest.approx(1.25)
+    assert resistance_ohm(256, divider=Divider()) == pytest.approx(14_100.0)
+    assert counts_to_volts(256, divider=Divider()) == pytest.approx(1.25)
+
+
+def test_lower_leg_is_the_upper_one_upside_down() -> None:
+    lower = Divider(taxel_leg="lower")
+    assert ohm_to_volts(14_100.0, divider=lower) == pytest.approx(3.75)
+    assert resistance_ohm(768, divider=lower) == pytest.approx(14_100.0)
+
+
+def test_other_reference_supply_and_width() -> None:
+    divider = Divider(reference_ohm=1000.0, supply_v=3.3, adc_bits=12)
+    assert counts_to_volts(1024, divider=divider) == pytest.approx(0.825)
+    assert resistance_ohm(1024, divider=divider) == pytest.approx(3000.0)
+
+
+def test_oversampled_counts_are_sums() -> None:
+    assert resistance_ohm(8 * 512, divider=Divider(), oversampling=8) == pytest.approx(4700.0)
+    finer = resolution_ohm(4700.0, divider=Divider(), oversampling=4)
+    assert finer == pytest.approx(resolution_ohm(4700.0, divider=Divider()) / 4)
+
+
+@pytest.mark.parametrize(
+    ("leg", "counts", "fault", "ohm"),
+    [
+        ("upper", 0, PixelFault.OPEN, np.inf),
+        ("upper", 1023, PixelFault.SHORT, 0.0),
+        ("lower", 0, PixelFault.SHORT, 0.0),
+        ("lower", 1023, PixelFault.OPEN, np.inf),
+    ],
+)
+def test_ends_of_the_range_are_flagged_not_guessed(
+    leg: Literal["upper", "lower"], counts: int, fault: PixelFault, ohm: float
+) -> None:
+    divider = Divider(taxel_leg=leg)
+    assert pixel_faults([counts], divider=divider).tolist() == [fault]
+    assert resistance_ohm([counts], divider=divider).tolist() == [ohm]
+
+
+def test_an_open_pixel_among_conversions_is_open_only_if_all_are() -> None:
+    faults = pixel_faults([0, 1, 4 * 1023 - 1, 4 * 1023], divider=Divider(), oversampling=4)
+    assert faults.tolist() == [1, 0, 0, 2]
+
+
+def test_counts_outside_the_converter_are_refused() -> None:
+    with pytest.raises(ValueError, match="10 bit"):
+        resistance_ohm([1024], divider=Divider())
+    with pytest.raises(ValueError, match="-1"):
+        resistance_ohm([-1], divider=Divider())
+    with pytest.raises(ValueError, match="nan"):
+        resistance_ohm([np.nan], divider=Divider())
+
+
+def test_resolution_is_one_count() -> None:
+    ohm = resistance_ohm([511, 512, 513], divider=Divider())
+    assert resolution_ohm(ohm[1], divider=Divider()) == pytest.approx(
+        (ohm[0] - ohm[2]) / 2, rel=1e-3
+    )
+
+
+def test_leading_axes_are_kept() -> None:
+    assert resistance_ohm(np.full((3, 5, 4, 2), 512), divider=Divider()).shape == (3, 5, 4, 2)
+
+
+def test_conversion_rounds_and_clips() -> None:
+    volts = np.array([-0.1, 2.4999, 5.2])
+    assert volts_to_counts(volts, divider=Divider()).tolist() == [0, 512, 1023]
+    assert volts_to_counts(2.5, divider=Divider(), noise_counts=0.6) == 513

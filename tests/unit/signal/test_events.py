@@ -1,0 +1,97 @@
+"""Spikes, contact, slip and removal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.signal.events import (
+    EventKind,
+    actuation_spikes,
+    contact_events,
+    lowpass,
+    running_median,
+)
+
+TIME_S = np.arange(0, 10, 1 / 15)
+
+
+def kinds(events: list) -> list[tuple[str, int | None]]:
+    return [(event.kind.value, event.finger) for event in events]
+
+
+def grasp() -> np.ndarray:
+    """One finger: touched at 2 s, settling to -50 %, let go at 8 s."""
+    held = (TIME_S >= 2) & (TIME_S < 8)
+    return np.where(held, -50 * (1 - 0.3 * np.exp(-(TIME_S - 2) / 2)), 0.0)
+
+
+def test_contact_and_removal_of_each_finger() -> None:
+    fingers = np.stack([grasp(), np.zeros_like(TIME_S)], axis=1)
+    events = contact_events(TIME_S, fingers)
+    assert kinds(events) == [("contact", 0), ("removal", 0)]
+    assert 2.0 <= events[0].time_s <= 2.2
+    assert 8.0 <= events[1].time_s <= 8.2
+
+
+def test_slip_is_a_partial_loss() -> None:
+    slipped = np.where(TIME_S >= 5, 0.55, 1.0) * grasp()
+    assert kinds(contact_events(TIME_S, slipped[:, None])) == [
+        ("contact", 0),
+        ("slip", 0),
+        ("removal", 0),
+    ]
+
+
+def test_slow_relaxation_is_not_slip() -> None:
+    slow = np.where(TIME_S >= 2, -50 * np.exp(-(TIME_S - 2) / 20), 0.0)
+    assert kinds(contact_events(TIME_S, slow[:, None])) == [("contact", 0)]
+
+
+def test_noise_at_the_threshold_gives_no_chatter() -> None:
+    noisy = -10 + np.random.default_rng(0).normal(scale=1.0, size=(TIME_S.size, 1))
+    assert len(contact_events(TIME_S, noisy)) <= 1
+
+
+def test_dead_samples_change_nothing() -> None:
+    signal = grasp()[:, None].copy()
+    signal[40:43] = np.nan
+    assert kinds(contact_events(TIME_S, signal)) == [("contact", 0), ("removal", 0)]
+
+
+def test_spikes_of_closing_and_opening() -> None:
+    signal = grasp()
+    for start_s in (1.7, 7.9):
+        after_s = TIME_S - start_s
+        signal = signal + np.where(after_s >= 0, 15 * np.exp(-after_s / 0.1), 0.0)
+    events = actuation_spikes(TIME_S, signal)
+    assert [event.kind for event in events] == [EventKind.SPIKE] * 2
+    assert abs(events[0].time_s - 1.7) < 0.1
+    assert abs(events[1].time_s - 7.9) < 0.1
+
+
+def test_quiet_noise_has_no_spikes() -> None:
+    noise = np.random.default_rng(1).normal(scale=0.3, size=TIME_S.size)
+    assert actuation_spikes(TIME_S, noise) == []
+
+
+def test_everything_is_causal() -> None:
+    fingers = np.stack([grasp(), 0.5 * grasp()], axis=1)
+    cut = 100
+    before = [event for event in contact_events(TIME_S, fingers) if event.time_s < TIME_S[cut]]
+    assert contact_events(TIME_S[:cut], fingers[:cut]) == before
+    np.testing.assert_array_equal(
+        running_median(fingers, length=5)[:cut], running_median(fingers[:cut], length=5)
+    )
+
+
+def test_lowpass_is_exact_on_uneven_times() -> None:
+    uneven = np.array([0.0, 0.1, 0.15, 0.6, 1.0])
+    step = np.array([0.0, 1.0, 1.0, 1.0, 1.0])
+    smooth = lowpass(uneven, step, time_constant_s=0.3)
+    np.testing.assert_allclose(smooth, 1 - np.exp(-uneven / 0.3), atol=1e-12)
+
+
+def test_running_median_drops_single_outliers() -> None:
+    spoiled = np.zeros(20)
+    spoiled[7] = 100.0
+    assert running_median(spoiled, length=3).max() == 0.0

@@ -1,0 +1,107 @@
+"""Rest baseline, equation 1 and the sums over pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.errors import CalibrationError
+from palpate.signal.relative import (
+    contacting_mean,
+    excess_conductance,
+    finger_means,
+    largest_change,
+    mean_change,
+    relative_change_percent,
+    rest_baseline,
+    total_excess,
+)
+
+PIXELS = np.array([[1e4, 2e4], [1.5e4, 8e3]])
+
+
+def quiet(frames: int = 60, *, seed: int = 0) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(scale=0.002, size=(frames, 2, 2))
+    return PIXELS * (1 + noise)
+
+
+def test_baseline_of_a_quiet_stretch() -> None:
+    rest = rest_baseline(quiet(200))
+    np.testing.assert_allclose(rest.rest_ohm, PIXELS, rtol=1e-3)
+    np.testing.assert_allclose(rest.spread_percent, 0.2, rtol=0.3)
+    assert rest.frames == 200
+
+
+def test_single_outliers_do_not_move_the_baseline() -> None:
+    ohm = quiet()
+    spoiled = ohm.copy()
+    spoiled[[5, 40], 0, 1] *= 3.0
+    np.testing.assert_allclose(
+        rest_baseline(spoiled).rest_ohm, rest_baseline(ohm).rest_ohm, rtol=5e-4
+    )
+
+
+def test_a_settling_sensor_is_refused() -> None:
+    recovery = 1 - 0.05 * np.exp(-np.arange(60) / 30)
+    with pytest.raises(CalibrationError, match="settling"):
+        rest_baseline(quiet() * recovery[:, None, None])
+
+
+def test_a_moving_finger_is_refused() -> None:
+    spike = np.zeros(60)
+    spike[28:32] = (0.2, 0.15, 0.1, 0.05)
+    with pytest.raises(CalibrationError, match="jumped"):
+        rest_baseline(quiet() * (1 + spike)[:, None, None])
+
+
+def test_a_steady_load_is_refused_where_the_rest_is_known() -> None:
+    loaded = quiet() * 0.6
+    assert rest_baseline(loaded).frames == 60
+    with pytest.raises(CalibrationError, match="presses"):
+        rest_baseline(loaded, known_ohm=PIXELS)
+    assert rest_baseline(quiet() * 0.95, known_ohm=PIXELS).frames == 60
+
+
+def test_too_few_frames_and_dead_sensors_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="at least 5"):
+        rest_baseline(quiet(4))
+    with pytest.raises(CalibrationError, match="at least 5"):
+        rest_baseline(PIXELS)
+    with pytest.raises(CalibrationError, match="no pixel"):
+        rest_baseline(np.full((10, 2, 2), np.inf))
+
+
+def test_a_dead_pixel_is_left_out_of_everything() -> None:
+    ohm = quiet()
+    ohm[:, 0, 0] = np.inf
+    rest = rest_baseline(ohm)
+    assert np.isnan(rest.rest_ohm[0, 0])
+    change = relative_change_percent(PIXELS / 2, rest_ohm=rest.rest_ohm)
+    assert np.isnan(change[0, 0])
+    assert mean_change(change) == pytest.approx(-50.0, abs=0.1)
+    excess = excess_conductance(PIXELS / 2, rest_ohm=rest.rest_ohm)
+    assert total_excess(excess) == pytest.approx(3.0, abs=0.02)
+
+
+def test_excess_and_relative_change_are_the_same_reading() -> None:
+    ohm = PIXELS * np.array([[0.1, 0.5], [0.9, 1.2]])
+    change = relative_change_percent(ohm, rest_ohm=PIXELS)
+    excess = excess_conductance(ohm, rest_ohm=PIXELS)
+    np.testing.assert_allclose(1 / (1 + excess), 1 + change / 100)
+
+
+def test_sums_over_pixels_keep_leading_axes() -> None:
+    change = np.zeros((7, 3, 4, 2))
+    change[..., 2:, :] = -20.0
+    assert mean_change(change).shape == (7, 3)
+    assert finger_means(change, finger_of_row=(0, 0, 1, 1)).shape == (7, 3, 2)
+    assert finger_means(change, finger_of_row=(0, 0, 1, 1))[0, 0].tolist() == [0.0, -20.0]
+    assert contacting_mean(change)[0, 0] == -20.0
+    assert largest_change(change)[0, 0] == -20.0
+    assert total_excess(change).shape == (7, 3)
+
+
+def test_nothing_in_contact_is_not_a_number() -> None:
+    assert np.isnan(contacting_mean(np.zeros((2, 2))))
+    nothing = np.full((2, 2), np.nan)
+    assert all(np.isnan(f(nothing)) for f in (mean_change, largest_change, total_excess))

@@ -1,0 +1,120 @@
+"""The twin's sensor, gripper and load cell as their users meet them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceTimeoutError
+from palpate.gripper.interface import GripperCommand
+from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+
+def world(name: str = "dragonskin-10", **options: object) -> World:
+    obj = draw_object(np.random.default_rng(1), name)
+    return World(obj, seed=1, **options)  # type: ignore[arg-type]
+
+
+def test_frames_come_on_a_raster_and_move_the_clock() -> None:
+    clock = ManualClock(start_s=100.0)
+    array = TwinArray(world(clock=clock, frame_rate_hz=50.0))
+    frames = [array.read(timeout_s=1.0) for _ in range(10)]
+    np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.02, atol=1e-9)
+    assert [f.sequence for f in frames] == list(range(10))
+    assert clock.now_s() == pytest.approx(100.2)
+    assert frames[0].counts.shape == (4, 2)
+
+
+def test_frames_that_nobody_read_wait_in_order() -> None:
+    setting = world(frame_rate_hz=10.0)
+    array, gripper = TwinArray(setting), TwinGripper(setting)
+    setting.clock.sleep_s(1.0)
+    gripper.command(GripperCommand(target=30.0, rate=50.0))
+    setting.clock.sleep_s(1.0)
+    gripper.state()
+    frames = [array.read(timeout_s=1.0) for _ in range(20)]
+    assert [f.sequence for f in frames] == list(range(20))
+    assert setting.clock.now_s() == pytest.approx(2.0)
+    # What was scanned before the command doesn't know of it.
+    assert np.ptp([f.counts.mean() for f in frames[:9]]) < 5
+    assert frames[-1].counts.mean() > frames[0].counts.mean() + 20
+
+
+def test_a_slow_raster_times_out() -> None:
+    setting = world(frame_rate_hz=2.0)
+    array = TwinArray(setting)
+    with pytest.raises(DeviceTimeoutError, match=r"scans every 0\.5 s"):
+        array.read(timeout_s=0.1)
+    assert setting.clock.now_s() == pytest.approx(0.1)
+    array.close()
+    array.close()
+    assert setting.watchers == []
+
+
+def test_oversampled_counts_are_sums_of_conversions() -> None:
+    frame = TwinArray(world(oversampling=16)).read(timeout_s=1.0)
+    single = TwinArray(world()).read(timeout_s=1.0)
+    assert frame.oversampling == 16
+    np.testing.assert_allclose(frame.counts / 16, single.counts, atol=3)
+
+
+def test_gripper_says_what_it_really_sent() -> None:
+    gripper = TwinGripper(world())
+    sent = gripper.command(GripperCommand(target=-5.0, rate=1e6))
+    assert (sent.target, sent.rate) == (gripper.limits.lowest, gripper.limits.fastest)
+
+
+def test_gripper_moves_at_its_rate_stops_and_releases() -> None:
+    setting = world()
+    gripper = TwinGripper(setting)
+    gripper.command(GripperCommand(target=54.0, rate=10.0))
+    setting.clock.sleep_s(1.0)
+    assert gripper.state().moving
+    assert gripper.state().width_mm == pytest.approx(64.0, abs=0.05)
+    gripper.stop()
+    setting.clock.sleep_s(1.0)
+    assert not gripper.state().moving
+    assert gripper.state().width_mm == pytest.approx(64.0, abs=0.05)
+    gripper.release()
+    setting.clock.sleep_s(1.0)
+    assert gripper.state().width_mm == gripper.limits.highest
+
+
+def test_current_witnesses_the_grip_roughly() -> None:
+    setting = world()
+    gripper = TwinGripper(setting)
+    idle = np.mean([gripper.state().current_ma for _ in range(50)])
+    gripper.command(GripperCommand(target=36.0, rate=40.0))
+    setting.clock.sleep_s(3.0)
+    gripping = np.mean([gripper.state().current_ma for _ in range(50)])
+    assert abs(idle) < 5
+    assert gripping > 40
+
+
+def test_soft_gripper_reports_pressure_only() -> None:
+    setting = world("avocado-day-3", gripper="soft")
+    gripper = TwinGripper(setting)
+    assert gripper.limits.drive == "pressure"
+    gripper.command(GripperCommand(target=40.0, rate=20.0))
+    setting.clock.sleep_s(5.0)
+    state = gripper.state()
+    assert state.pressure_kpa == pytest.approx(40.0, abs=0.5)
+    assert np.isnan(state.width_mm)
+    gripper.release()
+    setting.clock.sleep_s(5.0)
+    assert gripper.state().pressure_kpa == pytest.approx(0.0, abs=0.5)
+    gripper.close()
+
+
+def test_load_cell_weighs_in_grams() -> None:
+    setting = world("rigid-block")
+    cell, gripper = TwinLoadCell(setting), TwinGripper(setting)
+    assert abs(cell.read_n()) < 0.03
+    gripper.command(GripperCommand(target=38.5, rate=20.0))
+    setting.clock.sleep_s(4.0)
+    readings = np.array([cell.read_n() for _ in range(200)])
+    assert np.mean(readings) == pytest.approx(setting.force_n(4.0), abs=0.01)
+    np.testing.assert_allclose(readings / 0.0098, np.round(readings / 0.0098), atol=1e-9)

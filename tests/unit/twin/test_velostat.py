@@ -1,0 +1,103 @@
+"""The sheet: creep families, coordinates, hysteresis, surroundings and wear."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.twin.velostat import (
+    FAMILIES,
+    SETTLED_S,
+    Creep,
+    Environment,
+    Sheet,
+    draw_sheet,
+    slow_power_creep,
+    two_mode_creep,
+)
+
+
+def step_response(creep: Creep, time_s: np.ndarray) -> np.ndarray:
+    """Return the answer to a unit step of load at time 0."""
+    return creep.instant - np.expm1(-time_s[:, None] / creep.tau_s) @ creep.weight
+
+
+def sheet(family: str = "two-mode", *, seed: int = 1, level: str = "paper") -> Sheet:
+    rng = np.random.default_rng(seed)
+    return draw_sheet(rng, layout=RIGID_LAYOUT, level=level, family=family)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("level", ["paper", "field"])
+def test_every_family_settles_to_one_at_the_horizon(family: str, level: str) -> None:
+    creep = sheet(family, level=level).family.draw(np.random.default_rng(2))
+    assert step_response(creep, np.array([SETTLED_S])).item() == pytest.approx(1.0, abs=1e-12)
+    assert 0.0 < creep.instant < 1.2
+
+
+def test_two_mode_family_is_the_one_that_was_fitted() -> None:
+    class Typical(np.random.Generator):
+        """Draws the middle of every distribution."""
+
+        def standard_normal(self, *_: object, **__: object) -> float:  # type: ignore[override]
+            return 0.0
+
+    creep = two_mode_creep(Typical(np.random.PCG64(0)), 1.0)
+    time_s = np.linspace(0, 20, 81)
+
+    def remaining(t: np.ndarray) -> np.ndarray:
+        modes = 0.131 * np.exp(-((t / 1.96) ** 1.12)) + 0.068 * np.exp(-t / 17.2)
+        return modes - 0.0103 * np.log1p(t / 3.2)
+
+    expected = 1 - remaining(time_s) + remaining(np.array([20.0]))
+    np.testing.assert_allclose(step_response(creep, time_s), expected, atol=6e-4)
+
+
+def test_slow_power_family_is_a_power_law() -> None:
+    creep = slow_power_creep(0.6, exponent=0.4, start_s=0.3)
+    time_s = np.geomspace(0.02, 40, 60)
+    expected = 1 - 0.6 * ((1 + time_s / 0.3) ** -0.4 - (1 + 20 / 0.3) ** -0.4)
+    np.testing.assert_allclose(step_response(creep, time_s), expected, atol=3e-3)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_creep_coordinate_is_a_monotone_round_trip(family: str) -> None:
+    law = sheet(family).family
+    excess = np.r_[0.0, np.geomspace(1e-4, 1e4, 200)]
+    v = law.coordinate(excess)
+    assert np.all(np.diff(v) > 0)
+    np.testing.assert_allclose(law.excess(v), excess, rtol=1e-9, atol=1e-12)
+
+
+def test_static_law_has_a_threshold_and_saturates() -> None:
+    one = sheet()
+    gain = np.ones(1)
+    at = [one.static_excess(np.array([n]), gain=gain).item() for n in (0.5 * one.threshold_n, 1e4)]
+    assert at[0] == 0.0
+    assert 0.9 * one.saturation < at[1] <= one.saturation
+
+
+def test_hysteresis_holds_on_and_then_follows() -> None:
+    one = sheet()
+    felt = one.follow(np.array([2.0]), np.array([2.0 / (1 + 0.5 * one.hysteresis)]))
+    assert felt.item() == 2.0
+    assert one.follow(np.array([2.0]), np.array([1.0])).item() == pytest.approx(1 + one.hysteresis)
+    assert one.follow(np.array([2.0]), np.array([3.0])).item() == 3.0
+    assert one.follow(np.array([2.0]), np.array([0.0])).item() == 0.0
+
+
+def test_warmth_lowers_resistance_and_use_wears_in() -> None:
+    one = sheet()
+    assert one.rest_factor(Environment()) == 1.0
+    assert one.rest_factor(Environment(temperature_c=30.0)) < 1.0
+    fresh, used = one.gain_factor(Environment()), one.gain_factor(Environment(cycles=5000))
+    assert fresh > used
+    assert used == pytest.approx(1.0, abs=1e-3)
+
+
+def test_unknown_names_are_listed() -> None:
+    with pytest.raises(ValueError, match="two-mode, slow-power, hetero"):
+        sheet("exponential")
+    with pytest.raises(ValueError, match="paper, field"):
+        sheet(level="lab")
