@@ -35,7 +35,7 @@ class ContactPoint:
     def quantile(self, probability: ArrayLike) -> FloatArray:
         """Return quantiles, linear between candidates, mm."""
         reached = np.cumsum(self.weight) - 0.5 * self.weight
-        return np.interp(np.asarray(probability, dtype=float), reached, self.size_mm)
+        return np.asarray(np.interp(np.asarray(probability), reached, self.size_mm))
 
 
 def contact_point(
@@ -61,7 +61,8 @@ def contact_point(
     give_mm : array_like, shape (n_steps,)
         How far pads, fingers and servo give way under that force.
     floor_n : float
-        Force below which nothing is felt.
+        Force below which readings can't be told apart: those near it count little, and steps
+        without force may have had so much.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def contact_point(
     30.4
     """
     width, force, give = (np.asarray(a, dtype=float) for a in (width_mm, force_n, give_mm))
-    felt = force > floor_n
+    felt = force > 0
     if not felt.any():
         raise ValueError("no step of the curve has a force; there is no contact point to look for")
     inner = width[felt] + give[felt]
@@ -106,7 +107,7 @@ def _log_evidence(
     floor_n: float,
 ) -> FloatArray:
     """Return the log evidence of each size, shape (n_sizes,), with ln K integrated out."""
-    variance = scatter**2 + (0.5 * floor_n / np.exp(log_force)) ** 2
+    variance = scatter**2 + (floor_n / np.exp(log_force)) ** 2
     left = log_force - exponent * np.log(depth)
     precision = 1.0 / variance
     log_k = (left @ precision) / precision.sum()

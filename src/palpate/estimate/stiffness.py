@@ -68,7 +68,8 @@ class Give:
         (0.2, 1.0)
         """
         force = np.asarray(force_n, dtype=float)
-        closed = np.broadcast_to(np.asarray(block_mm, dtype=float), force.shape) - width_mm
+        width, block = np.asarray(width_mm, dtype=float), np.asarray(block_mm, dtype=float)
+        closed: FloatArray = block - width
         if force.size < 4 or np.ptp(force) == 0 or np.polyfit(force, closed, 1)[0] <= 0:
             raise CalibrationError(
                 "compliance calibration: at least 4 closings of rising force are needed, and the "

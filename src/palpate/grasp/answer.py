@@ -13,12 +13,16 @@ from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.stiffness import STIFFEST_N_PER_MM, secant_stiffness
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
-from palpate.settling.result import Status
+from palpate.settling.result import SettledEstimate, Status
 
 FloatArray = NDArray[np.float64]
 
 #: Draws that carry the joint uncertainty of force, size and give into the stiffness.
 _DRAWS = 2000
+#: With fewer of them possible, the object can't be told from a rigid one.
+_FEWEST_SHARE = 0.1
+#: A fall below this is a touch: ten times the noise of a few frames' mean.
+_FELT_PERCENT = -1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,28 +34,39 @@ class Settled:
 
 
 def forecast(belief: Belief, *, plan: Plan) -> Settled:
-    """Predict the settled readings from the touches since the last movement."""
+    """Predict the settled readings from the touches since the last movement.
+
+    The movement's own spike is left out: it says nothing of the load. The predictor knows sheets,
+    not objects; one that relaxes in the hand (fruit loses a tenth to a third of its force) works
+    against the sheet's creep. So the interval is widened by as far as the forecast goes beyond what
+    was seen.
+    """
     time_s = np.array([t.time_s for t in belief.touches]) - belief.moved_s
     values = np.array(
         [[t.relative_percent for t in belief.touches], [t.excess for t in belief.touches]]
     )
-    # The movement's own spike comes first; the hold begins where it is strongest.
-    start = int(np.argmax(values[0, : max(len(time_s) // 3, 1)]))
+    calm = time_s >= plan.spike_s
     found = plan.settling.predict(
-        time_s[start:], values[:, start:], horizon_s=plan.horizon_s, level=plan.level
+        time_s[calm], values[:, calm], horizon_s=plan.horizon_s, level=plan.level
     )
+    seen = (belief.now.relative_percent, belief.now.excess)
     relative, excess = (
-        Measurement(
-            value=float(one.value),
-            low=float(one.low),
-            high=float(one.high),
-            unit=unit,
-            level=plan.level,
-            status=Status(str(one.status)),
-        )
-        for one, unit in ((found.hold(0), "percent"), (found.hold(1), ""))
+        _widened(found.hold(row), by=float(found.hold(row).value) - seen[row], unit=unit)
+        for row, unit in enumerate(("percent", "excess"))
     )
     return Settled(relative_percent=relative, excess=excess)
+
+
+def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
+    value = float(one.value)
+    return Measurement(
+        value=value,
+        low=value - float(np.hypot(value - one.low, by)),
+        high=value + float(np.hypot(one.high - value, by)),
+        unit=unit,
+        level=one.level,
+        status=Status(str(one.status)),
+    )
 
 
 def sure_enough(settled: Settled, *, plan: Plan) -> bool:
@@ -64,7 +79,7 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
     """Put the measurements into the result."""
     force = settled_force(settled, plan=plan)
-    size = _contact_point(belief, settled, plan)
+    size = _contact_point(belief, plan)
     size_mm, stiffness = None, None
     if size is not None:
         size_mm = _size(size, plan)
@@ -113,21 +128,22 @@ def _log_ratio(large: float, small: float) -> float:
     return float(np.log(large / max(small, 1e-3 * large)))
 
 
-def _contact_point(belief: Belief, settled: Settled, plan: Plan) -> ContactPoint | None:
+def _contact_point(belief: Belief, plan: Plan) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
     width = np.array([c.width_mm for c in belief.staircase])
-    felt = np.array([c.touch.deepest_percent < plan.hint_percent for c in belief.staircase])
+    felt = np.array([c.touch.deepest_percent < _FELT_PERCENT for c in belief.staircase])
     if felt.sum() < 2:
         return None
     first = max(int(np.argmax(felt)) - 2, 0)
     excess = np.array([c.touch.excess for c in belief.staircase])
     force = np.where(felt, plan.early_law.force_n(excess, level=plan.level).value, 0.0)
-    weakest = float(force[felt].min())
+    # Below the weakest reading of the calibration the law can't tell forces apart.
+    floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
     return contact_point(
         width[first:] - plan.give.zero_mm,
         force_n=force[first:],
         give_mm=plan.give.give_mm(force[first:]),
-        floor_n=min(0.5 * weakest, 0.2),
+        floor_n=floor_n,
     )
 
 
@@ -163,8 +179,10 @@ def _stiffness(
         opening_mm=belief.width_mm - plan.give.zero_mm,
         give_mm=plan.give.give_mm(force_n),
     )
-    low, value, high = np.quantile(drawn, [tail, 0.5, 1 - tail])
-    rigid = high >= STIFFEST_N_PER_MM
+    # A force under which the gripper alone would give way by more than it closed can't be there.
+    possible = drawn[drawn < STIFFEST_N_PER_MM]
+    rigid = possible.size < _FEWEST_SHARE * _DRAWS
+    low, value, high = np.quantile(drawn if rigid else possible, [tail, 0.5, 1 - tail])
     return Measurement(
         value=float(value),
         low=float(low),

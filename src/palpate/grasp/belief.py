@@ -180,9 +180,7 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         lost=belief.lost + max(gap, 0),
         last_sequence=frame.sequence,
     )
-    ohm = resistance_ohm(
-        frame.counts, divider=plan.layout.divider, oversampling=frame.oversampling
-    )
+    ohm = resistance_ohm(frame.counts, divider=plan.layout.divider, oversampling=frame.oversampling)
     if belief.rest_ohm is None:
         return replace(belief, rest_frames=(*belief.rest_frames, ohm))
     touches = () if gripper.moving else (*belief.touches, _touch(frame.time_s, ohm, belief, plan))

@@ -26,9 +26,11 @@ from palpate.signal.relative import (
 
 FloatArray = NDArray[np.float64]
 
-#: A first touch of the load cell, newtons: closing is fast before it, fine after it.
+#: A first touch of the load cell, newtons. Closing goes on slowly up to it, then in steps that grow
+#: with the force, so that small forces get as many readings as large ones.
 _TOUCH_N = 0.05
-_COARSE_MM, _FINE_MM, _RATE_MM_PER_S = 1.0, 0.4, 20.0
+_APPROACH_MM_PER_S, _POLL_S, _RATE_MM_PER_S = 6.0, 0.02, 20.0
+_STEP_MM_PER_N, _FINEST_MM, _COARSEST_MM = 0.1, 0.1, 0.5
 #: Readings are means over this time: of the last frames of a dwell, and of a settled hold.
 _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
 _FRAME_TIMEOUT_S = 2.0
@@ -46,12 +48,21 @@ class LoadCell(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """The devices of a calibration."""
+    """The devices of a calibration, and the opening from which to close slowly.
+
+    Attributes
+    ----------
+    array, gripper, cell, clock
+        The devices.
+    start_mm : float
+        A little more than the largest thing that will be between the fingers.
+    """
 
     array: PressureArray
     gripper: Gripper
     cell: LoadCell
     clock: Clock
+    start_mm: float
 
 
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
@@ -164,15 +175,28 @@ def _open(bench: Bench) -> None:
 
 
 def _close_once(bench: Bench) -> bool:
-    """Take one step, fine once the cell feels something; return whether there was room for it."""
-    step_mm = _FINE_MM if bench.cell.read_n() > _TOUCH_N else _COARSE_MM
+    """Take one step; return whether there was room for it."""
+    force_n, lowest_mm = bench.cell.read_n(), bench.gripper.limits.lowest
     width_mm = bench.gripper.state().width_mm
-    if width_mm <= bench.gripper.limits.lowest:
+    if width_mm <= lowest_mm:
         return False
-    bench.gripper.command(GripperCommand(target=width_mm - step_mm, rate=_RATE_MM_PER_S))
-    while bench.gripper.state().moving:
-        bench.clock.sleep_s(0.02)
+    if force_n < _TOUCH_N:
+        if width_mm > bench.start_mm:
+            _drive(bench, bench.start_mm)
+        bench.gripper.command(GripperCommand(target=lowest_mm, rate=_APPROACH_MM_PER_S))
+        while bench.gripper.state().moving and bench.cell.read_n() < _TOUCH_N:
+            bench.clock.sleep_s(_POLL_S)
+        bench.gripper.stop()
+        return True
+    step_mm = min(max(_STEP_MM_PER_N * force_n, _FINEST_MM), _COARSEST_MM)
+    _drive(bench, width_mm - step_mm)
     return True
+
+
+def _drive(bench: Bench, width_mm: float) -> None:
+    bench.gripper.command(GripperCommand(target=width_mm, rate=_RATE_MM_PER_S))
+    while bench.gripper.state().moving:
+        bench.clock.sleep_s(_POLL_S)
 
 
 def _wait(bench: Bench, until_s: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 from palpate.grasp.answer import answered, forecast, sure_enough
 from palpate.grasp.belief import Belief, Closing, Observation, observed, rezeroed
@@ -210,9 +211,7 @@ def _slope_high_n_per_mm(belief: Belief, plan: Plan) -> float:
     law = plan.early_law
     curve = [(c.width_mm, float(law.force_n(c.touch.excess).value)) for c in belief.staircase[-3:]]
     slopes = [
-        (f1 - f0) / (w0 - w1)
-        for (w0, f0), (w1, f1) in zip(curve, curve[1:], strict=False)
-        if w0 > w1 and f1 > f0
+        (f1 - f0) / (w0 - w1) for (w0, f0), (w1, f1) in pairwise(curve) if w0 > w1 and f1 > f0
     ]
     stiffest = plan.give.stiffest_n_per_mm
     return min(1.3 * max(slopes), stiffest) if slopes else stiffest

@@ -42,9 +42,7 @@ class _Feed:
 
     def next(self) -> Frame:
         stale_after_s = (
-            _FIRST_FRAME_S
-            if self._period_s is None
-            else self._safety.stale_after_s(self._period_s)
+            _FIRST_FRAME_S if self._period_s is None else self._safety.stale_after_s(self._period_s)
         )
         frame = self._array.read(timeout_s=stale_after_s)
         age_s = self._clock.now_s() - frame.time_s

@@ -97,7 +97,8 @@ def reaction(danger: Danger, *, phase: Phase) -> Reaction:
     """Return what a stop means.
 
     Too much force opens the hand, whatever it was doing. For any other reason it holds still:
-    dropping is damage too. An opening that has begun is completed: half a grip is the worst of both.
+    dropping is damage too. An opening that has begun is completed: half a grip is the worst of
+    both.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""The built-in rigs on the twin: a new sensor and gripper for each seed, calibrated by hand on it."""
+"""The built-in rigs on the twin: each seed is a new sensor and gripper, calibrated on the twin."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
@@ -12,20 +12,32 @@ from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.rig import Rig
+from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
 from palpate.twin.world import World
 
 #: What the load cell is faced with in turn: flat and round, soft and stiff, as a user has at hand.
-_FACES = ("dragonskin-20", "ball-44lbs", "springs-8", "ball-66lbs", "dragonskin-10")
+_FACES = ("ball-44lbs", "dragonskin-20", "ball-66lbs", "springs-8", "ball-33lbs", "dragonskin-10")
 #: Forces to hold at in each placement of the cell: small ones and large ones mixed.
-_HOLDS_N = ((1.0, 6.0), (2.0, 12.0), (0.5, 4.0), (3.0, 15.0), (1.0, 8.0), (2.0, 20.0))
+_HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 18.0), (0.4, 1.2))
+#: No face is larger than this.
+_START_MM = 51.0
 _BLOCK_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 15.0, 3
 
 
-def open_rigid(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
+def open_rigid(
+    *,
+    object_name: str | None,
+    seed: int,
+    level: str = "paper",
+    name: str = "sim-rigid",
+    read_through: Callable[[World], PressureArray] = TwinArray,
+) -> Rig:
     """Open rigid fingers on the twin, with an object between them.
+
+    `read_through` makes the array that reads the twin's pixels.
 
     Raises
     ------
@@ -37,8 +49,8 @@ def open_rigid(*, object_name: str | None, seed: int, level: str = "paper") -> R
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
     world = World(obj, seed=seed, sheet_seed=seed, level=level)
     return Rig(
-        name="sim-rigid",
-        array=TwinArray(world),
+        name=name,
+        array=read_through(world),
         gripper=TwinGripper(world),
         clock=world.clock,
         calibration=calibrated(seed=seed, level=level, apart_from=obj.name),
@@ -74,6 +86,7 @@ def calibrated(*, seed: int, level: str, apart_from: str) -> Calibration:
         gripper=TwinGripper(world),
         cell=TwinLoadCell(world),
         clock=world.clock,
+        start_mm=_START_MM,
     )
     rest = measure_rest(bench)
     force = measure_force(

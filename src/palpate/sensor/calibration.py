@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -160,14 +160,12 @@ class Calibration:
         """Rest resistances, shape (rows, cols)."""
         return np.array(self.rest.ohm, dtype=float)
 
-    def concerns(
-        self, *, now: datetime, temperature_c: float | None = None
-    ) -> tuple[str, ...]:
+    def concerns(self, *, now: datetime, temperature_c: float | None = None) -> tuple[str, ...]:
         """Return what speaks against using it now: age, or a climate other than its own."""
         found: list[str] = []
         if self.made_at is not None:
             made = datetime.fromisoformat(self.made_at)
-            made = made if made.tzinfo else made.replace(tzinfo=timezone.utc)
+            made = made if made.tzinfo else made.replace(tzinfo=UTC)
             days = (now - made).days
             if days > STALE_DAYS:
                 found.append(f"calibration is {days} days old (advised: at most {STALE_DAYS})")
@@ -177,12 +175,16 @@ class Calibration:
                 found.append(f"calibrated at {self.temperature_c:g} C, {apart:.0f} C away from now")
         return tuple(found)
 
+    def as_text(self) -> str:
+        """Return the content of the file."""
+        document = {"format": FORMAT, "version": VERSION, **asdict(self)}
+        return _rows_on_one_line(json.dumps(document, indent=1, allow_nan=False)) + "\n"
+
     def save(self, path: str | Path) -> None:
         """Write the file, whole or not at all."""
-        document = {"format": FORMAT, "version": VERSION, **asdict(self)}
-        text = json.dumps(document, indent=1, allow_nan=False)
+        text = self.as_text()
         with atomic_path(path) as partial:
-            partial.write_text(_rows_on_one_line(text) + "\n")
+            partial.write_text(text)
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:

@@ -1,0 +1,117 @@
+"""`palpate grasp`: close on an unknown object and say what it is like."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.grasp.runner import Subscriber
+    from palpate.rig import Rig
+
+#: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
+_EXIT_STATUS = {
+    "held": 0,
+    "nothing_there": 1,
+    "slipped": 1,
+    "force_limit": 1,
+    "sensor_lost": 3,
+    "stopped": 130,
+}
+
+
+def grasp(
+    rig: Annotated[
+        str, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
+    ] = "sim-rigid",
+    object_name: Annotated[
+        str | None,
+        typer.Option("--object", help="Simulated rigs: what to grasp; drawn by default."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
+    target_force_n: Annotated[
+        float | None, typer.Option(help="Grip force to reach; a gentle squeeze by default.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    record: Annotated[
+        Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
+    ] = None,
+) -> None:
+    """Close on an unknown object: size, force, stiffness, verdict. Then give it back.
+
+    Example: palpate grasp --object strawberry --seed 3
+    """
+    from palpate.commands.grasp_card import print_card
+    from palpate.grasp.planning import plan_grasp
+    from palpate.grasp.runner import run_grasp
+    from palpate.grasp.safety import FORCE_CEILING_N
+    from palpate.grasp.verdict import outcome_text, verdict
+    from palpate.rig import open_rig
+
+    if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
+        raise InputError(
+            f"--target-force-n {target_force_n:g}: must be above 0 and at most "
+            f"{FORCE_CEILING_N:g} N, the force ceiling"
+        )
+    with ExitStack() as stack:
+        devices = open_rig(rig, object_name=object_name, seed=seed)
+        stack.callback(devices.close)
+        plan = plan_grasp(
+            devices.calibration, gripper=devices.gripper, target_force_n=target_force_n
+        )
+        subscribers: list[Subscriber] = []
+        if record is not None:
+            subscribers.append(stack.enter_context(_recorder(record, rig=devices, seed=seed)))
+        result = run_grasp(
+            plan,
+            array=devices.array,
+            gripper=devices.gripper,
+            clock=devices.clock,
+            subscribers=subscribers,
+        )
+        truth = None if devices.truth is None else dict(devices.truth())
+    said = verdict(result, target_force_n=target_force_n)
+    if as_json:
+        document = {**result.as_json(), "verdict": said}
+        if truth is not None:
+            document |= {"simulated": True, "object": devices.subject, "truth": truth}
+        print(json.dumps(document, allow_nan=False, indent=1))
+    else:
+        print_card(result, said=said, rig=devices, seed=seed, truth=truth)
+    status = _EXIT_STATUS[result.outcome]
+    if status >= 3:
+        why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
+        print(f"palpate grasp: {why}", file=sys.stderr)
+    if status:
+        raise typer.Exit(status)
+
+
+@contextmanager
+def _recorder(path: Path, *, rig: Rig, seed: int) -> Iterator[Subscriber]:
+    """Yield a subscriber that writes every observation to a recording."""
+    import palpate
+    from palpate.grasp.belief import Observation
+    from palpate.recording import RecordingInfo, RecordingWriter
+
+    info = RecordingInfo(
+        layout=rig.array.layout,
+        origin="twin" if rig.simulated else "hardware",
+        rig=rig.name,
+        calibration=rig.calibration.as_text(),
+        seed=seed if rig.simulated else None,
+        versions={"palpate": palpate.__version__},
+    )
+    with RecordingWriter(path, info=info) as writer:
+
+        def recorder(observation: Observation) -> None:
+            writer.add_observation(observation.frame, gripper=observation.gripper)
+
+        yield recorder

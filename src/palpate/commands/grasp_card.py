@@ -1,0 +1,130 @@
+"""The result card of a grasp: what was measured, how sure, and on the twin how right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rich.console import Console, Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.rig import Rig
+from palpate.settling.result import Status
+
+_BAR = 20
+#: Name of the measurement, label with its unit, digits after the point.
+_ROWS = (
+    ("size_mm", "Size, mm", 1),
+    ("force_n", "Grip force, N", 2),
+    ("stiffness_n_per_mm", "Stiffness, N/mm", 2),
+    ("settled_percent", "Settled, %", 1),
+)
+_NOTES = {
+    Status.OK: "",
+    Status.TOO_SHORT: "short hold",
+    Status.NOT_SETTLING: "not settling",
+    Status.SATURATED: "outside range",
+    Status.FELL_BACK: "fell back",
+}
+
+
+def print_card(
+    result: GraspResult,
+    *,
+    said: Mapping[str, object],
+    rig: Rig,
+    seed: int,
+    truth: Mapping[str, object] | None,
+) -> None:
+    """Print the card on standard output."""
+    good = result.outcome is Outcome.HELD
+    headline = Text(str(said["text"]).capitalize(), style="bold green" if good else "bold red")
+    if said["firmness"]:
+        headline.append(f"  ·  {said['firmness']}", style="bold")
+    if said["on_target"] is not None:
+        met = "target within the interval" if said["on_target"] else "off target"
+        headline.append(f"  ·  {met} ({said['target_force_n']:g} N)", style="bold")
+    parts: list[RenderableType] = [
+        headline,
+        Text(""),
+        _measurements(result, truth),
+        Text(""),
+        _timings(result),
+    ]
+    if truth is not None and truth["damaged"]:
+        parts.append(Text("The object was damaged: its force passed the yield.", style="bold red"))
+    parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
+    title = f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}"
+    subtitle = f"SIMULATED on the twin, seed {seed}" if rig.simulated else "measured"
+    console = Console(highlight=False)
+    console.print(
+        Panel(
+            Group(*parts),
+            title=title,
+            subtitle=f"[bold yellow]{subtitle}[/]" if rig.simulated else subtitle,
+            border_style="green" if good else "red",
+            padding=(1, 2),
+            expand=False,
+        )
+    )
+
+
+def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
+    table.add_column("", no_wrap=True)
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("90 % interval", justify="center", no_wrap=True)
+    if truth is not None:
+        table.add_column("", no_wrap=True)
+        table.add_column("[green]▼[/] true", justify="right", no_wrap=True)
+    for name, label, digits in _ROWS:
+        measured: Measurement | None = getattr(result, name)
+        if measured is None:
+            table.add_row(label, "-")
+            continue
+        note = _NOTES[measured.status]
+        cells = [
+            f"{label} [yellow]({note})[/]" if note else label,
+            f"[bold]{measured.value:.{digits}f}[/]",
+            f"{measured.low:.{digits}f} … {measured.high:.{digits}f}",
+        ]
+        if truth is not None:
+            true = truth[name]
+            known = float(true) if isinstance(true, int | float) else None
+            cells += [_bar(measured, known), "-" if known is None else f"{known:.{digits}f}"]
+        table.add_row(*cells)
+    return table
+
+
+def _bar(measured: Measurement, true: float | None) -> str:
+    """Draw interval, estimate and truth on one line: `├──●──┤` and `▼` for the truth."""
+    marks = [measured.low, measured.value, measured.high, *([] if true is None else [true])]
+    low, high = min(marks), max(marks)
+    margin = 0.08 * (high - low) or 1.0
+    low, span = low - margin, high - low + 2 * margin
+
+    def column(value: float) -> int:
+        return min(_BAR - 1, int(_BAR * (value - low) / span))
+
+    cells = [" "] * _BAR
+    left, right = column(measured.low), column(measured.high)
+    cells[left : right + 1] = "─" * (right + 1 - left)
+    cells[left], cells[right] = "├", "┤"
+    cells[column(measured.value)] = "●"
+    if true is not None:
+        inside = measured.low <= true <= measured.high
+        cells[column(true)] = f"[{'green' if inside else 'red'}]▼[/]"
+    return "".join(cells)
+
+
+def _timings(result: GraspResult) -> Text:
+    parts = []
+    if result.decision_time_s is not None:
+        parts.append(f"answer {result.decision_time_s:.1f} s after first contact")
+    if result.peak_force_n is not None:
+        parts.append(f"peak force read {result.peak_force_n:.1f} N")
+    parts.append(f"{result.frames} frames, {result.frames_lost} lost")
+    return Text("  ·  ".join(parts), style="dim")

@@ -1,0 +1,62 @@
+"""What the numbers of a grasp say in words."""
+
+from __future__ import annotations
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Outcome
+
+#: Upper end of each word, N/mm of the object's own secant stiffness at the grip force. Words for
+#: people, not a standard: a ripe avocado is soft, an apple firm, wood hard.
+_FIRMNESS = (
+    (1.0, "very soft"),
+    (3.0, "soft"),
+    (8.0, "medium"),
+    (20.0, "firm"),
+    (float("inf"), "hard"),
+)
+
+_OUTCOMES = {
+    Outcome.HELD: "held and given back",
+    Outcome.NOTHING_THERE: "nothing there: the hand closed without touching anything",
+    Outcome.SLIPPED: "slipped: the object left the hand",
+    Outcome.FORCE_LIMIT: "force limit: the hand was opened",
+    Outcome.SENSOR_LOST: "sensor lost: the hand was left still",
+    Outcome.STOPPED: "stopped on request: the hand was left still",
+}
+
+
+def outcome_text(outcome: Outcome) -> str:
+    """Return an outcome in words."""
+    return _OUTCOMES[outcome]
+
+
+def firmness(stiffness: Measurement) -> str:
+    """Return how firm an object is, as a range where the interval spans several words.
+
+    Examples
+    --------
+    >>> firmness(Measurement(value=2.0, low=1.2, high=2.9, unit="n_per_mm"))
+    'soft'
+    >>> firmness(Measurement(value=2.0, low=1.2, high=9.0, unit="n_per_mm"))
+    'soft to firm'
+    """
+    low, high = _word(stiffness.low), _word(stiffness.high)
+    return low if low == high else f"{low} to {high}"
+
+
+def verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, object]:
+    """Return the JSON form of the verdict: words, and whether the target was met."""
+    stiffness, force = result.stiffness_n_per_mm, result.force_n
+    on_target = None
+    if target_force_n is not None and force is not None:
+        on_target = force.low <= target_force_n <= force.high
+    return {
+        "text": outcome_text(result.outcome),
+        "firmness": None if stiffness is None else firmness(stiffness),
+        "target_force_n": target_force_n,
+        "on_target": on_target,
+    }
+
+
+def _word(stiffness_n_per_mm: float) -> str:
+    return next(word for upper, word in _FIRMNESS if stiffness_n_per_mm <= upper)
