@@ -62,6 +62,8 @@ def settle(
 
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
+    if plot is not None or (cutoffs_s and until_half_width):
+        _check_rereadable(holds)
     report.check_outputs(plot=plot, out=out)
     chosen = _methods(method or ["relaxation"], fit_on=fit_on or [], horizon_s=horizon)
     predictions = list(
@@ -102,6 +104,15 @@ def _check_numbers(
         raise InputError(f"--level {level:g}: give a probability between 0 and 1, such as 0.9")
     if until is not None and not 0 < until < float("inf"):
         raise InputError(f"--until-half-width {until:g}: give a positive percentage, such as 2.5")
+
+
+def _check_rereadable(files: Sequence[Path]) -> None:
+    for file in files:
+        if file.exists() and not (file.is_file() or file.is_dir()):
+            raise InputError(
+                f"{file}: a pipe can be read only once, and --plot (or --cutoff together with "
+                "--until-half-width) reads twice; save it as a file first"
+            )
 
 
 def _methods(

@@ -186,8 +186,8 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
         if "holds_decided" in entry:
             console.print(
                 f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
-                f"{entry['holds_decided']} of {entry['holds']} holds, at "
-                f"{_text(entry['median_decision_s'])} s in the median"
+                f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
+                f"{_text(entry['median_decision_s'])} s); the others waited to their end"
             )
     counts = Counter(str(row.status) for row in document.predictions)
     console.print("Status: " + ", ".join(f"{n} {status}" for status, n in counts.most_common()))
@@ -206,7 +206,7 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
 
 
 def _summary_cells(entry: Mapping[str, Any]) -> list[str]:
-    cutoff = f"{_text(entry['cutoff_s'])} s"
+    cutoff = "-" if entry["cutoff_s"] is None else f"{entry['cutoff_s']:.3g} s"
     if "holds_decided" in entry:
         cutoff = f"~{cutoff}"
     coverage = entry["coverage"]

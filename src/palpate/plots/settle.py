@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 #: Instants between the cut-off and the horizon at which the forecast is drawn.
 FORECAST_POINTS = 15
 
+#: The forecast is drawn from this long after the cut-off: nearer, there is nothing to predict.
+SOONEST_S = 0.5
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
@@ -83,8 +86,8 @@ def _draw_panel(
     if np.isfinite(settled):
         axis.axhline(settled, color=GREY, ls="--", lw=1, label="settled value")
     if seen.any():
-        # Not from the cut-off itself: there is nothing to predict there.
-        times_s = np.geomspace(cutoff_s, horizon_s, FORECAST_POINTS + 1)[1:]
+        first_s = min(cutoff_s + SOONEST_S, horizon_s)
+        times_s = np.geomspace(first_s, horizon_s, FORECAST_POINTS)
         for rank, (name, method) in enumerate(methods.items()):
             forecast = [
                 method.predict(

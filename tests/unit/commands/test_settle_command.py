@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -219,6 +221,20 @@ def test_bad_files_are_one_line_and_status_2(
     assert f"{path}" in captured.err
     assert said in captured.err
     assert not out.exists()
+
+
+def test_a_pipe_is_read_once_and_refused_where_it_would_be_read_twice(
+    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    assert ran(pipe, "--plot", tmp_path / "plot.png") == 2
+    assert "a pipe can be read only once" in capsys.readouterr().err
+    writer = threading.Thread(target=lambda: pipe.write_bytes(holds_csv.read_bytes()))
+    writer.start()
+    found = document(capsys, pipe)
+    writer.join()
+    assert len(found["rows"]) == 8
 
 
 def test_a_folder_and_no_file_at_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

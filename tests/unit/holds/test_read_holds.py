@@ -173,6 +173,8 @@ def test_samples_beyond_the_horizon_are_checked_but_not_kept(tmp_path: Path) -> 
     path = written(tmp_path, "holds.csv", HEADER + rows)
     [hold] = read_holds(path, until_s=3.5)
     assert hold.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    [long] = read_holds(written(tmp_path, "long.csv", HEADER + NOISE), until_s=3.5)
+    assert long.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     bad = written(tmp_path, "bad.csv", HEADER + rows + "a,9,1\n")
     with pytest.raises(InputError, match="line 12: time stands still"):
         list(read_holds(bad, until_s=3.5))
