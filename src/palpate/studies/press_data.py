@@ -1,0 +1,156 @@
+"""Real presses of a sheet beside a load cell: where each begins, and when the force is told."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError
+from palpate.estimate.observer_fit import Trace
+from palpate.tables import read_table
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: A press is a run of force above this, and above this share of the recording's 90th percentile,
+SMALLEST_FORCE_N = 0.5
+SHARE_OF_P90 = 0.3
+#: of at least this length.
+SHORTEST_S = 0.8
+#: The force is told once, when it first reaches this share of the press's 80th percentile.
+TOLD_SHARE = 0.8
+#: A press is followed from this long before it begins, or from the end of the one before.
+LEAD_S = 3.0
+#: The rest reading is the median over this long, up to so long before the press begins.
+REST_S, BEFORE_S = 1.0, 0.3
+#: The logger's divider: its readings step by 620 ohm / 1023 near 0 ohm.
+LOGGER_REFERENCE_OHM, LOGGER_COUNTS = 620.0, 1023.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Press:
+    """One press.
+
+    Attributes
+    ----------
+    recording_id : str
+        As in the file.
+    press : int
+        Number in its recording, from 0.
+    trace : Trace
+        Readings and force; its group is the setting: repeats of one setting share it.
+    last_held : int
+        Last sample with as much force as when it was told; the release comes after.
+    """
+
+    recording_id: str
+    press: int
+    trace: Trace
+    last_held: int
+
+
+def read_presses(path: Path) -> list[Press]:
+    """Read recordings `recording_id,time_s,resistance_ohm,force_n` and cut them into presses.
+
+    Raises
+    ------
+    InputError
+        If the file can't be used, time runs backwards, or there is no press in it.
+    """
+    table = read_table(
+        path,
+        columns={
+            "recording_id": "text",
+            "time_s": "number",
+            "resistance_ohm": "number",
+            "force_n": "number",
+        },
+    )
+    presses: list[Press] = []
+    ids = table["recording_id"]
+    starts = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]])
+    for start, end in zip(starts, np.r_[starts[1:], len(ids)], strict=True):
+        time_s, ohm, force_n = (
+            table[c][start:end] for c in ("time_s", "resistance_ohm", "force_n")
+        )
+        where = f"{path}: recording {ids[start]!r}"
+        if (np.diff(time_s) <= 0).any():
+            raise InputError(f"{where}: time_s doesn't increase; sort it by time")
+        if (ohm <= 0).any():
+            raise InputError(f"{where} has a resistance of 0 ohm or less; remove those samples")
+        presses += _cut(str(ids[start]), time_s, ohm, force_n)
+    if not presses:
+        raise InputError(
+            f"{path}: no press in it (force above {SMALLEST_FORCE_N} N for {SHORTEST_S} s)"
+        )
+    return presses
+
+
+def setting_of(recording_id: str) -> str:
+    """Return the setting of a recording: its name without the number of the repeat.
+
+    Examples
+    --------
+    >>> setting_of("pike3_sensor1_exp2_5c15")
+    'pike3_sensor1'
+    """
+    return re.sub(r"_exp\d+(_[0-9a-f]+)?$", "", recording_id)
+
+
+def _cut(
+    recording_id: str, time_s: FloatArray, ohm: FloatArray, force_n: FloatArray
+) -> list[Press]:
+    presses: list[Press] = []
+    previous_end = 0
+    for begin, end in _runs(time_s, force_n):
+        held_n = TOLD_SHARE * np.percentile(force_n[begin:end], 80)
+        enough = np.flatnonzero(force_n[begin:end] >= held_n) + begin
+        lead = max(int(np.searchsorted(time_s, time_s[begin] - LEAD_S)), previous_end)
+        here = slice(lead, end)
+        excess = _rest_ohm(time_s, ohm, begin=begin, since=previous_end) / ohm[here] - 1
+        digit_ohm = (1 + ohm[here] / LOGGER_REFERENCE_OHM) ** 2 * (
+            LOGGER_REFERENCE_OHM / LOGGER_COUNTS
+        )
+        trace = Trace(
+            time_s=time_s[here],
+            excess=excess,
+            resolution=(excess + 1) * digit_ohm / ohm[here],
+            force_n=force_n[here],
+            first=begin - lead,
+            told=int(enough[0]) - lead,
+            group=setting_of(recording_id),
+        )
+        if trace.told < len(trace.time_s) - 1:
+            presses.append(
+                Press(
+                    recording_id=recording_id,
+                    press=len(presses),
+                    trace=trace,
+                    last_held=int(enough[-1]) - lead,
+                )
+            )
+        previous_end = end
+    return presses
+
+
+def _runs(time_s: FloatArray, force_n: FloatArray) -> Sequence[tuple[int, int]]:
+    """Return the first sample of each press and the one after its last."""
+    above = force_n > max(SMALLEST_FORCE_N, SHARE_OF_P90 * float(np.percentile(force_n, 90)))
+    edges = np.flatnonzero(np.diff(np.r_[False, above, False].astype(int)))
+    runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [(a, b) for a, b in runs if time_s[b - 1] - time_s[a] >= SHORTEST_S]
+
+
+def _rest_ohm(time_s: FloatArray, ohm: FloatArray, *, begin: int, since: int) -> float:
+    """Return the reading at rest just before a press: from resistance alone, nothing later."""
+    until = int(np.searchsorted(time_s, time_s[begin] - BEFORE_S))
+    start = max(int(np.searchsorted(time_s, time_s[begin] - BEFORE_S - REST_S)), since)
+    if until - start >= 5:
+        return float(np.median(ohm[start:until]))
+    # No rest was recorded before it: the largest reading so far is the least loaded one.
+    return float(np.max(ohm[: begin + 1]))

@@ -1,0 +1,185 @@
+"""Force now under real presses: told once, then from resistance alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import numpy as np
+import typer
+
+from palpate.estimate.observer import ForceObserver, ObserverModel
+from palpate.estimate.observer_fit import fit_observer
+from palpate.studies.press_data import TOLD_SHARE, Press, read_presses
+from palpate.studies.press_figure import Followed, draw_presses
+from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FOLDS = 5
+LEVEL = 0.9
+#: Model -> whether it remembers.
+MODELS: Mapping[str, bool] = {"static": False, "observer": True}
+
+Rows: TypeAlias = list[dict[str, Any]]
+
+
+def command(
+    recordings: Annotated[
+        Path, typer.Option(help="Recordings of presses to learn from.", metavar="CSV")
+    ],
+    test_recordings: Annotated[
+        Path | None,
+        typer.Option(help="Recordings to follow; without, 5 folds by setting.", metavar="CSV"),
+    ] = None,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Follow the force of real presses from resistance, told the force once in each.
+
+    Example: palpate study presses --recordings presses.csv.gz
+    """
+    known = read_presses(recordings)
+    if test_recordings is None:
+        splits = _folds(known)
+        split = f"{FOLDS} folds by setting: a setting's repeats are left out together."
+    else:
+        tested = read_presses(test_recordings)
+        splits = [(known, tested)]
+        shared = {p.recording_id for p in known} & {p.recording_id for p in tested}
+        split = f"Learned from {recordings}, followed on {test_recordings}" + (
+            f"; {len(shared)} recordings are in both, so those errors are of the fit."
+            if shared
+            else ", no recording in both."
+        )
+    followed: dict[str, list[Followed]] = {name: [] for name in MODELS}
+    for train, tested in splits:
+        for name, memory in MODELS.items():
+            model = fit_observer([press.trace for press in train], memory=memory)
+            followed[name] += [follow(press, model) for press in tested]
+    _report(followed, split=split).emit(as_json=as_json, out=out)
+
+
+def _folds(presses: Sequence[Press]) -> list[tuple[list[Press], list[Press]]]:
+    settings = list(dict.fromkeys(press.trace.group for press in presses))
+    splits = []
+    for fold in (settings[k::FOLDS] for k in range(min(FOLDS, len(settings)))):
+        inside = [press for press in presses if press.trace.group not in fold]
+        splits.append((inside, [press for press in presses if press.trace.group in fold]))
+    return splits
+
+
+def follow(press: Press, model: ObserverModel) -> Followed:
+    """Run the observer over a press, frame by frame, and keep what it said after it was told."""
+    observer = ForceObserver(model, level=LEVEL)
+    trace = press.trace
+    said = []
+    for k, time_s in enumerate(trace.time_s):
+        one = slice(k, k + 1)
+        now = observer.step(float(time_s), trace.excess[one], resolution=trace.resolution[one])
+        if k == trace.told:
+            observer.tell(trace.force_n[one])
+        elif k > trace.told:
+            said.append((now.value_n[0], now.low_n[0], now.high_n[0]))
+    value, low, high = np.array(said).T
+    return Followed(press=press, value_n=value, low_n=low, high_n=high)
+
+
+def _rows(followed: Mapping[str, Sequence[Followed]]) -> Rows:
+    return [
+        {
+            "recording_id": one.press.recording_id,
+            "press": one.press.press,
+            "model": model,
+            "median_abs_log_error": float(np.median(np.abs(one.log_error))),
+            "final_log_error": float(one.log_error[-1]),
+            "last_held_log_error": one.last_held_log_error,
+            "coverage": float(np.mean(one.covered)),
+            "final_covered": bool(one.covered[-1]),
+        }
+        for model, each in followed.items()
+        for one in each
+    ]
+
+
+def _summary(rows: Rows, settings: Mapping[str, str]) -> Rows:
+    summary: Rows = []
+    for setting in ("all", *dict.fromkeys(settings.values())):
+        for model in MODELS:
+            mine = [
+                row
+                for row in rows
+                if row["model"] == model and setting in ("all", settings[row["recording_id"]])
+            ]
+            columns = {key: np.array([row[key] for row in mine]) for key in mine[0]}
+            summary.append(
+                {
+                    "setting": setting,
+                    "model": model,
+                    "presses": len(mine),
+                    "median_abs_log_error": float(np.median(columns["median_abs_log_error"])),
+                    "final_log_error": float(np.median(np.abs(columns["final_log_error"]))),
+                    "last_held_log_error": float(np.median(np.abs(columns["last_held_log_error"]))),
+                    "coverage": float(np.mean(columns["coverage"])),
+                    "final_coverage": float(np.mean(columns["final_covered"])),
+                }
+            )
+    return summary
+
+
+def _references(followed: Sequence[Followed]) -> dict[str, float]:
+    """Return the median error of two answers that read no sensor at all."""
+    rises = [np.log(one.truth_n / one.told_n) for one in followed]
+    plateau = -np.log(TOLD_SHARE)
+    return {
+        "told_force_held": float(np.median([np.median(np.abs(rise)) for rise in rises])),
+        "told_force_over_told_share": float(
+            np.median([np.median(np.abs(rise - plateau)) for rise in rises])
+        ),
+    }
+
+
+def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyReport:
+    rows = _rows(followed)
+    observed = followed["observer"]
+    settings = {one.press.recording_id: one.press.trace.group for one in observed}
+    summary = _summary(rows, settings)
+    references = _references(observed)
+    columns = (
+        ("median_abs_log_error", "median |ln error|"),
+        ("final_log_error", "|at the very end|"),
+        ("last_held_log_error", "|before release|"),
+        ("coverage", "coverage"),
+        ("final_coverage", "coverage at the end"),
+    )
+    table = Table(
+        title="Force after it was told, medians over presses",
+        columns=("setting", "model", "presses", *(title for _, title in columns)),
+        rows=[
+            [one["setting"], one["model"], str(one["presses"])]
+            + [f"{one[key]:.3f}" for key, _ in columns]
+            for one in summary
+        ],
+    )
+    return StudyReport(
+        name="presses",
+        title="Force now on real Velostat under a robot's presses",
+        provenance=(
+            f"Real recordings with a reference load cell. {split}",
+            "Both models are told the force once per press, then see resistance alone. The end of "
+            "a press is inside its release, which lasts two or three samples.",
+            "No sensor at all: the told force held errs by "
+            f"{references['told_force_held']:.3f} in the median. The moment of telling gives the "
+            f"plateau away: told / {TOLD_SHARE:g} would err by "
+            f"{references['told_force_over_told_share']:.3f}; no model here uses that.",
+        ),
+        tables=[table],
+        payload={"rows": rows, "summary": summary, "references": references, "level": LEVEL},
+        figures={"presses": lambda: _figure(followed)},
+    )
+
+
+def _figure(followed: Mapping[str, Sequence[Followed]]) -> Figure:
+    return draw_presses(followed["observer"], followed["static"])
