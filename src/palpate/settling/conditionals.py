@@ -40,6 +40,8 @@ class Conditionals:
         ln|S|.
     variance : ndarray, shape (n_components,)
         Variance of the forecast at unit scale.
+    e_folds : float
+        Log of the time at the horizon over the time of the last bin.
     """
 
     bins: Bins
@@ -47,6 +49,7 @@ class Conditionals:
     forecast: FloatArray
     log_det: FloatArray
     variance: FloatArray
+    e_folds: float
 
 
 def conditionals(time_s: FloatArray, *, after_s: float, prior: Prior) -> Conditionals:
@@ -94,6 +97,7 @@ def _recall(time_bytes: bytes, after_s: float, key: _ByIdentity) -> Conditionals
         forecast=(shared.transpose(0, 2, 1) @ whitening)[:, 0],
         log_det=2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
         variance=covariance[:, -1, -1] - (shared[:, :, 0] ** 2).sum(axis=1),
+        e_folds=float(np.log((after_s + WALK_FROM_S) / (bins.time_s[-1] + WALK_FROM_S))),
     )
 
 

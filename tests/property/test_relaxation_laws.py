@@ -1,0 +1,67 @@
+"""Laws of the relaxation predictor: no unit, no sign, no zero, never NaN."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from palpate.settling.relaxation import Relaxation
+
+METHOD = Relaxation()
+
+
+@st.composite
+def settling_holds(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
+    """Noisy holds on uneven grids, falling or rising."""
+    seed = draw(st.integers(0, 2**31))
+    rng = np.random.default_rng(seed)
+    n_times = draw(st.integers(2, 60))
+    time_s = np.cumsum(rng.uniform(0.005, 0.4, n_times))
+    curve = -rng.uniform(0.5, 5) * np.log(time_s + rng.uniform(0.1, 2))
+    noise = rng.normal(0, draw(st.sampled_from([1e-3, 0.05, 0.5])), n_times)
+    return time_s, 50 + curve + noise
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    settling_holds(),
+    st.floats(1e-3, 1e3),
+    st.sampled_from([-1.0, 1.0]),
+    st.floats(-1e3, 1e3),
+)
+def test_scale_sign_and_zero_drop_out(
+    hold: tuple[np.ndarray, np.ndarray], scale: float, sign: float, shift: float
+) -> None:
+    time_s, values = hold
+    plain = METHOD.predict(time_s, values[None], horizon_s=40.0, level=0.9).hold(0)
+    factor = sign * scale
+    moved = METHOD.predict(time_s, factor * values[None] + shift, horizon_s=40.0, level=0.9).hold(0)
+    ends = sorted([factor * plain.low + shift, factor * plain.high + shift])
+    # What remains is rounding: the shift may be a million times the drop.
+    slack = 1e-6 * scale * (plain.high - plain.low) + 1e-9 * abs(shift) + 1e-9 * scale
+    assert abs(moved.value - (factor * plain.value + shift)) <= slack
+    assert abs(moved.low - ends[0]) <= 10 * slack
+    assert abs(moved.high - ends[1]) <= 10 * slack
+    assert moved.status is plain.status
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    st.integers(1, 40).flatmap(
+        lambda n: st.tuples(
+            arrays(np.float64, (3, n), elements=st.floats(-1e6, 1e6, width=32)),
+            arrays(np.float64, n, elements=st.floats(1e-4, 1.0)),
+        )
+    ),
+    st.floats(0.01, 0.99),
+)
+def test_always_finite_and_inside_its_interval(
+    drawn: tuple[np.ndarray, np.ndarray], level: float
+) -> None:
+    values, steps = drawn
+    estimate = METHOD.predict(np.cumsum(steps), values, horizon_s=20.0, level=level)
+    assert np.isfinite(np.concatenate([estimate.value, estimate.low, estimate.high])).all()
+    assert (estimate.low <= estimate.value).all()
+    assert (estimate.value <= estimate.high).all()

@@ -1,0 +1,162 @@
+"""Our predictor on holds of every length and kind, and on real ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.holds import Hold, read_holds
+from palpate.settling.relaxation import Relaxation
+from palpate.settling.result import SettledEstimate, Status
+from palpate.settling.scoring import settled_value
+
+Array = NDArray[np.float64]
+
+
+def predict(time_s: Array, values: Array, *, horizon_s: float = 20.0) -> SettledEstimate:
+    return Relaxation().predict(time_s, np.atleast_2d(values), horizon_s=horizon_s, level=0.9)
+
+
+def log_hold(time_s: Array) -> Array:
+    return np.asarray(100.0 - 5.0 * np.log(time_s + 0.5))
+
+
+@pytest.mark.parametrize("rate_hz", [4.8, 15.0, 70.0, 1000.0])
+@pytest.mark.parametrize("cutoff_s", [1.0, 2.5, 5.0, 12.0])
+def test_the_log_law_is_followed_at_every_rate(rate_hz: float, cutoff_s: float) -> None:
+    time_s = np.arange(0.0, cutoff_s, 1 / rate_hz)
+    rng = np.random.default_rng(1)
+    values = log_hold(time_s) + rng.normal(0, 0.02, time_s.size)
+    estimate = predict(time_s, values).hold(0)
+    remaining = log_hold(time_s[-1:])[0] - log_hold(np.array([19.75]))[0]
+    assert abs(estimate.value - log_hold(np.array([19.75]))[0]) < 0.35 * remaining
+    assert estimate.low < estimate.value < estimate.high
+    assert estimate.status is Status.OK
+
+
+def test_more_samples_narrow_the_interval() -> None:
+    time_s = np.arange(0.0, 10.0, 0.07)
+    values = log_hold(time_s)
+    widths = [
+        float(e.high - e.low)
+        for e in (predict(time_s[time_s <= c], values[time_s <= c]).hold(0) for c in (1, 2.5, 5, 9))
+    ]
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_a_big_fast_process_at_contact_is_not_taken_for_slow_settling() -> None:
+    time_s = np.arange(0.0, 2.5, 1 / 15)
+    values = 300.0 + 1000.0 * np.exp(-time_s / 0.1) - 10.0 * np.log(time_s + 0.5)
+    settled = 300.0 - 10.0 * np.log(20.25)
+    assert predict(time_s, values).hold(0).value == pytest.approx(settled, rel=0.3)
+
+
+def test_one_sample_is_its_own_prediction() -> None:
+    estimate = predict(np.array([0.0]), np.array([7.0])).hold(0)
+    assert (estimate.value, estimate.status) == (7.0, Status.TOO_SHORT)
+
+
+def test_two_samples_give_a_finite_value() -> None:
+    estimate = predict(np.array([0.0, 0.1]), np.array([7.0, 6.0])).hold(0)
+    assert np.isfinite([estimate.value, estimate.low, estimate.high]).all()
+    assert estimate.status is Status.TOO_SHORT
+
+
+def test_a_constant_hold_stays_where_it_is() -> None:
+    estimate = predict(np.arange(0.0, 3.0, 0.1), np.full(30, 5.0)).hold(0)
+    assert (estimate.value, estimate.low, estimate.high) == (5.0, 5.0, 5.0)
+    assert estimate.status is Status.NOT_SETTLING
+
+
+def test_a_bounce_shows_in_status_and_interval() -> None:
+    time_s = np.arange(0.0, 1.5, 0.05)
+    calm = log_hold(time_s)
+    bouncing = calm + 4.0 * (time_s > 1.0)
+    estimates = predict(time_s, np.array([calm, bouncing]))
+    width = estimates.high - estimates.low
+    assert estimates.hold(0).status is Status.OK
+    assert estimates.hold(1).status is Status.NOT_SETTLING
+    assert width[1] > 1.5 * width[0]
+
+
+def test_at_the_horizon_the_samples_are_the_answer() -> None:
+    time_s = np.arange(0.0, 25.0, 0.1)
+    values = log_hold(time_s)
+    estimate = predict(time_s, values).hold(0)
+    assert estimate.value == pytest.approx(settled_value(time_s, values, horizon_s=20.0))
+
+
+def test_a_batch_is_its_holds_one_by_one() -> None:
+    rng = np.random.default_rng(2)
+    time_s = np.arange(0.0, 2.5, 0.1)
+    values = log_hold(time_s) + rng.normal(0, 0.5, (700, time_s.size))
+    together = predict(time_s, values)
+    for index in (0, 255, 256, 699):
+        alone = predict(time_s, values[index]).hold(0)
+        batched = together.hold(index)
+        assert batched.value == pytest.approx(alone.value, rel=1e-12)
+        assert batched.high == pytest.approx(alone.high, rel=1e-9)
+        assert batched.status is alone.status
+
+
+def test_the_level_must_be_a_probability() -> None:
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        Relaxation().predict(np.arange(3.0), np.ones((1, 3)), horizon_s=20.0, level=1.0)
+
+
+def test_a_higher_level_is_wider() -> None:
+    time_s = np.arange(0.0, 2.5, 0.1)
+    values = log_hold(time_s)[None]
+    low, high = (
+        Relaxation().predict(time_s, values, horizon_s=20.0, level=level) for level in (0.5, 0.95)
+    )
+    assert high.high[0] > low.high[0]
+
+
+def test_calibration_moves_the_interval_and_not_the_value() -> None:
+    rng = np.random.default_rng(3)
+    time_s = np.arange(0.0, 21.0, 0.1)
+    values = log_hold(time_s) + rng.normal(0, 0.02, (60, time_s.size))
+    holds = [
+        Hold(hold_id=str(i), channel=None, time_s=time_s, values=v) for i, v in enumerate(values)
+    ]
+    seen = time_s <= 2.5
+    before = predict(time_s[seen], values[:1, seen]).hold(0)
+    after = (
+        Relaxation()
+        .calibrated_on(holds)
+        .predict(time_s[seen], values[:1, seen], horizon_s=20.0, level=0.9)
+        .hold(0)
+    )
+    assert after.value == before.value
+    assert after.high - after.low < 0.7 * (before.high - before.low)
+
+
+def test_holds_that_end_before_the_horizon_calibrate_nothing() -> None:
+    time_s = np.arange(0.0, 5.0, 0.1)
+    short = Hold(hold_id="short", channel=None, time_s=time_s, values=log_hold(time_s))
+    calibrated = Relaxation().calibrated_on([short])
+    values = log_hold(time_s)[None]
+    as_before = Relaxation().predict(time_s, values, horizon_s=20.0, level=0.9)
+    now = calibrated.predict(time_s, values, horizon_s=20.0, level=0.9)
+    assert now.high[0] == as_before.high[0]
+
+
+def score(file: Path, *, cutoff_s: float) -> Array:
+    """Return |error| and half-width in percent of the settled value, and coverage, per hold."""
+    rows = []
+    for hold in read_holds(file):
+        settled = settled_value(hold.time_s, hold.values, horizon_s=20.0)
+        seen = hold.time_s <= cutoff_s
+        estimate = predict(hold.time_s[seen], hold.values[seen]).hold(0)
+        rows.append(
+            [
+                100 * abs(estimate.value / settled - 1),
+                50 * (estimate.high - estimate.low) / settled,
+                estimate.low <= settled <= estimate.high,
+            ]
+        )
+    return np.array(rows, dtype=np.float64)
