@@ -11,7 +11,18 @@ import typer
 from palpate.errors import PalpateError
 
 #: Verb -> module under `palpate.commands` that holds a function of that name.
-VERBS = ("grasp", "settle", "study", "bench")
+VERBS = (
+    "grasp",
+    "settle",
+    "record",
+    "inspect",
+    "replay",
+    "export",
+    "recover",
+    "ports",
+    "study",
+    "bench",
+)
 
 EXIT_STOPPED = 130
 

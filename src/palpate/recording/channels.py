@@ -15,7 +15,7 @@ from typing import Any, get_args
 import numpy as np
 
 from palpate.errors import RecordingError
-from palpate.gripper.interface import GripperState
+from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.recording.contents import Event, LoadCells, Origin, RecordingInfo
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.signal.circuit import Divider
@@ -202,6 +202,8 @@ def encode_info(info: RecordingInfo) -> dict[str, str]:
         "firmware_version": info.firmware_version,
         "calibration": info.calibration,
         "seed": None if info.seed is None else str(info.seed),
+        "gripper": None if info.gripper is None else _compact(asdict(info.gripper)),
+        "target_force_n": None if info.target_force_n is None else repr(info.target_force_n),
     }
     return {name: text for name, text in texts.items() if text is not None}
 
@@ -220,6 +222,8 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             "upgrade palpate"
         )
     try:
+        gripper = json.loads(texts["gripper"]) if "gripper" in texts else None
+        target = texts.get("target_force_n")
         fields = json.loads(texts["layout"])
         fields["divider"] = Divider(**fields["divider"])
         fields["finger_of_row"] = tuple(map(_whole, fields["finger_of_row"]))
@@ -231,6 +235,8 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             calibration=texts.get("calibration"),
             seed=int(texts["seed"]) if "seed" in texts else None,
             versions=json.loads(texts["versions"]),
+            gripper=None if gripper is None else GripperLimits(**gripper),
+            target_force_n=None if target is None else float(target),
             clock_zero_unix_ns=int(texts["clock_zero_unix_ns"]),
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:

@@ -10,6 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout
 
 #: Where the frames came from. Anything but `hardware` is simulated, and is said to be.
@@ -36,6 +37,11 @@ class RecordingInfo:
         Seed of a simulated run.
     versions : mapping of str to str
         Versions of palpate and of what its numbers rest on.
+    gripper : GripperLimits or None
+        Drive and range of the gripper, where there was one.
+    target_force_n : float or None
+        Grip force that was asked for: with the calibration and the limits, what a replay needs to
+        decide again as it was decided live.
     clock_zero_unix_ns : int
         Unix time, nanoseconds, at which the recording's clock read 0 s. 0 for simulated time, so
         that the same seed gives the same file.
@@ -48,6 +54,8 @@ class RecordingInfo:
     calibration: str | None = None
     seed: int | None = None
     versions: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    gripper: GripperLimits | None = None
+    target_force_n: float | None = None
     clock_zero_unix_ns: int = 0
 
     def __post_init__(self) -> None:

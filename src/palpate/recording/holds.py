@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError, RecordingError
 from palpate.holds import Hold
-from palpate.recording.contents import Recording
+from palpate.recording.contents import GripperTrack, Recording
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.events import actuation_spikes
 from palpate.signal.relative import (
@@ -26,6 +26,8 @@ SHORTEST_HOLD_S = 1.0
 #: How much of the recording's beginning is taken as rest where the gripper moves at once.
 REST_S = 1.0
 _FEWEST_FRAMES = 10
+#: Change of position that is movement: more than an encoder step, or a regulator's noise.
+_MOVED_MM, _MOVED_KPA = 0.08, 0.6
 
 _Floats = NDArray[np.float64]
 
@@ -95,12 +97,11 @@ def cut_holds(recording: Recording, *, unit: Unit = "percent", name: str = "hold
 
 def _rest_ohm(recording: Recording, ohm: _Floats) -> _Floats:
     """Return the rest before the first movement, or of the first second."""
-    starts = recording.gripper.time_s[recording.gripper.moving]
-    rest_end_s = recording.time_s[0] + REST_S
-    if len(starts) and starts[0] > recording.time_s[0]:
-        rest_end_s = starts[0]
+    moved = _moved(recording.gripper)
+    first = int(np.argmax(moved)) if moved.any() else 0
+    rest_end_s = recording.gripper.time_s[first - 1] if first else recording.time_s[0] + REST_S
     try:
-        return rest_baseline(ohm[recording.time_s < rest_end_s]).rest_ohm
+        return rest_baseline(ohm[recording.time_s <= rest_end_s]).rest_ohm
     except CalibrationError as error:
         raise RecordingError(
             f"no rest at the beginning to compare with: {error}. Record a second of rest first"
@@ -110,11 +111,12 @@ def _rest_ohm(recording: Recording, ohm: _Floats) -> _Floats:
 def _still_stretches(recording: Recording, change: _Floats) -> list[tuple[float, float]]:
     """Return start and end of every stretch without movement that follows a movement."""
     end_s = float(recording.time_s[-1])
-    moving, at_s = recording.gripper.moving, recording.gripper.time_s
-    if moving.any():
-        turns = np.flatnonzero(np.diff(moving.astype(np.int8)))
-        stops = [float(at_s[k + 1]) for k in turns if moving[k]]
-        starts = [float(at_s[k + 1]) for k in turns if not moving[k]]
+    moved, at_s = _moved(recording.gripper), recording.gripper.time_s
+    if moved.any():
+        turns = np.flatnonzero(np.diff(moved.astype(np.int8)))
+        stops = [float(at_s[k + recording.gripper.moving[k]]) for k in turns if moved[k]]
+        # A frame after the last still state may have been scanned in motion.
+        starts = [float(at_s[k]) for k in turns if not moved[k]]
     else:
         stops = starts = [
             spike.time_s for spike in actuation_spikes(recording.time_s, mean_change(change))
@@ -123,6 +125,18 @@ def _still_stretches(recording: Recording, change: _Floats) -> list[tuple[float,
     return [
         (stop, end) for stop, end in zip(stops, ends, strict=True) if end - stop >= SHORTEST_HOLD_S
     ]
+
+
+def _moved(gripper: GripperTrack) -> NDArray[np.bool_]:
+    """Return at which states the gripper moves, or has moved since the state before.
+
+    At 15 frames/s a short step lies wholly between two states.
+    """
+    moved = gripper.moving.copy()
+    for position, step in ((gripper.width_mm, _MOVED_MM), (gripper.pressure_kpa, _MOVED_KPA)):
+        # A comparison with NaN, a position not sensed, is False.
+        moved[1:] |= np.abs(np.diff(position)) > step
+    return moved
 
 
 def _strictly_increasing(time_s: _Floats, start_s: float, end_s: float) -> NDArray[np.intp]:

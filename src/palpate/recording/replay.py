@@ -7,8 +7,9 @@ import os
 from collections.abc import Iterator
 
 from palpate.clock import Clock
-from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.gripper.interface import GripperState
+from palpate.errors import DeviceError, DeviceTimeoutError, RecordingError
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.recording.contents import RecordingInfo
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
 
@@ -65,9 +66,19 @@ class Replay:
         self._gripper: GripperState | None = None
 
     @property
+    def info(self) -> RecordingInfo:
+        """What it is a recording of."""
+        return self._reader.info
+
+    @property
     def layout(self) -> ArrayLayout:
         """Layout of the recorded frames."""
         return self._reader.info.layout
+
+    @property
+    def ended(self) -> bool:
+        """Whether every frame was read."""
+        return self._next is None
 
     @property
     def gripper_state(self) -> GripperState | None:
@@ -103,6 +114,61 @@ class Replay:
     def close(self) -> None:
         """Close the recording; calling it again does nothing."""
         self._reader.close()
+
+
+class ReplayGripper:
+    """The gripper of a recording: it tells the recorded states and does what it did then.
+
+    Commands are taken and change nothing. Where the same decisions are made from the same frames,
+    they are the commands that were sent.
+
+    Parameters
+    ----------
+    replay : Replay
+        The recording; states go with the frame last read from it.
+
+    Raises
+    ------
+    RecordingError
+        If the recording names no gripper.
+    """
+
+    def __init__(self, replay: Replay) -> None:
+        if replay.info.gripper is None:
+            raise RecordingError(
+                "the recording names no gripper, so its grasp can't be decided again"
+            )
+        self.limits: GripperLimits = replay.info.gripper
+        self._replay = replay
+
+    def state(self) -> GripperState:
+        """Return the state recorded with the frame last read.
+
+        Raises
+        ------
+        DeviceError
+            If none was recorded.
+        """
+        state = self._replay.gripper_state
+        if state is None:
+            raise DeviceError("the recording holds no gripper state up to here")
+        return state
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        """Return the command as it would be sent, clamped to the limits."""
+        return GripperCommand(
+            target=min(max(wanted.target, self.limits.lowest), self.limits.highest),
+            rate=min(wanted.rate, self.limits.fastest),
+        )
+
+    def stop(self) -> None:
+        """Do nothing: what happened has happened."""
+
+    def release(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
 
 
 def observations(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState | None]]:

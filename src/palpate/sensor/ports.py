@@ -70,7 +70,7 @@ def serial_ports() -> list[Port]:
         ports.append(
             Port(
                 device=found.device,
-                description=found.description or "",
+                description="" if found.description in (None, "n/a") else found.description,
                 usb_id=usb_id,
                 serial_number=found.serial_number,
                 board=board_of(usb_id),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -151,6 +152,11 @@ class SerialArray:
     def load_cells(self) -> tuple[LoadCell, ...]:
         """Raw readings that came with the newest frame; empty unless asked for."""
         return self._load_cells
+
+    @property
+    def newest_s(self) -> float:
+        """Time of the newest frame received, to which `load_cells` belong; NaN before the first."""
+        return math.nan if self._last is None else self._last.time_s
 
     @property
     def drift_ppm(self) -> float:

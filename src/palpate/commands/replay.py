@@ -1,0 +1,112 @@
+"""`palpate replay FILE`: decide a recorded grasp again, or play the frames of a recording."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.clock import Clock
+    from palpate.grasp.result import GraspResult
+    from palpate.recording import RecordingInfo, Replay
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
+    speed: Annotated[
+        float | None,
+        typer.Option(help="1 is as it was recorded. [default: as fast as possible]"),
+    ] = None,
+    frames: Annotated[
+        bool, typer.Option("--frames", help="Print the frames instead of the grasp's result.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Run a recorded grasp through the controller again: the results are those of the live run.
+
+    A recording without calibration and gripper is played frame by frame.
+
+    Example: palpate grasp --record run.mcap && palpate replay run.mcap
+    """
+    from palpate.recording import Replay
+
+    if speed is not None and not 0 < speed < float("inf"):
+        raise InputError(f"--speed {speed:g}: must be above 0")
+    clock = _clock(file, speed=speed)
+    source = Replay(file, clock=clock)
+    try:
+        if frames or source.info.gripper is None or source.info.calibration is None:
+            _play(source, as_json=as_json)
+            return
+        result = _decide_again(source, clock=clock)
+    finally:
+        source.close()
+    if as_json:
+        simulated = source.info.origin != "hardware"
+        document = {**result.as_json(), "recording": str(file), "simulated": simulated}
+        print(json.dumps(document, allow_nan=False, indent=1))
+    else:
+        print(_text(result, info=source.info))
+
+
+def _clock(file: Path, *, speed: float | None) -> Clock:
+    from palpate.clock import ManualClock, RealClock
+    from palpate.recording import PacedClock, RecordingReader
+    from palpate.recording.replay import observations
+
+    with RecordingReader(file) as reader:
+        start_s = next((frame.time_s for frame, _ in observations(reader)), 0.0)
+    if speed is None:
+        return ManualClock(start_s)
+    return PacedClock(RealClock(), start_s=start_s, speed=speed)
+
+
+def _decide_again(source: Replay, *, clock: Clock) -> GraspResult:
+    from palpate.grasp.planning import plan_grasp
+    from palpate.grasp.runner import run_grasp
+    from palpate.recording import ReplayGripper
+    from palpate.sensor.calibration import Calibration
+
+    with tempfile.TemporaryDirectory() as folder:
+        text = Path(folder, "calibration.json")
+        text.write_text(source.info.calibration or "")
+        calibration = Calibration.load(text)
+    gripper = ReplayGripper(source)
+    plan = plan_grasp(calibration, gripper=gripper, target_force_n=source.info.target_force_n)
+    return run_grasp(plan, array=source, gripper=gripper, clock=clock)
+
+
+def _play(source: Replay, *, as_json: bool) -> None:
+    played = []
+    while not source.ended:
+        frame = source.read(timeout_s=float("inf"))
+        if as_json:
+            counts = frame.counts.tolist()
+            played.append({"time_s": frame.time_s, "sequence": frame.sequence, "counts": counts})
+        else:
+            counts = " ".join(f"{count:5d}" for count in frame.counts.ravel())
+            print(f"{frame.time_s:12.4f} s  {frame.sequence:8d}  {counts}")
+    if as_json:
+        print(json.dumps({"frames": played}))
+
+
+def _text(result: GraspResult, *, info: RecordingInfo) -> str:
+    simulated = "" if info.origin == "hardware" else f"  (SIMULATED: {info.origin})"
+    lines = [f"{result.outcome}{simulated}"]
+    for label, unit, measured in (
+        ("size", "mm", result.size_mm),
+        ("grip force", "N", result.force_n),
+        ("stiffness", "N/mm", result.stiffness_n_per_mm),
+        ("settled change", "%", result.settled_percent),
+    ):
+        if measured is not None:
+            value = f"{measured.value:.2f} [{measured.low:.2f}, {measured.high:.2f}] {unit}"
+            lines.append(f"{label:<15} {value}  {measured.status}")
+    lines.append(f"{result.frames} frames, {result.frames_lost} lost")
+    return "\n".join([*lines, *result.faults])

@@ -1,0 +1,73 @@
+"""From a live sensor into a recording, until told to stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from palpate.clock import Clock
+from palpate.errors import DeviceTimeoutError
+from palpate.recording.contents import Event, LoadCells
+from palpate.recording.writer import RecordingWriter
+from palpate.sensor.array import PressureArray
+
+_TIMEOUT_S = 1.0
+
+
+def capture(
+    array: PressureArray,
+    *,
+    writer: RecordingWriter,
+    clock: Clock,
+    duration_s: float = math.inf,
+    load_cells: Callable[[], LoadCells | None] = lambda: None,
+    report: Callable[[str], None] = lambda _: None,
+) -> int:
+    """Record frames until the time is up; return how many.
+
+    A sensor that falls silent is waited for: it is said once, and becomes an event of the
+    recording, as does its return.
+
+    Parameters
+    ----------
+    array : PressureArray
+        An open sensor.
+    writer : RecordingWriter
+        Where the frames go.
+    clock : Clock
+        The sensor's clock.
+    duration_s : float
+        How long; forever by default.
+    load_cells : callable
+        Gives a reading of load cells if there is a new one.
+    report : callable
+        Takes one line for the user.
+
+    Raises
+    ------
+    DeviceError
+        If the sensor is gone for good.
+    RecordingError
+        If the file can't be written.
+    """
+    end_s = clock.now_s() + duration_s
+    frames, silent = 0, False
+    while (now_s := clock.now_s()) < end_s:
+        try:
+            frame = array.read(timeout_s=min(_TIMEOUT_S, end_s - now_s))
+        except DeviceTimeoutError as error:
+            if not silent and clock.now_s() < end_s:
+                silent = True
+                writer.add(Event(time_s=clock.now_s(), name="silent", text=str(error)))
+                report(str(error))
+            continue
+        if silent:
+            silent = False
+            writer.add(Event(time_s=frame.time_s, name="back"))
+            report("frames come again")
+        writer.add(frame)
+        frames += 1
+        reading = load_cells()
+        if reading is not None:
+            writer.add(reading)
+    return frames
