@@ -86,7 +86,9 @@ def settle(
     if as_json:
         report.print_json(document)
     else:
-        report.print_tables(document, level=level, written=[p for p in (out, plot) if p])
+        from palpate.commands.settle_tables import print_tables
+
+        print_tables(document, level=level, written=[p for p in (out, plot) if p])
 
 
 def _check_numbers(
