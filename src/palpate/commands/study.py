@@ -7,10 +7,13 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.commands.outcome import run
 from palpate.errors import InputError
 
 #: Study -> (module under `palpate.studies`, what it shows). Each module holds a function `command`.
 STUDIES: dict[str, tuple[str, str]] = {
+    "force-ladders": ("force_ladders", "Dead weights on real Velostat, sensors held out"),
+    "presses": ("presses", "Force now on real Velostat under a robot's presses"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
     "table1": ("table1", "Table 1 and Figures 5 and 6, on simulated holds"),
     "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
@@ -40,9 +43,7 @@ def study(
         return
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are: {', '.join(sorted(STUDIES))}")
-    # Imported here: the command line above would otherwise load every study for each verb.
-    from palpate.cli import run
-
+    # Loaded by name: other verbs, and other studies, must not pay for it.
     module = importlib.import_module(f"palpate.studies.{STUDIES[name][0]}")
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
     app.command()(module.command)
