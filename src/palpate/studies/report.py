@@ -76,7 +76,8 @@ class StudyReport:
         from rich.console import Console
         from rich.table import Table as RichTable
 
-        console = Console()
+        # Piped into a file, names in tables must not be cut at 80 columns.
+        console = Console(width=None if sys.stdout.isatty() else 120)
         console.print(f"[bold]{self.title}[/bold]")
         for line in self.provenance:
             console.print(f"[dim]{line}[/dim]", highlight=False)
