@@ -1,0 +1,141 @@
+"""`palpate inspect`, `export`, `recover`, `replay`, `record` and `ports`, as a user runs them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+
+
+def palpate(*arguments: str | Path) -> int:
+    return run(build_app(), [str(argument) for argument in arguments], name="palpate")
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    path = tmp_path / "run.mcap"
+    info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin", seed=3)
+    with RecordingWriter(path, info=info) as writer:
+        for k in range(100):
+            frame = Frame(time_s=k / 50, sequence=k + (k > 50), counts=np.full((4, 2), 300 + k))
+            writer.add(frame)
+    return path
+
+
+def cut(path: Path, *, share: float) -> None:
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+
+
+def test_inspect_counts(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("inspect", recorded, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["frames"], found["frames_lost"], found["intact"]) == (100, 1, True)
+    assert found["rate_hz"] == pytest.approx(50.0)
+    assert (found["origin"], found["seed"], found["layout"]["rows"]) == ("twin", 3, 4)
+
+
+def test_inspect_says_simulated_and_what_is_missing(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut(recorded, share=0.6)
+    assert palpate("inspect", recorded) == 0
+    text = capsys.readouterr().out
+    assert "twin (simulated)" in text
+    assert "not finished" in text
+    assert f"`palpate recover {recorded}`" in text
+
+
+def test_recover_makes_it_whole(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut(recorded, share=0.6)
+    assert palpate("recover", recorded) == 0
+    assert palpate("inspect", recorded, "--json") == 0
+    output = capsys.readouterr().out
+    assert json.loads(output[output.index("{") :])["intact"] is True
+    assert palpate("recover", recorded, recorded.with_name("copy.mcap")) == 0
+    assert "was whole already" in capsys.readouterr().out
+
+
+def test_export_writes_beside_the_recording(recorded: Path) -> None:
+    assert palpate("export", recorded) == 0
+    with recorded.with_suffix(".csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [int(row["r3c1_counts"]) for row in rows] == list(range(300, 400))
+
+
+def test_export_of_holds_names_the_file_in_its_error(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("export", recorded, "--holds") == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"palpate: {recorded}: no rest at the beginning")
+    assert captured.err.count("\n") == 1
+
+
+def test_replay_plays_frames_where_nothing_was_grasped(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("replay", recorded, "--json") == 0
+    frames = json.loads(capsys.readouterr().out)["frames"]
+    assert [frame["counts"][0][0] for frame in frames] == list(range(300, 400))
+    assert palpate("replay", recorded, "--speed", "1000") == 0
+    assert len(capsys.readouterr().out.splitlines()) == 100
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["inspect", "gone.mcap"],
+        ["replay", "gone.mcap"],
+        ["export", "gone.mcap"],
+        ["export", "gone.mcap", "--holds"],
+        ["recover", "gone.mcap"],
+    ],
+)
+def test_a_missing_file_is_one_line(
+    arguments: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert palpate(*arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith("palpate: gone.mcap: ")
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "inf"])
+def test_an_impossible_speed_is_refused(recorded: Path, speed: str) -> None:
+    assert palpate("replay", recorded, "--speed", speed) == 2
+
+
+def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    port = tmp_path / "ttyACM9"
+    assert palpate("record", tmp_path / "new.mcap", "--port", port) == 3
+    assert capsys.readouterr().err.startswith(f"palpate: no port {port}")
+    assert not (tmp_path / "new.mcap").exists()
+
+
+@pytest.mark.parametrize("layout", ["0x4", "17x2", "big", "4"])
+def test_record_refuses_layouts_that_no_board_scans(layout: str, tmp_path: Path) -> None:
+    assert palpate("record", tmp_path / "new.mcap", "--layout", layout, "--port", "x") == 2
+
+
+def test_ports_is_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("ports", "--json") == 0
+    assert isinstance(json.loads(capsys.readouterr().out)["ports"], list)
+
+
+@pytest.mark.parametrize("verb", ["record", "inspect", "replay", "export", "recover", "ports"])
+def test_help_shows_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate(verb, "--help") == 0
+    assert "Example: palpate" in capsys.readouterr().out

@@ -1,0 +1,68 @@
+"""Capturing from a sensor, here a replayed one: what is captured is what was sensed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceError
+from palpate.recording import (
+    LoadCells,
+    RecordingInfo,
+    RecordingWriter,
+    Replay,
+    load_recording,
+)
+from palpate.recording.capture import capture
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+
+INFO = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
+
+
+@pytest.fixture
+def sensed(tmp_path: Path) -> Path:
+    """Frames at 10 Hz, with none between 1.0 and 4.0 s."""
+    path = tmp_path / "sensed.mcap"
+    with RecordingWriter(path, info=INFO) as writer:
+        for k in [*range(11), *range(40, 60)]:
+            writer.add(Frame(time_s=k / 10, sequence=k, counts=np.full((4, 2), k)))
+    return path
+
+
+def test_every_frame_and_the_silence_are_captured(sensed: Path, tmp_path: Path) -> None:
+    clock, said = ManualClock(), list[str]()
+    array = Replay(sensed, clock=clock)
+    with RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer:
+        cells = LoadCells(time_s=5.0, raw=(1, 2))
+        count = capture(
+            array,
+            writer=writer,
+            clock=clock,
+            duration_s=5.85,
+            load_cells=lambda: cells,
+            report=said.append,
+        )
+    array.close()
+    captured, was = load_recording(tmp_path / "captured.mcap"), load_recording(sensed)
+    assert count == 30
+    assert np.array_equal(captured.counts, was.counts[:30])
+    assert captured.time_s.tolist() == was.time_s[:30].tolist()
+    assert [event.name for event in captured.events] == ["silent", "back"]
+    assert [event.time_s for event in captured.events] == pytest.approx([2.0, 4.0])
+    assert captured.load_cells == (cells,) * 30
+    assert said[1] == "frames come again"
+
+
+def test_a_lost_sensor_ends_it_with_the_file_kept(sensed: Path, tmp_path: Path) -> None:
+    clock = ManualClock()
+    array = Replay(sensed, clock=clock)
+    with (
+        pytest.raises(DeviceError, match="has ended"),
+        RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer,
+    ):
+        capture(array, writer=writer, clock=clock)
+    array.close()
+    assert len(load_recording(tmp_path / "captured.mcap").time_s) == 31

@@ -1,0 +1,140 @@
+"""Holds cut out of recordings, and recordings as tables."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import RecordingError
+from palpate.gripper.interface import GripperState
+from palpate.holds import read_holds
+from palpate.recording import (
+    Event,
+    RecordingInfo,
+    RecordingReader,
+    RecordingWriter,
+    load_recording,
+)
+from palpate.recording.channels import Message
+from palpate.recording.holds import cut_holds
+from palpate.recording.tables import frame_tables, hold_tables, write_tables
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.signal.circuit import resistance_ohm
+
+
+def grasp(*, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0) -> list[Message]:
+    """Rest 1 s, close 0.5 s, hold, open 0.5 s and rest 1.5 s, at 50 frames/s."""
+    made: list[Message] = []
+    opened_s = 1.5 + seconds
+    for k in range(int((opened_s + 2.0) * 50)):
+        time_s = k / 50
+        moving = 1.0 <= time_s < 1.5 or opened_s <= time_s < opened_s + 0.5
+        held = 1.5 <= time_s < opened_s
+        spike = moving and not gripper and time_s % 0.5 < 0.1
+        counts = np.full((4, 2), counts_held if held else 250 if spike else 300)
+        counts[0, 0] = 0
+        width_mm = 40.0 if held else 60.0
+        if gripper:
+            made.append(GripperState(time_s=time_s, width_mm=width_mm, moving=moving))
+        made.append(Frame(time_s=time_s, sequence=k, counts=counts, oversampling=1))
+    return made
+
+
+def write(path: Path, messages: list[Message]) -> Path:
+    info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
+    with RecordingWriter(path, info=info) as writer:
+        for message in messages:
+            writer.add(message)
+    return path
+
+
+def test_a_hold_lasts_from_the_stop_to_the_next_movement(tmp_path: Path) -> None:
+    recording = load_recording(write(tmp_path / "run.mcap", grasp()))
+    holds = {hold.channel: hold for hold in cut_holds(recording, name="run")}
+    assert list(holds) == ["mean", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1", "r3c0", "r3c1"]
+    mean = holds["mean"]
+    assert mean.hold_id == "run-1"
+    assert (mean.time_s[0], mean.time_s[-1]) == pytest.approx((0.0, 2.96))
+    divider = RIGID_LAYOUT.divider
+    held, rest = (resistance_ohm([[count]], divider=divider).item() for count in (600, 300))
+    assert mean.values == pytest.approx(100 * (held / rest - 1))
+
+
+def test_holds_in_ohm_have_no_mean(tmp_path: Path) -> None:
+    recording = load_recording(write(tmp_path / "run.mcap", grasp()))
+    holds = cut_holds(recording, unit="ohm")
+    assert holds[0].channel == "r0c1"
+    expected = resistance_ohm([[600]], divider=RIGID_LAYOUT.divider).item()
+    assert holds[0].values == pytest.approx(expected)
+
+
+def test_steps_between_two_states_are_movements(tmp_path: Path) -> None:
+    messages = [
+        replace(message, moving=False) if isinstance(message, GripperState) else message
+        for message in grasp()
+    ]
+    (hold, *_) = cut_holds(load_recording(write(tmp_path / "run.mcap", messages)))
+    assert hold.time_s[-1] == pytest.approx(2.96)
+
+
+def test_without_a_gripper_holds_begin_at_actuation_spikes(tmp_path: Path) -> None:
+    recording = load_recording(write(tmp_path / "run.mcap", grasp(gripper=False)))
+    (hold, *_) = cut_holds(recording)
+    assert hold.channel == "mean"
+    assert 3.0 < hold.time_s[-1] < 3.6
+
+
+@pytest.mark.parametrize(
+    ("messages", "fault"),
+    [
+        (grasp(counts_held=301), "no hold found"),
+        (grasp(seconds=0.8), "no hold found"),
+        (grasp()[:12], "only 6 frames"),
+        (grasp()[140:], "no rest at the beginning"),
+    ],
+)
+def test_recordings_without_holds_say_why(
+    tmp_path: Path, messages: list[Message], fault: str
+) -> None:
+    recording = load_recording(write(tmp_path / "run.mcap", messages))
+    with pytest.raises(RecordingError, match=fault):
+        cut_holds(recording)
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet"])
+def test_holds_files_are_read_by_settle(tmp_path: Path, to: str) -> None:
+    holds = cut_holds(load_recording(write(tmp_path / "run.mcap", grasp())))
+    target = tmp_path / f"holds.{to}"
+    rows = write_tables(target, hold_tables(holds), to=to)  # type: ignore[arg-type]
+    back = list(read_holds(target))
+    assert rows == sum(len(hold.time_s) for hold in holds)
+    assert [hold.channel for hold in back] == [hold.channel for hold in holds]
+    assert np.array_equal(back[0].values, holds[0].values)
+
+
+def test_the_table_has_one_row_per_frame(tmp_path: Path) -> None:
+    messages = [Event(time_s=0.0, name="note", text="ripe"), *grasp()]
+    path = write(tmp_path / "run.mcap", messages)
+    with RecordingReader(path) as reader:
+        rows = write_tables(tmp_path / "run.csv", frame_tables(reader), to="csv")
+    with (tmp_path / "run.csv").open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    assert rows == len(table) == 325
+    assert (table[0]["events"], table[1]["events"]) == ("note: ripe", "")
+    assert (table[0]["width_mm"], table[0]["current_ma"]) == ("60.0", "")
+    assert (table[0]["r0c0_counts"], table[0]["r0c0_ohm"]) == ("0", "inf")
+    assert [row["moving"] for row in table].count("True") == 50
+
+
+def test_parquet_keeps_types_without_any_value(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = write(tmp_path / "run.mcap", grasp(gripper=False))
+    with RecordingReader(path) as reader:
+        write_tables(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
+    schema = parquet.read_schema(tmp_path / "run.parquet")
+    kinds = {name: str(schema.field(name).type) for name in ("width_mm", "moving", "r0c0_counts")}
+    assert kinds == {"width_mm": "double", "moving": "bool", "r0c0_counts": "int64"}
