@@ -17,7 +17,7 @@ knows the unit of the values or where their zero is.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,75 +57,81 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Component:
-    """One member of a family, in the words of this file's docstring."""
+class _Family:
+    """The components of one kind of hold: every shortest time, tilt, walk and noise crossed.
 
+    Standard deviations and amplitudes are in units of the hold's own scale. The numbers were chosen
+    on half of the silicone holds, the ten Velostat ones and synthetic holds of five kinds together,
+    then rounded.
+    """
+
+    odds: float
     amplitude: float
-    shortest_s: float
-    tilt: float
+    shortest_s: tuple[float, ...]
+    tilts: tuple[float, ...]
     spread: float
+    walks: tuple[float, ...]
     fast: float
     mode: float
-    walk: float
-    noise: float
-    log_weight: float
 
 
-def _plain() -> Iterable[_Component]:
-    for shortest_s, spread, walk, noise in itertools.product(
-        (0.3, 0.6, 1.1), (0.02, 0.06), (0.02, 0.06), NOISE_LEVELS
-    ):
-        yield _Component(
-            amplitude=2.0,
-            shortest_s=shortest_s,
-            tilt=0.0,
-            spread=spread,
-            fast=0.25,
-            mode=0.0,
-            walk=walk,
-            noise=noise,
-            log_weight=1.5,
-        )
+PLAIN = _Family(
+    odds=2.5,
+    amplitude=1.5,
+    shortest_s=(0.3, 0.6, 1.2),
+    tilts=(0.0,),
+    spread=0.02,
+    walks=(0.025, 0.075),
+    fast=0.2,
+    mode=0.0,
+)
+STRUCTURED = _Family(
+    odds=1.0,
+    amplitude=2.0,
+    shortest_s=(0.07,),
+    tilts=(0.0, -0.15, -0.3),
+    spread=0.05,
+    walks=(0.002, 0.008),
+    fast=1.5,
+    mode=1.5,
+)
+#: The fast process at contact is over by then; the paper waits 0.5 s for it (t_a).
+FAST_S = 0.1
+#: Where a single decay may stand out, and by what factor it may be elsewhere.
+MODE_S, MODE_FACTOR = 1.0, 1.9
 
 
-def _structured() -> Iterable[_Component]:
-    for shortest_s, tilt, mode, walk, noise in itertools.product(
-        (0.07, 0.25, 0.9), (-0.05, -0.2, -0.35), (0.0, 0.6), (0.017, 0.068), NOISE_LEVELS
-    ):
-        yield _Component(
-            amplitude=1.3,
-            shortest_s=shortest_s,
-            tilt=tilt,
-            spread=0.4,
-            fast=1.2,
-            mode=mode,
-            walk=walk,
-            noise=noise,
-            log_weight=1.9 if mode else 0.0,
-        )
-
-
-def _weights(component: _Component) -> tuple[FloatArray, FloatArray]:
-    """Return mean and variance of the decays' amplitudes."""
+def _components(family: _Family) -> Prior:
     tau = TIME_CONSTANTS_S
-    typical = np.exp(-component.shortest_s / tau) * tau**component.tilt
-    typical /= typical @ (np.exp(-0.3 / tau) - np.exp(-20.0 / tau))
-    # The fast process is over within a tenth of a second; the paper waits 0.5 s for it (t_a).
-    fast = component.fast**2 / (1 + (tau / 0.055) ** 4)
-    mode = component.mode**2 * np.exp(-0.5 * (np.log(tau / 2.25) / 0.57) ** 2)
-    return component.amplitude * typical, (component.spread * typical) ** 2 + fast + mode
-
-
-def _default_prior() -> Prior:
-    components = [*_plain(), *_structured()]
-    weights = [_weights(component) for component in components]
+    fast = family.fast**2 / (1 + (tau / FAST_S) ** 4)
+    mode = family.mode**2 * np.exp(-0.5 * (np.log(tau / MODE_S) / np.log(MODE_FACTOR)) ** 2)
+    means, variances, walks, noises = [], [], [], []
+    for shortest_s, tilt, walk, noise in itertools.product(
+        family.shortest_s, family.tilts, family.walks, NOISE_LEVELS
+    ):
+        typical = np.exp(-shortest_s / tau) * tau**tilt
+        typical /= typical @ (np.exp(-0.3 / tau) - np.exp(-20.0 / tau))
+        means.append(family.amplitude * typical)
+        variances.append((family.spread * typical) ** 2 + fast + mode)
+        walks.append(walk)
+        noises.append(noise)
     return Prior(
-        mean_weights=np.array([mean for mean, _ in weights]),
-        weight_variance=np.array([variance for _, variance in weights]),
-        walk=np.array([component.walk for component in components]),
-        noise=np.array([component.noise for component in components]),
-        log_weight=np.array([component.log_weight for component in components]),
+        mean_weights=np.array(means),
+        weight_variance=np.array(variances),
+        walk=np.array(walks),
+        noise=np.array(noises),
+        log_weight=np.full(len(walks), np.log(family.odds / len(walks))),
     )
 
 
-DEFAULT_PRIOR = _default_prior()
+def _mixture(priors: Sequence[Prior]) -> Prior:
+    return Prior(
+        mean_weights=np.concatenate([p.mean_weights for p in priors]),
+        weight_variance=np.concatenate([p.weight_variance for p in priors]),
+        walk=np.concatenate([p.walk for p in priors]),
+        noise=np.concatenate([p.noise for p in priors]),
+        log_weight=np.concatenate([p.log_weight for p in priors]),
+    )
+
+
+DEFAULT_PRIOR = _mixture([_components(PLAIN), _components(STRUCTURED)])
