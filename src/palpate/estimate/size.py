@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
-#: Exponents of force over indentation: 1 a flat or layered body, 1.5 a round one (Hertz), between
-#: them what is neither; 2 a pointed or very soft one.
-_EXPONENTS = np.array([1.0, 1.25, 1.5, 1.75, 2.0])
-#: Relative scatter of the force from step to step, unknown beforehand.
-_SCATTER = np.array([0.03, 0.06, 0.12, 0.24])
+#: Exponents of force over indentation and how common they are: 1 a flat or layered body, 1.5 a
+#: round one (Hertz), 1.25 what is between; steeper ones are pointed or stiffen, and are rare.
+_EXPONENTS = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
+#: Relative scatter of the force from step to step within one closing, and how likely: the readings
+#: of one closing share its place on the sheet, so they scatter far less than those of several.
+_SCATTER = {0.03: 0.4, 0.06: 0.3, 0.12: 0.2, 0.24: 0.1}
 _GRID_MM = 0.02
 
 
@@ -90,8 +91,9 @@ def contact_point(
     log_weight = np.stack(
         [
             _log_evidence(depth, log_force, size[:, None] - beyond, exponent, scatter, floor_n)
-            for exponent in _EXPONENTS
-            for scatter in _SCATTER
+            + np.log(share * likely)
+            for exponent, share in _EXPONENTS.items()
+            for scatter, likely in _SCATTER.items()
         ]
     )
     weight = np.exp(log_weight - log_weight.max()).sum(axis=0)
@@ -107,7 +109,7 @@ def _log_evidence(
     floor_n: float,
 ) -> FloatArray:
     """Return the log evidence of each size, shape (n_sizes,), with ln K integrated out."""
-    variance = scatter**2 + (floor_n / np.exp(log_force)) ** 2
+    variance = scatter**2 + (0.5 * floor_n / np.exp(log_force)) ** 2
     left = log_force - exponent * np.log(depth)
     precision = 1.0 / variance
     log_k = (left @ precision) / precision.sum()

@@ -104,6 +104,8 @@ class Belief:
         When the settled value is worth predicting again.
     result : GraspResult
         What is known of the answer so far.
+    began_s : float or None
+        Time of the first observation.
     now_s, width_mm : float
         Time and opening of the last observation.
     frames, lost, last_sequence : int
@@ -125,6 +127,7 @@ class Belief:
     adjustments: int = 0
     next_forecast_s: float = 0.0
     result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
+    began_s: float | None = None
     now_s: float = 0.0
     width_mm: float = float("nan")
     frames: int = 0
@@ -135,6 +138,11 @@ class Belief:
     def ended(self) -> bool:
         """Whether nothing more will be commanded."""
         return self.phase is Phase.STOPPED
+
+    @property
+    def lasted_s(self) -> float:
+        """How long the grasp has taken so far, seconds."""
+        return 0.0 if self.began_s is None else self.now_s - self.began_s
 
     @property
     def still_s(self) -> float:
@@ -173,6 +181,7 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         still_since = frame.time_s
     belief = replace(
         belief,
+        began_s=frame.time_s if belief.began_s is None else belief.began_s,
         now_s=frame.time_s,
         width_mm=gripper.width_mm,
         still_since_s=still_since,

@@ -48,6 +48,8 @@ def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
             return stopped(belief, Danger.FORCE_LIMIT, plan=plan)
         if belief.phase in _HOLDING and _grip_lost(belief):
             return _release(belief, plan, Outcome.SLIPPED)
+        if belief.lasted_s > plan.longest_s:
+            return _release(belief, plan, Outcome.STOPPED)
     return HANDLERS[belief.phase](belief, plan)
 
 

@@ -74,6 +74,8 @@ class Plan:
         Corrections towards the target before the answer stands as it is.
     hold_s : float
         How long to hold after the answer, before release.
+    longest_s : float
+        A grasp that takes longer is given up: the hand opens.
     level : float
         Probability that intervals are meant to cover.
     """
@@ -107,4 +109,5 @@ class Plan:
     target_tolerance: float = 0.1
     most_adjustments: int = 4
     hold_s: float = 0.5
+    longest_s: float = 120.0
     level: float = 0.9

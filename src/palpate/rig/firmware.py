@@ -1,4 +1,4 @@
-"""The rig whose frames come from the real firmware: the rigid twin, read through simulated chips."""
+"""The rig whose frames come from the real firmware: the rigid twin behind simulated chips."""
 
 from __future__ import annotations
 

@@ -1,0 +1,66 @@
+"""`palpate grasp` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.recording import load_recording
+
+
+def grasp(*arguments: str) -> int:
+    return run(build_app(), ["grasp", *arguments], name="palpate")
+
+
+def test_json_is_one_document_and_the_same_twice(capsys: pytest.CaptureFixture[str]) -> None:
+    assert grasp("--seed", "1", "--json") == 0
+    first = capsys.readouterr().out
+    assert grasp("--seed", "1", "--json") == 0
+    assert capsys.readouterr().out == first
+    said = json.loads(first)
+    assert said["outcome"] == "held"
+    assert said["simulated"] is True
+    for name in ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm"):
+        assert set(said[name]) == {"value", "low", "high", "status"}
+        assert said[name]["low"] <= said[name]["value"] <= said[name]["high"]
+        assert isinstance(said["truth"][name], float)
+    assert said["truth"]["damaged"] is False
+    assert {"peak_force_n", "frames", "frames_lost", "verdict", "decision_time_s"} <= set(said)
+
+
+def test_card_says_simulated_and_recording_holds_every_frame(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "grasp.mcap"
+    assert grasp("--seed", "2", "--object", "springs-4", "--record", str(path)) == 0
+    card = capsys.readouterr().out
+    assert "SIMULATED" in card
+    assert "springs-4" in card
+    recording = load_recording(path)
+    assert recording.info.origin == "twin"
+    assert f"{len(recording.time_s)} frames" in card
+    assert '"palpate-calibration"' in (recording.info.calibration or "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["--object", "brick"], 2, "no simulated object 'brick'; there are: ecoflex-10"),
+        (["--rig", "nowhere"], 2, "no rig 'nowhere'; there are: sim-rigid, sim-soft"),
+        (["--rig", "nowhere.toml"], 2, "rig file nowhere.toml: No such file"),
+        (["--rig", "sim-soft"], 3, "driven by pressure"),
+        (["--target-force-n", "900"], 2, "force ceiling"),
+        (["--target-force-n", "nan"], 2, "must be above 0"),
+    ],
+)
+def test_mistakes_are_one_line(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], status: int, words: str
+) -> None:
+    assert grasp(*arguments) == status
+    said = capsys.readouterr()
+    assert words in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""

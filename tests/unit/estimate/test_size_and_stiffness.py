@@ -1,0 +1,65 @@
+"""Contact point and own stiffness on curves whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.errors import CalibrationError
+from palpate.estimate.size import contact_point
+from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give, secant_stiffness
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_contact_point_covers_scattered_curves(exponent: float) -> None:
+    rng = np.random.default_rng(7)
+    inside, errors = [], []
+    for _ in range(60):
+        size = rng.uniform(30, 31)
+        width = 33.0 - np.cumsum([1, 1, 1, 0.5, 0.5, 0.4])
+        true = 2.0 * np.maximum(size - width, 0) ** exponent
+        force = true * np.exp(0.05 * rng.standard_normal(width.size)) * (true > 0.1)
+        found = contact_point(width, force_n=force, give_mm=0 * width, floor_n=0.1)
+        low, middle, high = found.quantile([0.05, 0.5, 0.95])
+        inside.append(low <= size <= high)
+        errors.append(middle - size)
+    assert np.mean(inside) >= 0.85
+    assert np.sqrt(np.mean(np.square(errors))) < 0.28
+
+
+def test_contact_point_does_not_depend_on_the_gain() -> None:
+    width = np.array([31.0, 30.0, 29.5, 29.0])
+    force = 2.0 * np.maximum(30.4 - width, 0)
+    weak, strong = (
+        contact_point(width, force_n=g * force, give_mm=0 * width, floor_n=g * 0.05).quantile(0.5)
+        for g in (0.5, 2.0)
+    )
+    assert weak == pytest.approx(strong)
+
+
+def test_contact_point_needs_a_touch() -> None:
+    with pytest.raises(ValueError, match="no step of the curve has a force"):
+        contact_point([30.0, 29.0], force_n=[0.0, 0.0], give_mm=[0.0, 0.0], floor_n=0.1)
+
+
+def test_give_takes_pads_and_zero_out() -> None:
+    force = np.linspace(0.2, 15, 25)
+    true = 0.22 * force + 0.3 * -np.expm1(-force / 2.3)
+    give = Give.fit(force, width_mm=40.0 - true - 0.1, block_mm=40.0)
+    np.testing.assert_allclose(give.give_mm(force), true, atol=0.03)
+    assert give.zero_mm == pytest.approx(-0.1, abs=0.03)
+    assert 1 / give.stiffest_n_per_mm == pytest.approx(0.22, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "width", [[40.0, 40.0, 40.0, 40.0], [38.0, 38.5, 39.0, 40.0], [40.0, 39.0]]
+)
+def test_give_refuses_what_is_no_block(width: list[float]) -> None:
+    force = np.arange(1.0, len(width) + 1)
+    with pytest.raises(CalibrationError, match="is the block rigid"):
+        Give.fit(force, width_mm=width, block_mm=40.0)
+
+
+def test_stiffness_of_what_did_not_deform_is_the_largest_that_can_be_told() -> None:
+    found = secant_stiffness([5.0, 5.0], size_mm=40.0, opening_mm=39.0, give_mm=[1.0, 1.2])
+    assert found.tolist() == [STIFFEST_N_PER_MM, STIFFEST_N_PER_MM]

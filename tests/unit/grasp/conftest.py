@@ -1,0 +1,97 @@
+"""A spring between two fingers, small enough to read: devices for the runner's tests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.stiffness import Give
+from palpate.grasp.plan import Plan
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
+from palpate.settling.relaxation import Relaxation
+
+REST_OHM = 9000.0
+PERIOD_S = 1 / 15
+GIVE_MM_PER_N = 0.2
+
+
+class Bench:
+    """Array, gripper and clock of one spring. Excess conductance equals twice the force."""
+
+    limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+    layout: ArrayLayout = RIGID_LAYOUT
+
+    def __init__(self) -> None:
+        self.clock = ManualClock()
+        self.size_mm, self.n_per_mm = 50.3, 2.0
+        self.width_mm = 74.0
+        self.sequence = -1
+        self.commands: list[GripperCommand] = []
+        self.stops = 0
+        self.lost_after_s = float("inf")
+        self.gone_after_s = float("inf")
+
+    @property
+    def force_n(self) -> float:
+        return max(0.0, self.size_mm - self.width_mm) / (1 / self.n_per_mm + GIVE_MM_PER_N)
+
+    def read(self, *, timeout_s: float) -> Frame:
+        if self.clock.now_s() > self.gone_after_s:
+            raise DeviceError("port /dev/ttyUSB0 vanished; plug it in again")
+        if self.clock.now_s() > self.lost_after_s:
+            self.clock.sleep_s(timeout_s)
+            raise DeviceTimeoutError(f"no frame in {timeout_s:.2f} s; check the cable")
+        self.clock.sleep_s(PERIOD_S)
+        self.sequence += 1
+        ohm = REST_OHM / (1 + 2 * self.force_n / self.layout.pixels)
+        counts = np.rint(1024 * 4700 / (4700 + ohm))
+        return Frame(
+            time_s=self.clock.now_s(),
+            sequence=self.sequence,
+            counts=np.full((self.layout.rows, self.layout.cols), counts),
+        )
+
+    def state(self) -> GripperState:
+        return GripperState(time_s=self.clock.now_s(), width_mm=self.width_mm)
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        self.commands.append(wanted)
+        self.width_mm = wanted.target
+        return wanted
+
+    def stop(self) -> None:
+        self.stops += 1
+
+    def release(self) -> None:
+        self.width_mm = self.limits.highest
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture(scope="session")
+def plan() -> Plan:
+    force = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
+    law = PowerForceLaw.fit(2 * force, force_n=force * np.exp([0.02, -0.02] * 3))
+    return Plan(
+        layout=RIGID_LAYOUT,
+        rest_ohm=np.full((4, 2), REST_OHM),
+        settled_law=law,
+        early_law=law,
+        give=replace(
+            Give.fit(force, width_mm=40 - GIVE_MM_PER_N * force, block_mm=40.0), residual_mm=0.02
+        ),
+        gripper=Bench.limits,
+        settling=Relaxation(),
+    )

@@ -1,0 +1,176 @@
+"""The loop and its faults, on a spring between two fingers."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from palpate.errors import DeviceError
+from palpate.grasp.belief import Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+from palpate.grasp.safety import SafetyLimits
+
+
+def run(plan: Plan, bench: Any, *subscribers: Any) -> GraspResult:
+    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, subscribers=subscribers)
+
+
+def test_holds_measures_and_gives_back(plan: Plan, bench: Any) -> None:
+    result = run(plan, bench)
+    assert result.outcome is Outcome.HELD
+    assert result.size_mm is not None
+    assert result.force_n is not None
+    assert result.size_mm.low <= 50.3 <= result.size_mm.high
+    assert abs(result.size_mm.value - 50.3) < 0.3
+    assert result.previous_width_mm is not None
+    assert 0 < result.previous_width_mm - 49.0 <= 1.5
+    assert [m.name for m in result.moments] == ["contact", "answer", "held"]
+    assert bench.width_mm == 74.0
+    assert bench.stops == 1
+
+
+def test_target_is_reached_from_below(plan: Plan, bench: Any) -> None:
+    forces: list[float] = []
+    result = run(replace(plan, target_force_n=6.0), bench, lambda _: forces.append(bench.force_n))
+    assert result.outcome is Outcome.HELD
+    assert 0.85 * 6.0 < max(forces) < 1.1 * 6.0
+
+
+def test_nothing_there(plan: Plan, bench: Any) -> None:
+    bench.size_mm = 0.0
+    result = run(plan, bench)
+    assert result.outcome is Outcome.NOTHING_THERE
+    assert result.force_n is None
+    assert result.peak_force_n is None
+    assert bench.width_mm == 74.0
+
+
+def test_object_taken_away(plan: Plan, bench: Any) -> None:
+    def thief(_: Observation) -> None:
+        if bench.force_n > 1.5 and bench.clock.now_s() > 18.0:
+            bench.size_mm = 0.0
+
+    result = run(replace(plan, hold_s=10.0), bench, thief)
+    assert result.outcome is Outcome.SLIPPED
+    assert bench.width_mm == 74.0
+
+
+def test_too_much_force_opens(plan: Plan, bench: Any) -> None:
+    def shove(_: Observation) -> None:
+        if bench.force_n > 0:
+            bench.size_mm, bench.n_per_mm = 56.0, 50.0
+
+    limits = SafetyLimits(force_ceiling_n=3.0)
+    result = run(replace(plan, safety=limits), bench, shove)
+    assert result.outcome is Outcome.FORCE_LIMIT
+    assert bench.width_mm == 74.0
+
+
+@pytest.mark.parametrize("fault", ["lost_after_s", "gone_after_s"])
+def test_sensor_lost_while_holding_holds_still(plan: Plan, bench: Any, fault: str) -> None:
+    setattr(bench, fault, 18.0)
+    result = run(replace(plan, hold_s=30.0), bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert bench.force_n > 0, "dropping is damage too"
+    assert bench.stops == 1
+    assert "check the cable" in result.faults[-1] or "vanished" in result.faults[-1]
+    # Five periods of 1/15 s, and not one frame more.
+    assert bench.clock.now_s() < 18.0 + 5 / 15 + 2 / 15
+
+
+def test_sensor_lost_while_releasing_opens(plan: Plan, bench: Any) -> None:
+    command, openings = bench.command, list[Any]()
+
+    def slow_to_open(wanted: Any) -> Any:
+        if wanted.target == 74.0:
+            openings.append(wanted)
+            bench.gone_after_s = 0.0
+            if len(openings) == 1:
+                return wanted
+        return command(wanted)
+
+    bench.command = slow_to_open
+    result = run(plan, bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert len(openings) == 2
+    assert bench.width_mm == 74.0
+
+
+def test_stale_frames(plan: Plan, bench: Any) -> None:
+    def nap(_: Observation) -> None:
+        if bench.clock.now_s() > 3.0:
+            # Time passes between scan and delivery: a reader that lags behind.
+            read = type(bench).read
+
+            def late(*, timeout_s: float) -> Any:
+                frame = read(bench, timeout_s=timeout_s)
+                bench.clock.sleep_s(1.0)
+                return frame
+
+            bench.read = late
+
+    result = run(plan, bench, nap)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "1.00 s old" in result.faults[-1]
+    assert bench.stops == 1
+
+
+def test_failing_subscriber_is_left_out_and_told(plan: Plan, bench: Any) -> None:
+    seen: list[float] = []
+
+    def broken(_: Observation) -> None:
+        raise OSError("disk full")
+
+    result = run(plan, bench, broken, lambda o: seen.append(o.frame.time_s))
+    assert result.outcome is Outcome.HELD
+    assert result.faults == ("broken failed and was left out from then on: disk full",)
+    assert len(seen) == result.frames
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stop_request_holds_still(plan: Plan, bench: Any, number: int) -> None:
+    before = signal.getsignal(number)
+
+    def user(_: Observation) -> None:
+        if bench.force_n > 1.0:
+            os.kill(os.getpid(), number)
+            user_stops.append(bench.clock.now_s())
+
+    user_stops: list[float] = []
+    result = run(plan, bench, user)
+    assert result.outcome is Outcome.STOPPED
+    assert bench.clock.now_s() - user_stops[0] <= 0.1
+    assert bench.force_n > 0
+    assert bench.stops == 1
+    assert signal.getsignal(number) == before
+
+
+def test_lost_gripper_is_stopped_and_raises(plan: Plan, bench: Any) -> None:
+    def state() -> Any:
+        raise DeviceError("servo 1 doesn't answer; check its power")
+
+    bench.state = state
+    with pytest.raises(DeviceError, match="servo 1"):
+        run(plan, bench)
+    assert bench.stops == 1
+
+
+def test_missing_numbers_count_as_lost(plan: Plan, bench: Any) -> None:
+    def drop(observation: Observation) -> None:
+        if observation.frame.sequence == 20:
+            bench.sequence += 3
+
+    assert run(plan, bench, drop).frames_lost == 3
+
+
+def test_something_held_at_the_start_is_not_zeroed_away(plan: Plan, bench: Any) -> None:
+    bench.size_mm, bench.n_per_mm = 75.0, 3.0
+    result = run(plan, bench)
+    assert any("rest values of the calibration used" in fault for fault in result.faults)
+    assert result.outcome is not Outcome.NOTHING_THERE

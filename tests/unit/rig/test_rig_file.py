@@ -1,0 +1,46 @@
+"""Rig files: what they may say, and one line for what they may not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from palpate.errors import InputError
+from palpate.rig import open_rig, rig_names
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("use = ", "Invalid value"),
+        ("[array]\nopen = 'a:b'\n", "needs `use`, or calibration"),
+        ("use = 'sim-rigid'\nlevel = 'field'\n", "`use` stands alone"),
+        ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
+    ],
+)
+def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        open_rig(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_devices_by_module_and_function(tmp_path: Path) -> None:
+    rig = open_rig("sim-rigid", object_name="tomato", seed=5)
+    rig.calibration.save(tmp_path / "pad.json")
+    path = tmp_path / "rig.toml"
+    table = "open = 'types:SimpleNamespace'\nport = '/dev/ttyUSB0'\n"
+    path.write_text(f"calibration = 'pad.json'\n[array]\n{table}[gripper]\n{table}")
+    opened = open_rig(str(path))
+    assert vars(opened.array) == {"port": "/dev/ttyUSB0"}
+    assert opened.calibration == rig.calibration
+    assert not opened.simulated
+    path.write_text(path.read_text().replace("types:SimpleNamespace", "types:Nothing", 1))
+    with pytest.raises(InputError, match=r"\[array\] open = 'types:Nothing'"):
+        open_rig(str(path))
+
+
+def test_built_in_names_come_first() -> None:
+    assert rig_names()[:3] == ("sim-rigid", "sim-soft", "sim-firmware")

@@ -1,0 +1,123 @@
+"""The calibration file: round trip, and one clear line for whatever is wrong with it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from palpate.errors import CalibrationError
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+
+
+@pytest.fixture
+def calibration() -> Calibration:
+    return Calibration(
+        sensor_id="pad-3",
+        origin="hardware",
+        layout=RIGID_LAYOUT,
+        rest=RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30),
+        force=ForcePairs(
+            run=(0, 0, 1, 1),
+            since_move_s=(0.4, 20.0, 0.4, 20.0),
+            excess=(0.5, 0.7, 1.5, 2.1),
+            relative_percent=(-5.0, -7.0, -15.0, -20.0),
+            force_n=(0.8, 0.8, 2.1, 2.0),
+        ),
+        block=BlockPairs(block_mm=(40.0, 40.0), width_mm=(39.5, 39.0), force_n=(1.0, 3.0)),
+        force_law={"law": "power", "coefficients": [0.1, 0.8, 0.0]},
+        made_at="2026-05-01T10:00:00+00:00",
+        temperature_c=21.0,
+    )
+
+
+def test_round_trip(calibration: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "pad.json"
+    calibration.save(path)
+    assert Calibration.load(path) == calibration
+    assert '"excess": [0.5, 0.7, 1.5, 2.1]' in path.read_text()
+
+
+def test_cut_in_half(calibration: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "pad.json"
+    text = calibration.as_text()
+    path.write_text(text[: len(text) // 2])
+    with pytest.raises(CalibrationError, match=r"pad\.json: not whole JSON") as caught:
+        Calibration.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_random_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "pad.json"
+    path.write_bytes(bytes(range(128, 256)))
+    with pytest.raises(CalibrationError, match="not whole JSON"):
+        Calibration.load(path)
+
+
+def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
+    document = json.loads(calibration.as_text())
+    for key, value in changes.items():
+        if value is None:
+            del document[key]
+        else:
+            document[key] = value
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"version": 2}, r"file version 2, this one reads 1\); update palpate"),
+        ({"format": "other"}, "not a calibration file"),
+        ({"rest": None}, "lacks rest"),
+        ({"colour": "red"}, "found colour"),
+        ({"block": {"block_cm": [4], "width_mm": [3], "force_n": [1]}}, "lacks block_mm.*block_cm"),
+        ({"block": {"block_mm": [4], "width_mm": ["x"], "force_n": [1]}}, "finite number"),
+        ({"block": {"block_mm": [4, 4], "width_mm": [3], "force_n": [1]}}, "unequal length"),
+        ({"rest": {"ohm": [[1.0]], "spread_percent": [[0.1]], "frames": 5}}, "values for a layout"),
+    ],
+)
+def test_faults_are_named(
+    calibration: Calibration, tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
+    path = edited(calibration, tmp_path / "pad.json", **changes)
+    with pytest.raises(CalibrationError, match=message) as caught:
+        Calibration.load(path)
+    assert "pad.json" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_refused_calibration_leaves_the_old_file(calibration: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "pad.json"
+    calibration.save(path)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match="JSON compliant"):
+        replace(calibration, temperature_c=float("nan")).save(path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["pad.json"]
+
+
+def test_disconnected_load_cell_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="load cell connected"):
+        ForcePairs(
+            run=(0,) * 4,
+            since_move_s=(0.4,) * 4,
+            excess=(1.0, 2.0, 3.0, 4.0),
+            relative_percent=(-1.0,) * 4,
+            force_n=(1.0,) * 4,
+        )
+
+
+def test_says_when_it_is_old_or_out_of_its_climate(calibration: Calibration) -> None:
+    fresh = datetime(2026, 5, 2, tzinfo=UTC)
+    late = datetime(2026, 8, 1, tzinfo=UTC)
+    assert calibration.concerns(now=fresh, temperature_c=22.0) == ()
+    assert "92 days old" in calibration.concerns(now=late)[0] or "91 days" in str(
+        calibration.concerns(now=late)
+    )
+    assert "calibrated at 21 C" in calibration.concerns(now=fresh, temperature_c=35.0)[0]
