@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.twin.objects import OBJECTS, draw_object
-from palpate.twin.plant import exact_step
+from palpate.twin.plant import follow_line
 from palpate.twin.world import World
 
 MOVES = st.lists(
@@ -66,9 +66,24 @@ def test_reading_never_changes_the_world(
     )
 
 
-@given(first=st.floats(1e-9, 50.0), second=st.floats(1e-9, 50.0))
-def test_two_exact_steps_are_one(first: float, second: float) -> None:
-    (one, _), (two, _), (both, _) = (
-        exact_step(np.array(rate)) for rate in (first, second, first + second)
-    )
-    np.testing.assert_allclose(one * two, both, rtol=1e-9, atol=1e-15)
+@given(
+    rates=st.tuples(st.floats(1e-6, 40.0), st.floats(1e-6, 40.0)),
+    targets=st.tuples(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0)),
+    value=st.floats(-5.0, 5.0),
+)
+def test_a_step_is_exact_however_it_is_cut(
+    rates: tuple[float, float], targets: tuple[float, float], value: float
+) -> None:
+    first, second = (np.array(rate) for rate in rates)
+    start, end = (np.array(target) for target in targets)
+    middle = start + (end - start) * first / (first + second)
+    half = follow_line(np.array(value), start=start, end=middle, rate=first)
+    cut = follow_line(half, start=middle, end=end, rate=second)
+    whole = follow_line(np.array(value), start=start, end=end, rate=first + second)
+    np.testing.assert_allclose(cut, whole, rtol=1e-9, atol=1e-9)
+
+
+def test_a_lag_behind_a_ramp_by_hand() -> None:
+    # tau z' = t/tau - z from 0: z = t/tau - 1 + exp(-t/tau), at t = tau 1/e.
+    lag = follow_line(np.zeros(1), start=np.zeros(1), end=np.ones(1), rate=np.ones(1))
+    np.testing.assert_allclose(lag, np.exp(-1.0))

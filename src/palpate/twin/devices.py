@@ -43,7 +43,6 @@ class TwinArray:
     def read(self, *, timeout_s: float) -> Frame:
         """Return the next frame, moving the clock to it if needed."""
         clock = self._world.clock
-        self._scan_until(clock.now_s())
         if not self._queue:
             wait_s = self._frame_time_s(self._scanned) - clock.now_s()
             if wait_s > timeout_s:

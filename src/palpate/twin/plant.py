@@ -72,6 +72,24 @@ def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
     return 1.0 + fall, -fall / np.maximum(rate, 1e-12)
 
 
+def follow_line(
+    value: FloatArray, *, start: FloatArray, end: FloatArray, rate: FloatArray
+) -> FloatArray:
+    """Return where first-order lags end up when their target goes in a line over one step.
+
+    Parameters
+    ----------
+    value : ndarray
+        Lags at the start of the step.
+    start, end : ndarray
+        Target at both ends of the step.
+    rate : ndarray
+        Step / time constant.
+    """
+    decay, mean = exact_step(rate)
+    return end - mean * (end - start) - decay * (start - value)
+
+
 @lru_cache(maxsize=16)
 def _relaxation(obj: TwinObject) -> tuple[FloatArray, FloatArray]:
     """Return an object's relaxing shares and their time constants."""
@@ -289,12 +307,13 @@ class Plant:
     ) -> State:
         """Return the state with creep and spikes moved under a target that goes in a line."""
         step_s = time_s - state.time_s
-        decay, mean = exact_step(step_s / creep.tau_s[:, None])
-        jump = target - state.target
-        moved = target - mean * jump - decay * (state.target - state.creep)
+        moved = follow_line(
+            state.creep, start=state.target, end=target, rate=step_s / creep.tau_s[:, None]
+        )
         fall = math.exp(-step_s / self.sheet.spike_decay_s)
         average = (1.0 - fall) * self.sheet.spike_decay_s / step_s if step_s > 0 else 1.0
         travel_mm = abs(width_mm - state.motion.width_mm(state.time_s))
-        push = self.sheet.spike_per_mm * travel_mm + self.sheet.spike_per_target * abs(jump)
+        jump = np.abs(target - state.target)
+        push = self.sheet.spike_per_mm * travel_mm + self.sheet.spike_per_target * jump
         spike = state.spike * fall + push * average
         return replace(state, time_s=time_s, target=target, creep=moved, spike=spike)
