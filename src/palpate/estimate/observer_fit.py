@@ -23,7 +23,7 @@ LOADING_WEIGHT = 0.3
 #: A sample is one of unloading where conductance fell by more than noise: `fall` above ln 2.
 UNLOADING_FALL = float(np.log(2.0))
 #: A group with fewer unloading samples than this teaches nothing of unloading.
-MIN_UNLOADING = 10
+MIN_UNLOADING = 3
 #: Left-out parts of the data from which the spread is learned.
 FOLDS = 5
 
