@@ -15,7 +15,7 @@ from palpate.settling.log_law import LogLaw
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scoring import bootstrap_interval, mean, settled_value, summarise
+from palpate.settling.scoring import bootstrap_interval, settled_value, summarise
 from palpate.signal.transient import WAIT_S
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.twin_holds import twin_holds
@@ -123,7 +123,7 @@ def _errors(holds: Sequence[Hold]) -> dict[str, list[dict[str, float | None]]]:
 def _row(predictions: Sequence[Prediction], cutoff_s: float) -> dict[str, float | None]:
     scores = score_predictions(predictions)
     sensors = [found.hold_id.split("/")[0] for found in predictions]
-    low, high = bootstrap_interval(np.abs(scores.error_percent), sensors, statistic=mean)
+    low, high = bootstrap_interval(np.abs(scores.error_percent), sensors, statistic=np.mean)
     row = {
         "cutoff_s": cutoff_s,
         **summarise(scores),
