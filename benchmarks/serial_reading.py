@@ -37,7 +37,8 @@ def board(master: int, *, rate_hz: float) -> None:
             else:
                 ack = Ack(command=kind, tag=payload[0], result=Result.OK)
                 os.write(master, encode_message(ack))
-            start_s, sent = (time.monotonic(), 0) if kind == CommandType.START else (start_s, sent)
+            if kind in (CommandType.START, CommandType.STOP):
+                start_s, sent = time.monotonic() * (kind == CommandType.START), 0
         if start_s and time.monotonic() >= start_s + sent / rate_hz:
             os.write(master, encode_message(frame(sent, round((start_s + sent / rate_hz) * 1e6))))
             sent += 1

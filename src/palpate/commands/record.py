@@ -44,7 +44,7 @@ def record(
     from palpate.recording import RecordingWriter
     from palpate.recording.capture import capture
     from palpate.sensor.byte_stream import SerialStream
-    from palpate.sensor.ports import find_port, serial_ports
+    from palpate.sensor.ports import find_port, follow, serial_ports
     from palpate.sensor.serial_array import SerialArray
     from palpate.sensor.wire_messages import Contents
 
@@ -55,6 +55,7 @@ def record(
 
     pixels = _layout(layout, reference_ohm=reference_ohm)
     name = port or find_port(serial_ports(), clock=clock, open_stream=open_stream)
+    where = follow(name)
     array = SerialArray(
         open_stream(name),
         clock=clock,
@@ -62,7 +63,7 @@ def record(
         rate_hz=rate_hz,
         oversampling=oversampling,
         contents=Contents.LOAD_CELLS if load_cells else Contents.PIXELS,
-        reopen=lambda: open_stream(name),
+        reopen=lambda: open_stream(where()),
     )
     try:
         with RecordingWriter(file, info=_info(array)) as writer:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from serial.tools import list_ports
+from serial.tools.list_ports import comports
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceNotFoundError
@@ -65,7 +65,7 @@ def board_of(usb_id: tuple[int, int] | None) -> str | None:
 def serial_ports() -> list[Port]:
     """Return the serial ports of this machine, likely boards first."""
     ports = []
-    for found in list_ports.comports():
+    for found in comports():
         usb_id = None if found.vid is None or found.pid is None else (found.vid, found.pid)
         ports.append(
             Port(
@@ -129,6 +129,34 @@ def find_port(
     if not asked:
         raise DeviceNotFoundError("no serial port on this machine. Plug the board in.")
     raise DeviceNotFoundError(f"no board answers. {silence[0]}")
+
+
+def follow(
+    device: str, *, list_ports: Callable[[], Sequence[Port]] = serial_ports
+) -> Callable[[], str]:
+    """Return a function that names the port of the board that is now at `device`.
+
+    A board that is pulled out and put back may come back under another name; its USB serial number
+    stays. Where there is none, the name stays.
+
+    Examples
+    --------
+    >>> before = [Port(device="/dev/ttyACM0", description="Mega", serial_number="7543")]
+    >>> after = [Port(device="/dev/ttyACM1", description="Mega", serial_number="7543")]
+    >>> seen = iter([before, after])
+    >>> follow("/dev/ttyACM0", list_ports=lambda: next(seen))()
+    '/dev/ttyACM1'
+    """
+    numbers = {port.device: port.serial_number for port in list_ports()}
+    number = numbers.get(device)
+
+    def where() -> str:
+        if number is None:
+            return device
+        same = [port.device for port in list_ports() if port.serial_number == number]
+        return same[0] if same else device
+
+    return where
 
 
 def identify(stream: ByteStream, *, clock: Clock) -> Identity:
