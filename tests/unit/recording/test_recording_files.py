@@ -7,6 +7,8 @@ import resource
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ from palpate.recording import (
     recover,
 )
 from palpate.recording.channels import Message
+from palpate.recording.writer import DirectFile
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 WRITE_UNTIL_KILLED = """
@@ -74,6 +77,17 @@ def strict_count(path: Path) -> int:
         linear = sum(1 for _ in NonSeekingReader(stream, validate_crcs=True).iter_messages())
     assert seeking == linear == summary.statistics.message_count
     return linear
+
+
+@contextmanager
+def file_limit(size: int) -> Iterator[None]:
+    """Let no file of this process grow beyond `size` bytes: a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def add_frames(writer: RecordingWriter, counts: NDArray[np.int64]) -> None:
@@ -195,13 +209,11 @@ def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
     path = tmp_path / "full.mcap"
     counts = np.random.default_rng(0).integers(0, 1024, (5000, 4, 2))
     writer = RecordingWriter(path, info=info)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, hard))
-    try:
-        with pytest.raises(RecordingError, match=r"full\.mcap: File too large.*recover") as failure:
-            add_frames(writer, counts)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with (
+        file_limit(60_000),
+        pytest.raises(RecordingError, match=r"full\.mcap: File too large.*recover") as failure,
+    ):
+        add_frames(writer, counts)
     with pytest.raises(RecordingError, match="writing failed before"):
         writer.add(Frame(time_s=99.0, sequence=99, counts=counts[0]))
     writer.close()
@@ -211,6 +223,13 @@ def test_a_full_disk_ends_in_one_line_and_keeps_the_file(
     assert len(read) / 500 > float(str(failure.value).split("before ")[1].split()[0]) - 1.0
     recover(path, path)
     assert strict_count(path) == len(read)
+
+
+def test_a_write_that_the_system_cuts_short_is_not_taken_for_whole(tmp_path: Path) -> None:
+    descriptor = os.open(tmp_path / "short", os.O_WRONLY | os.O_CREAT)
+    with file_limit(1000), pytest.raises(OSError, match="File too large"):
+        DirectFile(descriptor).write(bytes(1500))
+    os.close(descriptor)
 
 
 def test_no_space_at_the_start_is_one_line(info: RecordingInfo) -> None:
