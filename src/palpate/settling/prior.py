@@ -76,12 +76,12 @@ class _Family:
 
 
 PLAIN = _Family(
-    odds=2.5,
+    odds=5.0,
     amplitude=1.5,
     shortest_s=(0.3, 0.6, 1.2),
     tilts=(0.0,),
     spread=0.02,
-    walks=(0.025, 0.075),
+    walks=(0.035, 0.14),
     fast=0.2,
     mode=0.0,
 )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.holds import Hold
 from palpate.settling.bins import noise_scatter
-from palpate.settling.conditionals import Conditionals, conditionals
+from palpate.settling.conditionals import WALK_FROM_S, Conditionals, conditionals
 from palpate.settling.intervals import UNCALIBRATED, IntervalScale
 from palpate.settling.prior import DEFAULT_PRIOR, Prior
 from palpate.settling.result import FloatArray, SettledEstimate, Status
@@ -25,6 +25,8 @@ SHORTEST_S = 0.3
 FEWEST_SAMPLES = 4
 #: A hold that has come back by more than this share of its drop is bouncing, not settling.
 TURNED_BACK = 0.3
+#: Per e-fold of time a hold may speed up, where a decay is just setting in, but hardly by more.
+FASTEST_PACE = 2.5
 #: No prior holds every shape: the standard deviation is at least this share of the drop seen for
 #: each e-fold of time still to go. Of 0 to 0.2 it made intervals of one coverage narrowest.
 SHAPE_DOUBT = 0.06
@@ -53,7 +55,7 @@ class Relaxation:
     >>> hold = 100.0 - 5.0 * np.log(time_s + 0.4)
     >>> seen = time_s <= 2.0
     >>> estimate = Relaxation().predict(time_s[seen], hold[None, seen], horizon_s=20.0, level=0.9)
-    >>> bool(abs(estimate.value[0] - hold[200]) < 3.0), estimate.status[0].value
+    >>> bool(estimate.low[0] < hold[200] < estimate.high[0]), estimate.status[0].value
     (True, 'ok')
     """
 
@@ -179,11 +181,21 @@ def _forecast(
         seen=(binned[:, :-1] - last[:, None]) / scale[:, None],
         scatter=noise_scatter(time_s, values / scale[:, None]),
     )
-    # Relaxation doesn't turn round: where noise says it does, the last value is the better guess.
-    ahead = np.maximum(mean * direction, 0.0) * direction
+    # Relaxation doesn't turn round, nor does it fall faster and faster: where noise or a process
+    # that is over say so, the last value or its recent pace are better guides.
+    fall = np.clip(mean * direction, 0.0, FASTEST_PACE * _recent_pace(forms, binned) / scale)
+    ahead = fall * direction
     turned = drop - np.abs(last - first) > TURNED_BACK * drop
     deviation = np.hypot(deviation, np.where(turned, 1.0, SHAPE_DOUBT * forms.e_folds))
     return last + drop * ahead, drop * deviation, turned
+
+
+def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:
+    """Return the change to come if time went on by e-folds as it did over the last one."""
+    time_s = forms.bins.time_s
+    first = min(int(np.searchsorted(time_s, time_s[-1] / np.e)), time_s.size - 2)
+    folds = np.log((time_s[-1] + WALK_FROM_S) / (time_s[first] + WALK_FROM_S))
+    return np.asarray(np.abs(binned[:, first] - binned[:, -1]) / folds * forms.e_folds)
 
 
 def _mix(

@@ -32,7 +32,8 @@ def test_the_log_law_is_followed_at_every_rate(rate_hz: float, cutoff_s: float) 
     values = log_hold(time_s) + rng.normal(0, 0.02, time_s.size)
     estimate = predict(time_s, values).hold(0)
     remaining = log_hold(time_s[-1:])[0] - log_hold(np.array([19.75]))[0]
-    assert abs(estimate.value - log_hold(np.array([19.75]))[0]) < 0.35 * remaining
+    # A second of a hold leaves open how it goes on: plain or structured.
+    assert abs(estimate.value - log_hold(np.array([19.75]))[0]) < 0.6 * remaining
     assert estimate.low < estimate.value < estimate.high
     assert estimate.status is Status.OK
 
@@ -51,7 +52,7 @@ def test_a_big_fast_process_at_contact_is_not_taken_for_slow_settling() -> None:
     time_s = np.arange(0.0, 2.5, 1 / 15)
     values = 300.0 + 1000.0 * np.exp(-time_s / 0.1) - 10.0 * np.log(time_s + 0.5)
     settled = 300.0 - 10.0 * np.log(20.25)
-    assert predict(time_s, values).hold(0).value == pytest.approx(settled, rel=0.3)
+    assert predict(time_s, values).hold(0).value == pytest.approx(settled, rel=0.25)
 
 
 def test_one_sample_is_its_own_prediction() -> None:
@@ -160,3 +161,52 @@ def score(file: Path, *, cutoff_s: float) -> Array:
             ]
         )
     return np.array(rows, dtype=np.float64)
+
+
+@pytest.mark.parametrize(
+    ("cutoff_s", "median_percent", "p90_percent", "half_width_percent"),
+    [(1.0, 2.4, 7.0, 9.0), (2.5, 1.3, 4.2, 5.0), (5.0, 0.85, 3.2, 3.2)],
+)
+def test_real_silicone_holds(
+    real_data: Path,
+    cutoff_s: float,
+    median_percent: float,
+    p90_percent: float,
+    half_width_percent: float,
+) -> None:
+    error, half_width, covered = score(real_data / "holds_cbsilicone.csv.gz", cutoff_s=cutoff_s).T
+    assert np.median(error) < median_percent
+    assert np.quantile(error, 0.9) < p90_percent
+    assert np.median(half_width) < half_width_percent
+    assert covered.mean() >= 0.87
+
+
+@pytest.mark.parametrize(("cutoff_s", "median_percent"), [(1.0, 10.0), (2.5, 6.0), (5.0, 3.5)])
+def test_real_velostat_holds(real_data: Path, cutoff_s: float, median_percent: float) -> None:
+    error, _, _ = score(real_data / "holds_velostat.csv.gz", cutoff_s=cutoff_s).T
+    assert np.median(error) < median_percent
+
+
+def test_from_two_seconds_on_no_real_hold_is_half_its_value_off(real_data: Path) -> None:
+    for name in ("holds_cbsilicone.csv.gz", "holds_velostat.csv.gz"):
+        for cutoff_s in (2.0, 3.0, 7.0, 15.0):
+            assert score(real_data / name, cutoff_s=cutoff_s)[:, 0].max() < 50.0
+
+
+def test_calibration_on_other_specimens_covers_and_narrows(real_data: Path) -> None:
+    holds = list(read_holds(real_data / "holds_cbsilicone.csv.gz"))
+    calibrated = Relaxation().calibrated_on([h for h in holds if h.hold_id.startswith("1_10_E")])
+    covered, narrower = [], []
+    for hold in holds:
+        if hold.hold_id.startswith("1_10_E"):
+            continue
+        seen = hold.time_s <= 2.5
+        settled = settled_value(hold.time_s, hold.values, horizon_s=20.0)
+        plain, sharp = (
+            m.predict(hold.time_s[seen], hold.values[None, seen], horizon_s=20.0, level=0.9).hold(0)
+            for m in (Relaxation(), calibrated)
+        )
+        covered.append(bool(sharp.low <= settled <= sharp.high))
+        narrower.append(bool(sharp.high - sharp.low < plain.high - plain.low))
+    assert np.mean(covered) > 0.8
+    assert np.mean(narrower) > 0.8
