@@ -236,10 +236,10 @@ class Mega final : public palpate::Board {
   }
 
   void set_pressure_output(uint16_t pa) override {
+    if (pa == output_pa_) return;
+    output_pa_ = pa;
     const uint16_t duty = static_cast<uint16_t>(static_cast<uint32_t>(pa) * kPwmTop /
                                                 palpate::kMaxPressurePa);
-    if (duty == duty_) return;
-    duty_ = duty;
     // A compare of 0 still gives a pulse of one clock: zero means the pin itself is held low.
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
       OCR3A = duty;
@@ -258,7 +258,7 @@ class Mega final : public palpate::Board {
   const LoadCell& load_cell(uint8_t index) override { return load_cells[index]; }
 
  private:
-  uint16_t duty_ = 0;
+  uint16_t output_pa_ = 0;
 };
 
 Mega mega;
@@ -329,8 +329,8 @@ void set_up_timers() {
 }
 
 void set_up_serial() {
-  UBRR0 = kDivisor;
   UCSR0A = _BV(U2X0);
+  UBRR0 = kDivisor;
   UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
   UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
   // Cuts off whatever the reset left on the line.

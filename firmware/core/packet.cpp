@@ -3,16 +3,27 @@
 namespace palpate {
 
 namespace {
-// CRC-32 of the 16 half bytes: a quarter of the speed of the full table in a sixteenth of its size.
-constexpr uint32_t kCrcOfNibble[16] = {
-    0x00000000, 0x1DB71064, 0x3B6E20C8, 0x26D930AC, 0x76DC4190, 0x6B6B51F4, 0x4DB26158, 0x5005713C,
-    0xEDB88320, 0xF00F9344, 0xD6D6A3E8, 0xCB61B38C, 0x9B64C2B0, 0x86D3D2D4, 0xA00AE278, 0xBDBDF21C};
+
+struct CrcTable {
+  uint32_t of[256];
+};
+
+// Kept in memory: a kilobyte for a link that is several times faster than with a table of 16.
+constexpr CrcTable make_crc_table() {
+  CrcTable table = {};
+  for (uint16_t byte = 0; byte < 256; ++byte) {
+    uint32_t crc = byte;
+    for (uint8_t bit = 0; bit < 8; ++bit) crc = (crc & 1) ? 0xEDB88320u ^ (crc >> 1) : crc >> 1;
+    table.of[byte] = crc;
+  }
+  return table;
+}
+constexpr CrcTable kCrc = make_crc_table();
+
 }  // namespace
 
 void Crc32::add(uint8_t byte) {
-  state_ ^= byte;
-  state_ = kCrcOfNibble[state_ & 0x0F] ^ (state_ >> 4);
-  state_ = kCrcOfNibble[state_ & 0x0F] ^ (state_ >> 4);
+  state_ = kCrc.of[static_cast<uint8_t>(state_) ^ byte] ^ (state_ >> 8);
 }
 
 PacketWriter::PacketWriter(uint8_t* out, uint8_t type, uint16_t payload) : out_(out) {

@@ -113,11 +113,12 @@ static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
     mv = SUPPLY_MV * pressure_now(board);
   }
   mv += board->noise_mv * gaussian(board);
-  /* simavr takes whole millivolts: rounding at random keeps the mean. */
-  mv = floor(mv + uniform(board));
-  if (mv < 0) mv = 0;
-  if (mv > SUPPLY_MV) mv = SUPPLY_MV;
-  avr_raise_irq(board->adc + request.mux.src, (uint32_t)mv);
+  /* The data sheet's result is V * 1024 / Vref, cut to whole counts. simavr takes whole millivolts
+   * and multiplies by 1023: it is given the voltage that makes the right count of that. */
+  double count = floor(mv * 1024.0 / SUPPLY_MV);
+  if (count < 0) count = 0;
+  if (count > 1023) count = 1023;
+  avr_raise_irq(board->adc + request.mux.src, (uint32_t)ceil(count * SUPPLY_MV / 1023.0));
 }
 
 static void on_sent(avr_irq_t *irq, uint32_t value, void *param) {
