@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from itertools import pairwise
 from operator import itemgetter
@@ -26,6 +27,8 @@ class DeviceClock:
     ----------
     floor_s : float
         The known least delay (scan and transmission), which is subtracted.
+    not_before_s : float
+        Host time that was given out already: time never goes back, even where the line is moved.
 
     Examples
     --------
@@ -37,8 +40,9 @@ class DeviceClock:
     (0.002, 4000)
     """
 
-    def __init__(self, *, floor_s: float = 0.0) -> None:
+    def __init__(self, *, floor_s: float = 0.0, not_before_s: float = -math.inf) -> None:
         self._floor_s = floor_s
+        self._latest_s = not_before_s
         self._points: deque[tuple[float, float]] = deque(maxlen=BUCKETS)
         self._bucket_end_s: float | None = None
         self._lowest = (0.0, 0.0)
@@ -80,7 +84,8 @@ class DeviceClock:
         if offset_s < line_s:
             self._origin = (device_s, offset_s)
             line_s = offset_s
-        return device_s + line_s
+        self._latest_s = max(self._latest_s, device_s + line_s)
+        return self._latest_s
 
     def _fit(self) -> None:
         """Take the hull's edge below the middle of the points; one point gives no drift."""

@@ -273,8 +273,6 @@ class SerialArray:
         if message.stream != self._stream_number:
             self._enter(message)
         time_s = self._device_clock.to_host_s(message.time_us * 1e-6, arrival_s=arrival_s)
-        if self._last is not None:
-            time_s = max(time_s, self._last.time_s)
         self._last = Frame(
             time_s=time_s,
             sequence=message.sequence + self._sequence_offset,
@@ -287,8 +285,12 @@ class SerialArray:
     def _enter(self, message: FrameMessage) -> None:
         """Begin to follow a stream: numbers go on, the clocks are compared afresh."""
         self._stream_number = message.stream
-        self._sequence_offset = 0 if self._last is None else self._last.sequence + 1
-        self._device_clock = DeviceClock(floor_s=self._least_delay_s(message))
+        floor_s = self._least_delay_s(message)
+        if self._last is None:
+            self._device_clock = DeviceClock(floor_s=floor_s)
+            return
+        self._sequence_offset = self._last.sequence + 1
+        self._device_clock = DeviceClock(floor_s=floor_s, not_before_s=self._last.time_s)
 
     def _least_delay_s(self, message: FrameMessage) -> float:
         """Time from the start of a scan to its last byte, as the board's identity gives it."""

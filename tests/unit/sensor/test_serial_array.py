@@ -46,6 +46,7 @@ class PtyBoard:
         self.booted_s = 0.0
         self.stream = 0
         self.silent = False
+        self.deaf_to = 0
         self.highest_rate_hz = 600.0
         self.seen: list[int] = []
         self.started_us: int | None = None
@@ -124,13 +125,17 @@ class PtyBoard:
         )
 
     def obey(self, packet: bytes, now_s: float) -> None:
+        if self.deaf_to:
+            self.deaf_to -= 1
+            return
         unpacked = unpack(packet)
         assert unpacked is not None
         kind, (tag, *rest) = unpacked[0], unpacked[1]
         self.seen.append(kind)
         result = Result.OK
         if kind == CommandType.IDENTIFY:
-            return self.send(encode_message(self.identity(tag=tag)))
+            self.send(encode_message(self.identity(tag=tag)))
+            return
         if kind == CommandType.LAYOUT:
             self.rows, self.cols = rest[:2]
         if kind == CommandType.RATE:
@@ -142,7 +147,7 @@ class PtyBoard:
         if kind == CommandType.STOP:
             self.started_us = None
         ack = Ack(command=kind, tag=tag, result=result, highest_rate_hz=self.highest_rate_hz)
-        return self.send(encode_message(ack))
+        self.send(encode_message(ack))
 
     def identity(self, *, tag: int) -> Identity:
         return Identity(
@@ -243,6 +248,14 @@ def test_the_board_is_set_up_in_order(bench: Bench) -> None:
     array.send(SetPressure(target_kpa=10.0, slew_kpa_per_s=20.0))
     bench.sleep_s(0.001)
     assert board.seen[-1] == CommandType.PRESSURE
+
+
+def test_lost_commands_are_sent_again(bench: Bench) -> None:
+    board = bench.board()
+    board.deaf_to = 3
+    array = connect(bench, board)
+    assert array.read(timeout_s=0.1).sequence == 0
+    assert bench.now_s() == pytest.approx(100.9, abs=0.05)
 
 
 @pytest.mark.parametrize("drift_ppm", [-4000.0, 0.0, 50.0, 4000.0])
