@@ -36,19 +36,15 @@ class Settled:
 def forecast(belief: Belief, *, plan: Plan) -> Settled:
     """Predict the settled readings from the touches since the last movement.
 
-    The movement's own spike is left out: it says nothing of the load. The predictor knows sheets,
-    not objects; one that relaxes in the hand (fruit loses a tenth to a third of its force) works
-    against the sheet's creep. So the interval is widened by as far as the forecast goes beyond what
-    was seen.
+    The predictor knows sheets, not objects; one that relaxes in the hand (fruit loses a tenth to a
+    third of its force) works against the sheet's creep. So the interval is widened by as far as the
+    forecast goes beyond what was seen.
     """
     time_s = np.array([t.time_s for t in belief.touches]) - belief.moved_s
     values = np.array(
         [[t.relative_percent for t in belief.touches], [t.excess for t in belief.touches]]
     )
-    calm = time_s >= plan.spike_s
-    found = plan.settling.predict(
-        time_s[calm], values[:, calm], horizon_s=plan.horizon_s, level=plan.level
-    )
+    found = plan.settling.predict(time_s, values, horizon_s=plan.horizon_s, level=plan.level)
     seen = (belief.now.relative_percent, belief.now.excess)
     relative, excess = (
         _widened(found.hold(row), by=float(found.hold(row).value) - seen[row], unit=unit)
@@ -132,9 +128,11 @@ def _contact_point(belief: Belief, plan: Plan) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
     width = np.array([c.width_mm for c in belief.staircase])
     felt = np.array([c.touch.deepest_percent < _FELT_PERCENT for c in belief.staircase])
-    if felt.sum() < 2:
+    hinted = np.array([c.touch.deepest_percent < plan.hint_percent for c in belief.staircase])
+    # Drift can look like a faint touch long before the real one: no more than two steps of it.
+    first = max(int(np.argmax(hinted)) - 2, 0)
+    if felt[first:].sum() < 2 or not hinted.any():
         return None
-    first = max(int(np.argmax(felt)) - 2, 0)
     excess = np.array([c.touch.excess for c in belief.staircase])
     force = np.where(felt, plan.early_law.force_n(excess, level=plan.level).value, 0.0)
     # Below the weakest reading of the calibration the law can't tell forces apart.

@@ -57,8 +57,6 @@ class Plan:
     rest_s, dwell_s, confirm_s : float
         Time to take the rest values before moving; wait after each step before it is read; further
         wait to confirm a contact.
-    spike_s : float
-        The movement's own spike lasts so long, about three of its decay times (86 ms).
     rate_mm_per_s : float
         Speed of closing.
     horizon_s : float
@@ -100,7 +98,6 @@ class Plan:
     rest_s: float = 0.5
     dwell_s: float = 0.4
     confirm_s: float = 0.1
-    spike_s: float = 0.25
     rate_mm_per_s: float = 20.0
     horizon_s: float = 20.0
     decide_after_s: float = 1.0
