@@ -168,11 +168,11 @@ def _summary(rows: Rows) -> Rows:
 
 def _table(title: str, summary: Rows) -> Table:
     keys = {
-        "median_abs_error_percent": "median |error| %",
-        "median_abs_log_ratio": "median |ln ratio|",
+        "median_abs_error_percent": "error %",
+        "median_abs_log_ratio": "abs ln ratio",
         "coverage": "coverage",
-        "median_abs_log_ratio_beyond_calibration": "|ln ratio|, steps not told",
-        "coverage_beyond_calibration": "coverage, steps not told",
+        "median_abs_log_ratio_beyond_calibration": "abs ln ratio, not told",
+        "coverage_beyond_calibration": "coverage, not told",
     }
     shown = [key for key in keys if key in summary[0]]
     rows = [[one["ladder"], one["model"], *(f"{one[key]:.3g}" for key in shown)] for one in summary]
@@ -186,10 +186,12 @@ def _table(title: str, summary: Rows) -> Table:
 def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> StudyReport:
     summary = _summary(rows)
     payload: dict[str, Any] = {"rows": rows, "summary": summary, "level": LEVEL}
-    tables = [_table("New sensor, told its first three weights", summary)]
+    tables = [_table("New sensor, told its first three weights, medians", summary)]
     if left_out:
         payload["left_out_steps"] = {"rows": left_out, "summary": _summary(left_out)}
-        tables.append(_table("Every third step left out", payload["left_out_steps"]["summary"]))
+        tables.append(
+            _table("Every third step left out, medians", payload["left_out_steps"]["summary"])
+        )
     return StudyReport(
         name="force-ladders",
         title="Dead weights on real Velostat",

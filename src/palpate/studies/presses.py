@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
 
-from palpate.estimate.observer import ForceObserver, ObserverModel
+from palpate.errors import InputError
 from palpate.estimate.observer_fit import fit_observer
 from palpate.studies.press_data import TOLD_SHARE, Press, read_presses
-from palpate.studies.press_figure import Followed, draw_presses
+from palpate.studies.press_figure import draw_presses
+from palpate.studies.press_follow import Followed, follow
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate.studies.stretches import follow_stretches, read_stretches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +37,13 @@ def command(
         Path | None,
         typer.Option(help="Recordings to follow; without, 5 folds by setting.", metavar="CSV"),
     ] = None,
+    stretch_resistance: Annotated[
+        Path | None,
+        typer.Option(help="Resistance of stretched rubber, to follow its force.", metavar="HOLDS"),
+    ] = None,
+    stretch_force: Annotated[
+        Path | None, typer.Option(help="Force of the same holds.", metavar="HOLDS")
+    ] = None,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -41,6 +51,13 @@ def command(
 
     Example: palpate study presses --recordings presses.csv.gz
     """
+    if (stretch_resistance is None) != (stretch_force is None):
+        raise InputError("--stretch-resistance and --stretch-force go together; give both")
+    stretches = (
+        read_stretches(stretch_resistance, force=stretch_force)
+        if stretch_resistance and stretch_force
+        else []
+    )
     known = read_presses(recordings)
     if test_recordings is None:
         splits = _folds(known)
@@ -58,8 +75,16 @@ def command(
     for train, tested in splits:
         for name, memory in MODELS.items():
             model = fit_observer([press.trace for press in train], memory=memory)
-            followed[name] += [follow(press, model) for press in tested]
-    _report(followed, split=split).emit(as_json=as_json, out=out)
+            followed[name] += [follow(press, model, level=LEVEL) for press in tested]
+    report = _report(followed, split=split)
+    if stretches:
+        table, stretch_rows = follow_stretches(stretches, level=LEVEL)
+        report = replace(
+            report,
+            tables=[*report.tables, table],
+            payload={**report.payload, "stretches": stretch_rows},
+        )
+    report.emit(as_json=as_json, out=out)
 
 
 def _folds(presses: Sequence[Press]) -> list[tuple[list[Press], list[Press]]]:
@@ -69,22 +94,6 @@ def _folds(presses: Sequence[Press]) -> list[tuple[list[Press], list[Press]]]:
         inside = [press for press in presses if press.trace.group not in fold]
         splits.append((inside, [press for press in presses if press.trace.group in fold]))
     return splits
-
-
-def follow(press: Press, model: ObserverModel) -> Followed:
-    """Run the observer over a press, frame by frame, and keep what it said after it was told."""
-    observer = ForceObserver(model, level=LEVEL)
-    trace = press.trace
-    said = []
-    for k, time_s in enumerate(trace.time_s):
-        one = slice(k, k + 1)
-        now = observer.step(float(time_s), trace.excess[one], resolution=trace.resolution[one])
-        if k == trace.told:
-            observer.tell(trace.force_n[one])
-        elif k > trace.told:
-            said.append((now.value_n[0], now.low_n[0], now.high_n[0]))
-    value, low, high = np.array(said).T
-    return Followed(press=press, value_n=value, low_n=low, high_n=high)
 
 
 def _rows(followed: Mapping[str, Sequence[Followed]]) -> Rows:
@@ -148,11 +157,11 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
     summary = _summary(rows, settings)
     references = _references(observed)
     columns = (
-        ("median_abs_log_error", "median |ln error|"),
-        ("final_log_error", "|at the very end|"),
-        ("last_held_log_error", "|before release|"),
+        ("median_abs_log_error", "abs ln error"),
+        ("final_log_error", "at the end"),
+        ("last_held_log_error", "before release"),
         ("coverage", "coverage"),
-        ("final_coverage", "coverage at the end"),
+        ("final_coverage", "coverage, end"),
     )
     table = Table(
         title="Force after it was told, medians over presses",

@@ -16,7 +16,8 @@ from palpate.cli import build_app, run
 from palpate.estimate.observer_fit import fit_observer
 from palpate.studies.press_data import Press, read_presses
 from palpate.studies.press_figure import draw_presses
-from palpate.studies.presses import follow
+from palpate.studies.press_follow import follow
+from palpate.studies.stretches import follow_stretches, read_stretches
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n\n"
 
@@ -122,6 +123,46 @@ def test_figure_shows_best_median_and_worst(tmp_path: Path) -> None:
     followed = [follow(press, model) for press in presses]
     titles = [panel.get_title() for panel in draw_presses(followed, followed).axes]
     assert [title.split(":")[0] for title in titles] == ["best", "median", "worst"]
+
+
+def stretch_csv(folder: Path, *, specimens: int = 4, holds: int = 5) -> tuple[Path, Path]:
+    """Write invented relaxations of which resistance ** 0.9 is the force."""
+    time_s = np.arange(0, 21.0, 0.1)
+    resistance, force = ["hold_id,time_s,value"], ["hold_id,time_s,value"]
+    for k in range(specimens * holds):
+        rng = np.random.default_rng(k)
+        ohm = 5000 * (1 - rng.uniform(0.02, 0.05) * np.log1p(time_s / 0.2))
+        name = f"sheet{chr(65 + k // holds)}_v1_h{k % holds:02d}"
+        resistance += [f"{name},{t:.1f},{r:.3f}" for t, r in zip(time_s, ohm, strict=True)]
+        force += [
+            f"{name},{t:.1f},{(r / 2500) ** 0.9:.6f}" for t, r in zip(time_s, ohm, strict=True)
+        ]
+    paths = folder / "ohm.csv", folder / "force.csv"
+    for path, lines in zip(paths, (resistance, force), strict=True):
+        path.write_text("\n".join(lines) + "\n")
+    return paths
+
+
+def test_relaxation_is_followed_from_resistance(tmp_path: Path) -> None:
+    resistance, force = stretch_csv(tmp_path)
+    _, rows = follow_stretches(read_stretches(resistance, force=force), level=0.9)
+    overall = {row["model"]: row for row in rows if row["specimen"] == "all"}
+    assert overall["static"]["holds"] == 20
+    for row in overall.values():
+        assert row["median_abs_log_error"] < 0.2 * row["told_force_held_log_error"]
+
+
+def test_stretches_without_a_partner_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    resistance, force = stretch_csv(tmp_path, specimens=1)
+    presses = ["--recordings", str(press_csv(tmp_path / "p.csv"))]
+    half = ["--stretch-resistance", str(resistance)]
+    assert run(build_app(), ["study", "presses", *presses, *half], name="palpate") == 2
+    assert "go together" in capsys.readouterr().err
+    whole = [*presses, *half, "--stretch-force", str(force)]
+    assert run(build_app(), ["study", "presses", *whole], name="palpate") == 2
+    assert "fewer than two specimens" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
