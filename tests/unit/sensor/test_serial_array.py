@@ -47,6 +47,7 @@ class PtyBoard:
         self.stream = 0
         self.silent = False
         self.deaf_to = 0
+        self.resets_at_command: int | None = None
         self.highest_rate_hz = 600.0
         self.seen: list[int] = []
         self.started_us: int | None = None
@@ -132,6 +133,10 @@ class PtyBoard:
         assert unpacked is not None
         kind, (tag, *rest) = unpacked[0], unpacked[1]
         self.seen.append(kind)
+        if len(self.seen) == self.resets_at_command:
+            self.rows = self.cols = 1
+            self.reset(now_s)
+            return
         result = Result.OK
         if kind == CommandType.IDENTIFY:
             self.send(encode_message(self.identity(tag=tag)))
@@ -248,6 +253,15 @@ def test_the_board_is_set_up_in_order(bench: Bench) -> None:
     array.send(SetPressure(target_kpa=10.0, slew_kpa_per_s=20.0))
     bench.sleep_s(0.001)
     assert board.seen[-1] == CommandType.PRESSURE
+
+
+def test_a_board_that_resets_while_it_is_set_up_is_told_everything_again(bench: Bench) -> None:
+    board = bench.board()
+    board.resets_at_command = 4
+    array = connect(bench, board)
+    assert [array.read(timeout_s=0.1).sequence for _ in range(50)] == list(range(50))
+    assert [CommandType(kind).name for kind in board.seen].count("START") == 1
+    assert array.counters.restarts == 0
 
 
 def test_lost_commands_are_sent_again(bench: Bench) -> None:
