@@ -23,6 +23,9 @@ CHUNK = 256
 SHORTEST_S = 0.3
 #: And from fewer samples there is no telling noise from change.
 FEWEST_SAMPLES = 4
+#: Until then contact may still be bouncing: a prediction that is not even sure of the direction
+#: (its standard deviation exceeds the change still to come) is then called too short.
+BOUNCING_S = 2.0
 #: A hold that has come back by more than this share of its drop is bouncing, not settling.
 TURNED_BACK = 0.3
 #: Per e-fold of time a hold may speed up, where a decay is just setting in, but hardly by more.
@@ -147,9 +150,14 @@ def _predict(
         forms = conditionals(since, after_s=float(target_s - time_s[peak]), prior=prior)
         for start in range(0, rows.size, CHUNK):
             chunk = rows[start : start + CHUNK]
-            value[chunk], deviation[chunk], turned = _forecast(
+            value[chunk], deviation[chunk], limited, turned = _forecast(
                 forms, prior, since, values[chunk, peak:]
             )
+            fine = status[chunk] == Status.OK
+            status[chunk[fine & limited]] = Status.FELL_BACK
+            if since[-1] < BOUNCING_S:
+                unsure = deviation[chunk] > np.abs(value[chunk] - values[chunk, -1])
+                status[chunk[fine & unsure]] = Status.TOO_SHORT
             status[chunk[turned]] = Status.NOT_SETTLING
     return value, deviation, window_s, status
 
@@ -167,8 +175,8 @@ def _settled_already(
 
 def _forecast(
     forms: Conditionals, prior: Prior, time_s: FloatArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return mean and standard deviation at the horizon, and whether the hold has turned back."""
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return mean and standard deviation at the horizon; what was limited, what has turned back."""
     binned = values @ forms.bins.averaging.T
     last, first = binned[:, -1], values[:, 0]
     direction = np.where(last >= first, 1.0, -1.0)
@@ -183,11 +191,12 @@ def _forecast(
     )
     # Relaxation doesn't turn round, nor does it fall faster and faster: where noise or a process
     # that is over say so, the last value or its recent pace are better guides.
-    fall = np.clip(mean * direction, 0.0, FASTEST_PACE * _recent_pace(forms, binned) / scale)
-    ahead = fall * direction
+    fall = mean * direction
+    possible = np.clip(fall, 0.0, FASTEST_PACE * _recent_pace(forms, binned) / scale)
     turned = drop - np.abs(last - first) > TURNED_BACK * drop
-    deviation = np.hypot(deviation, np.where(turned, 1.0, SHAPE_DOUBT * forms.e_folds))
-    return last + drop * ahead, drop * deviation, turned
+    doubt = np.where(turned, 1.0, SHAPE_DOUBT * forms.e_folds)
+    value = last + drop * possible * direction
+    return value, drop * np.hypot(deviation, doubt), possible != fall, turned
 
 
 def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:
