@@ -1,0 +1,102 @@
+"""What a health check can find, and what to do about each: the one list of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Severity(StrEnum):
+    """How bad a finding is: a fault makes the sensor unhealthy, advice does not."""
+
+    FAULT = "fault"
+    ADVICE = "advice"
+
+
+#: Code -> what to check. `docs/troubleshooting.md` has a section for each.
+CHECKS: dict[str, str] = {
+    "open": "check the solder joint and the copper under the pixel; a whole row or column points "
+    "to its wire or multiplexer channel, every pixel to the supply, the reference resistor or a "
+    "multiplexer's enable pin",
+    "short": "look for copper that touches through a hole or at the edge of the Velostat, and for "
+    "solder bridges; every pixel points to a missing reference resistor",
+    "loose": "move the wire and the connector while `palpate live` runs; solder the joint that "
+    "makes it jump",
+    "stuck": "press that pixel in `palpate live`; if it stays, look for a broken select line of "
+    "the multiplexer or a wire soldered to a fixed voltage",
+    "noisy": "shorten or twist the wires, keep them from motors and mains, connect all grounds; a "
+    "single noisy pixel is a poor joint, and oversampling only hides it",
+    "drifting": "look for moisture, lifting tape or a cable that pulls; a sheet pressed until "
+    "lately needs a few minutes of rest",
+    "faint": "its contact is poor or its tape has lifted: press the layers together; if that "
+    "helps, renew the tape",
+    "changed": "the pixel has aged or was damaged since the calibration: run `palpate calibrate "
+    "rest`, and replace the sheet if it goes on changing",
+    "unrest": "open the fingers, take away what touches the sensor, wait a minute and repeat",
+    "resistor": "replace the reference resistor, state the new one in the rig file or by "
+    "--reference-ohm, and calibrate anew",
+    "swapped": "exchange the two wires, or their pins at the multiplexer",
+    "silent": "press the pixel harder and in its middle; if it still does not answer, treat it as "
+    "open: joint, copper, multiplexer channel",
+    "slow": "lower the rate or the oversampling; `palpate ports` shows whether the board is the "
+    "one meant",
+    "lost": "use a shorter USB cable and no hub, and close other programs that load the machine; "
+    "at 9600 baud ask for at most 15 Hz",
+    "corrupt": "check cable and ground; another program on the port or a wrong baud rate does the "
+    "same",
+    "late": "the computer stalls: close what loads it, or lower the rate",
+    "jitter": "another task holds up the board or the link; times stay true, but filters that "
+    "count frames suffer",
+    "clock": "the board's resonator is out of its range, or the computer's clock is being set: "
+    "repeat, then try another board",
+    "restarted": "the board reset itself or was unplugged: check its supply, above all where the "
+    "gripper's motor shares it",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One thing that is wrong.
+
+    Attributes
+    ----------
+    code : str
+        A key of `CHECKS`.
+    severity : Severity
+        Fault or advice.
+    where : str
+        The pixel ("R0 C1"), line ("row R0") or part that it is about.
+    text : str
+        What was measured, with its numbers.
+
+    Examples
+    --------
+    >>> found = Finding(code="late", severity=Severity.ADVICE, where="link", text="7 frames late")
+    >>> found.check
+    'the computer stalls: close what loads it, or lower the rate'
+    """
+
+    code: str
+    severity: Severity
+    where: str
+    text: str
+
+    def __post_init__(self) -> None:
+        if self.code not in CHECKS:
+            raise ValueError(f"no finding {self.code!r}; there are: {', '.join(CHECKS)}")
+
+    @property
+    def check(self) -> str:
+        """What to check."""
+        return CHECKS[self.code]
+
+
+def pixel_name(row: int, col: int) -> str:
+    """Return the name of a pixel: the multiplexer channels of its row and column, from 0.
+
+    Examples
+    --------
+    >>> pixel_name(0, 1)
+    'R0 C1'
+    """
+    return f"R{row} C{col}"

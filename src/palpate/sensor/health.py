@@ -1,0 +1,221 @@
+"""The health of a sensor: a stretch of frames in, findings out. No I/O.
+
+Pixels are judged by a stretch at rest, the link by all frames, the reference resistor by the range
+of resistances seen under load, or by an assumed one where there was no load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import CalibrationError, InputError
+from palpate.sensor.array import ArrayLayout
+from palpate.sensor.findings import Finding, Severity
+from palpate.sensor.health_link import LinkEvents, LinkReadings, link_findings, measure_link
+from palpate.sensor.health_pixels import PixelReadings, measure_pixels, pixel_findings
+from palpate.sensor.reference_resistor import ResistorFit, fit_reference
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import rest_baseline
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Fewer frames say nothing about noise.
+FEWEST_FRAMES = 30
+#: Where no load was seen, pixels are taken to fall to a twentieth of their rest value (-95 %): a
+#: firm grip on a single pixel. Only a measured range makes a fault of a resistor.
+_ASSUMED_FALL = 20.0
+#: Deep enough to show the range under load; half of what the assumption takes.
+_LOADED_FALL = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stretch:
+    """Frames in columns.
+
+    Attributes
+    ----------
+    time_s : ndarray, shape (frames,)
+        When each was scanned.
+    sequence : ndarray of int, shape (frames,)
+        Their numbers, without wrap.
+    counts : ndarray, shape (frames, rows, cols)
+        Sums of `oversampling` conversions.
+    oversampling : int
+        Conversions summed per pixel, the same in all frames.
+    """
+
+    time_s: FloatArray
+    sequence: NDArray[np.int64]
+    counts: NDArray[np.int32]
+    oversampling: int = 1
+
+    def first(self, duration_s: float) -> Stretch:
+        """Return the frames of the first `duration_s` seconds."""
+        count = int(np.searchsorted(self.time_s, self.time_s[0] + duration_s, side="right"))
+        return Stretch(
+            time_s=self.time_s[:count],
+            sequence=self.sequence[:count],
+            counts=self.counts[:count],
+            oversampling=self.oversampling,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Health:
+    """What was measured, and what is wrong.
+
+    Attributes
+    ----------
+    pixels : PixelReadings
+        Rest value, noise, drift and resolution of each pixel.
+    link : LinkReadings
+        Rate, losses, jitter.
+    resistor : ResistorFit or None
+        None where no pixel reads.
+    range_measured : bool
+        Whether the range behind `resistor` was seen under load.
+    findings : tuple of Finding
+        Faults first.
+    """
+
+    pixels: PixelReadings
+    link: LinkReadings
+    resistor: ResistorFit | None
+    range_measured: bool
+    findings: tuple[Finding, ...]
+
+    @property
+    def healthy(self) -> bool:
+        """Whether nothing but advice was found."""
+        return all(finding.severity is not Severity.FAULT for finding in self.findings)
+
+
+def examine(
+    rest: Stretch,
+    *,
+    layout: ArrayLayout,
+    whole: Stretch | None = None,
+    known_ohm: ArrayLike | None = None,
+    asked_hz: float | None = None,
+    events: LinkEvents | None = None,
+    also: tuple[Finding, ...] = (),
+) -> Health:
+    """Judge a sensor.
+
+    Parameters
+    ----------
+    rest : Stretch
+        Some seconds in which nothing touches the sensor; at least 30 frames.
+    layout : ArrayLayout
+        Pixels and divider.
+    whole : Stretch, optional
+        All frames, under load too: for losses and for the working range; by default `rest`.
+    known_ohm : array_like, shape (rows, cols), optional
+        Rest values of the calibration.
+    asked_hz : float, optional
+        Rate that the board was told.
+    events : LinkEvents, optional
+        What the link counted.
+    also : tuple of Finding
+        Found by other means (`palpate.sensor.press_order`).
+
+    Raises
+    ------
+    InputError
+        If there are too few frames, or they don't fit the layout.
+
+    Examples
+    --------
+    A pixel at 512 counts that never reads anything is open:
+
+    >>> rng = np.random.default_rng(1)
+    >>> counts = np.rint(rng.normal(300, 0.6, (100, 2, 2))).astype(np.int32)
+    >>> counts[:, 0, 1] = 0
+    >>> frames = Stretch(time_s=np.arange(100) / 15, sequence=np.arange(100), counts=counts)
+    >>> pair = ArrayLayout(name="pair", rows=2, cols=2, finger_of_row=(0, 1))
+    >>> health = examine(frames, layout=pair)
+    >>> health.healthy, [(found.code, found.where) for found in health.findings]
+    (False, [('open', 'R0 C1')])
+    """
+    whole = rest if whole is None else whole
+    mean_counts = _mean_counts(rest, layout=layout)
+    known = None if known_ohm is None else np.asarray(known_ohm, dtype=float)
+    pixels = measure_pixels(mean_counts, layout=layout)
+    findings, sound = pixel_findings(
+        mean_counts,
+        steps_per_count=rest.oversampling,
+        readings=pixels,
+        layout=layout,
+        known_ohm=known,
+    )
+    ohm = resistance_ohm(mean_counts, divider=layout.divider)
+    findings += _unrest(np.where(sound, ohm, np.nan), known_ohm=known)
+    resistor, measured = _resistor(pixels.rest_ohm[sound], whole, sound=sound, layout=layout)
+    if resistor is not None and not resistor.fits:
+        findings.append(_resistor_finding(resistor, measured=measured, layout=layout))
+    link = measure_link(whole.time_s, sequence=whole.sequence, events=events or LinkEvents())
+    findings += [*also, *link_findings(link, asked_hz=asked_hz)]
+    return Health(
+        pixels=pixels,
+        link=link,
+        resistor=resistor,
+        range_measured=measured,
+        findings=tuple(sorted(findings, key=lambda finding: finding.severity is Severity.ADVICE)),
+    )
+
+
+def _mean_counts(stretch: Stretch, *, layout: ArrayLayout) -> FloatArray:
+    shape = (layout.rows, layout.cols)
+    if stretch.counts.shape[1:] != shape:
+        raise InputError(f"frames of {stretch.counts.shape[1:]} pixels don't fit layout {shape}")
+    if len(stretch.counts) < FEWEST_FRAMES:
+        raise InputError(
+            f"{len(stretch.counts)} frames are too few to judge a sensor (at least "
+            f"{FEWEST_FRAMES}); give a longer --duration"
+        )
+    return stretch.counts / float(stretch.oversampling)
+
+
+def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
+    """Say whether the stretch would be refused as rest; NaN for pixels that don't count."""
+    if np.isnan(ohm).all(axis=0).all():
+        return []
+    try:
+        rest_baseline(ohm, known_ohm=known_ohm)
+    except CalibrationError as error:
+        said = str(error).partition(";")[0]
+        return [Finding(code="unrest", severity=Severity.FAULT, where="sensor", text=said)]
+    return []
+
+
+def _resistor(
+    rest_ohm: FloatArray, whole: Stretch, *, sound: NDArray[np.bool_], layout: ArrayLayout
+) -> tuple[ResistorFit | None, bool]:
+    """Compare the reference resistor with the range of the sound pixels."""
+    if not rest_ohm.size:
+        return None, False
+    high = float(np.median(rest_ohm))
+    ohm = resistance_ohm(whole.counts / float(whole.oversampling), divider=layout.divider)
+    seen = ohm[:, sound]
+    # The hardest half percent of readings: a range that a few spikes don't set.
+    lowest = float(np.quantile(seen.min(axis=1), 0.005))
+    measured = lowest < high / _LOADED_FALL
+    step_ohm = layout.divider.reference_ohm / layout.divider.full_scale
+    low = max(lowest, step_ohm) if measured else high / _ASSUMED_FALL
+    return fit_reference(low_ohm=low, high_ohm=high, divider=layout.divider), measured
+
+
+def _resistor_finding(fit: ResistorFit, *, measured: bool, layout: ArrayLayout) -> Finding:
+    how = "measured" if measured else "assumed from the rest value"
+    return Finding(
+        code="resistor",
+        severity=Severity.FAULT if measured else Severity.ADVICE,
+        where=f"{layout.divider.reference_ohm:g} ohm",
+        text=f"one count is {fit.step_percent:.1f} % at an end of the range {fit.low_ohm:.0f} to "
+        f"{fit.high_ohm:.0f} ohm ({how}); {fit.recommended_ohm:g} ohm would make it "
+        f"{fit.recommended_step_percent:.1f} %",
+    )

@@ -1,0 +1,249 @@
+"""What is wrong with single pixels, from a stretch of frames at rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.sensor.array import ArrayLayout
+from palpate.sensor.findings import Finding, Severity, pixel_name
+from palpate.signal.circuit import PixelFault, pixel_faults, resistance_ohm
+from palpate.signal.relative import relative_change_percent
+
+FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+Verdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]
+
+#: A pixel at an end of the range in this share of the frames is dead; in fewer, its joint is loose.
+_DEAD_SHARE, _FEWEST_DROPOUTS = 0.95, 2
+#: Jumps from one frame to the next that no sheet at rest makes; a touch or a spike makes two.
+_JUMP_PERCENT, _FEWEST_JUMPS = 20.0, 3
+#: Noise of one frame: a fifth of the paper's contact threshold, so that five deviations reach it;
+#: or far above the other pixels'. Below one count it is the converter's step, not noise.
+_NOISY_PERCENT, _NOISY_RATIO, _QUIET_PERCENT, _COUNT = 2.0, 5.0, 0.5, 1.0
+#: Change from the first to the last third of the stretch, beyond what all pixels share.
+_DRIFT_PERCENT = 2.0
+#: A healthy pixel may stand still by this chance at most before it is called stuck.
+_STUCK_CHANCE, _FEWEST_OTHERS = 1e-6, 3
+#: Rest resistance against the median of the pixels, and against the calibration's.
+_FAINT_RATIO, _CHANGED_PERCENT = 10.0, 30.0
+#: 90 % of the differences of two normal readings lie within this many standard deviations.
+_Q90_OF_DIFFERENCES = 1.6449 * math.sqrt(2.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelReadings:
+    """What each pixel did over the stretch; arrays have shape (rows, cols).
+
+    Attributes
+    ----------
+    rest_ohm : ndarray
+        Median resistance: inf for an open pixel, 0 for a short one.
+    noise_percent : ndarray
+        Standard deviation of one frame, slow changes left out; NaN for dead pixels.
+    drift_percent : ndarray
+        Change from the first to the last third of the stretch; NaN for dead pixels.
+    count_percent : ndarray
+        By how much one count changes the reading; NaN for dead pixels.
+    """
+
+    rest_ohm: FloatArray
+    noise_percent: FloatArray
+    drift_percent: FloatArray
+    count_percent: FloatArray
+
+
+def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelReadings:
+    """Measure rest value, noise, drift and resolution of each pixel.
+
+    Parameters
+    ----------
+    mean_counts : ndarray, shape (frames, rows, cols)
+        Counts per conversion.
+    layout : ArrayLayout
+        For the divider.
+    """
+    divider = layout.divider
+    ohm = resistance_ohm(mean_counts, divider=divider)
+    rest_ohm = np.median(ohm, axis=0)
+    alive = np.isfinite(rest_ohm) & (rest_ohm > 0)
+    safe_rest = np.where(alive, rest_ohm, 1.0)
+    change = relative_change_percent(ohm, rest_ohm=np.where(alive, rest_ohm, np.nan))
+    change = np.where(np.isnan(change), 0.0, change)
+    steps = np.abs(np.diff(change, axis=0))
+    third = max(len(ohm) // 3, 1)
+    drift = np.median(change[-third:], axis=0) - np.median(change[:third], axis=0)
+    slope = (safe_rest + divider.reference_ohm) ** 2
+    count = 100.0 * slope / (divider.reference_ohm * divider.full_scale * safe_rest)
+    noise = np.quantile(steps, 0.9, axis=0) / _Q90_OF_DIFFERENCES
+    return PixelReadings(
+        rest_ohm=rest_ohm,
+        noise_percent=np.where(alive, noise, np.nan),
+        drift_percent=np.where(alive, drift, np.nan),
+        count_percent=np.where(alive, count, np.nan),
+    )
+
+
+def pixel_findings(
+    mean_counts: FloatArray,
+    *,
+    steps_per_count: int,
+    readings: PixelReadings,
+    layout: ArrayLayout,
+    known_ohm: FloatArray | None = None,
+) -> tuple[list[Finding], BoolArray]:
+    """Judge each pixel; of several faults of one pixel, only the gravest is named.
+
+    Parameters
+    ----------
+    mean_counts : ndarray, shape (frames, rows, cols)
+        Counts per conversion.
+    steps_per_count : int
+        Conversions summed per reading: how many steps there are to a count.
+    readings : PixelReadings
+        As `measure_pixels` gave them.
+    layout : ArrayLayout
+        The pixels.
+    known_ohm : ndarray, shape (rows, cols), optional
+        Rest values of the calibration.
+
+    Returns
+    -------
+    findings : list of Finding
+    sound : ndarray of bool, shape (rows, cols)
+        Pixels that the stretch as a whole may be judged by.
+    """
+    sound = np.ones((layout.rows, layout.cols), dtype=np.bool_)
+    findings: list[Finding] = []
+    for code, mask, text, values in _verdicts(mean_counts, steps_per_count, readings, layout):
+        findings += _named(code, mask & sound, text, values)
+        sound &= ~mask
+    if known_ohm is not None:
+        mask, text, own = _changed(readings, known_ohm)
+        findings += _named("changed", mask & sound, text, own)
+        sound &= ~mask
+    return findings, sound
+
+
+def _verdicts(
+    mean_counts: FloatArray, steps_per_count: int, readings: PixelReadings, layout: ArrayLayout
+) -> Iterator[Verdict]:
+    """Yield code, pixels, text and its number, the gravest fault first."""
+    faults = pixel_faults(mean_counts, divider=layout.divider)
+    nothing = np.zeros((layout.rows, layout.cols))
+    opened = (faults == PixelFault.OPEN).mean(axis=0) >= _DEAD_SHARE
+    shorted = (faults == PixelFault.SHORT).mean(axis=0) >= _DEAD_SHARE
+    yield "open", opened, "reads open: no current flows", nothing
+    yield "short", shorted, "reads short: no resistance at all", nothing
+    noise = readings.noise_percent
+    loud = (noise > _NOISY_PERCENT) | (
+        (noise > _NOISY_RATIO * _typical(noise)) & (noise > _QUIET_PERCENT)
+    )
+    drops, jumps = _interruptions(mean_counts, faults=faults, layout=layout)
+    loose = (drops >= _FEWEST_DROPOUTS) | ((jumps >= _FEWEST_JUMPS) & ~loud)
+    yield "loose", loose, "drops out or jumps {} times in the stretch", drops + jumps
+    loud &= noise >= _COUNT * readings.count_percent
+    yield "noisy", loud, "noise of one frame is {} %", noise
+    alive = np.isfinite(noise)
+    stuck = _stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
+    yield "stuck", stuck, "never moves, though the other pixels' noise should move it", nothing
+    own = readings.drift_percent - _typical(readings.drift_percent)
+    yield "drifting", np.abs(own) > _DRIFT_PERCENT, "drifts by {} % more than the others", own
+    ratio = np.where(alive, readings.rest_ohm, 0.0) / _typical(readings.rest_ohm)
+    yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the others", ratio
+
+
+def _changed(readings: PixelReadings, known_ohm: FloatArray) -> tuple[BoolArray, str, FloatArray]:
+    """Compare with the calibration; what all pixels share is climate or load."""
+    change = relative_change_percent(readings.rest_ohm, rest_ohm=known_ohm)
+    own = 100.0 * ((100.0 + change) / (100.0 + _typical(change)) - 1.0)
+    text = "rests {} % from its calibrated value, more than the others"
+    return np.abs(own) > _CHANGED_PERCENT, text, own
+
+
+def _named(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
+    for where, pixels in grouped(mask):
+        said = text.format(f"{float(np.median(values[pixels])):.3g}")
+        yield Finding(code=code, severity=Severity.FAULT, where=where, text=said)
+
+
+def grouped(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
+    """Yield the pixels of a mask by name: all of them, whole rows, whole columns, single ones.
+
+    Examples
+    --------
+    >>> mask = np.array([[True, True], [False, False], [True, False]])
+    >>> [where for where, _ in grouped(mask)]
+    ['row R0', 'R2 C0']
+    """
+    left = mask.copy()
+    if mask.size > 1 and mask.all():
+        yield "every pixel", left
+        return
+    for axis, name in ((1, "row R"), (0, "column C")):
+        if mask.shape[axis] < 2:
+            continue
+        for line in np.flatnonzero(left.all(axis=axis)):
+            part = np.zeros_like(mask)
+            part[(line, slice(None)) if axis == 1 else (slice(None), line)] = True
+            yield f"{name}{line}", part
+            left &= ~part
+    for row, col in np.argwhere(left):
+        part = np.zeros_like(mask)
+        part[row, col] = True
+        yield pixel_name(row, col), part
+
+
+def _typical(values: FloatArray) -> float:
+    """Return the median of the pixels that read; NaN where none does."""
+    kept = values[np.isfinite(values) & (values != 0)]
+    return float(np.median(kept)) if kept.size else math.nan
+
+
+def _interruptions(
+    mean_counts: FloatArray, *, faults: NDArray[np.uint8], layout: ArrayLayout
+) -> tuple[FloatArray, FloatArray]:
+    """Count drops to an end of the range, and jumps within it, per pixel."""
+    dead = faults != PixelFault.NONE
+    # Near an end of the range a reading touches it by noise alone.
+    middle = np.median(mean_counts, axis=0)
+    away = (middle > 4) & (middle < layout.divider.full_scale - 5)
+    drops = np.where(away, dead.sum(axis=0), 0.0)
+    ohm = resistance_ohm(mean_counts, divider=layout.divider)
+    usable = ~dead & (ohm > 0)
+    log_ohm = np.log(np.where(usable, ohm, 1.0))
+    both = usable[1:] & usable[:-1]
+    far = np.abs(np.diff(log_ohm, axis=0)) > math.log1p(_JUMP_PERCENT / 100.0)
+    jumps = np.where(away, (both & far).sum(axis=0), 0.0)
+    return drops, jumps
+
+
+def _stuck(
+    mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
+) -> BoolArray:
+    """Tell pixels that stand still although their neighbours' noise should move them.
+
+    A reading in the middle of a step stays there while its noise is within half a step. The noise
+    is taken as the least of the moving pixels', less where this one is less sensitive.
+    """
+    sums = mean_counts * steps_per_count
+    noise = np.std(np.diff(sums, axis=0), axis=0) / math.sqrt(2.0)
+    still = sound & np.asarray(np.ptp(sums, axis=0) == 0)
+    moving = sound & np.asarray(noise > 0)
+    stuck: BoolArray = np.zeros(sound.shape, dtype=np.bool_)
+    if moving.sum() < _FEWEST_OTHERS:
+        return stuck
+    share = np.median(mean_counts, axis=0) / layout.divider.full_scale
+    sensitivity = share * (1.0 - share)
+    quietest = np.flatnonzero(moving.ravel())[np.argmin(noise[moving])]
+    for row, col in np.argwhere(still):
+        weaker = min(1.0, float(sensitivity[row, col] / sensitivity.ravel()[quietest]))
+        expected = float(noise.ravel()[quietest]) * weaker
+        stays = math.erf(0.5 / (expected * math.sqrt(2.0)))
+        stuck[row, col] = stays ** len(sums) * layout.pixels < _STUCK_CHANCE
+    return stuck

@@ -1,0 +1,104 @@
+"""Which reference resistor fits a range of pixel resistances."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from palpate.signal.circuit import Divider, resolution_ohm
+
+#: One count may change the reading by this much: a fifth of the paper's contact threshold.
+COARSEST_PERCENT = 2.0
+#: Another resistor is worth soldering only if it makes the coarsest step this much finer.
+_WORTH_IT = 2.0
+_E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResistorFit:
+    """How the reference resistor in place compares with the best one of the E12 series.
+
+    Attributes
+    ----------
+    low_ohm, high_ohm : float
+        Working range of the pixels.
+    present_ohm, recommended_ohm : float
+        In place, and advised.
+    step_percent, recommended_step_percent : float
+        By how much one count changes the reading at the worse end of the range, with either.
+    """
+
+    low_ohm: float
+    high_ohm: float
+    present_ohm: float
+    recommended_ohm: float
+    step_percent: float
+    recommended_step_percent: float
+
+    @property
+    def fits(self) -> bool:
+        """Whether the one in place is fine enough, or no other is clearly finer."""
+        fine = self.step_percent <= COARSEST_PERCENT
+        return fine or self.step_percent < _WORTH_IT * self.recommended_step_percent
+
+
+def fit_reference(*, low_ohm: float, high_ohm: float, divider: Divider) -> ResistorFit:
+    """Compare the divider's resistor with the one that suits a range best.
+
+    One count changes a reading by (R + R_ref)^2 / (R R_ref N) of itself. That depends on R / R_ref
+    alone and is the same for a ratio and its inverse, so the coarser end of a range is finest where
+    R_ref is the geometric mean of its ends.
+
+    Parameters
+    ----------
+    low_ohm, high_ohm : float
+        Smallest resistance under load, and resistance at rest.
+    divider : Divider
+        The readout in place.
+
+    Returns
+    -------
+    ResistorFit
+
+    Raises
+    ------
+    ValueError
+        If the range is empty or not positive.
+
+    Examples
+    --------
+    The paper's 4.7 kohm, for a pixel that falls from 12 kohm to 40 ohm (9 counts from the end):
+
+    >>> fit = fit_reference(low_ohm=40.0, high_ohm=12e3, divider=Divider())
+    >>> fit.recommended_ohm, round(fit.step_percent, 1), round(fit.recommended_step_percent, 1)
+    (680.0, 11.7, 1.9)
+    """
+    if not 0 < low_ohm <= high_ohm < math.inf:
+        raise ValueError(f"no range of resistances: {low_ohm:g} to {high_ohm:g} ohm")
+    best = nearest_e12(math.sqrt(low_ohm * high_ohm))
+
+    def coarsest_percent(candidate: Divider) -> float:
+        ends = ((r, float(resolution_ohm(r, divider=candidate))) for r in (low_ohm, high_ohm))
+        return max(100.0 * step / r for r, step in ends)
+
+    return ResistorFit(
+        low_ohm=low_ohm,
+        high_ohm=high_ohm,
+        present_ohm=divider.reference_ohm,
+        recommended_ohm=best,
+        step_percent=coarsest_percent(divider),
+        recommended_step_percent=coarsest_percent(replace(divider, reference_ohm=best)),
+    )
+
+
+def nearest_e12(ohm: float) -> float:
+    """Return the resistor of the E12 series (IEC 60063) that is nearest in ratio.
+
+    Examples
+    --------
+    >>> nearest_e12(693.0), nearest_e12(9300.0)
+    (680.0, 10000.0)
+    """
+    decade = math.floor(math.log10(ohm))
+    values = [v * 10.0 ** (decade + up) for up in (0, 1) for v in _E12]
+    return float(f"{min(values, key=lambda v: abs(math.log(v / ohm))):.2g}")
