@@ -56,6 +56,8 @@ def print_card(
     ]
     if truth is not None and truth["damaged"]:
         parts.append(Text("The object was damaged: its force passed the yield.", style="bold red"))
+    notes = {_NOTES[m.status]: None for name, _, _ in _ROWS if (m := getattr(result, name))}
+    parts += [Text(f"* {note}", style="yellow") for note in notes if note]
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
     title = f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}"
     subtitle = f"SIMULATED on the twin, seed {seed}" if rig.simulated else "measured"
@@ -87,7 +89,7 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Ta
             continue
         note = _NOTES[measured.status]
         cells = [
-            f"{label} [yellow]({note})[/]" if note else label,
+            f"{label} [yellow]*[/]" if note else label,
             f"[bold]{measured.value:.{digits}f}[/]",
             f"{measured.low:.{digits}f} … {measured.high:.{digits}f}",
         ]
