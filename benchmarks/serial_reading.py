@@ -10,6 +10,7 @@ import argparse
 import os
 import time
 import tty
+from contextlib import suppress
 
 import numpy as np
 
@@ -40,7 +41,9 @@ def board(master: int, *, rate_hz: float) -> None:
             if kind in (CommandType.START, CommandType.STOP):
                 start_s, sent = time.monotonic() * (kind == CommandType.START), 0
         if start_s and time.monotonic() >= start_s + sent / rate_hz:
-            os.write(master, encode_message(frame(sent, round((start_s + sent / rate_hz) * 1e6))))
+            with suppress(BlockingIOError):  # nobody reads: lost, as on a real port
+                time_us = round((start_s + sent / rate_hz) * 1e6)
+                os.write(master, encode_message(frame(sent, time_us)))
             sent += 1
         time.sleep(2e-4)
 

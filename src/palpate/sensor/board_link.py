@@ -24,6 +24,8 @@ ANSWER_TIMEOUT_S = 4.0
 RESEND_S = 0.3
 #: Bytes are fetched in bulk this often: a quarter of the time between frames at 500 Hz at most.
 POLL_S = 0.001
+_FRAME_OVERHEAD_BYTES = 23  # head 13, packet 7, stuffing 2, final zero
+_FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
 
 
 class BoardLink:
@@ -159,3 +161,20 @@ class BoardLink:
             f"{name}: no answer from the board in {ANSWER_TIMEOUT_S:g} s. Check its power, then "
             "put palpate's firmware on it with `palpate flash`."
         )
+
+
+def least_delay_s(identity: Identity, *, pixels: int, oversampling: int) -> float:
+    """Return the time from the start of a scan to its last byte, as the board's identity gives it.
+
+    Parameters
+    ----------
+    identity : Identity
+        Conversion and settle times, and the speed of the link.
+    pixels : int
+        Pixels of a frame.
+    oversampling : int
+        Conversions summed per pixel.
+    """
+    conversion_s = oversampling * identity.conversion_us * 1e-6
+    scan_s = pixels * (identity.settle_us * 1e-6 + conversion_s + _FIRMWARE_S_PER_PIXEL)
+    return scan_s + (_FRAME_OVERHEAD_BYTES + 2 * pixels) * 10 / identity.baud

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.sensor.board_link import POLL_S, BoardLink
+from palpate.sensor.board_link import POLL_S, BoardLink, least_delay_s
 from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.device_clock import DeviceClock
 from palpate.sensor.wire_messages import (
@@ -35,8 +35,6 @@ _REOPEN_S = 0.25
 _LATE_PERIODS, _LATE_S = 5, 0.1
 #: Without a frame for so long the stream is set up anew: 10 periods, at least 0.5 s.
 _SILENT_PERIODS, _SILENT_S = 10, 0.5
-_FRAME_OVERHEAD_BYTES = 23  # head 13, packet 7, stuffing 2, final zero
-_FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -285,23 +283,16 @@ class SerialArray:
     def _enter(self, message: FrameMessage) -> None:
         """Begin to follow a stream: numbers go on, the clocks are compared afresh."""
         self._stream_number = message.stream
-        floor_s = self._least_delay_s(message)
+        floor_s = 0.0
+        if self.identity is not None:
+            floor_s = least_delay_s(
+                self.identity, pixels=self._layout.pixels, oversampling=message.oversampling
+            )
         if self._last is None:
             self._device_clock = DeviceClock(floor_s=floor_s)
             return
         self._sequence_offset = self._last.sequence + 1
         self._device_clock = DeviceClock(floor_s=floor_s, not_before_s=self._last.time_s)
-
-    def _least_delay_s(self, message: FrameMessage) -> float:
-        """Time from the start of a scan to its last byte, as the board's identity gives it."""
-        identity = self.identity
-        if identity is None:
-            return 0.0
-        pixels = self._layout.pixels
-        conversion_s = message.oversampling * identity.conversion_us * 1e-6
-        scan_s = pixels * (identity.settle_us * 1e-6 + conversion_s + _FIRMWARE_S_PER_PIXEL)
-        wire_s = (_FRAME_OVERHEAD_BYTES + 2 * pixels) * 10 / identity.baud
-        return scan_s + wire_s
 
     def _silence(self, timeout_s: float) -> str:
         if self._link is None:
