@@ -62,7 +62,7 @@ class _Family:
 
     Standard deviations and amplitudes are in units of the hold's own scale. The numbers were chosen
     on half of the silicone holds, the ten Velostat ones and synthetic holds of five kinds together,
-    then rounded.
+    then rounded; `docs/prediction.md` says what that means for the accuracies given.
     """
 
     odds: float
