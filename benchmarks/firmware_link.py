@@ -92,7 +92,10 @@ def run_link(
 
 def _power_up_to_clock_s(board: FirmwareBoard, decoder: Decoder) -> float:
     """Return how long after power-up the board's clock began: first conversion against frame 0."""
+    give_up_s = board.now_s() + 0.1
     while board.conversions == 0:
+        if board.now_s() > give_up_s:
+            sys.exit(f"the board does not scan: {decoder.feed(board.read_bytes())}")
         board.run_until(board.now_s() + 1e-6)
     converted_s = board.now_s()
     board.run_until(converted_s + 0.5)

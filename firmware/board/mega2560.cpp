@@ -5,7 +5,7 @@
 //   A1 ADC1  pressure read-back   45-42 PL4-7  column multiplexer select, low bit first
 //   5  PE3   pressure output      22-29 PA0-7  row lines 0-7 direct: selected high, idle grounded
 //   13 PB7   safe line            37-30 PC0-7  row lines 8-15 direct, likewise
-//   41 PG0, 40 PG1  load cell 0 clock, data      39 PG2, 38 PD7  load cell 1 clock, data
+//   41 PG0, 14 PJ1  load cell 0 clock, data      39 PG2, 38 PD7  load cell 1 clock, data
 // Rows go either to the row multiplexer (idle rows float) or to the direct lines (idle rows are
 // grounded); both sets of pins are always driven.
 #include <avr/interrupt.h>
@@ -265,7 +265,7 @@ Mega mega;
 palpate::Device device(mega, kTiming, "Arduino Mega 2560");
 
 bool load_ready(uint8_t index) {
-  return index == 0 ? !(PING & _BV(PG1)) : !(PIND & _BV(PD7));
+  return index == 0 ? !(PINJ & _BV(PJ1)) : !(PIND & _BV(PD7));
 }
 
 // HX711 data sheet, "Serial Interface": 24 bits, then one pulse for channel A at gain 128. A clock
@@ -308,7 +308,7 @@ void set_up_pins() {
   DDRB |= _BV(PB7);
   DDRG |= _BV(PG0) | _BV(PG2);
   // Pulled up, so that an absent load cell reads as never ready.
-  PORTG |= _BV(PG1);
+  PORTJ |= _BV(PJ1);
   PORTD |= _BV(PD7);
 }
 

@@ -42,7 +42,7 @@ struct Host {
 
 extern "C" {
 
-Host* host_new(uint32_t baud) { return new Host({104, 116, 8, 6, 10, 60, baud}); }
+Host* host_new(uint32_t baud) { return new Host({104, 120, 14, 8, 12, 80, baud}); }
 void host_free(Host* host) { delete host; }
 void host_begin(Host* host, uint8_t cause, uint8_t seed) { host->device.begin(cause, seed, false); }
 void host_set_time(Host* host, uint32_t now_us) {

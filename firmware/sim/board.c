@@ -183,7 +183,7 @@ static void connect(board_t *board) {
   avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_sent,
                           board);
 
-  board->loads[0].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('G'), 1);
+  board->loads[0].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('J'), 1);
   board->loads[1].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 7);
   const int clock_pin[LOAD_CELLS] = {0, 2};
   for (int i = 0; i < LOAD_CELLS; i++) {
