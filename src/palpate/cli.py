@@ -21,6 +21,7 @@ VERBS = (
     "ports",
     "study",
     "bench",
+    "doctor",
 )
 
 

@@ -6,6 +6,7 @@ of resistances seen under load, or by an assumed one where there was no load.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import CalibrationError, InputError
-from palpate.sensor.array import ArrayLayout
+from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.findings import Finding, Severity
 from palpate.sensor.health_link import LinkEvents, LinkReadings, link_findings, measure_link
 from palpate.sensor.health_pixels import PixelReadings, measure_pixels, pixel_findings
@@ -53,6 +54,28 @@ class Stretch:
     counts: NDArray[np.int32]
     oversampling: int = 1
 
+    @classmethod
+    def of(cls, frames: Sequence[Frame]) -> Stretch:
+        """Return frames of one oversampling as columns."""
+        return cls(
+            time_s=np.array([frame.time_s for frame in frames]),
+            sequence=np.array([frame.sequence for frame in frames], dtype=np.int64),
+            counts=np.array([frame.counts for frame in frames]),
+            oversampling=frames[-1].oversampling,
+        )
+
+    def frames(self) -> list[Frame]:
+        """Return the frames one by one."""
+        return [
+            Frame(
+                time_s=float(time_s),
+                sequence=int(number),
+                counts=counts,
+                oversampling=self.oversampling,
+            )
+            for time_s, number, counts in zip(self.time_s, self.sequence, self.counts, strict=True)
+        ]
+
     def first(self, duration_s: float) -> Stretch:
         """Return the frames of the first `duration_s` seconds."""
         count = int(np.searchsorted(self.time_s, self.time_s[0] + duration_s, side="right"))
@@ -62,6 +85,14 @@ class Stretch:
             counts=self.counts[:count],
             oversampling=self.oversampling,
         )
+
+    def ohm(self, *, layout: ArrayLayout) -> FloatArray:
+        """Return resistances, shape (frames, rows, cols)."""
+        return resistance_ohm(self.counts, divider=layout.divider, oversampling=self.oversampling)
+
+    def median_ohm(self, *, layout: ArrayLayout) -> FloatArray:
+        """Return the median resistance of each pixel: inf where open, 0 where short."""
+        return np.asarray(np.median(self.ohm(layout=layout), axis=0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,8 +183,7 @@ def examine(
         layout=layout,
         known_ohm=known,
     )
-    ohm = resistance_ohm(mean_counts, divider=layout.divider)
-    findings += _unrest(np.where(sound, ohm, np.nan), known_ohm=known)
+    findings += _unrest(np.where(sound, rest.ohm(layout=layout), np.nan), known_ohm=known)
     resistor, measured = _resistor(pixels.rest_ohm[sound], whole, sound=sound, layout=layout)
     if resistor is not None and not resistor.fits:
         findings.append(_resistor_finding(resistor, measured=measured, layout=layout))
@@ -199,8 +229,7 @@ def _resistor(
     if not rest_ohm.size:
         return None, False
     high = float(np.median(rest_ohm))
-    ohm = resistance_ohm(whole.counts / float(whole.oversampling), divider=layout.divider)
-    seen = ohm[:, sound]
+    seen = whole.ohm(layout=layout)[:, sound]
     # The hardest half percent of readings: a range that a few spikes don't set.
     lowest = float(np.quantile(seen.min(axis=1), 0.005))
     measured = lowest < high / _LOADED_FALL

@@ -1,0 +1,181 @@
+"""What `palpate doctor` prints: pixels, link, and each finding with what to check."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console, Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from palpate.sensor.findings import Severity, pixel_name
+
+if TYPE_CHECKING:
+    from palpate.commands.doctor import Examined
+    from palpate.sensor.health import Health
+
+_MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
+#: Larger arrays would fill the screen: only their odd pixels are listed.
+_LISTED_PIXELS = 16
+
+
+def as_document(examined: Examined) -> dict[str, Any]:
+    """Return the JSON document."""
+    health, layout = examined.health, examined.layout
+    link, fit, pixels = health.link, health.resistor, health.pixels
+    return {
+        "healthy": health.healthy,
+        "source": examined.name,
+        "simulated": examined.simulated,
+        "layout": layout.name,
+        "findings": [
+            {
+                "code": found.code,
+                "severity": found.severity.value,
+                "where": found.where,
+                "text": found.text,
+                "check": found.check,
+            }
+            for found in health.findings
+        ],
+        "pixels": [
+            {
+                "row": row,
+                "col": col,
+                "finger": layout.finger_of_row[row],
+                "rest_ohm": _number(pixels.rest_ohm[row, col]),
+                "noise_percent": _number(pixels.noise_percent[row, col]),
+                "drift_percent": _number(pixels.drift_percent[row, col]),
+                "count_percent": _number(pixels.count_percent[row, col]),
+            }
+            for row in range(layout.rows)
+            for col in range(layout.cols)
+        ],
+        "reference_ohm": layout.divider.reference_ohm,
+        "recommended_reference_ohm": None if fit is None else fit.recommended_ohm,
+        "range_ohm": None if fit is None else [fit.low_ohm, fit.high_ohm],
+        "range_measured": health.range_measured,
+        "frames": link.frames,
+        "frames_lost": link.lost,
+        "duration_s": link.duration_s,
+        "rate_hz": link.rate_hz,
+        "jitter_percent": link.jitter_percent,
+        "corrupt": link.events.corrupt,
+        "late": link.events.late,
+        "clock_drift_ppm": link.events.drift_ppm,
+    }
+
+
+def print_report(examined: Examined) -> None:
+    """Print the report on standard output."""
+    health = examined.health
+    color = "green" if health.healthy else "red"
+    faults = sum(found.severity is Severity.FAULT for found in health.findings)
+    said = "healthy" if health.healthy else f"{faults} fault{'s' if faults > 1 else ''}"
+    parts: list[RenderableType] = [Text(said.capitalize(), style=f"bold {color}"), Text("")]
+    parts += [_pixels(examined), Text(""), _summary(examined)]
+    if health.findings:
+        parts += [Text(""), _findings(health)]
+    subtitle = "[bold yellow]SIMULATED[/]" if examined.simulated else "measured"
+    Console(highlight=False).print(
+        Panel(
+            Group(*parts),
+            title=f"[bold]{examined.name}[/], {examined.layout.name}",
+            subtitle=subtitle,
+            border_style=color,
+            padding=(1, 2),
+            expand=False,
+        )
+    )
+
+
+def _pixels(examined: Examined) -> Table:
+    health, layout = examined.health, examined.layout
+    pixels = health.pixels
+    marks = _marks(examined)
+    table = Table(box=None, padding=(0, 3, 0, 0), show_edge=False, header_style="dim")
+    for name in ("pixel", "finger", "at rest", "noise", "drift", "one count", ""):
+        table.add_column(name, justify="left" if name in ("pixel", "") else "right", no_wrap=True)
+    for row in range(layout.rows):
+        for col in range(layout.cols):
+            name = pixel_name(row, col)
+            if layout.pixels > _LISTED_PIXELS and name not in marks:
+                continue
+            table.add_row(
+                name,
+                str(layout.finger_of_row[row]),
+                _ohm(float(pixels.rest_ohm[row, col])),
+                _percent(float(pixels.noise_percent[row, col])),
+                _percent(float(pixels.drift_percent[row, col]), sign="+"),
+                _percent(float(pixels.count_percent[row, col])),
+                f"[bold red]{marks.get(name, '')}[/]",
+            )
+    if not table.row_count:
+        table.add_row(f"all {layout.pixels} alike", *[""] * 6)
+    return table
+
+
+def _marks(examined: Examined) -> dict[str, str]:
+    """Return the code of the finding that concerns each pixel, by the pixel's name."""
+    marks: dict[str, str] = {}
+    for found in examined.health.findings:
+        for row in range(examined.layout.rows):
+            for col in range(examined.layout.cols):
+                names = (pixel_name(row, col), f"row R{row}", f"column C{col}", "every pixel")
+                if found.where in names:
+                    marks.setdefault(pixel_name(row, col), found.code)
+    return marks
+
+
+def _summary(examined: Examined) -> Text:
+    health = examined.health
+    link, fit = health.link, health.resistor
+    parts = [
+        f"{link.frames} frames in {link.duration_s:.1f} s",
+        f"{link.rate_hz:.1f} Hz",
+        f"{link.lost} lost",
+        f"{link.events.corrupt} corrupt",
+        f"jitter {link.jitter_percent:.1f} %",
+    ]
+    if link.events.drift_ppm is not None:
+        parts.append(f"clock {link.events.drift_ppm:+.0f} ppm")
+    lines = "  ·  ".join(parts)
+    if fit is not None:
+        how = "measured" if health.range_measured else "low end assumed"
+        lines += (
+            f"\nreference resistor {fit.present_ohm:g} ohm for {_ohm(fit.low_ohm)} to "
+            f"{_ohm(fit.high_ohm)} ({how}); best {fit.recommended_ohm:g} ohm"
+        )
+    return Text(lines, style="dim")
+
+
+def _findings(health: Health) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), show_edge=False, show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=74)
+    for found in health.findings:
+        table.add_row(
+            _MARKS[found.severity],
+            f"[bold]{found.where}[/]",
+            f"{found.text} [dim]({found.code})[/]\n{found.check[0].upper()}{found.check[1:]}.",
+        )
+    return table
+
+
+def _ohm(ohm: float) -> str:
+    if math.isinf(ohm):
+        return "open"
+    if ohm == 0:
+        return "short"
+    return f"{ohm / 1e3:.2f} kohm" if ohm >= 1e3 else f"{ohm:.0f} ohm"
+
+
+def _percent(value: float, *, sign: str = "") -> str:
+    return "-" if math.isnan(value) else f"{value:{sign}.2f} %"
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

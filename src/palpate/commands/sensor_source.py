@@ -1,0 +1,176 @@
+"""Where a command takes its frames from: a rig, a rig file, or a board on a port."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import CalibrationError, DeviceTimeoutError, InputError
+from palpate.sensor.array import PressureArray
+from palpate.sensor.health import Stretch
+from palpate.sensor.health_link import LinkEvents
+from palpate.sensor.serial_array import SerialArray
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from palpate.gripper.interface import Gripper
+    from palpate.sensor.calibration import Calibration
+
+#: A frame is waited for so long before the sensor counts as silent.
+FRAME_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """An open array and what is known about it.
+
+    Attributes
+    ----------
+    name : str
+        For titles.
+    array : PressureArray
+        The sensor.
+    calibration : Calibration or None
+        A simulated rig's.
+    calibration_path : Path or None
+        Where a rig file has it, made or not.
+    gripper : Gripper or None
+        Of a simulated rig: what can squeeze its object.
+    simulated : bool
+        Whether the frames are.
+    """
+
+    name: str
+    array: PressureArray
+    calibration: Calibration | None = None
+    calibration_path: Path | None = None
+    gripper: Gripper | None = None
+    simulated: bool = False
+
+    @property
+    def asked_hz(self) -> float | None:
+        """The rate that the board was told, where there is a board."""
+        board = self.array.identity if isinstance(self.array, SerialArray) else None
+        return None if board is None else board.rate_hz
+
+    def events(self) -> LinkEvents:
+        """What the link has counted so far."""
+        if not isinstance(self.array, SerialArray):
+            return LinkEvents()
+        count = self.array.counters
+        return LinkEvents(
+            corrupt=count.corrupt,
+            late=count.late,
+            restarts=count.restarts + count.reconnects,
+            drift_ppm=self.array.drift_ppm,
+        )
+
+    def rest_ohm(self) -> NDArray[np.float64] | None:
+        """Return the calibrated rest values, shape (rows, cols); None where there are none.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration file can't be read or is of another layout.
+        """
+        from palpate.sensor.calibration import Calibration
+
+        calibration, layout = self.calibration, self.array.layout
+        if calibration is None and self.calibration_path and self.calibration_path.exists():
+            calibration = Calibration.load(self.calibration_path)
+        if calibration is None:
+            return None
+        if calibration.layout != layout:
+            raise CalibrationError(
+                f"the calibration was made with layout {calibration.layout.name} and its divider, "
+                f"the sensor is {layout.name}; run `palpate calibrate rest --new`, or mend the "
+                "rig file"
+            )
+        return calibration.rest_ohm
+
+    def frames(self, duration_s: float) -> Stretch:
+        """Read frames for so long, in the sensor's own time.
+
+        Raises
+        ------
+        DeviceError
+            If the sensor falls silent before there are two frames, or is gone.
+        """
+        taken = [self.array.read(timeout_s=FRAME_TIMEOUT_S)]
+        while taken[-1].time_s - taken[0].time_s < duration_s:
+            try:
+                taken.append(self.array.read(timeout_s=FRAME_TIMEOUT_S))
+            except DeviceTimeoutError:
+                if len(taken) < 2:
+                    raise
+                break
+        return Stretch.of(taken)
+
+    def close(self) -> None:
+        """Let go of the devices."""
+        self.array.close()
+        if self.gripper is not None:
+            self.gripper.close()
+
+
+def open_source(
+    *, rig: str | None, port: str | None, layout: str, reference_ohm: float, rate_hz: float
+) -> Source:
+    """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
+
+    Raises
+    ------
+    InputError
+        If both rig and port are given, or either is at fault.
+    DeviceError
+        If the equipment isn't there.
+    """
+    from palpate.sensor.board_array import open_board
+
+    if rig is not None and port is not None:
+        raise InputError("--rig and --port exclude each other: a rig file names its port")
+    if rig is None:
+        array = open_board(port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz)
+        return Source(name=port or "the board found", array=array)
+    if not rig.endswith(".toml"):
+        return _of_rig(rig)
+    path = Path(rig)
+    stated = _stated(path)
+    return _of_rig(str(stated["use"])) if "use" in stated else _of_file(path, stated)
+
+
+def _of_rig(name: str) -> Source:
+    from palpate.rig import open_rig
+
+    devices = open_rig(name)
+    return Source(
+        name=name,
+        array=devices.array,
+        calibration=devices.calibration,
+        gripper=devices.gripper if devices.simulated else None,
+        simulated=devices.simulated,
+    )
+
+
+def _of_file(path: Path, stated: Mapping[str, object]) -> Source:
+    """Open the array of a rig file; its calibration may still be to make."""
+    from palpate.rig.file import _opened
+
+    place = path.parent / str(stated["calibration"]) if "calibration" in stated else None
+    array: PressureArray = _opened(path, "array", stated.get("array"))
+    return Source(name=path.name, array=array, calibration_path=place)
+
+
+def _stated(path: Path) -> dict[str, object]:
+    try:
+        return tomllib.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"rig file {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"rig file {path}: {error}") from error

@@ -1,0 +1,113 @@
+"""A board's pressure array by the words of a user: port, layout, resistor, rate.
+
+`open_board` is what a rig file names for its `[array]`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+from palpate.clock import RealClock
+from palpate.errors import InputError
+from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
+from palpate.sensor.byte_stream import BAUD, SerialStream
+from palpate.sensor.ports import find_port, serial_ports
+from palpate.sensor.serial_array import SerialArray
+from palpate.signal.circuit import Divider
+
+#: The paper's arrays (section 2.1 and 4.2), by name.
+PRESETS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
+_MOST_LINES = 16
+
+
+def layout_named(
+    name: str,
+    *,
+    reference_ohm: float = 4700.0,
+    taxel_leg: Literal["upper", "lower"] = "upper",
+) -> ArrayLayout:
+    """Return a preset layout, or one of rows x columns, with its divider.
+
+    Parameters
+    ----------
+    name : str
+        ``"rigid-2x2"``, ``"soft-3x2"``, or e.g. ``"4x4"`` (all of it on one finger).
+    reference_ohm : float
+        The divider's fixed resistor.
+    taxel_leg : {"upper", "lower"}
+        Where the pixel lies in the divider.
+
+    Raises
+    ------
+    InputError
+        If there is no such layout, or the resistor is not positive.
+
+    Examples
+    --------
+    >>> layout_named("soft-3x2").pixels, layout_named("4x3", reference_ohm=1e3).rows
+    (12, 4)
+    """
+    if not reference_ohm > 0:
+        raise InputError(f"the reference resistor must be above 0 ohm, not {reference_ohm:g}")
+    divider = Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg)
+    if name in PRESETS:
+        return replace(PRESETS[name], divider=divider)
+    rows, _, cols = name.partition("x")
+    sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
+    if len(sizes) != 2 or not all(1 <= size <= _MOST_LINES for size in sizes):
+        raise InputError(
+            f"no layout {name!r}: give {', '.join(PRESETS)}, or rows x columns from 1x1 to 16x16"
+        )
+    return ArrayLayout(
+        name=name, rows=sizes[0], cols=sizes[1], finger_of_row=(0,) * sizes[0], divider=divider
+    )
+
+
+def open_board(
+    *,
+    port: str | None = None,
+    layout: str = RIGID_LAYOUT.name,
+    reference_ohm: float = 4700.0,
+    taxel_leg: Literal["upper", "lower"] = "upper",
+    rate_hz: float = 250.0,
+    oversampling: int = 1,
+    baud: int = BAUD,
+) -> SerialArray:
+    """Open the array of a board with palpate's firmware; it reconnects after an unplug.
+
+    Parameters
+    ----------
+    port : str, optional
+        Device, e.g. ``"/dev/ttyACM0"``; by default found by USB id, or by asking who answers.
+    layout, reference_ohm, taxel_leg
+        As in `layout_named`.
+    rate_hz : float
+        Frames per second.
+    oversampling : int
+        Conversions summed per pixel, 1 to 64.
+    baud : int
+        Speed that the firmware was built for.
+
+    Raises
+    ------
+    InputError
+        If there is no such layout.
+    DeviceError
+        If there is no board, it does not answer, or it can't do that rate.
+    """
+    pixels = layout_named(layout, reference_ohm=reference_ohm, taxel_leg=taxel_leg)
+    clock = RealClock()
+
+    def open_stream(name: str) -> SerialStream:
+        return SerialStream(name, baud=baud)
+
+    device = port or find_port(serial_ports(), clock=clock, open_stream=open_stream)
+    return SerialArray(
+        open_stream(device),
+        clock=clock,
+        layout=pixels,
+        rate_hz=rate_hz,
+        oversampling=oversampling,
+        reopen=lambda: open_stream(device),
+    )

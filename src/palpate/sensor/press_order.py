@@ -1,0 +1,194 @@
+"""Are the pixels wired in order? One pixel after the other is pressed, and must be the one to fall.
+
+The watch is fed frames and says which pixel to press next; it has no clock and no I/O, so a
+recording of presses is judged as live ones are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.sensor.array import ArrayLayout
+from palpate.sensor.findings import Finding, Severity, pixel_name
+from palpate.signal.relative import relative_change_percent
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Pixel: TypeAlias = tuple[int, int]
+
+#: A press falls by twice the paper's contact threshold, with one pixel in the lead for a while.
+_PRESSED_PERCENT, _HELD_S = -20.0, 0.25
+#: Let go: risen to half of the press's depth. The sheet then goes on creeping back, so the next
+#: press is measured from where it stands a little later.
+_RELEASED_SHARE, _CALM_S = 0.5, 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Press:
+    """One pixel that was to be pressed, and the one that fell most; None if none did in time."""
+
+    expected: Pixel
+    answered: Pixel | None
+
+
+class PressWatch:
+    """Watches presses of one pixel after the other, row by row.
+
+    Parameters
+    ----------
+    rest_ohm : ndarray, shape (rows, cols)
+        Rest values; inf or 0 for dead pixels, which are left out.
+    timeout_s : float
+        How long a press is waited for.
+
+    Examples
+    --------
+    >>> watch = PressWatch(np.full((1, 2), 1000.0))
+    >>> watch.expected
+    (0, 0)
+    >>> for k in range(10):
+    ...     watch.see(0.1 * k, np.array([[1000.0, 300.0]]))
+    >>> watch.presses
+    (Press(expected=(0, 0), answered=(0, 1)),)
+    """
+
+    def __init__(self, rest_ohm: FloatArray, *, timeout_s: float = 20.0) -> None:
+        usable = np.isfinite(rest_ohm) & (rest_ohm > 0)
+        self._wanted: list[Pixel] = [(int(r), int(c)) for r, c in np.argwhere(usable)]
+        self._base_ohm = np.where(usable, rest_ohm, np.nan)
+        self._timeout_s = timeout_s
+        self._presses: list[Press] = []
+        self._since_s: float | None = None
+        self._leader: Pixel | None = None
+        self._leads_s = 0.0
+        self._depth = 0.0
+        self._calm_s: float | None = None
+
+    @property
+    def expected(self) -> Pixel | None:
+        """Which pixel to press now; None when done, or while the last is to be let go."""
+        waiting = self._leader is None or self._depth == 0.0
+        return self._wanted[0] if self._wanted and waiting else None
+
+    @property
+    def done(self) -> bool:
+        """Whether every pixel has had its turn."""
+        return not self._wanted
+
+    @property
+    def presses(self) -> tuple[Press, ...]:
+        """The presses so far."""
+        return tuple(self._presses)
+
+    def see(self, time_s: float, ohm: FloatArray) -> None:
+        """Take a frame.
+
+        Parameters
+        ----------
+        time_s : float
+            When it was scanned.
+        ohm : ndarray, shape (rows, cols)
+            Its resistances.
+        """
+        if self.done:
+            return
+        self._since_s = time_s if self._since_s is None else self._since_s
+        change = relative_change_percent(ohm, rest_ohm=self._base_ohm)
+        change = np.where(np.isnan(change), 0.0, change)
+        if self._depth < 0.0:
+            self._await_release(time_s, change, ohm)
+        else:
+            self._await_press(time_s, change)
+
+    def give_up(self) -> None:
+        """Count every press still to come as unanswered: the frames have ended."""
+        self._presses += [Press(expected=pixel, answered=None) for pixel in self._wanted]
+        self._wanted.clear()
+
+    def _await_press(self, time_s: float, change: FloatArray) -> None:
+        row, col = divmod(int(change.argmin()), change.shape[1])
+        leader = (row, col) if change[row, col] <= _PRESSED_PERCENT else None
+        if leader != self._leader:
+            self._leader, self._leads_s = leader, time_s
+        if leader is not None and time_s - self._leads_s >= _HELD_S:
+            self._depth = float(change[row, col])
+            self._presses.append(Press(expected=self._wanted.pop(0), answered=leader))
+            self._since_s, self._calm_s = time_s, None
+        elif self._since_s is not None and time_s - self._since_s > self._timeout_s:
+            self._presses.append(Press(expected=self._wanted.pop(0), answered=None))
+            self._since_s = time_s
+
+    def _await_release(self, time_s: float, change: FloatArray, ohm: FloatArray) -> None:
+        self._depth = min(self._depth, float(change.min()))
+        if change.min() < _RELEASED_SHARE * self._depth:
+            self._calm_s = None
+        elif self._calm_s is None:
+            self._calm_s = time_s
+        overdue = self._since_s is not None and time_s - self._since_s > self._timeout_s
+        calm = self._calm_s is not None and time_s - self._calm_s >= _CALM_S
+        if calm or overdue:
+            self._base_ohm = np.where(np.isnan(self._base_ohm), np.nan, ohm)
+            self._depth, self._leader, self._since_s = 0.0, None, time_s
+
+
+def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Finding]:
+    """Say which pixels did not answer, and which answered for another.
+
+    Whole rows or columns that answer for each other are named as such.
+
+    Parameters
+    ----------
+    presses : sequence of Press
+        As a `PressWatch` collected them.
+    layout : ArrayLayout
+        The pixels.
+
+    Examples
+    --------
+    >>> pair = ArrayLayout(name="pair", rows=2, cols=1, finger_of_row=(0, 1))
+    >>> crossed = [Press(expected=(0, 0), answered=(1, 0)), Press(expected=(1, 0), answered=(0, 0))]
+    >>> [(found.where, found.text) for found in order_findings(crossed, layout=pair)]
+    [('row R0', 'answers as row R1'), ('row R1', 'answers as row R0')]
+    """
+    findings = [
+        _fault("silent", pixel_name(*press.expected), "did not answer its press")
+        for press in presses
+        if press.answered is None
+    ]
+    answers = {p.expected: p.answered for p in presses if p.answered is not None}
+    rows = _line_map(answers, axis=0)
+    cols = _line_map(answers, axis=1)
+    lines_alone = all(
+        (rows.get(r, r), cols.get(c, c)) == answered for (r, c), answered in answers.items()
+    )
+    if lines_alone:
+        findings += _line_findings("row R", rows)
+        findings += _line_findings("column C", cols)
+        return findings
+    for expected, answered in answers.items():
+        if expected != answered:
+            said = f"answers as {pixel_name(*answered)}"
+            findings.append(_fault("swapped", pixel_name(*expected), said))
+    return findings
+
+
+def _line_map(answers: dict[Pixel, Pixel], *, axis: int) -> dict[int, int]:
+    """Return which line answers for which, where all of a line's pixels agree."""
+    seen: dict[int, set[int]] = {}
+    for expected, answered in answers.items():
+        seen.setdefault(expected[axis], set()).add(answered[axis])
+    return {line: others.pop() for line, others in seen.items() if len(others) == 1}
+
+
+def _line_findings(name: str, lines: dict[int, int]) -> Iterator[Finding]:
+    for line, answered in lines.items():
+        if line != answered:
+            yield _fault("swapped", f"{name}{line}", f"answers as {name}{answered}")
+
+
+def _fault(code: str, where: str, text: str) -> Finding:
+    return Finding(code=code, severity=Severity.FAULT, where=where, text=text)

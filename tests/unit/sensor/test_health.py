@@ -1,0 +1,257 @@
+"""The health check on twin frames with injected faults, and on healthy twins."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.sensor.array import ArrayLayout
+from palpate.sensor.findings import Severity
+from palpate.sensor.health import Health, Stretch, examine
+from palpate.sensor.health_link import LinkEvents
+from palpate.sensor.health_pixels import grouped
+from palpate.sensor.reference_resistor import fit_reference, nearest_e12
+from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
+from palpate.twin.devices import TwinArray
+from palpate.twin.world import World
+
+RATE_HZ = 15.0
+
+
+@cache
+def twin_rest(
+    seed: int, level: str = "paper", gripper: str = "rigid"
+) -> tuple[Stretch, ArrayLayout]:
+    """Ten seconds of a twin that nothing touches."""
+    world = World(None, seed=seed, level=level, gripper="soft" if gripper == "soft" else "rigid")
+    array = TwinArray(world)
+    return Stretch.of([array.read(timeout_s=1.0) for _ in range(150)]), world.layout
+
+
+def changed(stretch: Stretch, counts: np.ndarray) -> Stretch:
+    return Stretch(time_s=stretch.time_s, sequence=stretch.sequence, counts=counts)
+
+
+def with_factor(stretch: Stretch, layout: ArrayLayout, pixel: tuple[int, int], factor: np.ndarray):
+    """The stretch with one pixel's resistance times a factor over time."""
+    ohm = stretch.ohm(layout=layout)[:, *pixel] * factor
+    counts = stretch.counts.copy()
+    volts = ohm_to_volts(ohm, divider=layout.divider)
+    counts[:, *pixel] = volts_to_counts(volts, divider=layout.divider)
+    return changed(stretch, counts)
+
+
+def with_counts(stretch: Stretch, pixel: tuple, value: object) -> Stretch:
+    counts = stretch.counts.copy()
+    counts[(slice(None), *pixel)] = value
+    return changed(stretch, counts)
+
+
+def codes(health: Health) -> list[tuple[str, str]]:
+    return [(found.code, found.where) for found in health.findings]
+
+
+@pytest.mark.parametrize(("value", "code"), [(0, "open"), (1023, "short")], ids=["open", "short"])
+def test_dead_pixel(value: int, code: str) -> None:
+    stretch, layout = twin_rest(1)
+    health = examine(with_counts(stretch, (2, 1), value), layout=layout)
+    assert codes(health) == [(code, "R2 C1")]
+    assert not health.healthy
+
+
+@pytest.mark.parametrize(
+    ("pixels", "where"),
+    [((2,), "row R2"), ((slice(None), 1), "column C1"), ((), "every pixel")],
+    ids=["row", "column", "all"],
+)
+def test_dead_lines_are_named_once(pixels: tuple, where: str) -> None:
+    stretch, layout = twin_rest(1)
+    assert codes(examine(with_counts(stretch, pixels, 0), layout=layout)) == [("open", where)]
+
+
+def test_a_pixel_in_the_lower_leg_reads_open_at_the_supply() -> None:
+    layout = ArrayLayout(
+        name="pair", rows=1, cols=2, finger_of_row=(0,), divider=Divider(taxel_leg="lower")
+    )
+    counts = np.random.default_rng(1).integers(700, 703, (60, 1, 2)).astype(np.int32)
+    counts[:, 0, 1] = 1023
+    rest = Stretch(time_s=np.arange(60) / 15.0, sequence=np.arange(60), counts=counts)
+    assert codes(examine(rest, layout=layout)) == [("open", "R0 C1")]
+
+
+def test_stuck_pixel_stands_still_where_the_others_move() -> None:
+    stretch, layout = twin_rest(2)
+    middle = int(np.median(stretch.counts[:, 1, 0]))
+    health = examine(with_counts(stretch, (1, 0), middle), layout=layout)
+    assert codes(health) == [("stuck", "R1 C0")]
+
+
+def test_a_quiet_converter_makes_no_pixel_stuck() -> None:
+    """Where the noise is far below a count, standing still is what healthy pixels do."""
+    stretch, layout = twin_rest(2)
+    counts = np.broadcast_to(stretch.counts[0], stretch.counts.shape)
+    assert examine(changed(stretch, counts), layout=layout).healthy
+
+
+def test_noisy_pixel() -> None:
+    stretch, layout = twin_rest(3)
+    noise = np.random.default_rng(5).normal(1.0, 0.04, 150)
+    health = examine(with_factor(stretch, layout, (3, 0), noise), layout=layout)
+    assert codes(health) == [("noisy", "R3 C0")]
+    assert health.pixels.noise_percent[3, 0] == pytest.approx(4.0, rel=0.2)
+
+
+def test_drifting_pixel() -> None:
+    stretch, layout = twin_rest(4)
+    ramp = np.linspace(1.0, 0.93, 150)
+    health = examine(with_factor(stretch, layout, (0, 1), ramp), layout=layout)
+    assert codes(health) == [("drifting", "R0 C1")]
+
+
+def test_loose_pixel_drops_out_now_and_then() -> None:
+    stretch, layout = twin_rest(5)
+    factor = np.ones(150)
+    factor[[30, 31, 80, 120]] = 1e7
+    health = examine(with_factor(stretch, layout, (1, 1), factor), layout=layout)
+    assert codes(health) == [("loose", "R1 C1")]
+
+
+def test_faint_pixel() -> None:
+    stretch, layout = twin_rest(6)
+    health = examine(with_factor(stretch, layout, (2, 0), np.full(150, 15.0)), layout=layout)
+    assert codes(health) == [("faint", "R2 C0")]
+
+
+def test_pixel_far_from_its_calibration() -> None:
+    """What all pixels share is climate; one that differs from them has changed."""
+    stretch, layout = twin_rest(7)
+    known = 0.9 * stretch.median_ohm(layout=layout)
+    assert examine(stretch, layout=layout, known_ohm=known).healthy
+    known[0, 0] *= 0.5
+    health = examine(stretch, layout=layout, known_ohm=known)
+    assert codes(health) == [("changed", "R0 C0")]
+
+
+def test_a_touched_sensor_is_not_at_rest() -> None:
+    stretch, layout = twin_rest(8)
+    counts = stretch.counts.copy()
+    counts[75:] = np.minimum(counts[75:] * 2, 1000)
+    health = examine(changed(stretch, counts), layout=layout)
+    assert codes(health) == [("unrest", "sensor")]
+
+
+def test_a_load_shows_against_the_calibration() -> None:
+    stretch, layout = twin_rest(8)
+    known = 1.5 * stretch.median_ohm(layout=layout)
+    health = examine(stretch, layout=layout, known_ohm=known)
+    assert codes(health) == [("unrest", "sensor")]
+
+
+def test_lost_frames_are_counted() -> None:
+    stretch, layout = twin_rest(9)
+    kept = np.delete(np.arange(150), [40, 41, 90])
+    health = examine(
+        Stretch(
+            time_s=stretch.time_s[kept],
+            sequence=stretch.sequence[kept],
+            counts=stretch.counts[kept],
+        ),
+        layout=layout,
+        asked_hz=RATE_HZ,
+    )
+    assert health.link.lost == 3
+    assert codes(health) == [("lost", "link")]
+    assert health.link.rate_hz == pytest.approx(RATE_HZ)
+
+
+def test_link_faults() -> None:
+    stretch, layout = twin_rest(10)
+    shaken = stretch.time_s + np.random.default_rng(2).uniform(0, 0.03, 150)
+    events = LinkEvents(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
+    health = examine(
+        Stretch(time_s=shaken, sequence=stretch.sequence, counts=stretch.counts),
+        layout=layout,
+        asked_hz=30.0,
+        events=events,
+    )
+    found = {finding.code: finding.severity for finding in health.findings}
+    assert found == {
+        "slow": Severity.FAULT,
+        "corrupt": Severity.FAULT,
+        "clock": Severity.FAULT,
+        "restarted": Severity.FAULT,
+        "late": Severity.ADVICE,
+        "jitter": Severity.ADVICE,
+    }
+
+
+def test_one_lost_frame_in_thousands_is_advice() -> None:
+    stretch, layout = twin_rest(10)
+    number = np.arange(3000)
+    number[1500:] += 1
+    whole = Stretch(
+        time_s=number / 250.0, sequence=number, counts=np.tile(stretch.counts, (20, 1, 1))
+    )
+    health = examine(stretch, layout=layout, whole=whole)
+    assert codes(health) == [("lost", "link")]
+    assert health.healthy
+
+
+def test_resistor_for_a_range_seen_under_load() -> None:
+    """The paper's 4.7 kohm where pixels fall to 40 ohm: 9 counts from the end."""
+    layout = ArrayLayout(name="one", rows=1, cols=4, finger_of_row=(0,))
+    rng = np.random.default_rng(3)
+    ohm = np.full((400, 1, 4), 12e3)
+    ohm[200:] = 40.0
+    volts = ohm_to_volts(ohm, divider=layout.divider)
+    counts = volts_to_counts(
+        volts, divider=layout.divider, noise_counts=rng.normal(0, 0.4, ohm.shape)
+    )
+    whole = Stretch(time_s=np.arange(400) / 50.0, sequence=np.arange(400), counts=counts)
+    health = examine(whole.first(3.9), layout=layout, whole=whole)
+    assert codes(health) == [("resistor", "4700 ohm")]
+    assert not health.healthy
+    assert health.resistor is not None
+    assert 560 <= health.resistor.recommended_ohm <= 820
+
+
+def test_recommended_resistor_is_best_of_its_series() -> None:
+    fit = fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=100e3))
+    others = [
+        fit_reference(low_ohm=90.0, high_ohm=9e3, divider=Divider(reference_ohm=ohm)).step_percent
+        for ohm in (680.0, 820.0, 1000.0, 1200.0)
+    ]
+    assert fit.recommended_ohm == 820.0 or fit.recommended_ohm == 1000.0
+    assert fit.recommended_step_percent == pytest.approx(min(others))
+    assert not fit.fits
+    assert nearest_e12(1e6) == 1e6
+
+
+def test_too_few_frames_and_wrong_shape_are_refused() -> None:
+    stretch, layout = twin_rest(1)
+    with pytest.raises(InputError, match="too few"):
+        examine(stretch.first(1.0), layout=layout)
+    with pytest.raises(InputError, match="don't fit"):
+        examine(stretch, layout=twin_rest(1, "field", "soft")[1])
+
+
+def test_groups_cover_a_mask_once() -> None:
+    mask = np.zeros((4, 3), dtype=np.bool_)
+    mask[1] = mask[:, 2] = mask[3, 0] = True
+    total = sum(part.astype(int) for _, part in grouped(mask))
+    assert np.array_equal(total, mask.astype(int))
+
+
+@pytest.mark.parametrize("level", ["paper", "field"])
+def test_healthy_twins_raise_no_fault(level: str) -> None:
+    faults = [
+        (seed, found.code)
+        for seed in range(12)
+        for stretch, layout in [twin_rest(100 + seed, level, "soft" if seed % 2 else "rigid")]
+        for found in examine(stretch, layout=layout, asked_hz=RATE_HZ).findings
+        if found.severity is Severity.FAULT
+    ]
+    assert faults == []

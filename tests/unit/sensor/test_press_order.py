@@ -1,0 +1,95 @@
+"""Presses of one pixel after the other: wires in order, crossed, dead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
+from palpate.sensor.findings import Finding
+from palpate.sensor.press_order import PressWatch, order_findings
+
+Pixel = tuple[int, int]
+REST_OHM = 8e3 * np.exp(np.random.default_rng(1).normal(0, 0.2, (4, 2)))
+
+
+def pressed(
+    wiring: Callable[[Pixel], Pixel], *, deaf: Pixel | None = None, rest_ohm: np.ndarray = REST_OHM
+) -> list[Finding]:
+    """Press what the watch asks for, at 50 Hz, by a finger that spills over, on creeping pixels."""
+    watch = PressWatch(rest_ohm, timeout_s=5.0)
+    rng = np.random.default_rng(2)
+    load, memory = np.zeros((4, 2)), np.zeros((4, 2))
+    touch_s = 0.0
+    for k in range(20_000):
+        time_s = 0.02 * k
+        if watch.done:
+            break
+        if watch.expected is None or watch.expected == deaf:
+            load[:] = 0.0
+            touch_s = time_s
+        elif time_s - touch_s > 0.6:
+            load[:] = 0.3
+            load[wiring(watch.expected)] = 2.0
+        memory += 0.02 / 3.0 * (0.2 * load - memory)
+        ohm = rest_ohm / (1.0 + load + memory) * rng.normal(1.0, 0.004, (4, 2))
+        watch.see(time_s, ohm)
+    assert watch.done
+    return order_findings(watch.presses, layout=RIGID_LAYOUT)
+
+
+def named(findings: list[Finding]) -> list[tuple[str, str, str]]:
+    return [(found.code, found.where, found.text) for found in findings]
+
+
+def test_wires_in_order() -> None:
+    assert pressed(lambda pixel: pixel) == []
+
+
+def test_two_rows_crossed() -> None:
+    other = {0: 2, 2: 0, 1: 1, 3: 3}
+    assert named(pressed(lambda pixel: (other[pixel[0]], pixel[1]))) == [
+        ("swapped", "row R0", "answers as row R2"),
+        ("swapped", "row R2", "answers as row R0"),
+    ]
+
+
+def test_columns_crossed() -> None:
+    assert named(pressed(lambda pixel: (pixel[0], 1 - pixel[1]))) == [
+        ("swapped", "column C0", "answers as column C1"),
+        ("swapped", "column C1", "answers as column C0"),
+    ]
+
+
+def test_single_pixels_crossed() -> None:
+    crossed = {(1, 0): (3, 1), (3, 1): (1, 0)}
+    assert named(pressed(lambda pixel: crossed.get(pixel, pixel))) == [
+        ("swapped", "R1 C0", "answers as R3 C1"),
+        ("swapped", "R3 C1", "answers as R1 C0"),
+    ]
+
+
+def test_a_pixel_that_does_not_answer() -> None:
+    assert named(pressed(lambda pixel: pixel, deaf=(2, 1))) == [
+        ("silent", "R2 C1", "did not answer its press")
+    ]
+
+
+def test_dead_pixels_are_not_asked_for() -> None:
+    rest_ohm = REST_OHM.copy()
+    rest_ohm[0, 0], rest_ohm[1, 1] = np.inf, 0.0
+    assert pressed(lambda pixel: pixel, rest_ohm=rest_ohm) == []
+    assert PressWatch(rest_ohm).expected == (0, 1)
+
+
+@pytest.mark.parametrize("seen", [0, 1])
+def test_frames_that_end_early_leave_the_rest_unanswered(seen: int) -> None:
+    watch = PressWatch(np.full((1, 2), 1e3))
+    for k in range(20 * seen):
+        watch.see(0.1 * k, np.array([[300.0, 1e3]]))
+    watch.give_up()
+    layout = ArrayLayout(name="pair", rows=1, cols=2, finger_of_row=(0,))
+    silent = [found.where for found in order_findings(watch.presses, layout=layout)]
+    assert silent == ["R0 C0", "R0 C1"][seen:]
