@@ -95,7 +95,7 @@ static double pixel_mv(board_t *board) {
   double share = span > 0 ? (double)(board->avr->cycle - board->from_cycle) / span : 1.0;
   if (share < 0) share = 0;
   if (share > 1) share = 1;
-  return board->from_mv[pixel] + share * (board->to_mv[pixel] - board->from_mv[pixel]);
+  return (1.0 - share) * board->from_mv[pixel] + share * board->to_mv[pixel];
 }
 
 static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
