@@ -22,6 +22,8 @@ VERBS = (
     "study",
     "bench",
     "doctor",
+    "live",
+    "calibrate",
 )
 
 

@@ -1,0 +1,48 @@
+"""`palpate calibrate WHAT`: make or renew a part of the calibration file."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Annotated, Any
+
+import typer
+
+from palpate.commands.outcome import run
+from palpate.errors import InputError
+
+#: Step -> (module under `palpate.commands`, what it does). Each module holds a function `command`.
+STEPS: dict[str, tuple[str, str]] = {
+    "rest": ("calibrate_rest", "What each pixel reads with nothing on it"),
+}
+
+#: The step's own options are parsed by the step.
+SETTINGS: dict[str, Any] = {
+    "context_settings": {
+        "allow_extra_args": True,
+        "ignore_unknown_options": True,
+        "help_option_names": [],
+    }
+}
+
+
+def calibrate(
+    context: typer.Context,
+    step: Annotated[str | None, typer.Argument(help="Which step.")] = None,
+) -> None:
+    """Make or renew a part of the calibration file. Example: palpate calibrate rest"""
+    if step in (None, "--help"):
+        width = max(map(len, STEPS))
+        print("usage: palpate calibrate STEP [--help] [options]\n")
+        for known, (_, summary) in STEPS.items():
+            print(f"  {known:<{width}}  {summary}")
+        print("\nExample: palpate calibrate rest --rig rig.toml")
+        return
+    if step not in STEPS:
+        raise InputError(f"no calibration step {step!r}; there are: {', '.join(STEPS)}")
+    # Loaded by name: a step must not pay for the others.
+    module = importlib.import_module(f"palpate.commands.{STEPS[step][0]}")
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(module.command)
+    status = run(app, context.args, name=f"palpate calibrate {step}")
+    if status:
+        raise typer.Exit(status)

@@ -1,0 +1,192 @@
+"""`palpate calibrate rest`: what each pixel reads with nothing on it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import closing
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.errors import CalibrationError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from palpate.sensor.array import ArrayLayout
+    from palpate.sensor.calibration import Calibration, RestValues
+
+DEFAULT_FILE = Path("calibration.json")
+
+
+def command(
+    rig: Annotated[
+        str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
+    ] = None,
+    port: Annotated[
+        str | None, typer.Option(help="Serial port. [default: found by USB id, or by asking]")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to make or renew. [default: the rig file's, or calibration.json]"),
+    ] = None,
+    new: Annotated[
+        bool, typer.Option("--new", help="Begin the file anew: the sensor was changed.")
+    ] = False,
+    duration_s: Annotated[float, typer.Option("--duration", help="Seconds.", min=1.0)] = 5.0,
+    layout: Annotated[
+        str, typer.Option(help="With --port: rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
+    ] = "rigid-2x2",
+    reference_ohm: Annotated[
+        float, typer.Option(help="With --port: the divider's resistor.")
+    ] = 4700.0,
+    rate_hz: Annotated[float, typer.Option(help="With --port: frames per second.")] = 250.0,
+    temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
+    humidity_percent: Annotated[
+        float | None, typer.Option(help="Of the room, where known.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Take the rest values of every pixel; refused when something presses or moves.
+
+    An existing file keeps its force and block readings.
+
+    Example: palpate calibrate rest --rig rig.toml
+    """
+    from palpate.commands.sensor_source import open_source
+    from palpate.sensor.calibration import Calibration
+
+    source = open_source(
+        rig=rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz
+    )
+    with closing(source):
+        path = out or source.calibration_path or DEFAULT_FILE
+        earlier = Calibration.load(path) if path.exists() and not new else None
+        pixels = source.array.layout
+        _refuse_other(earlier, path=path, layout=pixels, simulated=source.simulated)
+        if not source.simulated:
+            print(f"{source.name}: leave the sensor alone for {duration_s:g} s", file=sys.stderr)
+        ohm = source.frames(duration_s).ohm(layout=pixels)
+        rest = _rest_values(ohm, known_ohm=None if earlier is None else earlier.rest_ohm)
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    calibration = _begun(pixels, rest=rest, simulated=source.simulated, now=now)
+    if earlier is not None:
+        # The date is what `concerns` judges age by: that of the force readings, where there are.
+        made_at = earlier.made_at if earlier.force.force_n else now
+        calibration = replace(earlier, rest=rest, made_at=made_at)
+    if temperature_c is not None:
+        calibration = replace(calibration, temperature_c=temperature_c)
+    if humidity_percent is not None:
+        calibration = replace(calibration, humidity_percent=humidity_percent)
+    calibration.save(path)
+    renewed = earlier is not None
+    if as_json:
+        document = _document(calibration, path=path, renewed=renewed)
+        print(json.dumps(document, indent=1, allow_nan=False))
+    else:
+        _print(calibration, path=path, earlier=earlier)
+
+
+def _refuse_other(
+    earlier: Calibration | None, *, path: Path, layout: ArrayLayout, simulated: bool
+) -> None:
+    if earlier is None:
+        return
+    origin = "simulated" if simulated else "hardware"
+    if earlier.layout != layout:
+        raise CalibrationError(
+            f"{path} is of layout {earlier.layout.name} and its divider, the sensor is "
+            f"{layout.name}; give another --out, or --new to begin the file anew"
+        )
+    if earlier.origin != origin:
+        raise CalibrationError(
+            f"{path} is of origin {earlier.origin}, this sensor is {origin}; give another --out"
+        )
+
+
+def _rest_values(ohm: NDArray[np.float64], *, known_ohm: NDArray[np.float64] | None) -> RestValues:
+    """Return the rest values of a stretch, shape (frames, rows, cols), or refuse."""
+    import numpy as np
+
+    from palpate.sensor.calibration import RestValues
+    from palpate.sensor.findings import pixel_name
+    from palpate.signal.relative import rest_baseline
+
+    rest = rest_baseline(ohm, known_ohm=known_ohm)
+    dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(np.isnan(rest.rest_ohm))]
+    if dead:
+        raise CalibrationError(
+            f"no rest value for {', '.join(dead)}: open or short; run `palpate doctor`"
+        )
+    return RestValues(
+        ohm=tuple(map(tuple, rest.rest_ohm.round(3).tolist())),
+        # The plain deviation: a robust one is 0 where the noise is within a count.
+        spread_percent=tuple(
+            map(tuple, (100.0 * ohm.std(axis=0) / rest.rest_ohm).round(4).tolist())
+        ),
+        frames=rest.frames,
+    )
+
+
+def _begun(layout: ArrayLayout, *, rest: RestValues, simulated: bool, now: str) -> Calibration:
+    """Return a calibration that knows the rest alone."""
+    from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
+
+    return Calibration(
+        sensor_id=layout.name,
+        origin="simulated" if simulated else "hardware",
+        layout=layout,
+        rest=rest,
+        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
+        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
+        made_at=now,
+    )
+
+
+def _document(calibration: Calibration, *, path: Path, renewed: bool) -> dict[str, Any]:
+    return {
+        "file": str(path),
+        "renewed": renewed,
+        "simulated": calibration.origin == "simulated",
+        "layout": calibration.layout.name,
+        "rest_ohm": calibration.rest.ohm,
+        "spread_percent": calibration.rest.spread_percent,
+        "frames": calibration.rest.frames,
+        "made_at": calibration.made_at,
+    }
+
+
+def _print(calibration: Calibration, *, path: Path, earlier: Calibration | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from palpate.sensor.findings import pixel_name
+
+    layout, rest = calibration.layout, calibration.rest
+    simulated = "  [bold yellow]SIMULATED[/]" if calibration.origin == "simulated" else ""
+    table = Table(box=None, padding=(0, 3, 0, 0), show_edge=False, header_style="dim")
+    table.add_column("pixel")
+    for name in ("finger", "rest, ohm", "spread", "since before"):
+        if name != "since before" or earlier is not None:
+            table.add_column(name, justify="right")
+    for row in range(layout.rows):
+        for col in range(layout.cols):
+            ohm = rest.ohm[row][col]
+            cells = [
+                pixel_name(row, col),
+                str(layout.finger_of_row[row]),
+                f"{ohm:.0f}",
+                f"{rest.spread_percent[row][col]:.2f} %",
+            ]
+            if earlier is not None:
+                cells.append(f"{100.0 * (ohm / earlier.rest.ohm[row][col] - 1.0):+.1f} %")
+            table.add_row(*cells)
+    console = Console(highlight=False)
+    console.print(f"[bold]Rest of {layout.name}[/], {rest.frames} frames{simulated}\n")
+    console.print(table)
+    console.print(f"\n{'renewed' if earlier is not None else 'written'}: {path}", soft_wrap=True)

@@ -1,0 +1,91 @@
+"""Frames at the pace of the clock on the wall; a simulated rig squeezes its object meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.clock import Clock
+from palpate.commands.sensor_source import Source
+from palpate.errors import DeviceTimeoutError
+from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.sensor.array import Frame
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import mean_change, relative_change_percent
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: A silent sensor is shown as such, so a read must not wait long.
+_WAIT_S = 0.2
+#: Close quickly to a touch, then slowly to each depth, keep it, and open: mm/s, percent, seconds.
+_APPROACH_MM_PER_S, _SQUEEZE_MM_PER_S, _TOUCH_PERCENT = 20.0, 1.0, -3.0
+_DEPTHS_PERCENT, _KEEP_S, _OPEN_S = (-30.0, -50.0), 4.0, 5.0
+
+
+def paced(source: Source, *, clock: Clock) -> Iterator[Frame | None]:
+    """Yield frames as they come; None where none came for a while.
+
+    Parameters
+    ----------
+    source : Source
+        An open sensor. A simulated one is held back to the pace of `clock`.
+    clock : Clock
+        The clock on the wall.
+    """
+    if source.gripper is None or source.calibration is None:
+        while True:
+            try:
+                yield source.array.read(timeout_s=_WAIT_S)
+            except DeviceTimeoutError:
+                yield None
+    squeeze = Squeeze(source.gripper, rest_ohm=source.calibration.rest_ohm)
+    first_s, start_s = None, clock.now_s()
+    while True:
+        frame = source.array.read(timeout_s=1.0)
+        first_s = frame.time_s if first_s is None else first_s
+        clock.sleep_s(start_s + frame.time_s - first_s - clock.now_s())
+        ohm = resistance_ohm(
+            frame.counts, divider=source.array.layout.divider, oversampling=frame.oversampling
+        )
+        squeeze.see(frame.time_s, ohm)
+        yield frame
+
+
+class Squeeze:
+    """Closes a simulated gripper in two steps, opens it, and begins again."""
+
+    def __init__(self, gripper: Gripper, *, rest_ohm: FloatArray) -> None:
+        self._gripper, self._rest_ohm = gripper, rest_ohm
+        self._depths = list(_DEPTHS_PERCENT)
+        self._until_s: float | None = None
+        self._touched = self._closing = False
+
+    def see(self, time_s: float, ohm: FloatArray) -> None:
+        """Take a frame's resistances, and command what is next."""
+        change = float(mean_change(relative_change_percent(ohm, rest_ohm=self._rest_ohm)))
+        if self._until_s is None:
+            self._until_s = time_s + _OPEN_S
+        if time_s < self._until_s:
+            return
+        if not self._closing:
+            self._close() if self._depths else self._open(time_s)
+        elif not self._touched and change < _TOUCH_PERCENT:
+            self._touched = True
+            self._close()
+        elif change < self._depths[0]:
+            del self._depths[0]
+            self._gripper.stop()
+            self._closing, self._until_s = False, time_s + _KEEP_S
+
+    def _close(self) -> None:
+        rate = _SQUEEZE_MM_PER_S if self._touched else _APPROACH_MM_PER_S
+        self._gripper.command(GripperCommand(target=self._gripper.limits.lowest, rate=rate))
+        self._closing = True
+
+    def _open(self, time_s: float) -> None:
+        self._gripper.release()
+        self._depths, self._touched = list(_DEPTHS_PERCENT), False
+        self._until_s = time_s + _OPEN_S

@@ -1,0 +1,212 @@
+"""The picture that `palpate live` draws: a heat map per finger, the aggregate, and the link."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.align import Align
+from rich.columns import Columns
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from palpate.clock import Clock
+from palpate.commands.sensor_source import Source
+from palpate.sensor.array import Frame
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import (
+    CONTACT_PERCENT,
+    finger_means,
+    mean_change,
+    relative_change_percent,
+)
+
+DRAW_HZ = 10.0
+#: Without a calibration, the first second is taken for rest.
+_REST_S = 1.0
+#: A frame is stale after five periods, at least 100 ms (as everywhere in palpate).
+_STALE_PERIODS, _STALE_S = 5.0, 0.1
+#: Depth at which colour and curve end; the curve's span, and one of its columns, seconds.
+_DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
+_BLOCKS = " ▁▂▃▄▅▆▇█"
+#: From rest to deep: dark blue, magenta, orange, pale yellow (points of matplotlib's inferno).
+_COLORS = np.array([[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]])
+
+
+class LiveView:
+    """Takes frames, and draws what they say.
+
+    Parameters
+    ----------
+    source : Source
+        Where the frames come from.
+    rest_ohm : ndarray or None, shape (rows, cols)
+        Calibrated rest values; None takes them from the first second.
+    clock : Clock
+        The clock on the wall, for the age of the last frame.
+    """
+
+    def __init__(
+        self, source: Source, *, rest_ohm: NDArray[np.float64] | None, clock: Clock
+    ) -> None:
+        self._source, self._layout, self._clock = source, source.array.layout, clock
+        self._rest_ohm, self._calibrated = rest_ohm, rest_ohm is not None
+        self._first: list[NDArray[np.float64]] = []
+        self._ohm: NDArray[np.float64] | None = None
+        self._last: Frame | None = None
+        self._arrived_s = math.nan
+        self._frames = self._lost = 0
+        self._recent: deque[tuple[float, int]] = deque()
+        self._curve: deque[float] = deque(maxlen=_CURVE_COLUMNS)
+        self._column = -1
+
+    def add(self, frame: Frame) -> None:
+        """Take a frame."""
+        self._ohm = resistance_ohm(
+            frame.counts, divider=self._layout.divider, oversampling=frame.oversampling
+        )
+        if self._last is not None:
+            self._lost += max(0, frame.sequence - self._last.sequence - 1)
+        self._last, self._frames = frame, self._frames + 1
+        self._arrived_s = self._clock.now_s()
+        self._recent.append((frame.time_s, frame.sequence))
+        while frame.time_s - self._recent[0][0] > 2.0:
+            self._recent.popleft()
+        if self._rest_ohm is None:
+            self._learn_rest(frame.time_s)
+        self._extend_curve(frame.time_s)
+
+    def render(self) -> RenderableType:
+        """Draw."""
+        simulated = self._source.simulated
+        title = f"[bold]palpate live[/]  {self._source.name}"
+        return Panel(
+            Group(self._body(), Text(""), self._link()),
+            title=title,
+            subtitle="[bold yellow]SIMULATED: the twin is squeezed[/]" if simulated else "live",
+            border_style="red" if self._stale() else "green",
+            padding=(1, 2),
+            expand=False,
+        )
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second over the last two seconds, lost ones included."""
+        if len(self._recent) < 2:
+            return math.nan
+        (start_s, start), (end_s, end) = self._recent[0], self._recent[-1]
+        return (end - start) / (end_s - start_s) if end_s > start_s else math.nan
+
+    @property
+    def age_s(self) -> float:
+        """Time since the last frame came; NaN before the first."""
+        return self._clock.now_s() - self._arrived_s
+
+    def _learn_rest(self, time_s: float) -> None:
+        assert self._ohm is not None
+        self._first.append(self._ohm)
+        if time_s - self._recent[0][0] >= _REST_S:
+            self._rest_ohm = np.asarray(np.median(self._first, axis=0))
+            self._first.clear()
+
+    def _extend_curve(self, time_s: float) -> None:
+        change = self._change()
+        if change is None:
+            return
+        deep = -float(mean_change(change))
+        column = int(time_s / _COLUMN_S)
+        if column == self._column and self._curve:
+            self._curve[-1] = deep
+        else:
+            self._curve.append(deep)
+        self._column = column
+
+    def _change(self) -> NDArray[np.float64] | None:
+        if self._rest_ohm is None or self._ohm is None:
+            return None
+        return relative_change_percent(self._ohm, rest_ohm=self._rest_ohm)
+
+    def _body(self) -> RenderableType:
+        change = self._change()
+        if change is None:
+            return Text("taking the rest values: leave the sensor alone", style="yellow")
+        fingers = sorted(set(self._layout.finger_of_row))
+        means = finger_means(change, finger_of_row=self._layout.finger_of_row)
+        maps = [
+            self._finger(change, finger, float(mean))
+            for finger, mean in zip(fingers, means, strict=True)
+        ]
+        return Group(Columns(maps, padding=(0, 4)), Text(""), self._aggregate(change))
+
+    def _finger(self, change: NDArray[np.float64], finger: int, mean: float) -> RenderableType:
+        rows = [
+            row for row in range(self._layout.rows) if self._layout.finger_of_row[row] == finger
+        ]
+        tall = len(rows) <= 6
+        grid = Table.grid(padding=0)
+        for row in rows:
+            cells = [self._cell(change, row, col, tall=tall) for col in range(self._layout.cols)]
+            grid.add_row(*cells)
+        lowest = np.nanmin(change[rows], initial=0.0)
+        touch = lowest <= CONTACT_PERCENT
+        state = "[bold green]contact[/]" if touch else "[dim]no contact[/]"
+        head = Text.from_markup(f"finger {finger}   {mean:+6.1f} %   {state}")
+        return Group(head, grid)
+
+    def _cell(self, change: NDArray[np.float64], row: int, col: int, *, tall: bool) -> Text:
+        assert self._ohm is not None
+        value, ohm = float(change[row, col]), float(self._ohm[row, col])
+        if math.isnan(value):
+            words = "open" if math.isinf(ohm) else "no rest"
+            style = "bold white on dark_red"
+        else:
+            words = f"{value:+.0f} %"
+            style = _style(-value / _DEEPEST_PERCENT)
+        width = 11 if self._layout.cols <= 4 else 7
+        blank = " " * width
+        middle = f"{words:^{width}}"
+        return Text(f"{blank}\n{middle}\n{blank}" if tall else middle, style=style)
+
+    def _aggregate(self, change: NDArray[np.float64]) -> RenderableType:
+        mean = float(mean_change(change))
+        levels = [
+            _BLOCKS[round(min(max(deep / _DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]
+            for deep in self._curve
+        ]
+        curve = "".join(levels).rjust(_CURVE_COLUMNS)
+        head = Text.from_markup(f"mean relative change [bold]{mean:+6.1f} %[/]")
+        span = f"0 to -{_DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
+        return Group(head, Text(curve, style="dark_orange"), Text(span, style="dim"))
+
+    def _stale(self) -> bool:
+        period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
+        return not self.age_s <= max(_STALE_S, _STALE_PERIODS * period_s)
+
+    def _link(self) -> RenderableType:
+        if self._last is None:
+            return Align.left(Text("no frame yet", style="bold red"))
+        events = self._source.events()
+        lost = f"[bold red]{self._lost} lost[/]" if self._lost else "0 lost"
+        bad = f"[bold red]{events.corrupt} corrupt[/]" if events.corrupt else "0 corrupt"
+        stale = self._stale()
+        age = f"[{'bold red' if stale else 'green'}]last frame {1e3 * self.age_s:.0f} ms ago[/]"
+        rest = "calibrated rest" if self._calibrated else "rest of the first second"
+        return Text.from_markup(
+            f"{self.rate_hz:.1f} Hz  ·  {self._frames} frames, {lost}, {bad}  ·  {age}"
+            f"  ·  [dim]{rest}[/]"
+        )
+
+
+def _style(depth: float) -> str:
+    """Return a colour for a share of the deepest change, with ink that can be read on it."""
+    place = min(max(depth, 0.0), 1.0) * (len(_COLORS) - 1)
+    below = min(int(place), len(_COLORS) - 2)
+    red, green, blue = (
+        _COLORS[below] + (place - below) * (_COLORS[below + 1] - _COLORS[below])
+    ).astype(int)
+    ink = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 120 else "white"
+    return f"{ink} on rgb({red},{green},{blue})"
