@@ -115,7 +115,9 @@ class _Tally:
     def add(self, messages: list[Any], *, ends_s: Any, wanted_mv: Any, changed_s: float) -> None:
         if len(ends_s) != len(messages):
             ends_s = np.full(len(messages), np.nan)  # only around the start
-        wanted = np.floor(wanted_mv.astype(np.float32) * 1024.0 / 5000.0)
+        # The simulator keeps voltages in single precision and computes with them in double.
+        kept_mv = wanted_mv.astype(np.float32).astype(np.float64)
+        wanted = np.minimum(np.floor(kept_mv * 1024.0 / 5000.0 + 0.5), 1023)
         for message, end_s in zip(messages, ends_s, strict=True):
             if not isinstance(message, FrameMessage):
                 continue

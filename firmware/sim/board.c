@@ -113,9 +113,10 @@ static void on_convert(avr_irq_t *irq, uint32_t value, void *param) {
     mv = SUPPLY_MV * pressure_now(board);
   }
   mv += board->noise_mv * gaussian(board);
-  /* The data sheet's result is V * 1024 / Vref, cut to whole counts. simavr takes whole millivolts
-   * and multiplies by 1023: it is given the voltage that makes the right count of that. */
-  double count = floor(mv * 1024.0 / SUPPLY_MV);
+  /* The data sheet's first ideal transition lies half a step above zero ("ADC Accuracy
+   * Definitions"), so a count is V * 1024 / Vref rounded. simavr takes whole millivolts and
+   * multiplies by 1023: it is given the voltage that makes the right count of that. */
+  double count = floor(mv * 1024.0 / SUPPLY_MV + 0.5);
   if (count < 0) count = 0;
   if (count > 1023) count = 1023;
   avr_raise_irq(board->adc + request.mux.src, (uint32_t)ceil(count * SUPPLY_MV / 1023.0));
