@@ -24,6 +24,7 @@ VERBS = (
     "doctor",
     "live",
     "calibrate",
+    "flash",
 )
 
 

@@ -1,0 +1,39 @@
+"""The firmware as it goes on a board: `make -C firmware` builds it, the wheel carries it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from palpate.errors import DeviceNotFoundError
+
+#: In a wheel the images lie beside this file, in a source checkout where they were built.
+_HERE = Path(__file__).resolve().parent
+_PLACES = (_HERE, _HERE.parents[2] / "firmware" / "build")
+#: Speed of the serial line -> image.
+IMAGES = {1_000_000: "palpate-mega2560.hex", 9600: "palpate-mega2560-9600.hex"}
+
+
+def image_path(baud: int) -> Path:
+    """Return the Intel hex file for a speed of the serial line.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        If there is none for this speed, or none has been built.
+
+    Examples
+    --------
+    >>> image_path(1234)
+    Traceback (most recent call last):
+    palpate.errors.DeviceNotFoundError: no firmware for 1234 baud; there is one for: 1000000, 9600
+    """
+    if baud not in IMAGES:
+        speeds = ", ".join(map(str, IMAGES))
+        raise DeviceNotFoundError(f"no firmware for {baud} baud; there is one for: {speeds}")
+    for place in _PLACES:
+        if (place / IMAGES[baud]).is_file():
+            return place / IMAGES[baud]
+    raise DeviceNotFoundError(
+        "no firmware image in this installation: in a source checkout install gcc-avr, avr-libc "
+        "and binutils-avr, then run `make -C firmware`; or give a built one with --image"
+    )
