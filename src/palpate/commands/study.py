@@ -15,6 +15,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "force-ladders": ("force_ladders", "Dead weights on real Velostat, sensors held out"),
     "presses": ("presses", "Force now on real Velostat under a robot's presses"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
+    "realism": ("realism", "The twin's scatter beside real recordings"),
     "table1": ("table1", "Table 1 and Figures 5 and 6, on simulated holds"),
     "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
 }

@@ -151,6 +151,11 @@ class Plant:
             ruptured=False,
         )
 
+    def surround(self, environment: Environment) -> None:
+        """Change the surroundings, at once."""
+        self.environment = environment
+        self._placement.cache_clear()
+
     def placement(self, placed: int, contacts: int) -> Placement:
         """Return what chance gave to the n-th object and contact."""
         return self._placement(placed, contacts)
@@ -238,9 +243,14 @@ class Plant:
         """Return the resistance of every pixel, shape (pixels,)."""
         creep = self.placement(state.placed, state.contacts).creep
         v = creep.instant * state.target + creep.weight @ state.creep
-        rest = self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
-        resistance: FloatArray = rest * (1.0 + state.spike) / (1.0 + self.sheet.family.excess(v))
+        bare = self.rest_ohm * (1.0 + state.spike)
+        resistance: FloatArray = bare / (1.0 + self.sheet.family.excess(v))
         return resistance
+
+    @property
+    def rest_ohm(self) -> FloatArray:
+        """What every pixel would read without load, shape (pixels,)."""
+        return self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
 
     def _closure_mm(self, obj: TwinObject | None, width_mm: float, *, error_mm: float) -> float:
         return -np.inf if obj is None else obj.size_mm - width_mm + error_mm

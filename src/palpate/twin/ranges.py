@@ -1,10 +1,13 @@
 """Every range that the twin draws from, in one place, at two levels.
 
 `paper` scatters as the paper's Tables 2 to 6 do. `field` scatters as real Velostat does outside one
-laboratory's careful setup: force exponents from -0.76 to -1.57 and conductances that reach 150-260
-times the rest value (dead-weight ladders on three sensors), gain from place to place with a
-log standard deviation of 0.6 (robot presses against a load cell), resistances still 10-20 % from
-settled a second after the peak (weights on Velostat), noise of a few tenths of a percent.
+laboratory's careful setup, by `palpate study realism`: force exponents of the spread that three
+sensors had under dead weights (0.8 to 1.6, a standard deviation of 0.4), conductances that reach
+150-260 times the rest value, gain from place to place with a log standard deviation of 0.6 (robot
+presses against a load cell), resistances still 10-20 % from settled 2.5 s after the fingers stop
+(weights on Velostat), noise of a tenth to a few tenths of a percent.
+Surroundings, wear and suction are plausible at both levels, not measured: the paper's Figures 1b, 3
+and 4 print no numbers.
 
 A pair (low, high) is drawn uniformly, in the logarithm where the name ends in `_log`; a single
 `..._sd` is a standard deviation, of the logarithm where it says so.
@@ -64,8 +67,15 @@ class Ranges:
     rest_per_kelvin: Pair
     rest_per_humidity_percent: Pair
     gain_per_kelvin: Pair
+    gain_per_humidity_percent: Pair
     break_in: Pair
     break_in_cycles_log: Pair
+    rest_break_in: Pair
+    rest_per_1000_cycles: Pair
+    gain_per_1000_cycles: Pair
+    # Suction: share of the rest conductance that it can take away, and how strong it must be.
+    lift_share: Pair
+    lift_kpa_log: Pair
 
 
 PAPER = Ranges(
@@ -100,8 +110,14 @@ PAPER = Ranges(
     rest_per_kelvin=(-0.012, -0.004),
     rest_per_humidity_percent=(-0.004, 0.001),
     gain_per_kelvin=(-0.006, 0.006),
+    gain_per_humidity_percent=(-0.002, 0.002),
     break_in=(0.1, 0.4),
     break_in_cycles_log=(100.0, 600.0),
+    rest_break_in=(-0.1, 0.1),
+    rest_per_1000_cycles=(-0.03, 0.03),
+    gain_per_1000_cycles=(-0.03, 0.03),
+    lift_share=(0.1, 0.5),
+    lift_kpa_log=(5.0, 30.0),
 )
 
 FIELD = replace(
@@ -109,10 +125,10 @@ FIELD = replace(
     rest_ohm_log=(2e3, 20e3),
     rest_pixel_log_sd=0.35,
     unit_force_n_log=(0.03, 0.8),
-    exponent=(0.76, 1.57),
+    exponent=(0.5, 2.0),
     threshold_n=(0.0, 0.1),
     saturation_log=(150.0, 800.0),
-    sheet_pixel_log_sd=0.3,
+    sheet_pixel_log_sd=0.4,
     place_common_log_sd=0.3,
     place_pixel_log_sd=0.52,
     hysteresis=(0.05, 0.30),
@@ -120,8 +136,8 @@ FIELD = replace(
     slow_power_share=(0.10, 0.40),
     slow_power_exponent=(0.10, 0.60),
     slow_power_start_s_log=(0.05, 1.0),
-    hetero_share=(0.08, 0.35),
-    hetero_time_s_log=(0.2, 60.0),
+    hetero_share=(0.10, 0.40),
+    hetero_time_s_log=(0.5, 200.0),
     creep_place_log_sd=0.35,
     white_noise=(0.001, 0.004),
     slow_noise=(0.001, 0.004),
@@ -129,6 +145,10 @@ FIELD = replace(
     rest_per_kelvin=(-0.025, -0.004),
     rest_per_humidity_percent=(-0.008, 0.002),
     gain_per_kelvin=(-0.015, 0.015),
+    gain_per_humidity_percent=(-0.004, 0.004),
+    rest_break_in=(-0.25, 0.25),
+    rest_per_1000_cycles=(-0.08, 0.08),
+    gain_per_1000_cycles=(-0.08, 0.08),
 )
 
 LEVELS: dict[str, Ranges] = {"paper": PAPER, "field": FIELD}

@@ -37,6 +37,8 @@ SETTLED_S = 20.0
 #: Excess conductance from which on the coordinate of the relative change goes on as a logarithm:
 #: linear creep in the relative change itself would drive the resistance below zero.
 _BEND = 6.0
+#: The paper's room (section 2.1); it gives no humidity, so that is ours.
+ROOM_C, ROOM_HUMIDITY_PERCENT = 21.9, 45.0
 #: exp(-s ** 1.12) as a sum of exponentials in s, to within 0.003.
 _COMPRESSED = ((1.21610, 0.84748), (-0.21610, 0.30244))
 
@@ -144,11 +146,32 @@ FAMILIES: dict[str, Callable[[np.random.Generator, Ranges], Family]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """Surroundings and use of a sheet; the defaults are the paper's room and a new sheet."""
+    """Surroundings and use of a sheet; the defaults are the paper's room and a new sheet.
 
-    temperature_c: float = 21.9
-    humidity_percent: float = 45.0
+    Attributes
+    ----------
+    temperature_c, humidity_percent : float
+        Climate.
+    cycles : int
+        Contacts made before.
+    suction_kpa : float
+        By how much the pressure outside the sheet lies below that between its layers.
+    """
+
+    temperature_c: float = ROOM_C
+    humidity_percent: float = ROOM_HUMIDITY_PERCENT
     cycles: int = 0
+    suction_kpa: float = 0.0
+
+    @property
+    def warmer(self) -> float:
+        """Kelvin above the paper's room."""
+        return self.temperature_c - ROOM_C
+
+    @property
+    def damper(self) -> float:
+        """Percent of relative humidity above our assumption for that room."""
+        return self.humidity_percent - ROOM_HUMIDITY_PERCENT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,8 +194,14 @@ class Sheet:
     rest_per_kelvin: float
     rest_per_humidity_percent: float
     gain_per_kelvin: float
+    gain_per_humidity_percent: float
     break_in: float
     break_in_cycles: float
+    rest_break_in: float
+    rest_per_1000_cycles: float
+    gain_per_1000_cycles: float
+    lift_share: float
+    lift_kpa: float
 
     def static_excess(self, load_n: FloatArray, *, gain: FloatArray) -> FloatArray:
         """Return the excess conductance that a load leads to, without its history."""
@@ -185,18 +214,29 @@ class Sheet:
         return np.clip(played_n, load_n, load_n * (1.0 + self.hysteresis))
 
     def rest_factor(self, environment: Environment) -> float:
-        """Return the rest resistance relative to that in the paper's room."""
-        warmer = environment.temperature_c - 21.9
-        damper = environment.humidity_percent - 45.0
-        return float(
-            np.exp(self.rest_per_kelvin * warmer + self.rest_per_humidity_percent * damper)
+        """Return the rest resistance relative to that of a new sheet in the paper's room.
+
+        Suction parts the layers: up to a share of the conductance goes with it.
+        """
+        climate = (
+            self.rest_per_kelvin * environment.warmer
+            + self.rest_per_humidity_percent * environment.damper
         )
+        broken_in = -np.expm1(-environment.cycles / self.break_in_cycles)
+        wear = self.rest_break_in * broken_in
+        wear += self.rest_per_1000_cycles * environment.cycles / 1000.0
+        lifted = -self.lift_share * np.expm1(-environment.suction_kpa / self.lift_kpa)
+        return float(np.exp(climate + wear) / (1.0 - lifted))
 
     def gain_factor(self, environment: Environment) -> float:
         """Return the gain relative to that of a broken-in sheet in the paper's room."""
-        warm = np.exp(self.gain_per_kelvin * (environment.temperature_c - 21.9))
+        climate = (
+            self.gain_per_kelvin * environment.warmer
+            + self.gain_per_humidity_percent * environment.damper
+        )
+        wear = self.gain_per_1000_cycles * environment.cycles / 1000.0
         fresh = self.break_in * np.exp(-environment.cycles / self.break_in_cycles)
-        return float(warm * (1.0 + fresh))
+        return float(np.exp(climate + wear) * (1.0 + fresh))
 
 
 def draw_sheet(
@@ -221,6 +261,8 @@ def draw_sheet(
     if name not in FAMILIES:
         raise ValueError(f"no relaxation family {name!r}; there are: {', '.join(FAMILIES)}")
     pixels = layout.pixels
+    # A stream of its own, which leaves the other draws of a seed as they are without it.
+    aging = rng.spawn(1)[0]
     rest_ohm = log_uniform(rng, ranges.rest_ohm_log)
     return Sheet(
         family=FAMILIES[name](np.random.default_rng(rng.integers(2**63)), ranges),
@@ -241,4 +283,10 @@ def draw_sheet(
         gain_per_kelvin=uniform(rng, ranges.gain_per_kelvin),
         break_in=uniform(rng, ranges.break_in),
         break_in_cycles=log_uniform(rng, ranges.break_in_cycles_log),
+        gain_per_humidity_percent=uniform(aging, ranges.gain_per_humidity_percent),
+        rest_break_in=uniform(aging, ranges.rest_break_in),
+        rest_per_1000_cycles=uniform(aging, ranges.rest_per_1000_cycles),
+        gain_per_1000_cycles=uniform(aging, ranges.gain_per_1000_cycles),
+        lift_share=uniform(aging, ranges.lift_share),
+        lift_kpa=log_uniform(aging, ranges.lift_kpa_log),
     )

@@ -202,6 +202,15 @@ class World:
             )
         )
 
+    def surround(self, environment: Environment, *, time_s: float | None = None) -> None:
+        """Change the climate, the suction or the use made so far, at once.
+
+        `environment.cycles` counts what was before this world's own contacts.
+        """
+        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        self._plant.surround(environment)
+        self._restart(now)
+
     # -- what is there ----------------------------------------------------------------------------
 
     def force_n(self, time_s: float) -> float:
@@ -232,7 +241,7 @@ class World:
         now = self._node if self._hold is None else self._hold
         end = self._plant.run(now, now.motion.start_s + horizon_s)
         ohm = self._plant.resistance_ohm(end)
-        rest = self.sheet.rest_ohm * self.sheet.rest_factor(self._plant.environment)
+        rest = self._plant.rest_ohm
         deformation_mm = end.closure_mm - self.compliance.deflection_mm(end.force_n)
         obj, peak_force_n = end.obj, self._latest.peak_force_n
         return Truth(

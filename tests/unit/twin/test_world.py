@@ -213,6 +213,17 @@ def test_surroundings_move_ohms_more_than_relative_change() -> None:
     assert warm.truth().settled_percent == pytest.approx(cool.truth().settled_percent, abs=3.0)
 
 
+def test_surroundings_may_change_while_the_world_runs() -> None:
+    steady, changed = held(2.5), held(2.5)
+    cool, warm = Environment(), Environment(temperature_c=31.9)
+    changed.surround(warm, time_s=5.0)
+    jump = changed.pixel_resistance_ohm(5.0) / steady.pixel_resistance_ohm(5.0)
+    assert jump == pytest.approx(changed.sheet.rest_factor(warm), rel=0.02)
+    changed.surround(cool, time_s=10.0)
+    ratio = changed.pixel_resistance_ohm(60.0) / steady.pixel_resistance_ohm(60.0)
+    assert ratio == pytest.approx(1.0, abs=0.02)
+
+
 def test_floating_lines_leak() -> None:
     straight, leaky = held(2.5), held(2.5, crosstalk=True)
     assert np.all(leaky.scan(3.0) > straight.scan(3.0))

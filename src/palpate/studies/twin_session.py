@@ -1,0 +1,174 @@
+"""One sensor on the twin in the hands of an experimenter: rest, grasps to a width, readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.gripper.interface import GripperCommand
+from palpate.sensor.array import ArrayLayout
+from palpate.settling.result import FloatArray
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import (
+    excess_conductance,
+    largest_change,
+    mean_change,
+    relative_change_percent,
+    total_excess,
+)
+from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.velostat import Environment
+from palpate.twin.world import World
+
+#: The settled value is the mean over this long before the end of a hold.
+SETTLED_MEAN_S = 0.5
+#: Gap from which the fingers close, their speed, the still time before, the pause after.
+GAP_MM, SPEED_MM_PER_S, STILL_S, PAUSE_S = 6.0, 40.0, 2.0, 20.0
+HOLD_S = 20.0
+#: Every result on the twin is given at both of its levels.
+LEVELS = ("paper", "field")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """What sensor and load cell say at one time; arrays of shape (rows, cols).
+
+    Attributes
+    ----------
+    ohm, rest_ohm : ndarray
+        Resistances now, and at rest just before the grasp.
+    force_n : float
+        The load cell.
+    """
+
+    ohm: FloatArray
+    rest_ohm: FloatArray
+    force_n: float
+
+    @property
+    def change_percent(self) -> FloatArray:
+        """Relative change of each pixel."""
+        return relative_change_percent(self.ohm, rest_ohm=self.rest_ohm)
+
+    @property
+    def mean_percent(self) -> float:
+        """Mean relative change: the paper's aggregate."""
+        return float(mean_change(self.change_percent))
+
+    @property
+    def largest_percent(self) -> float:
+        """Change of the pixel that fell most."""
+        return float(largest_change(self.change_percent))
+
+    @property
+    def excess(self) -> float:
+        """Excess conductance summed over pixels."""
+        return float(total_excess(excess_conductance(self.ohm, rest_ohm=self.rest_ohm)))
+
+
+class Session:
+    """A sensor and gripper of one seed, used through their devices alone.
+
+    Parameters
+    ----------
+    sensor : int
+        Seed of the sensor and the gripper.
+    level : {"paper", "field"}
+        Scatter of the twin.
+    trial : int
+        Seed of what changes from session to session.
+    layout : ArrayLayout, optional
+        Pixels; the paper's by default.
+    family : str, optional
+        Relaxation family; drawn with the sensor by default.
+    environment : Environment, optional
+        Surroundings and earlier use.
+    """
+
+    def __init__(
+        self,
+        sensor: int,
+        *,
+        level: str,
+        trial: int = 0,
+        layout: ArrayLayout | None = None,
+        family: str | None = None,
+        environment: Environment | None = None,
+    ) -> None:
+        self.world = World(
+            None,
+            seed=1_000_003 * (trial + 1) + sensor,
+            sheet_seed=sensor,
+            level=level,
+            layout=layout,
+            family=family,
+            environment=environment,
+        )
+        self.gripper, self.cell = TwinGripper(self.world), TwinLoadCell(self.world)
+
+    def place(self, obj: TwinObject) -> None:
+        """Open the fingers and put an object between them, away with the last one."""
+        self.gripper.release()
+        self.world.clock.sleep_s(STILL_S)
+        self.world.place(obj)
+
+    def rest_ohm(self) -> FloatArray:
+        """Return the mean over half a second with the fingers open and still."""
+        return self.mean_ohm()
+
+    def mean_ohm(self) -> FloatArray:
+        """Return the mean over the last half second from now on, shape (rows, cols)."""
+        return np.asarray(self.read(SETTLED_MEAN_S).mean(axis=0))
+
+    def read(self, duration_s: float) -> FloatArray:
+        """Read frames for so long; resistances, shape (frames, rows, cols)."""
+        array, counts = TwinArray(self.world), []
+        until_s = self.world.clock.now_s() + duration_s
+        while self.world.clock.now_s() < until_s - 1e-9:
+            counts.append(array.read(timeout_s=1.0).counts)
+        array.close()
+        return resistance_ohm(np.stack(counts), divider=self.world.layout.divider)
+
+    def close_to(self, width_mm: float, *, speed_mm_per_s: float = SPEED_MM_PER_S) -> None:
+        """Send the fingers to a width."""
+        self.gripper.command(GripperCommand(target=width_mm, rate=speed_mm_per_s))
+
+    def grasp(
+        self,
+        obj_size_mm: float,
+        *,
+        width_mm: float,
+        hold_s: float = HOLD_S,
+        speed_mm_per_s: float = SPEED_MM_PER_S,
+    ) -> Reading:
+        """Take rest values, close to a width, hold, read the settled values, open, and pause."""
+        clock = self.world.clock
+        self.close_to(obj_size_mm + GAP_MM)
+        clock.sleep_s(STILL_S)
+        rest_ohm = self.rest_ohm()
+        self.close_to(width_mm, speed_mm_per_s=speed_mm_per_s)
+        clock.sleep_s(hold_s - SETTLED_MEAN_S)
+        ohm = self.mean_ohm()
+        reading = Reading(ohm=ohm, rest_ohm=rest_ohm, force_n=self.cell.read_n())
+        self.gripper.release()
+        clock.sleep_s(PAUSE_S)
+        return reading
+
+
+def grasps(
+    session: Session, obj: TwinObject, *, widths_mm: Sequence[float], repeats: int
+) -> list[list[Reading]]:
+    """Grasp one object at each width, so often: readings by width and repeat."""
+    session.place(obj)
+    return [
+        [session.grasp(obj.size_mm, width_mm=width_mm) for _ in range(repeats)]
+        for width_mm in widths_mm
+    ]
+
+
+def drawn(name: str, *, seed: int) -> TwinObject:
+    """Draw the object of a name that all sensors of a study share."""
+    return draw_object(np.random.default_rng([seed, sum(name.encode())]), name)
