@@ -25,6 +25,7 @@ VERBS = (
     "live",
     "calibrate",
     "flash",
+    "init",
 )
 
 

@@ -1,0 +1,129 @@
+"""`palpate init`: a few questions, then a rig file."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.errors import InputError
+
+_OPEN_ARRAY = "palpate.sensor.board_array:open_board"
+_ANY_PORT, _NO_GRIPPER = "auto", "none"
+
+
+def init(
+    file: Annotated[Path, typer.Argument(help="The new rig file.")] = Path("rig.toml"),
+    port: Annotated[
+        str | None, typer.Option(help="Serial port, or `auto` to look for the board each time.")
+    ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
+    ] = None,
+    reference_ohm: Annotated[float | None, typer.Option(help="The divider's resistor.")] = None,
+    taxel_leg: Annotated[
+        str | None,
+        typer.Option(help="upper: the pixel lies at the supply; lower: at ground."),
+    ] = None,
+    gripper: Annotated[
+        str | None,
+        typer.Option(help="`none`, or module:function that opens yours.", metavar="NONE_OR_FUNC"),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Write a rig file. Asks for what no option gives; without a terminal, takes the defaults.
+
+    Example: palpate init rig.toml --port /dev/ttyACM0 --layout rigid-2x2 --reference-ohm 4700
+    """
+    from palpate.files import atomic_path
+    from palpate.sensor.board_array import PRESETS, layout_named
+    from palpate.sensor.ports import serial_ports
+
+    if file.suffix != ".toml":
+        raise InputError(f"{file}: a rig file ends in .toml")
+    if file.exists() and not force:
+        raise InputError(f"{file} exists; give another name, or --force to replace it")
+    likely = [found.device for found in serial_ports() if found.board is not None]
+    chosen: dict[str, str | float] = {
+        "port": _ask("Serial port", port, likely[0] if len(likely) == 1 else _ANY_PORT),
+        "layout": _ask(f"Layout ({', '.join(PRESETS)}, or e.g. 4x4)", layout, "rigid-2x2"),
+        "reference_ohm": _ohm(_ask("Reference resistor, ohm", reference_ohm, "4700")),
+        "taxel_leg": _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper"),
+    }
+    hand = _ask("Gripper (none, or module:function that opens it)", gripper, _NO_GRIPPER)
+    if chosen["taxel_leg"] not in ("upper", "lower"):
+        raise InputError(f"--taxel-leg {chosen['taxel_leg']}: give upper or lower")
+    if hand != _NO_GRIPPER and ":" not in hand:
+        raise InputError(f"--gripper {hand}: give none, or module:function, e.g. my_arm:open_hand")
+    layout_named(str(chosen["layout"]), reference_ohm=float(chosen["reference_ohm"]))
+    text = rig_text(chosen, gripper=hand, calibration=f"{file.stem}-calibration.json")
+    with atomic_path(file) as partial:
+        partial.write_text(text)
+    print(f"written: {file}\nnext: palpate doctor --rig {file}")
+    print(f"then: palpate calibrate rest --rig {file}")
+
+
+def rig_text(array: dict[str, str | float], *, gripper: str, calibration: str) -> str:
+    """Return the rig file.
+
+    Parameters
+    ----------
+    array : dict
+        What `palpate.sensor.board_array.open_board` takes; a port of ``"auto"`` is left out.
+    gripper : str
+        ``"none"``, or the function that opens it.
+    calibration : str
+        Name of the calibration file, beside the rig file.
+
+    Examples
+    --------
+    >>> print(rig_text({"port": "auto", "layout": "4x4"}, gripper="none", calibration="c.json"))
+    # A rig of palpate: what its parts are, and how to open them.
+    calibration = "c.json"
+    <BLANKLINE>
+    [array]
+    open = "palpate.sensor.board_array:open_board"
+    layout = "4x4"
+    <BLANKLINE>
+    # No gripper yet: doctor, live and calibrate work, grasp needs a table [gripper] with
+    # open = "module:function" and what that function takes by keyword.
+    <BLANKLINE>
+    """
+    lines = [
+        "# A rig of palpate: what its parts are, and how to open them.",
+        f"calibration = {json.dumps(calibration)}",
+        "",
+        "[array]",
+        f'open = "{_OPEN_ARRAY}"',
+    ]
+    kept = {key: value for key, value in array.items() if value != _ANY_PORT}
+    lines += [f"{key} = {json.dumps(value)}" for key, value in kept.items()]
+    if gripper == _NO_GRIPPER:
+        lines += [
+            "",
+            "# No gripper yet: doctor, live and calibrate work, grasp needs a table [gripper] with",
+            '# open = "module:function" and what that function takes by keyword.',
+        ]
+    else:
+        lines += ["", "[gripper]", f"open = {json.dumps(gripper)}"]
+    return "\n".join(lines) + "\n"
+
+
+def _ask(question: str, given: str | float | None, default: str) -> str:
+    """Return what the option gave, else the answer, else the default."""
+    if given is not None:
+        return str(given)
+    if not sys.stdin.isatty():
+        return default
+    answer: str = typer.prompt(question, default=default, err=True)
+    return answer.strip()
+
+
+def _ohm(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"--reference-ohm {text}: give the resistor in ohm, e.g. 4700") from error
