@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from palpate.errors import CalibrationError, RecordingError
 from palpate.holds import Hold
 from palpate.recording.contents import GripperTrack, Recording
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import actuation_spikes
 from palpate.signal.relative import (
     CONTACT_PERCENT,
@@ -33,16 +33,13 @@ _Floats = NDArray[np.float64]
 
 
 def recorded_resistance_ohm(recording: Recording) -> _Floats:
-    """Return the pixels' resistances, shape (n_frames, rows, cols), as they were read.
-
-    Crosstalk is left in: whether idle lines float is not part of a recording.
-    """
+    """Return the pixels' resistances, shape (n_frames, rows, cols); crosstalk is solved out."""
     ohm = np.empty(recording.counts.shape)
     for oversampling in np.unique(recording.oversampling):
         frames = recording.oversampling == oversampling
-        ohm[frames] = resistance_ohm(
+        ohm[frames] = pixel_resistance_ohm(
             recording.counts[frames],
-            divider=recording.info.layout.divider,
+            layout=recording.info.layout,
             oversampling=int(oversampling),
         )
     return ohm

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import MissingExtraError
 from palpate.files import atomic_path
@@ -18,7 +19,7 @@ from palpate.holds import Hold
 from palpate.recording.contents import Event
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 
 Table = dict[str, list[Any]]
 Format = Literal["csv", "parquet"]
@@ -102,15 +103,25 @@ def _columns(batch: list[tuple[Frame, GripperState | None, str]], layout: ArrayL
         table[name] = [None if np.isnan(value) else float(value) for value in sensed]
     table["moving"] = [None if state is None else state.moving for state in states]
     table["events"] = [text or None for _, _, text in batch]
-    ohms = [
-        resistance_ohm(frame.counts, divider=layout.divider, oversampling=frame.oversampling)
-        for frame in frames
-    ]
+    ohms = _resistances(frames, layout)
     for row in range(layout.rows):
         for col in range(layout.cols):
             table[f"r{row}c{col}_counts"] = [int(frame.counts[row, col]) for frame in frames]
             table[f"r{row}c{col}_ohm"] = [float(ohm[row, col]) for ohm in ohms]
     return table
+
+
+def _resistances(frames: list[Frame], layout: ArrayLayout) -> NDArray[np.float64]:
+    """Solve the frames of a batch together, those of equal oversampling at a time."""
+    counts = np.stack([frame.counts for frame in frames])
+    oversampling = np.array([frame.oversampling for frame in frames])
+    ohm = np.empty(counts.shape)
+    for conversions in np.unique(oversampling):
+        alike = oversampling == conversions
+        ohm[alike] = pixel_resistance_ohm(
+            counts[alike], layout=layout, oversampling=int(conversions)
+        )
+    return ohm
 
 
 def _write_csv(path: Path, tables: Iterable[Table]) -> int:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.signal.circuit import Divider
+
+#: What the lines that are not selected do: see `ArrayLayout`.
+IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
+#: Fields of a layout that files written before them lack, with what was taken for granted then.
+ADDED_LATER: dict[str, object] = {"idle_lines": "isolated", "line_ohm": 0.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +33,14 @@ class ArrayLayout:
         Distance between neighbouring pixel centres.
     divider : Divider
         The readout circuit.
+    idle_lines : {"isolated", "floating", "held"}
+        What the lines of the other pixels do while one is read. *Isolated*: nothing that matters,
+        each pixel has a line of its own, or a diode. *Floating*: rows and columns go to two
+        multiplexers and nothing else, so that the reading leaks through detours. *Held*: idle rows
+        are tied to the rail that the reference resistor goes to. Decides how crosstalk is solved
+        out (`palpate.sensor.pixel_resistance`).
+    line_ohm : float
+        In series with every pixel: on-resistance of the multiplexers, and leads. Subtracted.
 
     Examples
     --------
@@ -41,8 +55,17 @@ class ArrayLayout:
     finger_of_row: tuple[int, ...]
     pitch_mm: float = 10.0
     divider: Divider = field(default_factory=Divider)
+    idle_lines: IdleLines = "isolated"
+    line_ohm: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.idle_lines not in get_args(IdleLines):
+            raise ValueError(
+                f"layout {self.name}: idle_lines {self.idle_lines!r} is none of "
+                f"{', '.join(get_args(IdleLines))}"
+            )
+        if not (math.isfinite(self.line_ohm) and self.line_ohm >= 0):
+            raise ValueError(f"layout {self.name}: line_ohm {self.line_ohm!r} must be 0 or more")
         if not (1 <= self.rows <= 16 and 1 <= self.cols <= 16):
             raise ValueError(f"layout {self.name}: rows and cols must be 1 to 16")
         if len(self.finger_of_row) != self.rows:

@@ -26,6 +26,8 @@ ILL_CONDITIONED_GAIN = 10.0
 _HIDDEN_SHARE = 1e-5
 _TOLERANCE = 1e-9
 _MAX_STEPS = 60
+#: Frames are solved in batches of so many numbers (32 MB) per intermediate array.
+_MOST_COUPLINGS = 1 << 22
 
 _Array = NDArray[np.float64]
 
@@ -42,7 +44,8 @@ class UnmixedPixels:
         Relative error of the pixel per relative error of independent readings (root sum of
         squares): 1 without leak, inf where the pixel is hidden.
     solved : ndarray of bool, shape (...)
-        False where no resistances explain the frame's readings; its pixels are NaN.
+        False where no resistances explain the frame's readings; the pixels concerned are NaN: all
+        with floating lines, those of one column with held ones.
     """
 
     resistance_ohm: _Array
@@ -124,36 +127,12 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     readings = _not_negative(readings_ohm)
     rows, cols = readings.shape[-2:]
     flat = readings.reshape(-1, rows * cols)
-    measured = np.isfinite(flat) & (flat > 0)
-    ceiling = 1e6 * np.max(np.where(measured, flat, 0.0), axis=1, keepdims=True, initial=1.0)
-    floor = 1e-4 * np.min(np.where(measured, flat, np.inf), axis=1, keepdims=True, initial=1.0)
-    log_target = np.log(np.clip(flat, floor, ceiling))
-    log_g = np.log((rows + cols - 1) / (rows * cols)) - log_target
-    hidden = np.zeros(flat.shape, dtype=bool)
-    gain = np.ones(flat.shape)
-    solved = np.zeros(len(flat), dtype=bool)
-    active = np.arange(len(flat))
-    for _ in range(_MAX_STEPS):
-        error, sharing = _mismatch(log_g[active], log_target[active], shape=(rows, cols))
-        hidden[active] |= log_g[active] + log_target[active] < np.log(_HIDDEN_SHARE)
-        error[hidden[active]] = 0.0
-        sharing = _without(sharing, hidden[active])
-        done = np.max(np.abs(error), axis=1) < _TOLERANCE
-        if done.any():
-            inverse = np.linalg.inv(sharing[done])
-            gain[active[done]] = np.sqrt(np.sum(inverse**2, axis=2))
-            solved[active[done]] = True
-            active, error, sharing = active[~done], error[~done], sharing[~done]
-        if not len(active):
-            break
-        step = np.linalg.solve(sharing, error[:, :, None])[:, :, 0]
-        log_g[active] += np.clip(step, -1.0, 1.0)
-    resistance = np.exp(-log_g)
-    resistance[hidden | np.isinf(flat)] = np.inf
-    resistance[flat == 0] = 0.0
-    gain[hidden] = np.inf
-    resistance[~solved] = np.nan
-    gain[~solved] = np.nan
+    resistance, gain = np.empty(flat.shape), np.empty(flat.shape)
+    solved = np.empty(len(flat), dtype=bool)
+    at_once = max(1, _MOST_COUPLINGS // (rows * cols) ** 2)
+    for start in range(0, len(flat), at_once):
+        part = slice(start, start + at_once)
+        resistance[part], gain[part], solved[part] = _solve_floating(flat[part], (rows, cols))
     return UnmixedPixels(
         resistance_ohm=resistance.reshape(readings.shape),
         error_gain=gain.reshape(readings.shape),
@@ -207,7 +186,7 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixel
     Returns
     -------
     UnmixedPixels
-        A frame is unsolved where the shares of a column reach the whole supply, as with a short.
+        A column is unsolved where its shares reach the whole supply, as with a short.
 
     Examples
     --------
@@ -217,7 +196,7 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixel
     readings = _not_negative(readings_ohm)
     share = reference_ohm / (reference_ohm + readings)
     left = 1.0 - share.sum(axis=-2, keepdims=True)
-    solved = np.all(left > 0, axis=(-2, -1))
+    keep = left > 0
     with np.errstate(divide="ignore", invalid="ignore"):
         resistance = reference_ohm * left / share
         # d ln R = (1 - y) d ln r, plus y (1 - y) / left d ln r for every pixel of the column.
@@ -225,11 +204,10 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixel
         own = 1.0 - share + slope
         others = np.sum(slope**2, axis=-2, keepdims=True) - slope**2
         gain = np.sqrt(own**2 + others)
-    keep = solved[..., None, None]
     return UnmixedPixels(
         resistance_ohm=np.where(keep, resistance, np.nan),
         error_gain=np.where(keep, gain, np.nan),
-        solved=np.asarray(solved),
+        solved=np.asarray(np.all(keep, axis=(-2, -1))),
     )
 
 
@@ -247,6 +225,44 @@ def _positive(ohm: ArrayLike) -> _Array:
     if not np.all(values > 0):
         raise ValueError("pixel resistances must be positive (inf is an open pixel)")
     return values
+
+
+def _solve_floating(
+    flat: _Array, shape: tuple[int, int]
+) -> tuple[_Array, _Array, NDArray[np.bool_]]:
+    """Return resistances, error gains and whether solved, of frames of shape (batch, pixels)."""
+    rows, cols = shape
+    measured = np.isfinite(flat) & (flat > 0)
+    ceiling = 1e6 * np.max(np.where(measured, flat, 0.0), axis=1, keepdims=True, initial=1.0)
+    floor = 1e-4 * np.min(np.where(measured, flat, np.inf), axis=1, keepdims=True, initial=1.0)
+    log_target = np.log(np.clip(flat, floor, ceiling))
+    log_g = np.log((rows + cols - 1) / (rows * cols)) - log_target
+    hidden = np.zeros(flat.shape, dtype=bool)
+    gain = np.full(flat.shape, np.nan)
+    solved = np.zeros(len(flat), dtype=bool)
+    active = np.arange(len(flat))
+    for _ in range(_MAX_STEPS):
+        error, sharing = _mismatch(log_g[active], log_target[active], shape=shape)
+        hidden[active] |= log_g[active] + log_target[active] < np.log(_HIDDEN_SHARE)
+        error[hidden[active]] = 0.0
+        sharing = _without(sharing, hidden[active])
+        done = np.max(np.abs(error), axis=1) < _TOLERANCE
+        if done.any():
+            inverse = np.linalg.inv(sharing[done])
+            gain[active[done]] = np.sqrt(np.sum(inverse**2, axis=2))
+            solved[active[done]] = True
+            active, error, sharing = active[~done], error[~done], sharing[~done]
+        if not len(active):
+            break
+        step = np.linalg.solve(sharing, error[:, :, None])[:, :, 0]
+        log_g[active] += np.clip(step, -1.0, 1.0)
+    resistance = np.exp(-log_g)
+    resistance[hidden | np.isinf(flat)] = np.inf
+    resistance[flat == 0] = 0.0
+    gain[hidden] = np.inf
+    resistance[~solved] = np.nan
+    gain[~solved] = np.nan
+    return resistance, gain, solved
 
 
 def _line_coupling(conductance: _Array) -> _Array:

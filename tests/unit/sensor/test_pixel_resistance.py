@@ -1,0 +1,107 @@
+"""Counts to pixels by layout: what the circuit does to the pixels is undone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, IdleLines
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm, solve_pixels
+from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
+from palpate.signal.crosstalk import floating_readings_ohm, held_readings_ohm
+
+#: A converter fine enough that rounding does not hide what is tested.
+FINE = Divider(adc_bits=24)
+
+
+def layout(idle_lines: IdleLines, *, line_ohm: float = 0.0) -> ArrayLayout:
+    return replace(RIGID_LAYOUT, divider=FINE, idle_lines=idle_lines, line_ohm=line_ohm)
+
+
+def pixels(*shape: int) -> NDArray[np.float64]:
+    return 2000.0 * np.exp(np.random.default_rng(4).normal(0, 0.7, (*shape, 4, 2)))
+
+
+def counts_of(read_ohm: NDArray[np.float64]) -> NDArray[np.int32]:
+    return volts_to_counts(ohm_to_volts(read_ohm, divider=FINE), divider=FINE)
+
+
+@pytest.mark.parametrize("line_ohm", [0.0, 70.0])
+def test_isolated_lines_are_the_divider_less_the_series_resistance(line_ohm: float) -> None:
+    ohm = pixels(5)
+    found = pixel_resistance_ohm(
+        counts_of(ohm + line_ohm), layout=layout("isolated", line_ohm=line_ohm)
+    )
+    assert found == pytest.approx(ohm, rel=1e-4)
+
+
+@pytest.mark.parametrize("line_ohm", [0.0, 140.0])
+def test_floating_lines_are_solved_back(line_ohm: float) -> None:
+    ohm = pixels(5)
+    read = floating_readings_ohm(ohm) + line_ohm
+    found = solve_pixels(counts_of(read), layout=layout("floating", line_ohm=line_ohm))
+    assert found.resistance_ohm == pytest.approx(ohm, rel=1e-4)
+    assert np.abs(resistance_ohm(counts_of(read), divider=FINE) / ohm - 1).max() > 0.3
+
+
+def test_held_lines_are_solved_back_with_a_multiplexer_in_each_column() -> None:
+    # Kirchhoff: the column's line feeds its idle pixels, and multiplexer and resistor in series.
+    line_ohm, ohm = 70.0, pixels(5)
+    conductance = 1.0 / ohm
+    to_ground = 1.0 / (FINE.reference_ohm + line_ohm)
+    line = conductance / (conductance.sum(axis=-2, keepdims=True) + to_ground)
+    adc = line * FINE.reference_ohm * to_ground
+    counts = volts_to_counts(FINE.supply_v * adc, divider=FINE)
+    found = solve_pixels(counts, layout=layout("held", line_ohm=line_ohm))
+    assert found.solved.all()
+    assert found.resistance_ohm == pytest.approx(ohm, rel=1e-3)
+
+
+def test_a_hidden_pixel_is_flagged_and_the_others_are_not() -> None:
+    ohm = np.full((4, 2), 100.0)
+    ohm[2, 1] = 50_000.0
+    found = solve_pixels(counts_of(floating_readings_ohm(ohm)), layout=layout("floating"))
+    assert np.argwhere(found.ill_conditioned).tolist() == [[2, 1]]
+    assert not solve_pixels(counts_of(ohm), layout=layout("isolated")).ill_conditioned.any()
+
+
+def test_a_short_spoils_its_column_alone_where_lines_are_held() -> None:
+    read = held_readings_ohm(pixels(), reference_ohm=FINE.reference_ohm)
+    counts = counts_of(read)
+    counts[1, 0] = FINE.full_scale - 1
+    found = pixel_resistance_ohm(counts, layout=layout("held"))
+    assert np.isnan(found[:, 0]).all()
+    assert found[:, 1] == pytest.approx(pixels()[:, 1], rel=1e-4)
+
+
+def test_less_than_the_lines_have_is_a_short_not_a_negative_resistance() -> None:
+    found = pixel_resistance_ohm(
+        counts_of(np.full((4, 2), 50.0)), layout=layout("isolated", line_ohm=70.0)
+    )
+    assert found.tolist() == [[0.0, 0.0]] * 4
+
+
+def test_open_stays_open() -> None:
+    counts = np.zeros((4, 2), dtype=int)
+    assert np.isinf(pixel_resistance_ohm(counts, layout=layout("floating", line_ohm=10.0))).all()
+
+
+def test_frames_of_another_layout_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"not frames of layout rigid-2x2 \(4 x 2\)"):
+        pixel_resistance_ohm(np.zeros((2, 4)), layout=RIGID_LAYOUT)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("idle_lines", "grounded", "isolated, floating, held"),
+        ("line_ohm", -1.0, "0 or more"),
+        ("line_ohm", float("nan"), "0 or more"),
+    ],
+)
+def test_a_layout_that_makes_no_sense_is_refused(field: str, value: object, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        replace(RIGID_LAYOUT, **{field: value})  # type: ignore[arg-type]
