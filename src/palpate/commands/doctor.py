@@ -155,8 +155,8 @@ def _pressed(
     """Follow one press after the other; return rest and presses together, and findings."""
     from palpate.sensor.findings import pixel_name
     from palpate.sensor.health import Stretch
+    from palpate.sensor.pixel_resistance import pixel_resistance_ohm
     from palpate.sensor.press_order import PressWatch, order_findings
-    from palpate.signal.circuit import resistance_ohm
 
     rest_ohm = rest.median_ohm(layout=layout)
     watch, told, taken = PressWatch(rest_ohm), None, rest.frames()
@@ -164,7 +164,7 @@ def _pressed(
         if watch.expected is not None and watch.expected != told:
             told = watch.expected
             prompt(f"press pixel {pixel_name(*told)} (finger {layout.finger_of_row[told[0]]})")
-        ohm = resistance_ohm(frame.counts, divider=layout.divider, oversampling=frame.oversampling)
+        ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
         watch.see(frame.time_s, ohm)
         taken.append(frame)
         if watch.done:

@@ -13,7 +13,7 @@ from palpate.commands.sensor_source import Source
 from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -47,8 +47,8 @@ def paced(source: Source, *, clock: Clock) -> Iterator[Frame | None]:
         frame = source.array.read(timeout_s=1.0)
         first_s = frame.time_s if first_s is None else first_s
         clock.sleep_s(start_s + frame.time_s - first_s - clock.now_s())
-        ohm = resistance_ohm(
-            frame.counts, divider=source.array.layout.divider, oversampling=frame.oversampling
+        ohm = pixel_resistance_ohm(
+            frame.counts, layout=source.array.layout, oversampling=frame.oversampling
         )
         squeeze.see(frame.time_s, ohm)
         yield frame

@@ -17,7 +17,7 @@ from rich.text import Text
 from palpate.clock import Clock
 from palpate.commands.sensor_source import Source
 from palpate.sensor.array import Frame
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
     CONTACT_PERCENT,
     finger_means,
@@ -66,8 +66,8 @@ class LiveView:
 
     def add(self, frame: Frame) -> None:
         """Take a frame."""
-        self._ohm = resistance_ohm(
-            frame.counts, divider=self._layout.divider, oversampling=frame.oversampling
+        self._ohm = pixel_resistance_ohm(
+            frame.counts, layout=self._layout, oversampling=frame.oversampling
         )
         if self._last is not None:
             self._lost += max(0, frame.sequence - self._last.sequence - 1)

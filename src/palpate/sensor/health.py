@@ -18,8 +18,8 @@ from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.findings import Finding, Severity
 from palpate.sensor.health_link import LinkEvents, LinkReadings, link_findings, measure_link
 from palpate.sensor.health_pixels import PixelReadings, measure_pixels, pixel_findings
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
-from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import rest_baseline
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -88,7 +88,7 @@ class Stretch:
 
     def ohm(self, *, layout: ArrayLayout) -> FloatArray:
         """Return resistances, shape (frames, rows, cols)."""
-        return resistance_ohm(self.counts, divider=layout.divider, oversampling=self.oversampling)
+        return pixel_resistance_ohm(self.counts, layout=layout, oversampling=self.oversampling)
 
     def median_ohm(self, *, layout: ArrayLayout) -> FloatArray:
         """Return the median resistance of each pixel: inf where open, 0 where short."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Finding, Severity, pixel_name
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.circuit import PixelFault, pixel_faults, resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
@@ -66,10 +67,10 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     mean_counts : ndarray, shape (frames, rows, cols)
         Counts per conversion.
     layout : ArrayLayout
-        For the divider.
+        Divider and wiring.
     """
     divider = layout.divider
-    ohm = resistance_ohm(mean_counts, divider=divider)
+    ohm = pixel_resistance_ohm(mean_counts, layout=layout)
     rest_ohm = np.median(ohm, axis=0)
     alive = np.isfinite(rest_ohm) & (rest_ohm > 0)
     safe_rest = np.where(alive, rest_ohm, 1.0)
