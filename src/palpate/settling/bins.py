@@ -15,6 +15,9 @@ LINEAR_BELOW_S = 0.1
 #: Scatter within the stretches counts as at most this many independent samples: real noise is
 #: coloured (mains, filters), and a thousand samples a second don't know it a thousand times better.
 MOST_NOISE_SAMPLES = 12.0
+#: Scatter this much larger (variance) over the whole than over the later half is no noise: contact
+#: was being made. The later half alone then tells the noise.
+CONTACT_SCATTER = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,6 +103,8 @@ def noise_scatter(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, f
         return np.zeros(len(values)), 0.0
     left = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
     off = values[:, 1:-1] - left * values[:, :-2] - (1 - left) * values[:, 2:]
-    variance = (off**2 / (1 + left**2 + (1 - left) ** 2)).mean(axis=1)
+    squares = off**2 / (1 + left**2 + (1 - left) ** 2)
+    variance, late = squares.mean(axis=1), squares[:, (n_times - 2) // 2 :].mean(axis=1)
+    variance = np.where(variance > CONTACT_SCATTER * late, late, variance)
     # Neighbouring deviations share samples: about half of them are independent.
     return variance, min((n_times - 2) / 2, MOST_NOISE_SAMPLES)

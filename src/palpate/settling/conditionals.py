@@ -20,6 +20,8 @@ from palpate.settling.result import FloatArray
 
 #: An average of many samples is no better than this share of one sample's variance: coloured noise.
 NOISE_FLOOR = 0.02
+#: While contact is made, until about then, a reading has no particular course.
+JUMP_S = 0.12
 #: Time added before the logarithm of the random walk, s.
 WALK_FROM_S = 0.2
 
@@ -117,9 +119,12 @@ def _difference_covariance(bins: Bins, *, after_s: float, prior: Prior) -> Float
     walk = np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0)
     noise = 1 / bins.count + NOISE_FLOOR
     noise_matrix = np.diag(np.append(noise[:-1], 0.0)) + noise[-1]
+    jump = 1 / (1 + (bins.time_s / JUMP_S) ** 6) ** 2
+    jump_matrix = np.diag(np.append(jump[:-1], 0.0)) + jump[-1]
     return np.asarray(
         curve[:, :, None] * curve[:, None, :]
         + spread
         + prior.walk[:, None, None] ** 2 * walk
         + prior.noise[:, None, None] ** 2 * noise_matrix
+        + prior.contact[:, None, None] ** 2 * jump_matrix
     )

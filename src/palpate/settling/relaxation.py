@@ -30,9 +30,9 @@ BOUNCING_S = 2.0
 TURNED_BACK = 0.3
 #: Per e-fold of time a hold may speed up, where a decay is just setting in, but hardly by more.
 FASTEST_PACE = 2.5
-#: No prior holds every shape: the standard deviation is at least this share of the drop seen for
-#: each e-fold of time still to go. Of 0 to 0.2 it made intervals of one coverage narrowest.
-SHAPE_DOUBT = 0.06
+#: No prior holds every shape: the standard deviation is at least this share of the change to come
+#: if the recent pace per e-fold of time went on.
+SHAPE_DOUBT = 0.1
 #: Window lengths at which calibration residuals are taken, s.
 CALIBRATION_WINDOWS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
 
@@ -192,11 +192,12 @@ def _forecast(
     # Relaxation doesn't turn round, nor does it fall faster and faster: where noise or a process
     # that is over say so, the last value or its recent pace are better guides.
     fall = mean * direction
-    possible = np.clip(fall, 0.0, FASTEST_PACE * _recent_pace(forms, binned) / scale)
+    to_come = _recent_pace(forms, binned)
+    possible = np.clip(fall, 0.0, FASTEST_PACE * to_come / scale)
     turned = drop - np.abs(last - first) > TURNED_BACK * drop
-    doubt = np.where(turned, 1.0, SHAPE_DOUBT * forms.e_folds)
+    doubt = np.where(turned, drop, SHAPE_DOUBT * to_come)
     value = last + drop * possible * direction
-    return value, drop * np.hypot(deviation, doubt), possible != fall, turned
+    return value, np.hypot(drop * deviation, doubt), possible != fall, turned
 
 
 def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:
