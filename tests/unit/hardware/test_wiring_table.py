@@ -1,0 +1,93 @@
+"""The wiring table, the drawings and the resistor table say what firmware and code do."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
+from palpate.sensor.reference_resistor import fit_reference
+from palpate.signal.circuit import Divider
+
+ROOT = Path(__file__).resolve().parents[3]
+README = (ROOT / "hardware" / "README.md").read_text()
+BOARD = (ROOT / "firmware" / "board" / "mega2560.cpp").read_text().partition("#include")[0]
+
+
+def wired(pins: str) -> str:
+    """What the wiring table says of these pins."""
+    for line in README.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 3 and cells[0] == pins:
+            return f"{cells[1]}; {cells[2]}"
+    pytest.fail(f"no row for pins {pins} in hardware/README.md")
+
+
+@pytest.mark.parametrize(
+    ("firmware", "pins", "said"),
+    [
+        (r"A0 +ADC0 +divider", "A0", "divider"),
+        (r"A1 +ADC1 +pressure read-back", "A1", "pressure read back"),
+        (r"49-46 PL0-3 +row multiplexer select, low bit first", "49, 48, 47, 46", "S0, S1, S2, S3"),
+        (r"45-42 PL4-7 +column multiplexer select", "45, 44, 43, 42", "column select, low bit"),
+        (r"\n// +5 +PE3 +pressure output", "5", "pressure, 0 to 5 V is 0 to 50 kPa"),
+        (r"13 +PB7 +safe line", "13", "safe line"),
+        (r"22-29 PA0-7 +row lines 0-7 direct", "22 to 29", "rows R0 to R7"),
+        (r"37-30 PC0-7 +row lines 8-15 direct", "37 to 30", "rows R8 to R15"),
+        (
+            r"41 PG0, 14 PJ1 +load cell 0 clock, data",
+            "41, 14",
+            "SCK and DT of load-cell amplifier 0",
+        ),
+        (
+            r"39 PG2, 38 PD7 +load cell 1 clock, data",
+            "39, 38",
+            "SCK and DT of load-cell amplifier 1",
+        ),
+    ],
+)
+def test_pins_are_the_firmwares(firmware: str, pins: str, said: str) -> None:
+    assert re.search(firmware, BOARD), f"the board file has changed: {firmware}"
+    assert said in wired(pins)
+
+
+def test_wiring_drawing_has_the_select_pins_in_order() -> None:
+    drawing = (ROOT / "hardware" / "wiring.svg").read_text()
+    labels = re.findall(r">(\d\d|A0)</text>", drawing)
+    assert labels == ["49", "48", "47", "46", "45", "44", "43", "42", "A0"]
+
+
+@pytest.mark.parametrize("name", ["wiring", "layouts"])
+def test_drawings_are_up_to_date(name: str, tmp_path: Path) -> None:
+    drawn = runpy.run_path(str(ROOT / "hardware" / "draw.py"))[name]()
+    drawn.save(tmp_path / "new.svg")
+    assert (tmp_path / "new.svg").read_text() == (ROOT / "hardware" / f"{name}.svg").read_text()
+
+
+@pytest.mark.parametrize("layout", [RIGID_LAYOUT, SOFT_LAYOUT], ids=lambda layout: layout.name)
+def test_layout_table(layout: ArrayLayout) -> None:
+    row = next(line for line in README.splitlines() if line.startswith(f"| `{layout.name}`"))
+    assert f"{layout.rows} rows x {layout.cols} columns" in row
+    assert f"{layout.pixels} on two" in row
+
+
+def ohm(text: str) -> float:
+    number, unit = text.split()
+    return float(number) * {"kΩ": 1e3, "Ω": 1.0}[unit]
+
+
+def test_resistor_table_is_what_the_doctor_recommends() -> None:
+    rows = re.findall(
+        r"^\| ([\d.]+ k?Ω) to ([\d.]+ k?Ω) \| ([\d.]+) % \| ([\d.]+ k?Ω) \| ([\d.]+) % \|$",
+        README,
+        re.MULTILINE,
+    )
+    assert len(rows) == 4
+    for high, low, step, best, finer in rows:
+        fit = fit_reference(low_ohm=ohm(low), high_ohm=ohm(high), divider=Divider())
+        assert fit.recommended_ohm == ohm(best)
+        assert f"{fit.step_percent:.1f}" == step
+        assert f"{fit.recommended_step_percent:.1f}" == finer
