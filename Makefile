@@ -29,4 +29,5 @@ lint: $(VENV)/.dev
 	$(BIN)/lint-imports
 
 clean:
+	$(MAKE) -C firmware clean
 	rm -rf $(VENV) build dist site out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
