@@ -1,7 +1,7 @@
 """The decoder against damage: what it accepts is what was sent, and it is soon back in step.
 
-`PALPATE_FULL=1` runs every change, deletion and insertion in 200 frames, 100 000 random ones and a
-million fuzzed pieces (some minutes); otherwise a fixed share of them.
+`PALPATE_FULL=1` runs every change, deletion and insertion in 200 frames, 100 000 random ones of
+each length and a million fuzzed pieces (ten minutes); otherwise a fixed share of them.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def test_every_single_byte_change_deletion_and_insertion() -> None:
 
 @pytest.mark.parametrize("burst", [1, 4, 40])
 def test_random_damage_in_a_long_stream(burst: int) -> None:
-    frames = _sent(100_000 if FULL else 5000, seed=burst)
+    frames = _sent(400_000 if FULL else 5000, seed=burst)
     true = {_key(message) for message in Decoder().feed(b"".join(frames))}
     chance = random.Random(burst)
     stream = b"".join(frames)
@@ -106,8 +106,10 @@ def test_random_damage_in_a_long_stream(burst: int) -> None:
     assert set(got) <= true
     assert len(got) == len(set(got)) == counters.frames
     assert counters.lost == got[-1][0] - got[0][0] + 1 - len(got)
-    assert hits > 1000
-    assert counters.corrupt > 0
+    assert hits > (100_000 if FULL else 1000)
+    # Back in step: a hit costs the frames that it touches, and the one that it joins them to.
+    assert counters.corrupt <= counters.lost + hits
+    assert 0 < counters.lost <= hits * (2 + burst // len(frames[0]))
 
 
 @settings(max_examples=150, deadline=None)
@@ -143,11 +145,11 @@ def test_random_bytes_neither_crash_nor_pile_up() -> None:
             piece = chance.randbytes(chance.randrange(80))
         else:
             mutated = bytearray(chance.choice(frames))
-            mutated[chance.randrange(len(mutated))] = chance.randrange(1, 256)
+            mutated[chance.randrange(len(mutated))] ^= chance.randrange(1, 256)
             piece = bytes(mutated)
         decoder.feed(piece)
     assert decoder.counters.corrupt > 1000
-    assert decoder.counters.frames < 200, "only mutations that happen to change nothing get through"
+    assert decoder.counters.frames == 0, "not one whole frame was sent"
 
 
 def test_memory_is_bounded_without_a_zero() -> None:
