@@ -15,7 +15,7 @@ from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import step
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety import SafetyLimits, largest_step_mm
+from palpate.grasp.safety import SafetyLimits, largest_step
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.settling.recorded import Recorded
@@ -24,23 +24,25 @@ LIMITS = GripperLimits(drive="width", lowest=20.0, highest=40.0, fastest=60.0)
 LAYOUT = ArrayLayout(name="two", rows=2, cols=1, finger_of_row=(0, 1))
 FORCE = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
 LAW = PowerForceLaw.fit(2 * FORCE, force_n=FORCE * np.exp([0.1, -0.1] * 3))
+GIVE = Give.fit(FORCE, width_mm=40 - 0.2 * FORCE, block_mm=40.0)
 PLAN = Plan(
     layout=LAYOUT,
     rest_ohm=np.full((2, 1), 9000.0),
     settled_law=LAW,
     early_law=LAW,
-    give=Give.fit(FORCE, width_mm=40 - 0.2 * FORCE, block_mm=40.0),
+    give=GIVE,
+    steepest_n=GIVE.stiffest_n_per_mm,
     gripper=LIMITS,
     settling=Recorded(),
     longest_s=30.0,
 )
 
 plans = st.builds(
-    lambda ceiling, target, step_mm: replace(
+    lambda ceiling, target, step: replace(
         PLAN,
         safety=SafetyLimits(force_ceiling_n=ceiling),
         target_force_n=target,
-        step_mm=step_mm,
+        step=step,
     ),
     st.floats(0.5, 30.0),
     st.none() | st.floats(0.5, 15.0),
@@ -68,7 +70,7 @@ def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObjec
         assert 0 < command.rate <= LIMITS.fastest
         closing = width - command.target
         if closing > 0:
-            upper_n = belief.force_high_n + closing * plan.give.stiffest_n_per_mm
+            upper_n = belief.force_high_n + closing * plan.steepest_n
             assert upper_n <= plan.safety.force_ceiling_n * (1 + 1e-9)
             assert belief.phase is not Phase.RELEASE
         width = width if sticks else command.target
@@ -77,9 +79,7 @@ def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObjec
 
 @given(force=st.floats(0, 100), stiffness=st.floats(0.01, 100), ceiling=st.floats(0.1, 100))
 def test_largest_step_keeps_the_invariant(force: float, stiffness: float, ceiling: float) -> None:
-    found = largest_step_mm(
-        force_high_n=force, stiffness_high_n_per_mm=stiffness, ceiling_n=ceiling
-    )
+    found = largest_step(force_high_n=force, steepest_n=stiffness, ceiling_n=ceiling)
     assert found >= 0
     assert found == 0 or force + stiffness * found <= ceiling * (1 + 1e-12)
 

@@ -23,7 +23,9 @@ _EXIT_STATUS = {
     "nothing_there": 1,
     "slipped": 1,
     "force_limit": 1,
+    "timed_out": 1,
     "sensor_lost": 3,
+    "gripper_fault": 3,
     "stopped": 130,
 }
 
@@ -69,7 +71,11 @@ def grasp(
         )
         subscribers: list[Subscriber] = []
         if record is not None:
-            subscribers.append(stack.enter_context(_recorder(record, rig=devices, seed=seed)))
+            subscribers.append(
+                stack.enter_context(
+                    _recorder(record, rig=devices, seed=seed, target_force_n=target_force_n)
+                )
+            )
         result = run_grasp(
             plan,
             array=devices.array,
@@ -95,7 +101,9 @@ def grasp(
 
 
 @contextmanager
-def _recorder(path: Path, *, rig: Rig, seed: int) -> Iterator[Subscriber]:
+def _recorder(
+    path: Path, *, rig: Rig, seed: int, target_force_n: float | None
+) -> Iterator[Subscriber]:
     """Yield a subscriber that writes every observation to a recording."""
     import palpate
     from palpate.grasp.belief import Observation
@@ -103,9 +111,11 @@ def _recorder(path: Path, *, rig: Rig, seed: int) -> Iterator[Subscriber]:
 
     info = RecordingInfo(
         layout=rig.array.layout,
-        origin="twin" if rig.simulated else "hardware",
+        origin=rig.origin,
         rig=rig.name,
         calibration=rig.calibration.as_text(),
+        gripper=rig.gripper.limits,
+        target_force_n=target_force_n,
         seed=seed if rig.simulated else None,
         versions={"palpate": palpate.__version__},
     )

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
-from palpate.estimate.stiffness import STIFFEST_N_PER_MM, secant_stiffness
+from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give, secant_stiffness
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
 from palpate.settling.result import SettledEstimate, Status
@@ -55,10 +55,12 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
 
 def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
     value = float(one.value)
+    # A predictor without an interval of its own leaves only what it added to what was seen.
+    down, up = np.nan_to_num([value - one.low, one.high - value])
     return Measurement(
         value=value,
-        low=value - float(np.hypot(value - one.low, by)),
-        high=value + float(np.hypot(one.high - value, by)),
+        low=value - float(np.hypot(down, by)),
+        high=value + float(np.hypot(up, by)),
         unit=unit,
         level=one.level,
         status=Status(str(one.status)),
@@ -75,11 +77,12 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
     """Put the measurements into the result."""
     force = settled_force(settled, plan=plan)
-    size = _contact_point(belief, plan)
     size_mm, stiffness = None, None
-    if size is not None:
-        size_mm = _size(size, plan)
-        stiffness = _stiffness(belief, force, size, plan)
+    if plan.give is not None:
+        size = _contact_point(belief, plan, plan.give)
+        if size is not None:
+            size_mm = _size(size, plan, plan.give)
+            stiffness = _stiffness(belief, force, size, plan, plan.give)
     began_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
     result = replace(
         belief.result,
@@ -124,9 +127,9 @@ def _log_ratio(large: float, small: float) -> float:
     return float(np.log(large / max(small, 1e-3 * large)))
 
 
-def _contact_point(belief: Belief, plan: Plan) -> ContactPoint | None:
+def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
-    width = np.array([c.width_mm for c in belief.staircase])
+    width = np.array([plan.gripper.target(c.closure) for c in belief.staircase])
     felt = np.array([c.touch.deepest_percent < _FELT_PERCENT for c in belief.staircase])
     hinted = np.array([c.touch.deepest_percent < plan.hint_percent for c in belief.staircase])
     # Drift can look like a faint touch long before the real one: no more than two steps of it.
@@ -138,18 +141,18 @@ def _contact_point(belief: Belief, plan: Plan) -> ContactPoint | None:
     # Below the weakest reading of the calibration the law can't tell forces apart.
     floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
     return contact_point(
-        width[first:] - plan.give.zero_mm,
+        width[first:] - give.zero_mm,
         force_n=force[first:],
-        give_mm=plan.give.give_mm(force[first:]),
+        give_mm=give.give_mm(force[first:]),
         floor_n=floor_n,
     )
 
 
-def _size(size: ContactPoint, plan: Plan) -> Measurement:
+def _size(size: ContactPoint, plan: Plan, give: Give) -> Measurement:
     """Return the size, widened by the scatter of the gripper's own width."""
     tail = (1 - plan.level) / 2
     low, value, high = size.quantile([tail, 0.5, 1 - tail])
-    own = float(norm.ppf(1 - tail)) * plan.give.residual_mm
+    own = float(norm.ppf(1 - tail)) * give.residual_mm
     return Measurement(
         value=float(value),
         low=float(value - np.hypot(value - low, own)),
@@ -160,7 +163,7 @@ def _size(size: ContactPoint, plan: Plan) -> Measurement:
 
 
 def _stiffness(
-    belief: Belief, force: Measurement, size: ContactPoint, plan: Plan
+    belief: Belief, force: Measurement, size: ContactPoint, plan: Plan, give: Give
 ) -> Measurement | None:
     """Return the object's own secant stiffness at the settled force."""
     if force.value <= 0:
@@ -170,12 +173,12 @@ def _stiffness(
     rng = np.random.default_rng(0)
     log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * norm.ppf(1 - tail))
     force_n = force.value * np.exp(log_sd * rng.standard_normal(_DRAWS))
-    slack_mm = plan.give.residual_mm * rng.standard_normal(_DRAWS)
+    slack_mm = give.residual_mm * rng.standard_normal(_DRAWS)
     drawn = secant_stiffness(
         force_n,
         size_mm=size.quantile(rng.uniform(size=_DRAWS)) + slack_mm,
-        opening_mm=belief.width_mm - plan.give.zero_mm,
-        give_mm=plan.give.give_mm(force_n),
+        opening_mm=plan.gripper.target(belief.closure) - give.zero_mm,
+        give_mm=give.give_mm(force_n),
     )
     # A force under which the gripper alone would give way by more than it closed can't be there.
     possible = drawn[drawn < STIFFEST_N_PER_MM]

@@ -13,7 +13,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
     excess_conductance,
     finger_means,
@@ -64,9 +64,9 @@ class Touch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Closing:
-    """One step of the staircase, read after its dwell."""
+    """One step of the staircase, read after its dwell; mm or kPa as the gripper's drive says."""
 
-    width_mm: float
+    closure: float
     touch: Touch
 
 
@@ -106,8 +106,8 @@ class Belief:
         What is known of the answer so far.
     began_s : float or None
         Time of the first observation.
-    now_s, width_mm : float
-        Time and opening of the last observation.
+    now_s, closure : float
+        Time of the last observation, and how far the hand was closed, mm or kPa.
     frames, lost, last_sequence : int
         Frames received, gaps, and the last number.
     """
@@ -129,7 +129,7 @@ class Belief:
     result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
     began_s: float | None = None
     now_s: float = 0.0
-    width_mm: float = float("nan")
+    closure: float = float("nan")
     frames: int = 0
     lost: int = 0
     last_sequence: int | None = None
@@ -183,13 +183,13 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         belief,
         began_s=frame.time_s if belief.began_s is None else belief.began_s,
         now_s=frame.time_s,
-        width_mm=gripper.width_mm,
+        closure=plan.gripper.closure(gripper),
         still_since_s=still_since,
         frames=belief.frames + 1,
         lost=belief.lost + max(gap, 0),
         last_sequence=frame.sequence,
     )
-    ohm = resistance_ohm(frame.counts, divider=plan.layout.divider, oversampling=frame.oversampling)
+    ohm = pixel_resistance_ohm(frame.counts, layout=plan.layout, oversampling=frame.oversampling)
     if belief.rest_ohm is None:
         return replace(belief, rest_frames=(*belief.rest_frames, ohm))
     touches = () if gripper.moving else (*belief.touches, _touch(frame.time_s, ohm, belief, plan))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,7 +15,7 @@ from palpate.errors import CalibrationError
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
-from palpate.signal.circuit import resistance_ohm
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
     RestBaseline,
     excess_conductance,
@@ -29,8 +30,7 @@ FloatArray = NDArray[np.float64]
 #: A first touch of the load cell, newtons. Closing goes on slowly up to it, then in steps that grow
 #: with the force, so that small forces get as many readings as large ones.
 _TOUCH_N = 0.05
-_APPROACH_MM_PER_S, _POLL_S, _RATE_MM_PER_S = 6.0, 0.02, 20.0
-_STEP_MM_PER_N, _FINEST_MM, _COARSEST_MM = 0.1, 0.1, 0.5
+_POLL_S = 0.02
 #: Readings are means over this time: of the last frames of a dwell, and of a settled hold.
 _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
 _FRAME_TIMEOUT_S = 2.0
@@ -47,22 +47,40 @@ class LoadCell(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class _Pace:
+    """Rates (mm/s or kPa/s) and steps (mm or kPa) of a closing on the load cell."""
+
+    approach: float
+    rate: float
+    step_per_n: float
+    finest: float
+    coarsest: float
+
+
+_PACES = {
+    "width": _Pace(approach=6.0, rate=20.0, step_per_n=0.1, finest=0.1, coarsest=0.5),
+    "pressure": _Pace(approach=4.0, rate=15.0, step_per_n=0.4, finest=0.3, coarsest=1.5),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """The devices of a calibration, and the opening from which to close slowly.
+    """The devices of a calibration, and where to begin to close slowly.
 
     Attributes
     ----------
     array, gripper, cell, clock
         The devices.
-    start_mm : float
-        A little more than the largest thing that will be between the fingers.
+    start : float
+        Width a little above, or pressure a little below, where the largest thing that will be
+        between the fingers is touched.
     """
 
     array: PressureArray
     gripper: Gripper
     cell: LoadCell
     clock: Clock
-    start_mm: float
+    start: float
 
 
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
@@ -73,8 +91,9 @@ def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
     CalibrationError
         If the sensor is loaded or moving.
     """
-    _open(bench)
-    rest = _rest(bench, duration_s=duration_s)
+    with _opened_after(bench):
+        _open(bench)
+        rest = _rest(bench, duration_s=duration_s)
     return RestValues(
         ohm=tuple(map(tuple, rest.rest_ohm.tolist())),
         spread_percent=tuple(map(tuple, rest.spread_percent.tolist())),
@@ -115,22 +134,16 @@ def measure_force(
         If the load cell never feels the hand.
     """
     rows: list[tuple[int, float, float, float, float]] = []
-    for run, levels in enumerate(holds_n):
-        _open(bench)
-        reseat(run)
-        rest = _rest(bench, duration_s=1.0)
-        for level_n in levels:
-            moved_s = bench.clock.now_s()
-            while bench.cell.read_n() < level_n:
-                moved_s = bench.clock.now_s()
-                if not _close_once(bench):
+    with _opened_after(bench):
+        for run, levels in enumerate(holds_n):
+            _open(bench)
+            reseat(run)
+            rest = _rest(bench, duration_s=1.0)
+            for level_n in levels:
+                found, room = _climbed(bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s)
+                rows += [(run, *reading) for reading in found]
+                if not room:
                     break
-                reading = _reading(bench, rest, moved_s + dwell_s, mean_s=_EARLY_MEAN_S)
-                if reading[2] > _TOUCH_N:
-                    rows.append((run, dwell_s, *reading))
-            settled = _reading(bench, rest, moved_s + horizon_s, mean_s=_SETTLED_MEAN_S)
-            rows.append((run, horizon_s, *settled))
-    _open(bench)
     if not any(row[4] > _TOUCH_N for row in rows):
         raise CalibrationError(
             "force calibration: the hand closed fully and the load cell felt nothing; "
@@ -149,52 +162,90 @@ def measure_force(
 def measure_block(
     bench: Bench, *, block_mm: float, up_to_n: float, repeats: int, dwell_s: float
 ) -> BlockPairs:
-    """Close on a rigid block of known size that carries the load cell, and note the widths."""
-    width_mm: list[float] = []
+    """Close on a rigid block of known size that carries the load cell, and note the closings."""
+    limits = bench.gripper.limits
+    reported: list[float] = []
     force_n: list[float] = []
-    for _ in range(repeats):
-        _open(bench)
-        while bench.cell.read_n() < up_to_n and _close_once(bench):
-            _wait(bench, bench.clock.now_s() + dwell_s)
-            force = bench.cell.read_n()
-            if force > _TOUCH_N:
-                width_mm.append(bench.gripper.state().width_mm)
-                force_n.append(force)
-    _open(bench)
+    with _opened_after(bench):
+        for _ in range(repeats):
+            _open(bench)
+            while bench.cell.read_n() < up_to_n and _close_once(bench):
+                _wait(bench, bench.clock.now_s() + dwell_s)
+                force = bench.cell.read_n()
+                if force > _TOUCH_N:
+                    reported.append(limits.reported(bench.gripper.state()))
+                    force_n.append(force)
+    by_width = limits.drive == "width"
     return BlockPairs(
-        block_mm=(block_mm,) * len(width_mm), width_mm=tuple(width_mm), force_n=tuple(force_n)
+        block_mm=(block_mm,) * len(reported),
+        width_mm=tuple(reported) if by_width else (),
+        force_n=tuple(force_n),
+        pressure_kpa=() if by_width else tuple(reported),
     )
 
 
-def _open(bench: Bench) -> None:
+@contextmanager
+def _opened_after(bench: Bench) -> Iterator[None]:
+    """Open the hand at the end, whatever ends it: nothing stays pressed while nobody looks."""
+    try:
+        yield
+    finally:
+        _release(bench)
+
+
+def _release(bench: Bench) -> None:
     bench.gripper.release()
     while bench.gripper.state().moving:
         bench.clock.sleep_s(0.05)
+
+
+def _climbed(
+    bench: Bench, rest: RestBaseline, level_n: float, *, dwell_s: float, horizon_s: float
+) -> tuple[list[tuple[float, float, float, float]], bool]:
+    """Close step by step to a force and settle there; return the readings, and whether it did."""
+    readings: list[tuple[float, float, float, float]] = []
+    moved_s, room = bench.clock.now_s(), True
+    while room and bench.cell.read_n() < level_n:
+        moved_s = bench.clock.now_s()
+        room = _close_once(bench)
+        if room:
+            reading = _reading(bench, rest, moved_s + dwell_s, mean_s=_EARLY_MEAN_S)
+            if reading[2] > _TOUCH_N:
+                readings.append((dwell_s, *reading))
+    settled = _reading(bench, rest, moved_s + horizon_s, mean_s=_SETTLED_MEAN_S)
+    return [*readings, (horizon_s, *settled)], room
+
+
+def _open(bench: Bench) -> None:
+    _release(bench)
     # The opening's own spike and the sheet's memory of the last load have to fade.
     _wait(bench, bench.clock.now_s() + 3.0)
 
 
 def _close_once(bench: Bench) -> bool:
     """Take one step; return whether there was room for it."""
-    force_n, lowest_mm = bench.cell.read_n(), bench.gripper.limits.lowest
-    width_mm = bench.gripper.state().width_mm
-    if width_mm <= lowest_mm:
+    limits, force_n = bench.gripper.limits, bench.cell.read_n()
+    pace, closure = _PACES[limits.drive], limits.closure(bench.gripper.state())
+    if closure >= limits.span - 0.5 * pace.finest:
         return False
     if force_n < _TOUCH_N:
-        if width_mm > bench.start_mm:
-            _drive(bench, bench.start_mm)
-        bench.gripper.command(GripperCommand(target=lowest_mm, rate=_APPROACH_MM_PER_S))
+        before = abs(bench.start - limits.target(0.0))
+        if closure < before:
+            _drive(bench, before)
+        bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=pace.approach))
         while bench.gripper.state().moving and bench.cell.read_n() < _TOUCH_N:
             bench.clock.sleep_s(_POLL_S)
         bench.gripper.stop()
         return True
-    step_mm = min(max(_STEP_MM_PER_N * force_n, _FINEST_MM), _COARSEST_MM)
-    _drive(bench, width_mm - step_mm)
+    step = min(max(pace.step_per_n * force_n, pace.finest), pace.coarsest)
+    _drive(bench, closure + step)
     return True
 
 
-def _drive(bench: Bench, width_mm: float) -> None:
-    bench.gripper.command(GripperCommand(target=width_mm, rate=_RATE_MM_PER_S))
+def _drive(bench: Bench, closure: float) -> None:
+    limits = bench.gripper.limits
+    rate = _PACES[limits.drive].rate
+    bench.gripper.command(GripperCommand(target=limits.target(closure), rate=rate))
     while bench.gripper.state().moving:
         bench.clock.sleep_s(_POLL_S)
 
@@ -230,12 +281,12 @@ def _reading(
 
 def _ohm(bench: Bench, until_s: float, *, mean_s: float) -> FloatArray:
     """Return the resistances of the frames in the last `mean_s` before a time."""
-    divider, found = bench.array.layout.divider, list[FloatArray]()
+    layout, found = bench.array.layout, list[FloatArray]()
     while True:
         frame = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
         if frame.time_s > until_s - mean_s:
             found.append(
-                resistance_ohm(frame.counts, divider=divider, oversampling=frame.oversampling)
+                pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
             )
         if frame.time_s >= until_s:
             return np.array(found)

@@ -11,7 +11,7 @@ from palpate.grasp.belief import Belief, Closing, Observation, observed, rezeroe
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
-from palpate.grasp.safety import Danger, Reaction, largest_step_mm, reaction
+from palpate.grasp.safety import Danger, Reaction, largest_step, reaction
 from palpate.gripper.interface import GripperCommand
 
 #: A handler's answer: what it believes now, and what it wants of the gripper (None: nothing).
@@ -40,7 +40,7 @@ def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
     -------
     Belief, GripperCommand or None
         What is known now, and the command to send, if any. It never closes further than
-        `safety.largest_step_mm` allows.
+        `safety.largest_step` allows.
     """
     belief = observed(belief, observation, plan=plan)
     if belief.phase not in (Phase.RELEASE, Phase.STOPPED):
@@ -49,14 +49,14 @@ def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
         if belief.phase in _HOLDING and _grip_lost(belief):
             return _release(belief, plan, Outcome.SLIPPED)
         if belief.lasted_s > plan.longest_s:
-            return _release(belief, plan, Outcome.STOPPED)
+            return _release(belief, plan, Outcome.TIMED_OUT)
     return HANDLERS[belief.phase](belief, plan)
 
 
 def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:
     """End the grasp because of a danger, as `safety.reaction` says for its phase."""
     outcome = Outcome(danger.value)
-    if reaction(danger, phase=belief.phase) is Reaction.OPEN:
+    if reaction(danger, phase=belief.phase, drive=plan.gripper.drive) is Reaction.OPEN:
         return _release(belief, plan, outcome)
     belief = replace(belief, result=replace(belief.result, outcome=outcome))
     return belief.enter(Phase.STOPPED, note=outcome.value), None
@@ -67,22 +67,23 @@ def _approach(belief: Belief, plan: Plan) -> Move:
     if belief.rest_ohm is None:
         if belief.still_s < plan.rest_s:
             return belief, None
-        return _closed_by(rezeroed(belief, plan=plan), plan.step_mm, plan)
+        return _closed_by(rezeroed(belief, plan=plan), plan.step, plan)
     if belief.still_s < plan.dwell_s:
         return belief, None
-    before = belief.staircase[-1].width_mm if belief.staircase else plan.gripper.highest
+    before = belief.staircase[-1].closure if belief.staircase else 0.0
     belief = _read(belief, plan)
     if belief.now.deepest_percent <= plan.epsilon_percent:
-        result = replace(belief.result, previous_width_mm=before)
+        width_mm = plan.gripper.target(before) if plan.gripper.drive == "width" else None
+        result = replace(belief.result, previous_width_mm=width_mm)
         contact_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
         return replace(belief, result=result, contact_s=contact_s).enter(Phase.CONTACT), None
-    if belief.width_mm <= plan.gripper.lowest + plan.smallest_step_mm:
+    if belief.closure >= plan.gripper.span - 2 * plan.smallest_step:
         return _release(belief, plan, Outcome.NOTHING_THERE)
     if belief.now.deepest_percent > plan.hint_percent:
-        return _closed_by(replace(belief, contact_s=None), plan.step_mm, plan)
+        return _closed_by(replace(belief, contact_s=None), plan.step, plan)
     if belief.contact_s is None:
         belief = replace(belief, contact_s=belief.moved_s)
-    belief, command = _closed_by(belief, _wanted_step_mm(belief, plan), plan)
+    belief, command = _closed_by(belief, _wanted_step(belief, plan), plan)
     # A touch too weak to be contact, and no room to press harder: measure what there is.
     return (belief, command) if command else (belief.enter(Phase.CONTACT), None)
 
@@ -105,7 +106,7 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     felt = [c for c in belief.staircase if c.touch.deepest_percent < plan.hint_percent]
     enough = belief.force_n >= goal_n and len(felt) >= plan.fewest_steps
     if not enough:
-        belief, command = _closed_by(belief, _wanted_step_mm(belief, plan), plan)
+        belief, command = _closed_by(belief, _wanted_step(belief, plan), plan)
         if command is not None:
             return belief, command
     return belief.enter(Phase.SETTLE), None
@@ -132,8 +133,8 @@ def _adjust(belief: Belief, plan: Plan) -> Move:
         missing_n = plan.target_force_n - force.value
         short = missing_n > plan.target_tolerance * plan.target_force_n
         if short and belief.adjustments < plan.most_adjustments:
-            step_mm = missing_n / _slope_high_n_per_mm(belief, plan)
-            moved, command = _closed_by(_read(belief, plan), step_mm, plan)
+            step = missing_n / _slope_high_n(belief, plan)
+            moved, command = _closed_by(_read(belief, plan), step, plan)
             if command is not None:
                 moved = replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0)
                 return moved.enter(Phase.SETTLE, note="adjusted"), command
@@ -149,7 +150,7 @@ def _hold(belief: Belief, plan: Plan) -> Move:
 
 def _releasing(belief: Belief, plan: Plan) -> Move:
     """Wait until the hand is open."""
-    opened = belief.width_mm >= plan.gripper.highest - plan.step_mm
+    opened = belief.closure <= plan.step
     if opened or belief.now_s - belief.since_s > _RELEASE_TIMEOUT_S:
         return belief.enter(Phase.STOPPED), None
     return belief, None
@@ -178,45 +179,44 @@ def _read(belief: Belief, plan: Plan) -> Belief:
     force_n, force_high_n = float(force.value), float(force.high)
     return replace(
         belief,
-        staircase=(*belief.staircase, Closing(width_mm=belief.width_mm, touch=touch)),
+        staircase=(*belief.staircase, Closing(closure=belief.closure, touch=touch)),
         force_n=force_n,
         force_high_n=force_high_n,
         peak_force_n=max(belief.peak_force_n, force_n),
     )
 
 
-def _closed_by(belief: Belief, step_mm: float, plan: Plan) -> Move:
+def _closed_by(belief: Belief, step: float, plan: Plan) -> Move:
     """Close by a step, cut to what is safe; no command if that is not worth a movement."""
-    safe_mm = largest_step_mm(
+    safe = largest_step(
         force_high_n=belief.force_high_n,
-        stiffness_high_n_per_mm=plan.give.stiffest_n_per_mm,
+        steepest_n=plan.steepest_n,
         ceiling_n=plan.safety.force_ceiling_n,
     )
-    step_mm = min(step_mm, safe_mm, belief.width_mm - plan.gripper.lowest)
-    if step_mm < plan.smallest_step_mm:
+    step = min(step, safe, plan.gripper.span - belief.closure)
+    if step < plan.smallest_step:
         return belief, None
     belief = replace(belief, still_since_s=None, touches=(), moved_s=belief.now_s)
-    return belief, GripperCommand(target=belief.width_mm - step_mm, rate=plan.rate_mm_per_s)
+    return belief, GripperCommand(target=plan.gripper.target(belief.closure + step), rate=plan.rate)
 
 
-def _wanted_step_mm(belief: Belief, plan: Plan) -> float:
+def _wanted_step(belief: Belief, plan: Plan) -> float:
     """Return the step that should raise the force by a fixed amount, or less near the target."""
     rise_n = plan.force_step_n
     if plan.target_force_n is not None:
         rise_n = max(rise_n, 0.4 * (plan.target_force_n - belief.force_n))
-    steepest = max(_slope_high_n_per_mm(belief, plan), rise_n / plan.step_mm)
-    return max(rise_n / steepest, plan.smallest_step_mm)
+    steepest = max(_slope_high_n(belief, plan), rise_n / plan.step)
+    return max(rise_n / steepest, plan.smallest_step)
 
 
-def _slope_high_n_per_mm(belief: Belief, plan: Plan) -> float:
-    """Return how steeply the force rises: as seen over the last steps, with room for stiffening."""
+def _slope_high_n(belief: Belief, plan: Plan) -> float:
+    """Return how steeply the force rises: as the last steps saw, with room for stiffening."""
     law = plan.early_law
-    curve = [(c.width_mm, float(law.force_n(c.touch.excess).value)) for c in belief.staircase[-3:]]
+    curve = [(c.closure, float(law.force_n(c.touch.excess).value)) for c in belief.staircase[-3:]]
     slopes = [
-        (f1 - f0) / (w0 - w1) for (w0, f0), (w1, f1) in pairwise(curve) if w0 > w1 and f1 > f0
+        (f1 - f0) / (x1 - x0) for (x0, f0), (x1, f1) in pairwise(curve) if x1 > x0 and f1 > f0
     ]
-    stiffest = plan.give.stiffest_n_per_mm
-    return min(1.3 * max(slopes), stiffest) if slopes else stiffest
+    return min(1.3 * max(slopes), plan.steepest_n) if slopes else plan.steepest_n
 
 
 def _grip_lost(belief: Belief) -> bool:
@@ -230,5 +230,5 @@ def _grip_lost(belief: Belief) -> bool:
 def _release(belief: Belief, plan: Plan, outcome: Outcome) -> Move:
     """Open the hand: the grasp is over."""
     belief = replace(belief, result=replace(belief.result, outcome=outcome))
-    command = GripperCommand(target=plan.gripper.highest, rate=plan.gripper.fastest)
+    command = GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
     return belief.enter(Phase.RELEASE, note=outcome.value), command

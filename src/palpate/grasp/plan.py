@@ -28,10 +28,13 @@ class Plan:
     settled_law, early_law : ForceLaw
         Force from excess conductance at the settling horizon, and from that read `dwell_s` after a
         movement: the sheet lags, so they are two laws.
-    give : Give
-        How far pads, fingers and servo give way.
+    give : Give or None
+        How far pads, fingers and servo give way. None for pressure-driven fingers: their pressure
+        tells no width, so there is neither size nor stiffness.
+    steepest_n : float
+        Upper bound of the rise of force per mm or kPa of closing, for whatever is gripped.
     gripper : GripperLimits
-        Range of the opening.
+        Drive and range. Steps and rates are in its unit: mm or kPa.
     settling : SettlingMethod
         Predictor of the settled value.
     target_force_n : float or None
@@ -40,13 +43,13 @@ class Plan:
         Bounds that the plan can't exceed.
     epsilon_percent : float
         Relative change that is contact (paper, section 4.1).
-    step_mm : float
+    step : float
         Closing step before contact (paper, section 4.1).
     hint_percent : float
-        Relative change that may be a touch: from there on steps are `fine_step_mm` at most.
-    fine_step_mm : float
+        Relative change that may be a touch: from there on steps are `fine_step` at most.
+    fine_step : float
         First step after a hint; later ones follow from the stiffness seen.
-    smallest_step_mm : float
+    smallest_step : float
         Steps below this are not worth the movement's spike.
     force_step_n : float
         Rise of force aimed at with each step of the squeeze.
@@ -57,7 +60,7 @@ class Plan:
     rest_s, dwell_s, confirm_s : float
         Time to take the rest values before moving; wait after each step before it is read; further
         wait to confirm a contact.
-    rate_mm_per_s : float
+    rate : float
         Speed of closing.
     horizon_s : float
         When the sheet counts as settled, from the end of the last movement.
@@ -82,23 +85,24 @@ class Plan:
     rest_ohm: NDArray[np.float64]
     settled_law: ForceLaw
     early_law: ForceLaw
-    give: Give
+    give: Give | None
+    steepest_n: float
     gripper: GripperLimits
     settling: SettlingMethod
     target_force_n: float | None = None
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     epsilon_percent: float = -10.0
-    step_mm: float = 1.0
+    step: float = 1.0
     hint_percent: float = -3.0
-    fine_step_mm: float = 0.25
-    smallest_step_mm: float = 0.05
+    fine_step: float = 0.25
+    smallest_step: float = 0.05
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0
     fewest_steps: int = 3
     rest_s: float = 0.5
     dwell_s: float = 0.4
     confirm_s: float = 0.1
-    rate_mm_per_s: float = 20.0
+    rate: float = 20.0
     horizon_s: float = 20.0
     decide_after_s: float = 1.0
     decide_by_s: float = 2.5

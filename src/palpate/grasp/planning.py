@@ -12,7 +12,7 @@ from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.stiffness import Give
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import Gripper
-from palpate.sensor.calibration import Calibration, ForcePairs
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
 from palpate.settling.relaxation import Relaxation
 
 #: A step is read this long after its movement, in the calibration as in the grasp, because the
@@ -20,6 +20,11 @@ from palpate.settling.relaxation import Relaxation
 DWELL_S = 0.4
 #: When the sheet counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
+#: Pressure-driven fingers: fewest readings on a block; how much steeper than on that block the
+#: force may rise at another opening; steps (kPa) and rate (kPa/s) that bend the fingers about as
+#: far as the steps of a width-driven hand.
+_FEWEST, _BEND_MARGIN = 4, 1.3
+_PRESSURE_STEPS = {"step": 0.8, "fine_step": 0.5, "smallest_step": 0.2, "rate": 15.0}
 
 
 def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) -> Plan:
@@ -30,30 +35,48 @@ def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) ->
     CalibrationError
         If the calibration lacks what the grasp needs.
     """
-    if gripper.limits.drive != "width":
-        raise CalibrationError(
-            "the gripper is driven by pressure, and the calibration's closings are widths; "
-            "use a width-driven gripper"
-        )
     early, settled = (
         PowerForceLaw.fit(excess, force_n=force_n)
         for excess, force_n in (
             pairs_at(calibration.force, since_move_s=since) for since in (DWELL_S, HORIZON_S)
         )
     )
-    block = calibration.block
+    found = _by_width if gripper.limits.drive == "width" else _by_pressure
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
         settled_law=settled,
         early_law=early,
-        give=Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm),
         gripper=gripper.limits,
         settling=Relaxation(),
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
+        **found(calibration.block),
         **options,
     )
+
+
+def _by_width(block: BlockPairs) -> dict[str, Any]:
+    if len(block.width_mm) != len(block.force_n):
+        raise CalibrationError(
+            "the calibration's closings on a block are pressures, and this gripper is driven by "
+            "width; calibrate it on this gripper"
+        )
+    give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    return {"give": give, "steepest_n": give.stiffest_n_per_mm}
+
+
+def _by_pressure(block: BlockPairs) -> dict[str, Any]:
+    force_n, pressure_kpa = np.array(block.force_n), np.array(block.pressure_kpa)
+    if force_n.size < _FEWEST or pressure_kpa.size != force_n.size or np.ptp(pressure_kpa) == 0:
+        raise CalibrationError(
+            f"this gripper is driven by pressure: its calibration needs {_FEWEST} readings of "
+            f"pressure and force on a rigid block, and has {pressure_kpa.size}"
+        )
+    slope_n_per_kpa = float(np.polyfit(pressure_kpa, force_n, 1)[0])
+    if slope_n_per_kpa <= 0:
+        raise CalibrationError("on the rigid block the force must rise with the pressure")
+    return {"give": None, "steepest_n": _BEND_MARGIN * slope_n_per_kpa, **_PRESSURE_STEPS}
 
 
 def pairs_at(

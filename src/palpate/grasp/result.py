@@ -15,7 +15,9 @@ class Outcome(StrEnum):
     NOTHING_THERE = "nothing_there"
     SLIPPED = "slipped"
     FORCE_LIMIT = "force_limit"
+    TIMED_OUT = "timed_out"
     SENSOR_LOST = "sensor_lost"
+    GRIPPER_FAULT = "gripper_fault"
     STOPPED = "stopped"
 
 
@@ -41,7 +43,8 @@ class GraspResult:
         Mean relative change and grip force at the settling horizon, the object's extent before
         contact, and its own secant stiffness at that force.
     previous_width_mm : float or None
-        The paper's estimate of size: the last width before contact was seen.
+        The paper's estimate of size: the last width before contact was seen. None for fingers
+        driven by pressure.
     peak_force_n : float or None
         Largest grip force that was read during the grasp.
     frames, frames_lost : int

@@ -14,11 +14,12 @@ from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import step, stopped
+from palpate.grasp.following import Following
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult
 from palpate.grasp.safety import Danger
-from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.gripper.interface import Gripper, GripperCommand, GripperState
 from palpate.sensor.array import Frame, PressureArray
 
 #: Gets every observation: a recorder, a view. It must return quickly; what it raises ends it alone.
@@ -59,6 +60,57 @@ class _Feed:
         return frame
 
 
+class _Hand:
+    """The gripper, held to what it was told."""
+
+    def __init__(self, gripper: Gripper, *, plan: Plan) -> None:
+        self._gripper, self._limits, self._safety = gripper, plan.gripper, plan.safety
+        self._following: Following | None = None
+        self._last: GripperState | None = None
+
+    def state(self) -> GripperState:
+        """Return its state."""
+        self._last = self._gripper.state()
+        return self._last
+
+    def check(self, observation: Observation) -> None:
+        """Raise `DeviceError` if it is not where it was sent."""
+        if self._following is None:
+            return
+        complaint = self._following.complaint(
+            observation.gripper,
+            now_s=observation.frame.time_s,
+            limits=self._limits,
+            safety=self._safety,
+        )
+        if complaint is not None:
+            raise DeviceError(complaint)
+
+    def send(self, command: GripperCommand | None, *, now_s: float) -> None:
+        """Send a command, if there is one, and follow it."""
+        if command is None:
+            return
+        sent = self._gripper.command(command)
+        if self._last is not None:
+            self._following = Following.of(
+                sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
+            )
+
+    def finish_opening(self, clock: Clock) -> None:
+        """Wait for an opening without frames: by the gripper's own word alone."""
+        until_s = clock.now_s() + _OPENING_S
+        while self._gripper.state().moving and clock.now_s() < until_s:
+            clock.sleep_s(0.02)
+
+    def stop(self) -> DeviceError | None:
+        """Stop it; return why that failed, if it did."""
+        try:
+            self._gripper.stop()
+        except DeviceError as error:
+            return error
+        return None
+
+
 def run_grasp(
     plan: Plan,
     *,
@@ -70,39 +122,43 @@ def run_grasp(
     """Run one grasp to its end; afterwards the gripper stands still or is open.
 
     Ctrl-C and SIGTERM end the grasp with outcome `stopped`, a silent or lost array with
-    `sensor_lost`. What that means for the hand is in `palpate.grasp.safety`.
-
-    Raises
-    ------
-    DeviceError
-        If the gripper fails: nothing can be promised of it then.
+    `sensor_lost`, a gripper that fails or does not go where it is sent with `gripper_fault`; the
+    result's `faults` say why. What that means for the hand is in `palpate.grasp.safety`.
     """
     belief, feed, faults = Belief(), _Feed(array, clock=clock, plan=plan), list[str]()
-    views = list(subscribers)
+    hand, views = _Hand(gripper, plan=plan), list(subscribers)
     try:
         with _stop_requests() as requested:
             while not belief.ended:
                 if requested.is_set() and belief.phase is not Phase.RELEASE:
                     belief, command = stopped(belief, Danger.STOPPED, plan=plan)
-                else:
-                    try:
-                        frame = feed.next()
-                    except DeviceError as error:
-                        faults.append(str(error))
-                        belief, command = stopped(belief, Danger.SENSOR_LOST, plan=plan)
-                        if belief.phase is Phase.RELEASE:
-                            _open_blindly(gripper, command, clock=clock)
-                            break
-                        continue
-                    observation = Observation(frame=frame, gripper=gripper.state())
-                    belief, command = step(belief, observation, plan=plan)
-                    _tell(views, observation, faults)
-                if command is not None:
-                    gripper.command(command)
+                    hand.send(command, now_s=clock.now_s())
+                    continue
+                try:
+                    frame = feed.next()
+                except DeviceError as error:
+                    faults.append(str(error))
+                    belief, command = stopped(belief, Danger.SENSOR_LOST, plan=plan)
+                    hand.send(command, now_s=clock.now_s())
+                    if belief.phase is Phase.RELEASE:
+                        hand.finish_opening(clock)
+                        break
+                    continue
+                observation = Observation(frame=frame, gripper=hand.state())
+                belief, command = step(belief, observation, plan=plan)
+                _tell(views, observation, faults)
+                hand.check(observation)
+                hand.send(command, now_s=frame.time_s)
+    except DeviceError as error:
+        faults.append(str(error))
+        belief, _ = stopped(belief, Danger.GRIPPER_FAULT, plan=plan)
     except KeyboardInterrupt:
         belief, _ = stopped(belief, Danger.STOPPED, plan=plan)
     finally:
-        gripper.stop()
+        unstopped = hand.stop()
+    if unstopped is not None:
+        faults.append(f"the hand could not be told to stop: {unstopped}")
+        belief, _ = stopped(belief, Danger.GRIPPER_FAULT, plan=plan)
     return replace(
         belief.result,
         faults=(*belief.result.faults, *faults),
@@ -121,15 +177,6 @@ def _tell(views: list[Subscriber], observation: Observation, faults: list[str]) 
             views.remove(view)
             name = getattr(view, "__name__", type(view).__name__)
             faults.append(f"{name} failed and was left out from then on: {error}")
-
-
-def _open_blindly(gripper: Gripper, command: GripperCommand | None, *, clock: Clock) -> None:
-    """Finish an opening without frames: by the gripper's own word alone."""
-    if command is not None:
-        gripper.command(command)
-    until_s = clock.now_s() + _OPENING_S
-    while gripper.state().moving and clock.now_s() < until_s:
-        clock.sleep_s(0.02)
 
 
 @contextmanager

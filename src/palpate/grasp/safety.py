@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Literal
 
 from palpate.grasp.phases import Phase
 
@@ -15,6 +16,7 @@ class Danger(StrEnum):
     """Why a grasp is ended from outside its own plan."""
 
     SENSOR_LOST = "sensor_lost"
+    GRIPPER_FAULT = "gripper_fault"
     FORCE_LIMIT = "force_limit"
     STOPPED = "stopped"
 
@@ -38,6 +40,11 @@ class SafetyLimits:
         Frames older than this many frame periods stop the grasp.
     stale_floor_s : float
         But never frames younger than this: a scheduler's hiccup is not a lost sensor.
+    astray_mm, astray_kpa : float
+        A gripper that reports a width or pressure so far from what it was sent to, once it had the
+        time to arrive, stops the grasp. More than a loaded servo's error of position.
+    arrival_s : float
+        Time to arrive, beyond what the way takes at the rate sent.
 
     Raises
     ------
@@ -54,6 +61,9 @@ class SafetyLimits:
     force_ceiling_n: float = FORCE_CEILING_N
     stale_periods: float = 5.0
     stale_floor_s: float = 0.1
+    astray_mm: float = 0.5
+    astray_kpa: float = 2.0
+    arrival_s: float = 0.4
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -65,48 +75,54 @@ class SafetyLimits:
         return max(self.stale_periods * period_s, self.stale_floor_s)
 
 
-def largest_step_mm(
-    *, force_high_n: float, stiffness_high_n_per_mm: float, ceiling_n: float
-) -> float:
+def largest_step(*, force_high_n: float, steepest_n: float, ceiling_n: float) -> float:
     """Return the largest closing step that can't exceed the ceiling.
 
-    The invariant of every command: upper force now + upper stiffness x step <= ceiling. A servo
-    that is sent to a width stops there by itself, so latency adds nothing to a step; a gripper that
-    closes continuously must add speed x latency to it.
+    The invariant of every command: upper force now + upper stiffness x step <= ceiling. A gripper
+    that is sent to a width or pressure stops there by itself, so latency adds nothing to a step;
+    one that closes continuously must add speed x latency to it.
 
     Parameters
     ----------
     force_high_n : float
         Upper bound of the grip force now.
-    stiffness_high_n_per_mm : float
-        Upper bound of the slope of force over closing: object, pads and fingers in series.
+    steepest_n : float
+        Upper bound of the force's rise per mm or kPa: object, pads and fingers in series.
     ceiling_n : float
         The smaller of the ceiling and the lower bound of the object's damage limit.
 
     Examples
     --------
-    >>> largest_step_mm(force_high_n=5.0, stiffness_high_n_per_mm=10.0, ceiling_n=15.0)
+    >>> largest_step(force_high_n=5.0, steepest_n=10.0, ceiling_n=15.0)
     1.0
-    >>> largest_step_mm(force_high_n=20.0, stiffness_high_n_per_mm=10.0, ceiling_n=15.0)
+    >>> largest_step(force_high_n=20.0, steepest_n=10.0, ceiling_n=15.0)
     0.0
     """
-    return max(0.0, (ceiling_n - force_high_n) / stiffness_high_n_per_mm)
+    return max(0.0, (ceiling_n - force_high_n) / steepest_n)
 
 
-def reaction(danger: Danger, *, phase: Phase) -> Reaction:
+def reaction(
+    danger: Danger, *, phase: Phase, drive: Literal["width", "pressure"] = "width"
+) -> Reaction:
     """Return what a stop means.
 
-    Too much force opens the hand, whatever it was doing. For any other reason it holds still:
-    dropping is damage too. An opening that has begun is completed: half a grip is the worst of
-    both.
+    Too much force opens the hand, whatever it was doing. For any other reason a width-driven hand
+    holds still: dropping is damage too. A pressure-driven one vents: it can't hold without a host
+    that feeds it, so the choice is only between now and when the heartbeat runs out. An opening
+    that has begun is completed: half a grip is the worst of both. A gripper that failed is only
+    told to stop.
 
     Examples
     --------
     >>> reaction(Danger.SENSOR_LOST, phase=Phase.HOLD).value
     'hold_still'
+    >>> reaction(Danger.SENSOR_LOST, phase=Phase.HOLD, drive="pressure").value
+    'open'
     >>> reaction(Danger.FORCE_LIMIT, phase=Phase.HOLD).value
     'open'
     """
-    if danger is Danger.FORCE_LIMIT or phase is Phase.RELEASE:
+    if danger is Danger.GRIPPER_FAULT:
+        return Reaction.HOLD_STILL
+    if danger is Danger.FORCE_LIMIT or phase is Phase.RELEASE or drive == "pressure":
         return Reaction.OPEN
     return Reaction.HOLD_STILL

@@ -20,8 +20,10 @@ _OUTCOMES = {
     Outcome.NOTHING_THERE: "nothing there: the hand closed without touching anything",
     Outcome.SLIPPED: "slipped: the object left the hand",
     Outcome.FORCE_LIMIT: "force limit: the hand was opened",
-    Outcome.SENSOR_LOST: "sensor lost: the hand was left still",
-    Outcome.STOPPED: "stopped on request: the hand was left still",
+    Outcome.TIMED_OUT: "gave up: the grasp took too long, and the hand was opened",
+    Outcome.SENSOR_LOST: "sensor lost: the grasp was stopped",
+    Outcome.GRIPPER_FAULT: "gripper fault: the grasp was stopped",
+    Outcome.STOPPED: "stopped on request",
 }
 
 

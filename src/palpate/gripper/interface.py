@@ -26,6 +26,34 @@ class GripperLimits:
     highest: float
     fastest: float
 
+    @property
+    def span(self) -> float:
+        """Closure of the closed hand: how far it can close, mm or kPa."""
+        return self.highest - self.lowest
+
+    def reported(self, state: GripperState) -> float:
+        """Return what the gripper reports of the quantity that commands set, mm or kPa."""
+        return state.width_mm if self.drive == "width" else state.pressure_kpa
+
+    def closure(self, state: GripperState) -> float:
+        """Return how far the hand is closed: 0 is open, whichever way its drive counts.
+
+        Examples
+        --------
+        >>> soft = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=60.0)
+        >>> soft.closure(GripperState(time_s=0.0, pressure_kpa=12.0)), soft.target(12.0)
+        (12.0, 12.0)
+        >>> rigid = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+        >>> rigid.closure(GripperState(time_s=0.0, width_mm=70.0)), rigid.target(4.0)
+        (4.0, 70.0)
+        """
+        reported = self.reported(state)
+        return self.highest - reported if self.drive == "width" else reported - self.lowest
+
+    def target(self, closure: float) -> float:
+        """Return the command's target for a closure."""
+        return self.highest - closure if self.drive == "width" else self.lowest + closure
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperState:

@@ -15,6 +15,7 @@ from pathlib import Path
 from palpate.clock import Clock
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import Gripper
+from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
@@ -41,8 +42,8 @@ class Rig:
         The devices, and the clock that their times are on.
     calibration : Calibration
         Made with this sensor on this gripper.
-    simulated : bool
-        Whether any of it is simulated; every result must say so.
+    origin : {"hardware", "firmware-simulated", "twin"}
+        Where the frames come from; every result of a simulated rig must say so.
     subject : str or None
         What lies between the fingers, where the rig knows.
     truth : callable or None
@@ -54,9 +55,14 @@ class Rig:
     gripper: Gripper
     clock: Clock
     calibration: Calibration
-    simulated: bool = False
+    origin: Origin = "hardware"
     subject: str | None = None
     truth: Callable[[], Mapping[str, object]] | None = None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any of it is simulated."""
+        return self.origin != "hardware"
 
     def close(self) -> None:
         """Let go of the devices."""

@@ -21,7 +21,11 @@ def open_firmware(*, object_name: str | None, seed: int) -> Rig:
         If firmware or simulator have not been built.
     """
     return open_rigid(
-        object_name=object_name, seed=seed, name="sim-firmware", read_through=_read_through_firmware
+        object_name=object_name,
+        seed=seed,
+        name="sim-firmware",
+        origin="firmware-simulated",
+        read_through=_read_through_firmware,
     )
 
 

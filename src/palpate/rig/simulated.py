@@ -3,28 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from palpate.errors import DeviceError, InputError
+from palpate.errors import InputError
 from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
+from palpate.recording.contents import Origin
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
-from palpate.twin.world import World
+from palpate.twin.world import GripperKind, World
 
 #: What the load cell is faced with in turn: flat and round, soft and stiff, as a user has at hand.
 _FACES = ("ball-44lbs", "dragonskin-20", "ball-66lbs", "springs-8", "ball-33lbs", "dragonskin-10")
-#: Forces to hold at in each placement of the cell: small ones and large ones mixed.
-_HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 18.0), (0.4, 1.2))
-#: No face is larger than this.
-_START_MM = 51.0
 _BLOCK_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 15.0, 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Protocol:
+    """How one kind of hand is calibrated.
+
+    Attributes
+    ----------
+    start : float
+        Width or pressure at which no face is touched yet (none is larger than 51 mm).
+    holds_n : tuple of tuple of float
+        Forces to hold at in each placement of the cell: small ones and large ones mixed, within
+        what the hand can do.
+    """
+
+    start: float
+    holds_n: tuple[tuple[float, ...], ...]
+
+
+_PROTOCOLS: dict[GripperKind, _Protocol] = {
+    "rigid": _Protocol(
+        start=51.0,
+        holds_n=(
+            (0.4, 3.0),
+            (0.8, 6.0),
+            (0.3, 2.0),
+            (1.5, 12.0),
+            (0.6, 4.0),
+            (2.5, 18.0),
+            (0.4, 1.2),
+        ),
+    ),
+    "soft": _Protocol(
+        start=15.0,
+        holds_n=(
+            (0.4, 3.0),
+            (0.8, 5.0),
+            (0.3, 2.0),
+            (1.5, 6.0),
+            (0.6, 4.0),
+            (2.5, 7.0),
+            (0.4, 1.2),
+        ),
+    ),
+}
 
 
 def open_rigid(
@@ -33,42 +76,77 @@ def open_rigid(
     seed: int,
     level: str = "paper",
     name: str = "sim-rigid",
+    origin: Origin = "twin",
     read_through: Callable[[World], PressureArray] = TwinArray,
 ) -> Rig:
     """Open rigid fingers on the twin, with an object between them.
 
-    `read_through` makes the array that reads the twin's pixels.
+    `read_through` makes the array that reads the twin's pixels, and `origin` says what that is.
 
     Raises
     ------
     InputError
         If there is no such object.
     """
+    return _opened(
+        "rigid",
+        object_name,
+        seed=seed,
+        level=level,
+        name=name,
+        origin=origin,
+        read_through=read_through,
+    )
+
+
+def open_soft(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
+    """Open soft fingers, driven by pressure, on the twin, with an object between them.
+
+    Raises
+    ------
+    InputError
+        If there is no such object.
+    """
+    return _opened(
+        "soft",
+        object_name,
+        seed=seed,
+        level=level,
+        name="sim-soft",
+        origin="twin",
+        read_through=TwinArray,
+    )
+
+
+def _opened(
+    kind: GripperKind,
+    object_name: str | None,
+    *,
+    seed: int,
+    level: str,
+    name: str,
+    origin: Origin,
+    read_through: Callable[[World], PressureArray],
+) -> Rig:
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
-    world = World(obj, seed=seed, sheet_seed=seed, level=level)
+    world = World(obj, seed=seed, sheet_seed=seed, level=level, gripper=kind)
     return Rig(
         name=name,
         array=read_through(world),
         gripper=TwinGripper(world),
         clock=world.clock,
-        calibration=calibrated(seed=seed, level=level, apart_from=obj.name),
-        simulated=True,
+        calibration=calibrated(seed=seed, level=level, apart_from=obj.name, kind=kind),
+        origin=origin,
         subject=obj.name,
         truth=partial(_truth, world),
     )
 
 
-def open_soft(*, object_name: str | None, seed: int) -> Rig:
-    """Refuse: the controller closes by width, and soft fingers are driven by pressure."""
-    raise DeviceError(
-        "rig 'sim-soft' can't grasp yet: its fingers are driven by pressure and the controller "
-        "closes by width; use --rig sim-rigid"
-    )
-
-
-def calibrated(*, seed: int, level: str, apart_from: str) -> Calibration:
+def calibrated(
+    *, seed: int, level: str, apart_from: str, kind: GripperKind = "rigid"
+) -> Calibration:
     """Calibrate the sensor and gripper of a seed in another session than the grasp's.
 
     The steps are a user's: rest, a load cell with changing faces, a rigid block. Nothing is taken
@@ -80,18 +158,19 @@ def calibrated(*, seed: int, level: str, apart_from: str) -> Calibration:
     def face(run: int) -> TwinObject:
         return draw_object(rng, faces[run % len(faces)])
 
-    world = World(None, seed=seed + 1_000_003, sheet_seed=seed, level=level)
+    world = World(None, seed=seed + 1_000_003, sheet_seed=seed, level=level, gripper=kind)
+    protocol = _PROTOCOLS[kind]
     bench = Bench(
         array=TwinArray(world),
         gripper=TwinGripper(world),
         cell=TwinLoadCell(world),
         clock=world.clock,
-        start_mm=_START_MM,
+        start=protocol.start,
     )
     rest = measure_rest(bench)
     force = measure_force(
         bench,
-        holds_n=_HOLDS_N,
+        holds_n=protocol.holds_n,
         reseat=lambda run: world.place(face(run)),
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,

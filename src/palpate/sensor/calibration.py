@@ -7,7 +7,7 @@ an old calibration; the law's own numbers stand beside them for whoever reads th
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
 from palpate.files import atomic_path
-from palpate.sensor.array import ArrayLayout
+from palpate.sensor.array import ADDED_LATER, ArrayLayout
 from palpate.signal.circuit import Divider
 
 FORMAT = "palpate-calibration"
@@ -90,17 +90,22 @@ class BlockPairs:
     block_mm : tuple of float
         True size of the block, one entry per reading.
     width_mm : tuple of float
-        Width that the gripper reported.
+        Width that the gripper reported; empty if it is driven by pressure.
     force_n : tuple of float
         Grip force there.
+    pressure_kpa : tuple of float
+        Pressure that the gripper reported; empty if it is driven by width.
     """
 
     block_mm: tuple[float, ...]
     width_mm: tuple[float, ...]
     force_n: tuple[float, ...]
+    pressure_kpa: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        _one_length(self, what="block pairs")
+        drives = {"width_mm": self.width_mm, "pressure_kpa": self.pressure_kpa}
+        unused = [name for name, values in drives.items() if not values]
+        _one_length(self, what="block pairs", apart_from=unused if len(unused) == 1 else ())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,7 +225,7 @@ class Calibration:
             )
         known = {k: v for k, v in document.items() if k not in ("format", "version")}
         _same_names(known, [f.name for f in fields(cls)], where="the file")
-        layout = dict(known["layout"])
+        layout = {**ADDED_LATER, **known["layout"]}
         _same_names(layout, [f.name for f in fields(ArrayLayout)], where="layout")
         layout["divider"] = Divider(**layout["divider"])
         layout["finger_of_row"] = tuple(layout["finger_of_row"])
@@ -241,6 +246,8 @@ class Calibration:
 
 def _pairs(kind: type[Pairs], stored: Mapping[str, Any], *, where: str) -> Pairs:
     names = [f.name for f in fields(kind)]
+    # A column that a file may leave out is one that it has no use for.
+    stored = {f.name: () for f in fields(kind) if f.default == ()} | dict(stored)
     _same_names(stored, names, where=where)
     columns = {name: tuple(stored[name]) for name in names}
     for name, column in columns.items():
@@ -258,8 +265,9 @@ def _same_names(stored: Mapping[str, Any], wanted: list[str], *, where: str) -> 
         raise CalibrationError(f"{where} {lacks}{found}; units are part of the names")
 
 
-def _one_length(pairs: Any, *, what: str) -> None:
-    lengths = {f.name: len(getattr(pairs, f.name)) for f in fields(pairs)}
+def _one_length(pairs: Any, *, what: str, apart_from: Sequence[str] = ()) -> None:
+    names = [f.name for f in fields(pairs) if f.name not in apart_from]
+    lengths = {name: len(getattr(pairs, name)) for name in names}
     if len(set(lengths.values())) != 1:
         raise CalibrationError(f"{what} of unequal length: {lengths}")
 

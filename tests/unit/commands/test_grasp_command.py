@@ -45,13 +45,38 @@ def test_card_says_simulated_and_recording_holds_every_frame(
     assert '"palpate-calibration"' in (recording.info.calibration or "")
 
 
+@pytest.mark.parametrize("rig", ["sim-rigid", "sim-soft"])
+def test_its_recording_is_decided_again_alike(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, rig: str
+) -> None:
+    path = tmp_path / "grasp.mcap"
+    arguments = ["--rig", rig, "--seed", "1", "--target-force-n", "2.5"]
+    assert grasp(*arguments, "--record", str(path), "--json") == 0
+    live = json.loads(capsys.readouterr().out)
+    assert run(build_app(), ["replay", str(path), "--json"], name="palpate") == 0
+    again = json.loads(capsys.readouterr().out)
+    assert {name: again[name] for name in again.keys() & live.keys()} == {
+        name: live[name] for name in again.keys() & live.keys()
+    }
+    assert again["force_n"] is not None
+
+
+def test_soft_fingers_tell_neither_size_nor_stiffness(capsys: pytest.CaptureFixture[str]) -> None:
+    assert grasp("--rig", "sim-soft", "--seed", "1", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["outcome"] == "held"
+    assert said["size_mm"] is said["stiffness_n_per_mm"] is said["previous_width_mm"] is None
+    for name in ("settled_percent", "force_n"):
+        assert said[name]["low"] <= said["truth"][name] <= said[name]["high"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
         (["--object", "brick"], 2, "no simulated object 'brick'; there are: ecoflex-10"),
         (["--rig", "nowhere"], 2, "no rig 'nowhere'; there are: sim-rigid, sim-soft"),
         (["--rig", "nowhere.toml"], 2, "rig file nowhere.toml: No such file"),
-        (["--rig", "sim-soft"], 3, "driven by pressure"),
+        (["--rig", "sim-soft", "--object", "brick"], 2, "no simulated object 'brick'"),
         (["--target-force-n", "900"], 2, "force ceiling"),
         (["--target-force-n", "nan"], 2, "must be above 0"),
     ],

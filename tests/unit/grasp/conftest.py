@@ -84,14 +84,14 @@ def bench() -> Bench:
 def plan() -> Plan:
     force = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
     law = PowerForceLaw.fit(2 * force, force_n=force * np.exp([0.02, -0.02] * 3))
+    give = Give.fit(force, width_mm=40 - GIVE_MM_PER_N * force, block_mm=40.0)
     return Plan(
         layout=RIGID_LAYOUT,
         rest_ohm=np.full((4, 2), REST_OHM),
         settled_law=law,
         early_law=law,
-        give=replace(
-            Give.fit(force, width_mm=40 - GIVE_MM_PER_N * force, block_mm=40.0), residual_mm=0.02
-        ),
+        give=replace(give, residual_mm=0.02),
+        steepest_n=give.stiffest_n_per_mm,
         gripper=Bench.limits,
         settling=Relaxation(),
     )

@@ -151,14 +151,51 @@ def test_stop_request_holds_still(plan: Plan, bench: Any, number: int) -> None:
     assert signal.getsignal(number) == before
 
 
-def test_lost_gripper_is_stopped_and_raises(plan: Plan, bench: Any) -> None:
+def test_lost_gripper_is_stopped_and_told(plan: Plan, bench: Any) -> None:
     def state() -> Any:
         raise DeviceError("servo 1 doesn't answer; check its power")
 
     bench.state = state
-    with pytest.raises(DeviceError, match="servo 1"):
-        run(plan, bench)
+    result = run(plan, bench)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert result.faults == ("servo 1 doesn't answer; check its power",)
     assert bench.stops == 1
+
+
+def test_gripper_that_can_not_even_be_stopped(plan: Plan, bench: Any) -> None:
+    def stop() -> None:
+        raise DeviceError("port gone")
+
+    bench.stop = stop
+    result = run(plan, bench)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert result.faults == ("the hand could not be told to stop: port gone",)
+
+
+def test_gripper_that_does_not_follow_is_stopped(plan: Plan, bench: Any) -> None:
+    command, jammed_s = bench.command, list[float]()
+
+    def jam(wanted: Any) -> Any:
+        if bench.width_mm > 60.0:
+            return command(wanted)
+        jammed_s.append(bench.clock.now_s())
+        return wanted
+
+    bench.command = jam
+    result = run(plan, bench)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert "sent to 59.0 mm and reports 60.0 mm" in result.faults[0]
+    assert bench.stops == 1
+    # The way of 1 mm at 20 mm/s, 0.4 s of grace, and the frame that shows it.
+    assert bench.clock.now_s() - jammed_s[0] < 0.05 + 0.4 + 0.1
+
+
+def test_given_up_after_the_longest_time(plan: Plan, bench: Any) -> None:
+    bench.n_per_mm = 0.01
+    result = run(replace(plan, longest_s=20.0, hold_s=60.0), bench)
+    assert result.outcome is Outcome.TIMED_OUT
+    assert result.moments[-1].name == "timed_out"
+    assert bench.width_mm == 74.0
 
 
 def test_missing_numbers_count_as_lost(plan: Plan, bench: Any) -> None:
