@@ -20,8 +20,9 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 #: A silent sensor is shown as such, so a read must not wait long.
 _WAIT_S = 0.2
-#: Close quickly to a touch, then slowly to each depth, keep it, and open: mm/s, percent, seconds.
-_APPROACH_MM_PER_S, _SQUEEZE_MM_PER_S, _TOUCH_PERCENT = 20.0, 1.0, -3.0
+#: Close quickly to a touch, then slowly to each depth, keep it, and open: shares of the gripper's
+#: greatest rate, percent, seconds.
+_APPROACH, _SQUEEZE, _TOUCH_PERCENT = 0.3, 0.02, -3.0
 _DEPTHS_PERCENT, _KEEP_S, _OPEN_S = (-30.0, -50.0), 4.0, 5.0
 
 
@@ -81,8 +82,10 @@ class Squeeze:
             self._closing, self._until_s = False, time_s + _KEEP_S
 
     def _close(self) -> None:
-        rate = _SQUEEZE_MM_PER_S if self._touched else _APPROACH_MM_PER_S
-        self._gripper.command(GripperCommand(target=self._gripper.limits.lowest, rate=rate))
+        limits = self._gripper.limits
+        closed = limits.lowest if limits.drive == "width" else limits.highest
+        rate = limits.fastest * (_SQUEEZE if self._touched else _APPROACH)
+        self._gripper.command(GripperCommand(target=closed, rate=rate))
         self._closing = True
 
     def _open(self, time_s: float) -> None:

@@ -1,0 +1,101 @@
+"""`palpate doctor` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.sensor.findings import CHECKS
+
+ORDER = [(row, col) for row in range(4) for col in range(2)]
+
+
+def doctor(*arguments: object) -> int:
+    return run(build_app(), ["doctor", *map(str, arguments)], name="palpate")
+
+
+def test_a_healthy_rig(rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
+    assert doctor("--rig", rig_file(), "--json") == 0
+    captured = capsys.readouterr()
+    said = json.loads(captured.out)
+    assert said["healthy"] is True
+    assert said["findings"] == []
+    assert len(said["pixels"]) == 8
+    assert said["frames_lost"] == 0
+    assert said["rate_hz"] == pytest.approx(15.0)
+    assert "leave the sensor alone" in captured.err
+
+
+def test_a_rig_under_load_is_unhealthy(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Closing goes on through the stretch."""
+    assert doctor("--rig", rig_file(pressed=True)) == 1
+    assert "(unrest)" in capsys.readouterr().out
+
+
+def test_a_recording_says_simulated(
+    record_twin: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert doctor("--recording", record_twin()) == 0
+    out = capsys.readouterr().out
+    assert "SIMULATED" in out
+    assert "Healthy" in out
+    assert "R3 C1" in out
+
+
+def test_recorded_presses_in_order(
+    record_twin: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert doctor("--recording", record_twin(order=ORDER), "--press", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["findings"] == []
+    assert said["range_measured"] is True
+    assert said["range_ohm"][0] < 0.11 * said["range_ohm"][1]
+
+
+def test_recorded_presses_of_crossed_rows(
+    record_twin: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    crossed = [({1: 2, 2: 1}.get(row, row), col) for row, col in ORDER]
+    assert doctor("--recording", record_twin(order=crossed), "--press", "--json") == 1
+    said = json.loads(capsys.readouterr().out)
+    assert [(f["code"], f["where"]) for f in said["findings"]] == [
+        ("swapped", "row R1"),
+        ("swapped", "row R2"),
+    ]
+    assert said["findings"][0]["check"] == CHECKS["swapped"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "says"),
+    [
+        (["--rig", "a.toml", "--port", "b"], 2, "exclude each other"),
+        (["--recording", "a.mcap", "--port", "b"], 2, "--recording excludes"),
+        (["--recording", "no.mcap"], 2, "can't be opened"),
+        (["--rig", "no.toml"], 2, "no.toml"),
+        (["--port", "/dev/no-such-port"], 3, "no port /dev/no-such-port"),
+        (["--port", "/dev/null", "--layout", "17x1"], 2, "no layout"),
+        (["--port", "/dev/null", "--reference-ohm", "0"], 2, "above 0 ohm"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: list[str], status: int, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert doctor(*arguments) == status
+    err = capsys.readouterr().err.strip()
+    assert says in err
+    assert "\n" not in err
+
+
+def test_every_finding_has_its_section() -> None:
+    page = (Path(__file__).resolve().parents[3] / "docs" / "troubleshooting.md").read_text()
+    sections = dict(re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL))
+    assert sections.keys() == CHECKS.keys()
+    for code, check in CHECKS.items():
+        assert check in sections[code]
