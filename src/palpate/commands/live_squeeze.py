@@ -76,7 +76,8 @@ class Squeeze:
         elif not self._touched and change < _TOUCH_PERCENT:
             self._touched = True
             self._close()
-        elif change < self._depths[0]:
+        elif change < self._depths[0] or not self._gripper.state().moving:
+            # Deep enough, or as far as this gripper goes.
             del self._depths[0]
             self._gripper.stop()
             self._closing, self._until_s = False, time_s + _KEEP_S

@@ -1,0 +1,89 @@
+"""`palpate calibrate rest` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.sensor.calibration import Calibration, ForcePairs
+from palpate.twin.world import World
+
+
+def calibrate(*arguments: object) -> int:
+    return run(build_app(), ["calibrate", *map(str, arguments)], name="palpate")
+
+
+def test_a_new_file_lies_where_the_rig_file_says(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = rig_file(seed=3)
+    assert calibrate("rest", "--rig", rig, "--temperature-c", 22.5) == 0
+    made = Calibration.load(rig.parent / "sensor.json")
+    assert made.rest_ohm == pytest.approx(World(None, seed=3).pixel_resistance_ohm(0.0), rel=0.01)
+    assert made.rest.frames >= 75
+    assert made.temperature_c == 22.5
+    assert made.made_at is not None
+    assert 0 < min(map(min, made.rest.spread_percent)) < 1
+    shown = capsys.readouterr().out
+    assert "R3 C1" in shown
+    assert "written: " in shown
+
+
+def test_renewing_keeps_what_else_the_file_holds(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = rig_file()
+    path = rig.parent / "sensor.json"
+    assert calibrate("rest", "--rig", rig) == 0
+    pairs = ForcePairs(
+        run=(0,), since_move_s=(20.0,), excess=(1.0,), relative_percent=(-50.0,), force_n=(2.0,)
+    )
+    dated = replace(Calibration.load(path), force=pairs, made_at="2020-01-01T00:00:00+00:00")
+    dated.save(path)
+    capsys.readouterr()
+    assert calibrate("rest", "--rig", rig, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["renewed"] is True
+    renewed = Calibration.load(path)
+    assert renewed.force == pairs
+    assert renewed.made_at == dated.made_at
+    assert calibrate("rest", "--rig", rig, "--new") == 0
+    assert Calibration.load(path).force.force_n == ()
+
+
+def test_a_loaded_sensor_is_refused_and_the_file_kept(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = rig_file().parent / "sensor.json"
+    assert calibrate("rest", "--rig", rig_file()) == 0
+    before = path.read_text()
+    capsys.readouterr()
+    assert calibrate("rest", "--rig", rig_file(pressed=True)) == 2
+    err = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "%" in err
+    assert "palpate calibrate rest: " in err
+    assert path.read_text() == before
+
+
+def test_another_layout_is_refused(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = rig_file()
+    path = rig.parent / "sensor.json"
+    assert calibrate("rest", "--rig", rig) == 0
+    kept = Calibration.load(path)
+    divider = replace(kept.layout.divider, reference_ohm=1e3)
+    replace(kept, layout=replace(kept.layout, divider=divider)).save(path)
+    assert calibrate("rest", "--rig", rig) == 2
+    assert "--new" in capsys.readouterr().err
+
+
+def test_steps_are_listed_and_unknown_ones_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert calibrate() == 0
+    assert "palpate calibrate rest --rig" in capsys.readouterr().out
+    assert calibrate("colour") == 2
+    assert "there are: rest" in capsys.readouterr().err

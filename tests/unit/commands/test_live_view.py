@@ -1,0 +1,130 @@
+"""What `palpate live` draws, and that it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from palpate.cli import build_app, run
+from palpate.clock import ManualClock
+from palpate.commands.live_squeeze import Squeeze
+from palpate.commands.live_view import LiveView
+from palpate.commands.sensor_source import Source
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+REST_COUNTS = np.full((4, 2), 300)
+RED = "\x1b[1;31m"
+
+
+class Screen:
+    """A view at 50 frames/s, and what it shows."""
+
+    def __init__(self, *, calibrated: bool = True, simulated: bool = False) -> None:
+        rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
+        source = Source(name="bench", array=TwinArray(World(None, seed=1)), simulated=simulated)
+        self.clock = ManualClock()
+        self.view = LiveView(source, rest_ohm=rest_ohm if calibrated else None, clock=self.clock)
+        self.sequence = 0
+
+    def feed(self, counts: np.ndarray, *, frames: int = 20) -> None:
+        for _ in range(frames):
+            self.clock.sleep_s(0.02)
+            frame = Frame(time_s=self.clock.now_s(), sequence=self.sequence, counts=counts)
+            self.view.add(frame)
+            self.sequence += 1
+
+    def text(self, *, colors: bool = False) -> str:
+        file = StringIO()
+        system = "truecolor" if colors else None
+        Console(width=110, file=file, force_terminal=colors, color_system=system).print(
+            self.view.render()
+        )
+        return file.getvalue()
+
+
+def test_nothing_yet_is_said() -> None:
+    assert "no frame yet" in Screen().text()
+
+
+def test_rest_is_taken_first_without_a_calibration() -> None:
+    screen = Screen(calibrated=False)
+    screen.feed(REST_COUNTS, frames=10)
+    assert "leave the sensor alone" in screen.text()
+    screen.feed(REST_COUNTS, frames=60)
+    assert "rest of the first second" in screen.text()
+    assert screen.text().count("no contact") == 2
+
+
+def test_contact_and_pixels() -> None:
+    screen = Screen()
+    counts = REST_COUNTS.copy()
+    counts[0, 1], counts[3, 0], counts[3, 1] = 600, 0, 290
+    screen.feed(counts)
+    shown = screen.text()
+    assert "-71 %" in shown
+    assert "+5 %" in shown
+    assert "open" in shown
+    assert shown.count("contact") == 2
+    assert shown.count("no contact") == 1
+    assert "50.0 Hz" in shown
+    assert "SIMULATED" not in shown
+
+
+def test_losses_are_red() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS)
+    assert f"{RED}0 lost" not in screen.text(colors=True)
+    screen.sequence += 3
+    screen.feed(REST_COUNTS)
+    assert f"{RED}3 lost" in screen.text(colors=True)
+
+
+def test_a_stale_frame_is_red() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS)
+    screen.clock.sleep_s(0.05)
+    assert f"{RED}last frame 50 ms ago" not in screen.text(colors=True)
+    screen.clock.sleep_s(0.1)
+    assert f"{RED}last frame 150 ms ago" in screen.text(colors=True)
+
+
+def test_simulated_is_said() -> None:
+    screen = Screen(simulated=True)
+    screen.feed(REST_COUNTS)
+    assert "SIMULATED" in screen.text()
+
+
+@pytest.mark.parametrize("kind", ["rigid", "soft"])
+def test_a_simulated_rig_is_squeezed_and_let_go(kind: str) -> None:
+    world = World(
+        draw_object(np.random.default_rng(2), "ball-44lbs"),
+        seed=2,
+        gripper="soft" if kind == "soft" else "rigid",
+    )
+    array, rest_ohm = TwinArray(world), world.pixel_resistance_ohm(0.0)
+    squeeze = Squeeze(TwinGripper(world), rest_ohm=rest_ohm)
+    mean = []
+    for _ in range(15 * 90):
+        frame = array.read(timeout_s=1.0)
+        ohm = resistance_ohm(frame.counts, divider=world.layout.divider)
+        squeeze.see(frame.time_s, ohm)
+        mean.append(float(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))))
+    assert -75 < min(mean) < -40
+    assert max(mean[int(np.argmin(mean)) :]) > -5
+    assert max(mean[: 15 * 5]) > -5
+
+
+def test_it_ends(rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2"]
+    assert run(build_app(), arguments, name="palpate") == 0
+    assert "palpate live" in capsys.readouterr().out
