@@ -84,7 +84,7 @@ class Comparison:
         drawn = rng.choice(self.real, size=(2000, self.real.size))
         spread = np.nanstd(drawn, axis=1)
         found = spread if self.statistic == "sd" else np.nanmedian(drawn, axis=1)
-        return self.value(self.twin[level]) < np.quantile(found, 0.05)
+        return self.value(self.twin[level]) < float(np.quantile(found, 0.05))
 
 
 def command(
@@ -187,14 +187,15 @@ def _provenance(sensors: int, *, given: bool) -> list[str]:
     lines = [
         f"Simulated: {sensors} sensors of each level, {PRESSES} presses and {HOLDS} holds of each, "
         "read with 16 bit so that the converter adds nothing. Real: the files named.",
-        "`field` is meant to be no kinder than the real recordings; its ranges were set and widened "
-        "by this comparison, so agreement shows nothing about an estimator. `paper` scatters as the "
-        "paper's Tables 2 to 6 do and is kinder than these recordings in most rows: results at "
-        "`paper` alone are no promise for a sensor outside such a setup.",
-        "Real presses visit places of a sheet that is one pixel: our pixels, one per press, stand for "
-        "the places. Their sum averages eight places, so it is kinder than any one place; weights "
-        "seated anew at one place (ladders) scatter less on the real sheets than on `field`. The "
-        "twin is also kinder to the exponential than real holds are, which flatters that baseline.",
+        "`field` is meant to be no kinder than the real recordings; its ranges were set and "
+        "widened by this comparison, so agreement shows nothing about an estimator. `paper` "
+        "scatters as the paper's Tables 2 to 6 do and is kinder than these recordings in many "
+        "rows: results at `paper` alone are no promise for a sensor outside such a setup.",
+        "Real presses visit places of a sheet that is one pixel: our pixels, one per press, stand "
+        "for the places. Their sum averages eight places, so it is kinder than any one place; "
+        "weights seated anew at one place (ladders) scatter less on the real sheets than on "
+        "`field`. The twin is also kinder to the exponential than real holds are, which flatters "
+        "that baseline.",
         "Kinder: the twin's median (or sd) lies below the bootstrap 90 % interval of the real one.",
     ]
     if not given:

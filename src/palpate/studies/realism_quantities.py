@@ -10,7 +10,7 @@ from palpate.holds import Hold
 from palpate.settling.evaluate import predict_holds, score_predictions
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray
+from palpate.settling.result import FloatArray, SettlingMethod
 from palpate.settling.scoring import settled_value
 from palpate.studies.press_data import Press
 
@@ -91,7 +91,7 @@ def hold_quantities(holds: Sequence[Hold]) -> dict[str, FloatArray]:
         "still to come, %": np.array([_still_to_come(hold) for hold in long]),
         "noise, %": np.array([_noise_percent(hold) for hold in long]),
     }
-    methods = {"relaxation": Relaxation(), "exponential": Exponential()}
+    methods: dict[str, SettlingMethod] = {"relaxation": Relaxation(), "exponential": Exponential()}
     predictions = list(
         predict_holds(long, methods=methods, cutoffs_s=[CUTOFF_S], horizon_s=HORIZON_S, level=0.9)
     )

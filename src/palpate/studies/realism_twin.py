@@ -48,7 +48,8 @@ def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], l
     pixels stand for the places, one in each press; the sum over all of them averages places.
     """
     session, face = Session(sensor, level=level, layout=FINE, trial=1), drawn("springs-8", seed=1)
-    one, summed = [], []
+    one: list[Press] = []
+    summed: list[Press] = []
     for number in range(count):
         session.place(face)
         trace_of = _press(session, face.size_mm)

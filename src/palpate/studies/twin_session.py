@@ -109,11 +109,11 @@ class Session:
         )
         self.gripper, self.cell = TwinGripper(self.world), TwinLoadCell(self.world)
 
-    def place(self, obj: TwinObject) -> None:
+    def place(self, obj: TwinObject, *, fixture: bool = False) -> None:
         """Open the fingers and put an object between them, away with the last one."""
         self.gripper.release()
         self.world.clock.sleep_s(STILL_S)
-        self.world.place(obj)
+        self.world.place(obj, fixture=fixture)
 
     def rest_ohm(self) -> FloatArray:
         """Return the mean over half a second with the fingers open and still."""
@@ -159,10 +159,15 @@ class Session:
 
 
 def grasps(
-    session: Session, obj: TwinObject, *, widths_mm: Sequence[float], repeats: int
+    session: Session,
+    obj: TwinObject,
+    *,
+    widths_mm: Sequence[float],
+    repeats: int,
+    fixture: bool = False,
 ) -> list[list[Reading]]:
     """Grasp one object at each width, so often: readings by width and repeat."""
-    session.place(obj)
+    session.place(obj, fixture=fixture)
     return [
         [session.grasp(obj.size_mm, width_mm=width_mm) for _ in range(repeats)]
         for width_mm in widths_mm

@@ -23,6 +23,8 @@ from palpate.twin.velostat import Creep, Environment, Sheet
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
+#: How far off its centre an object in a fixture lies, as a share of the pitch of the pixels.
+_FIXTURE_OFF_CENTRE = 0.1
 #: Node spacing: at least, and at most, seconds; travel of the fingers from node to node, mm; share
 #: of the time at rest.
 _SHORTEST_S, _LONGEST_S, _TRAVEL_MM, _GROWTH = 0.005, 0.5, 0.1, 0.1
@@ -128,6 +130,8 @@ class Plant:
         self.environment = environment
         self._ranges, self._seed, self._lock_force_n = ranges, seed, lock_force_n
         self._placement = lru_cache(maxsize=64)(self._draw_placement)
+        #: Which of the placements are in a fixture.
+        self.fixtures: set[int] = set()
 
     def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> State:
         """Return the state of an open gripper that has been still for long."""
@@ -164,8 +168,8 @@ class Plant:
         ranges, pixels = self._ranges, self.sheet.gain.size
         where = np.random.default_rng([self._seed, 1, placed]).uniform(-1, 1, 2)
         rng = np.random.default_rng([self._seed, 2, placed, contacts])
-        reach = ranges.off_centre * self.grid.pitch_mm
-        spot = reach * (where + 0.05 * rng.standard_normal(2))
+        share = _FIXTURE_OFF_CENTRE if placed in self.fixtures else ranges.off_centre
+        spot = share * self.grid.pitch_mm * (where + 0.05 * rng.standard_normal(2))
         common = ranges.place_common_log_sd * rng.standard_normal()
         own = ranges.place_pixel_log_sd * rng.standard_normal(pixels)
         used = replace(self.environment, cycles=self.environment.cycles + contacts)

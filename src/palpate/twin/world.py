@@ -167,10 +167,13 @@ class World:
         """Return whether the fingers are on their way."""
         return self._at(time_s).motion.end_s > time_s
 
-    def place(self, obj: TwinObject | None, *, time_s: float | None = None) -> None:
+    def place(
+        self, obj: TwinObject | None, *, time_s: float | None = None, fixture: bool = False
+    ) -> None:
         """Take the object away and put another (or none) between the fingers.
 
-        Taking away works at any time; a new object needs fingers open beyond it.
+        Taking away works at any time; a new object needs fingers open beyond it. In a fixture it
+        lies near the centre of the pixels, otherwise anywhere.
 
         Raises
         ------
@@ -185,6 +188,8 @@ class World:
                 "open them first"
             )
         self._hold = None
+        if fixture:
+            self._plant.fixtures.add(now.placed + 1)
         moving = now.motion.end_s > now.time_s
         still = Motion(start_s=now.time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
         self._restart(

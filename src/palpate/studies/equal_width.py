@@ -1,0 +1,170 @@
+"""Objects grasped at one width, as in section 3.2 of the paper: settled change of each, per sensor.
+
+The paper prints no widths. Ours close by the middle of Table 1's five closures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.settling.result import FloatArray
+from palpate.studies.report import Table
+from palpate.studies.twin_session import LEVELS, Reading, Session, grasps
+from palpate.twin.objects import TwinObject
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SENSORS = 3
+SEED = 1
+CLOSURE_MM = 3.0
+#: What the spread of the level `paper` was set by; to be said wherever these tables are shown.
+CALIBRATION_INPUT = (
+    "The level `paper` got its scatter from grasp to grasp so as to be of the size of the "
+    "published standard deviations, and its sheets so as to reach such changes; the twin's objects "
+    "are guesses in the ratio of their makers' ratings. So agreement of single entries shows "
+    "little; order, linearity and what is lost at `field` are predictions."
+)
+
+
+#: Reading -> what it is of a grasp. The first two are the paper's.
+READINGS: dict[str, Callable[[Reading], float]] = {
+    "mean change": lambda reading: reading.mean_percent,
+    "largest change": lambda reading: reading.largest_percent,
+    "summed excess": lambda reading: reading.excess,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settled:
+    """Settled readings of several objects on several sensors of one level.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The objects.
+    values : mapping of str to ndarray, shape (objects, sensors, repeats)
+        Name in `READINGS` -> settled values, percent (the excess: a ratio).
+    """
+
+    names: tuple[str, ...]
+    values: Mapping[str, FloatArray]
+
+    def cell(self, reading: str, index: int) -> str:
+        """Return the median sensor's mean and sd of one object, and the means' range."""
+        mean = self.values[reading][index].mean(axis=1)
+        sd = self.values[reading][index].std(axis=1, ddof=1)
+        return f"{np.median(mean):.1f} ± {np.median(sd):.2g} ({mean.min():.1f} to {mean.max():.1f})"
+
+    def means(self, reading: str) -> FloatArray:
+        """Return means over repeats, shape (objects, sensors)."""
+        return np.asarray(self.values[reading].mean(axis=2))
+
+    def as_json(self, reading: str) -> dict[str, Any]:
+        """Return mean and sd of each object on each sensor."""
+        sd = self.values[reading].std(axis=2, ddof=1)
+        return {
+            name: {"mean": self.means(reading)[index].tolist(), "sd": sd[index].tolist()}
+            for index, name in enumerate(self.names)
+        }
+
+
+def settled_readings(
+    objects: Sequence[TwinObject],
+    *,
+    width_mm: float,
+    repeats: int,
+    sensors: int,
+    fixture: bool = False,
+) -> dict[str, Settled]:
+    """Grasp each object so often at one width on each sensor; level -> what was read."""
+    found = {}
+    for level in LEVELS:
+        values = {name: np.empty((len(objects), sensors, repeats)) for name in READINGS}
+        for sensor in range(sensors):
+            for index, obj in enumerate(objects):
+                session = Session(sensor, level=level, trial=index)
+                (made,) = grasps(
+                    session, obj, widths_mm=[width_mm], repeats=repeats, fixture=fixture
+                )
+                for name, of in READINGS.items():
+                    values[name][index, sensor] = [of(reading) for reading in made]
+        found[level] = Settled(names=tuple(obj.name for obj in objects), values=values)
+    return found
+
+
+def r_squared(x: FloatArray, y: FloatArray) -> float:
+    """Return the squared correlation: R^2 of a line through the points.
+
+    Examples
+    --------
+    >>> round(r_squared(np.array([1.0, 2, 3]), np.array([2.0, 4, 6])), 6)
+    1.0
+    """
+    return float(np.corrcoef(x, y)[0, 1] ** 2)
+
+
+def fits(found: Settled, reading: str, ratings: Sequence[float]) -> FloatArray:
+    """Return R^2 of the line through the objects' means, sensor by sensor."""
+    rating = np.asarray(ratings, dtype=float)
+    return np.array([r_squared(rating, means) for means in found.means(reading).T])
+
+
+def r_squared_table(
+    conditions: Mapping[str, Mapping[str, Settled]],
+    ratings: Sequence[float],
+    *,
+    published: tuple[str, float],
+) -> Table:
+    """Return R^2 for every condition and reading: median sensor, worst and best.
+
+    `published` names the reading that the paper's value is of, and the value.
+    """
+    rows = []
+    for condition, found in conditions.items():
+        for reading in READINGS:
+            each = [fits(found[level], reading, ratings) for level in LEVELS]
+            cells = [f"{np.median(r):.3f} ({r.min():.3f} to {r.max():.3f})" for r in each]
+            paper = f"{published[1]:g}" if reading == published[0] else ""
+            rows.append([condition, reading, paper, *cells])
+    return Table(
+        title="R^2 of a line through the objects' means: median sensor (worst to best)",
+        columns=("condition", "reading", "published", *LEVELS),
+        rows=rows,
+    )
+
+
+def draw_lines(
+    found: Mapping[str, Settled],
+    ratings: Sequence[float],
+    *,
+    readings: Sequence[str],
+    xlabel: str,
+) -> Figure:
+    """Draw every grasp against the rating, level by level, with each sensor's line."""
+    from palpate.plots.style import AMBER, BLUE, GREEN, ORANGE, PURPLE, new_figure
+
+    rating, colours = np.asarray(ratings, dtype=float), (BLUE, ORANGE, GREEN, PURPLE, AMBER)
+    with new_figure(rows=len(readings), columns=2, width_in=9.0, height_in=3.4 * len(readings)) as (
+        figure,
+        axes,
+    ):
+        for row, reading in zip(axes, readings, strict=True):
+            for axis, level in zip(row, LEVELS, strict=True):
+                values = found[level].values[reading]
+                for sensor, colour in zip(range(values.shape[1]), colours, strict=False):
+                    points = values[:, sensor]
+                    x = np.repeat(rating, points.shape[1])
+                    axis.plot(x, points.ravel(), ".", color=colour, ms=4, alpha=0.4)
+                    line = np.polyfit(rating, points.mean(axis=1), 1)
+                    fit = r_squared(rating, points.mean(axis=1))
+                    label = f"sensor {sensor}: R² {fit:.2f}"
+                    axis.plot(rating, np.polyval(line, rating), color=colour, lw=1, label=label)
+                unit = "" if reading == "summed excess" else " (%)"
+                axis.set(xlabel=xlabel, ylabel=f"{reading}{unit}", title=f"simulated, {level}")
+                axis.legend(fontsize=7)
+    return figure
