@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from palpate.clock import Clock
 from palpate.errors import DeviceTimeoutError
+from palpate.gripper.interface import GripperState
 from palpate.recording.contents import Event, LoadCells
 from palpate.recording.writer import RecordingWriter
 from palpate.sensor.array import PressureArray
@@ -21,9 +22,11 @@ def capture(
     clock: Clock,
     duration_s: float = math.inf,
     load_cells: Callable[[], LoadCells | None] = lambda: None,
+    gripper: Callable[[], GripperState | None] = lambda: None,
+    stopped: Callable[[], bool] = lambda: False,
     report: Callable[[str], None] = lambda _: None,
 ) -> int:
-    """Record frames until the time is up; return how many.
+    """Record frames until the time is up, or it is stopped; return how many.
 
     A sensor that falls silent is waited for: it is said once, and becomes an event of the
     recording, as does its return.
@@ -40,6 +43,10 @@ def capture(
         How long; forever by default.
     load_cells : callable
         Gives a reading of load cells if there is a new one.
+    gripper : callable
+        Gives the gripper's state, if there is one; recorded with each frame.
+    stopped : callable
+        Says whether to end, between frames: a recording is never cut within a message.
     report : callable
         Takes one line for the user.
 
@@ -52,7 +59,7 @@ def capture(
     """
     end_s = clock.now_s() + duration_s
     frames, silent = 0, False
-    while (now_s := clock.now_s()) < end_s:
+    while (now_s := clock.now_s()) < end_s and not stopped():
         try:
             frame = array.read(timeout_s=min(_TIMEOUT_S, end_s - now_s))
         except DeviceTimeoutError as error:
@@ -65,6 +72,9 @@ def capture(
             silent = False
             writer.add(Event(time_s=frame.time_s, name="back"))
             report("frames come again")
+        state = gripper()
+        if state is not None:
+            writer.add(state)
         writer.add(frame)
         frames += 1
         reading = load_cells()

@@ -111,7 +111,8 @@ class RecordingWriter:
             raise RecordingError(f"{self.path}: writing failed before; nothing more is recorded")
         start_s = self._chunk_start_s
         try:
-            if start_s is not None and not 0 <= message.time_s - start_s < CHUNK_S:
+            # A gripper's state may be a little younger than the frame that follows it.
+            if start_s is not None and abs(message.time_s - start_s) >= CHUNK_S:
                 self._finish_chunk()
             self._put(message)
         except OSError as error:

@@ -142,6 +142,11 @@ class SerialArray:
         return self._layout
 
     @property
+    def name(self) -> str:
+        """The port that it is, or was last, at."""
+        return self._name
+
+    @property
     def identity(self) -> Identity | None:
         """What the board says of itself; None while it is unplugged."""
         return None if self._link is None else self._link.identity

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.gripper.interface import GripperState
+from palpate.recording import (
+    FileState,
+    RecordingInfo,
+    RecordingReader,
+    RecordingWriter,
+)
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 
@@ -123,6 +133,61 @@ def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert palpate("record", tmp_path / "new.mcap", "--port", port) == 3
     assert capsys.readouterr().err.startswith(f"palpate: no port {port}")
     assert not (tmp_path / "new.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rig", "sim-rigid"], "never end: say how many --seconds"),
+        (["--rig", "sim-rigid", "--port", "x"], "--port: a rig states that itself"),
+        (["--rig", "sim-rigid", "--rate-hz", "9"], "--rate-hz: a rig states that itself"),
+        (["--rig", "nothing"], "no rig 'nothing'"),
+        (["--rig", "gone.toml"], "gone.toml: No such file"),
+        (["--seconds", "0"], "--seconds 0: must be above 0"),
+    ],
+)
+def test_record_refuses_what_makes_no_sense(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new.mcap"
+    assert palpate("record", path, *options) == 2
+    captured = capsys.readouterr()
+    assert said in captured.err
+    assert captured.err.count("\n") == 1
+    assert not path.exists()
+
+
+def test_record_from_a_rig_file_without_a_gripper(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    port = tmp_path / "ttyACM9"
+    assert palpate("init", rig, "--port", port) == 0
+    assert palpate("record", tmp_path / "new.mcap", "--rig", rig) == 3
+    assert f"no port {port}" in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> None:
+    path = tmp_path / "new.mcap"
+    command = [sys.executable, "-c", "from palpate.cli import main; main()", "record", str(path)]
+    options = ["--rig", "sim-rigid", "--seed", "4", "--seconds", "1e9"]
+    with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as recorder:
+        assert recorder.stderr is not None
+        assert "Ctrl-C ends it" in recorder.stderr.readline()
+        while path.stat().st_size < 20_000:
+            os.sched_yield()
+        recorder.send_signal(signal.SIGINT)
+        assert recorder.wait() == 130
+        assert recorder.stderr.read() == f"{path}: recorded\n"
+    state = FileState()
+    with RecordingReader(path) as reader:
+        kinds = [type(message) for message in reader.messages(state=state)]
+        info = reader.info
+    assert state.intact
+    assert kinds.count(Frame) == kinds.count(GripperState) > 30
+    assert (info.origin, info.rig, info.seed) == ("twin", "sim-rigid", 4)
+    assert info.calibration is not None
+    assert info.gripper is not None
 
 
 @pytest.mark.parametrize("layout", ["0x4", "17x2", "big", "4"])

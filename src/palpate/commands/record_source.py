@@ -1,0 +1,168 @@
+"""What `palpate record` records: a board on a port, or a rig with its gripper."""
+
+from __future__ import annotations
+
+import time
+import tomllib
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from palpate import __version__
+from palpate.clock import Clock, RealClock
+from palpate.commands.sensor_source import open_source
+from palpate.errors import DeviceError, InputError
+from palpate.gripper.interface import GripperState
+from palpate.recording import LoadCells, RecordingInfo
+from palpate.rig import open_rig
+from palpate.sensor.array import RIGID_LAYOUT, PressureArray
+from palpate.sensor.board_array import open_board
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import NO_READING
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """Something open that gives frames.
+
+    Attributes
+    ----------
+    name : str
+        For the user.
+    array : PressureArray
+        The sensor.
+    clock : Clock
+        What its times are on.
+    info : RecordingInfo
+        What the recording will say of itself.
+    gripper : callable
+        Gives the gripper's state; None where there is none.
+    """
+
+    name: str
+    array: PressureArray
+    clock: Clock
+    info: RecordingInfo
+    gripper: Callable[[], GripperState | None] = lambda: None
+    _cells_seen: list[int] = field(default_factory=list)
+
+    def load_cells(self) -> LoadCells | None:
+        """Give each new pair of load-cell readings once."""
+        if not isinstance(self.array, SerialArray):
+            return None
+        cells = self.array.load_cells
+        samples = [cell.sample for cell in cells]
+        if samples == self._cells_seen or all(cell.raw == NO_READING for cell in cells):
+            return None
+        self._cells_seen[:] = samples
+        return LoadCells(time_s=self.array.newest_s, raw=tuple(cell.raw for cell in cells))
+
+    def link_text(self) -> str:
+        """Say what happened on the link, where there is one."""
+        if not isinstance(self.array, SerialArray):
+            return "recorded"
+        count = self.array.counters
+        return (
+            f"{count.frames} frames, {count.lost} lost, {count.corrupt} packets corrupt, "
+            f"{count.late} late, {count.reconnects} reconnects"
+        )
+
+
+def board_source(given: Mapping[str, Any], *, stack: ExitStack) -> Source:
+    """Open the board on a port; `given` goes to `open_board`, and `stack` closes it.
+
+    Raises
+    ------
+    InputError
+        If there is no such layout.
+    DeviceError
+        If there is no board, it does not answer, or it can't do that rate.
+    """
+    array = open_board(**given)
+    stack.callback(array.close)
+    info = RecordingInfo(
+        layout=array.layout,
+        origin="hardware",
+        firmware_version=_firmware_version(array),
+        versions={"palpate": __version__},
+        clock_zero_unix_ns=time.time_ns() - time.monotonic_ns(),
+    )
+    return Source(name=array.name, array=array, clock=RealClock(), info=info)
+
+
+def rig_source(
+    name: str, given: Mapping[str, Any], *, stack: ExitStack, seed: int, endless: bool
+) -> Source:
+    """Open a rig with its gripper, where it has one; `stack` closes it.
+
+    Raises
+    ------
+    InputError
+        If there is no such rig, an option contradicts it, or simulated time would never end.
+    DeviceError
+        If the equipment isn't there.
+    """
+    if given:
+        option = next(iter(given)).replace("_", "-")
+        raise InputError(f"--{option}: a rig states that itself; leave it out beside --rig")
+    if _lacks_gripper(name):
+        return _array_source(name, stack=stack)
+    rig = open_rig(name, seed=seed)
+    stack.callback(rig.close)
+    if rig.simulated and endless:
+        raise InputError(f"--rig {name} is simulated and would never end: say how many --seconds")
+    info = RecordingInfo(
+        layout=rig.array.layout,
+        origin=rig.origin,
+        rig=rig.name,
+        firmware_version=_firmware_version(rig.array),
+        calibration=rig.calibration.as_text(),
+        seed=seed if rig.simulated else None,
+        versions={"palpate": __version__},
+        gripper=rig.gripper.limits,
+        clock_zero_unix_ns=0 if rig.simulated else time.time_ns() - time.monotonic_ns(),
+    )
+    said = f"{name} (simulated)" if rig.simulated else name
+    return Source(name=said, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state)
+
+
+def _lacks_gripper(name: str) -> bool:
+    """Tell a rig file without a gripper; whatever else is wrong with it is for who opens it."""
+    if not name.endswith(".toml"):
+        return False
+    try:
+        stated = tomllib.loads(Path(name).read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
+    return not stated.keys() & {"use", "gripper"}
+
+
+def _array_source(path: str, *, stack: ExitStack) -> Source:
+    """Open the array that a rig file names; its calibration goes along if it has been made."""
+    # The file states all that the other arguments stand for.
+    opened = open_source(
+        rig=path, port=None, layout=RIGID_LAYOUT.name, reference_ohm=4700.0, rate_hz=250.0
+    )
+    stack.callback(opened.array.close)
+    calibration = opened.calibration_path
+    made = calibration is not None and calibration.exists()
+    info = RecordingInfo(
+        layout=opened.array.layout,
+        origin="hardware",
+        rig=path,
+        firmware_version=_firmware_version(opened.array),
+        calibration=calibration.read_text() if calibration and made else None,
+        versions={"palpate": __version__},
+        clock_zero_unix_ns=time.time_ns() - time.monotonic_ns(),
+    )
+    return Source(name=path, array=opened.array, clock=RealClock(), info=info)
+
+
+def _firmware_version(array: PressureArray) -> str | None:
+    if not isinstance(array, SerialArray):
+        return None
+    if array.identity is None:
+        raise DeviceError("the board was unplugged before the recording began")
+    return ".".join(map(str, array.identity.version))
