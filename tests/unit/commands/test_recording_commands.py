@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli import build_app, run
+from palpate.cli import build_app
+from palpate.commands.outcome import run
 from palpate.gripper.interface import GripperState
 from palpate.recording import (
     FileState,
