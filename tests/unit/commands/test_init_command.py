@@ -1,0 +1,110 @@
+"""`palpate init` without a terminal, and with questions answered."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.sensor.board_array import open_board
+
+
+def init(*arguments: object) -> int:
+    return run(build_app(), ["init", *map(str, arguments)], name="palpate")
+
+
+def test_options_become_a_rig_file(tmp_path: Path) -> None:
+    path = tmp_path / "orchard.toml"
+    options = ["--port", "/dev/ttyACM7", "--layout", "soft-3x2", "--reference-ohm", "1000"]
+    assert init(path, *options, "--taxel-leg", "lower", "--gripper", "my_arm:open_hand") == 0
+    stated = tomllib.loads(path.read_text())
+    assert stated == {
+        "calibration": "orchard-calibration.json",
+        "array": {
+            "open": "palpate.sensor.board_array:open_board",
+            "port": "/dev/ttyACM7",
+            "layout": "soft-3x2",
+            "reference_ohm": 1000.0,
+            "taxel_leg": "lower",
+        },
+        "gripper": {"open": "my_arm:open_hand"},
+    }
+
+
+def test_what_it_names_exists(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    assert init(path, "--port", "/dev/no-such-port") == 0
+    table = tomllib.loads(path.read_text())["array"]
+    assert table.pop("open") == f"{open_board.__module__}:{open_board.__name__}"
+    accepted = open_board.__kwdefaults__
+    assert accepted is not None
+    assert table.keys() <= accepted.keys()
+
+
+def test_the_rig_file_opens_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "rig.toml"
+    assert init(path, "--port", "/dev/no-such-port") == 0
+    assert run(build_app(), ["doctor", "--rig", str(path)], name="palpate") == 3
+    assert "no port /dev/no-such-port" in capsys.readouterr().err
+
+
+def test_an_existing_file_is_kept_unless_forced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text("mine = 1\n")
+    assert init(path) == 2
+    assert "--force" in capsys.readouterr().err
+    assert path.read_text() == "mine = 1\n"
+    assert init(path, "--force", "--port", "auto") == 0
+    assert "port" not in tomllib.loads(path.read_text())["array"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["rig.json"], "ends in .toml"),
+        (["rig.toml", "--layout", "round"], "no layout"),
+        (["rig.toml", "--reference-ohm", "-5"], "above 0 ohm"),
+        (["rig.toml", "--taxel-leg", "middle"], "upper or lower"),
+        (["rig.toml", "--gripper", "claw"], "module:function"),
+    ],
+)
+def test_mistakes_write_nothing(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    says: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert init(*arguments) == 2
+    assert says in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_questions_on_a_terminal(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    master, slave = pty.openpty()
+    program = "from palpate.cli import main; main()"
+    asked = subprocess.Popen(
+        [sys.executable, "-c", program, "init", str(path)],
+        stdin=slave,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    os.write(master, b"auto\n4x4\n1000\n\n\n")
+    assert asked.wait(timeout=60) == 0
+    _, err = asked.communicate()
+    os.close(master)
+    os.close(slave)
+    assert b"Reference resistor, ohm" in err
+    array = tomllib.loads(path.read_text())["array"]
+    assert array["layout"] == "4x4"
+    assert array["reference_ohm"] == 1000.0
