@@ -1,0 +1,282 @@
+"""What the decoder counts and keeps: losses, wraps, restarts, garbage, pieces of any size."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.sensor.wire import (
+    MAX_STUFFED_BYTES,
+    Decoder,
+    WireCounters,
+    encode_message,
+    pack,
+    stuff,
+    unpack,
+    unstuff,
+)
+from palpate.sensor.wire_messages import (
+    Ack,
+    CommandType,
+    FrameMessage,
+    Message,
+    MessageType,
+    Result,
+)
+
+WRAP = 2**32
+
+
+def frame(sequence: int, *, stream: int = 9, time_us: int | None = None) -> FrameMessage:
+    return FrameMessage(
+        sequence=sequence,
+        time_us=4000 * sequence if time_us is None else time_us,
+        stream=stream,
+        oversampling=1,
+        status=0,
+        counts=np.arange(8, dtype=np.uint16).reshape(4, 2) * 140,
+    )
+
+
+def sent(*sequences: int, stream: int = 9) -> bytes:
+    return b"".join(encode_message(frame(number, stream=stream)) for number in sequences)
+
+
+def ack(next_sequence: int, *, stream: int = 9) -> bytes:
+    answer = Ack(
+        command=CommandType.PING,
+        tag=1,
+        result=Result.OK,
+        stream=stream,
+        next_sequence=next_sequence,
+    )
+    return encode_message(answer)
+
+
+def frames_in(messages: list[Message]) -> list[FrameMessage]:
+    return [message for message in messages if isinstance(message, FrameMessage)]
+
+
+def numbers(decoder: Decoder, data: bytes) -> list[int]:
+    return [message.sequence for message in frames_in(decoder.feed(data))]
+
+
+# -- losses ---------------------------------------------------------------------------------------
+
+
+def test_gaps_are_lost_frames() -> None:
+    decoder = Decoder()
+    assert numbers(decoder, sent(0, 1, 4, 5, 9)) == [0, 1, 4, 5, 9]
+    assert decoder.counters == WireCounters(frames=5, lost=5)
+
+
+def test_the_first_frame_heard_of_a_running_stream_has_lost_nothing() -> None:
+    decoder = Decoder()
+    numbers(decoder, sent(700, 701))
+    assert decoder.counters == WireCounters(frames=2)
+
+
+def test_an_answer_tells_of_frames_lost_at_the_end() -> None:
+    decoder = Decoder()
+    numbers(decoder, sent(0, 1) + ack(5))
+    assert decoder.counters.lost == 3
+    numbers(decoder, sent(5, 6) + ack(7))
+    assert decoder.counters == WireCounters(frames=4, lost=3)
+
+
+def test_an_answer_before_the_first_frame_dates_the_losses() -> None:
+    decoder = Decoder()
+    numbers(decoder, ack(0) + sent(2))
+    assert decoder.counters == WireCounters(frames=1, lost=2)
+
+
+def test_an_answer_older_than_what_was_seen_changes_nothing() -> None:
+    decoder = Decoder()
+    numbers(decoder, sent(0, 1, 2) + ack(1) + sent(3))
+    assert decoder.counters == WireCounters(frames=4)
+
+
+def test_an_answer_without_any_stream_changes_nothing() -> None:
+    decoder = Decoder()
+    numbers(decoder, sent(3) + ack(0, stream=0) + sent(4))
+    assert decoder.counters == WireCounters(frames=2)
+
+
+# -- wraps and restarts ---------------------------------------------------------------------------
+
+
+def test_sequence_and_time_go_on_over_the_wrap() -> None:
+    first = WRAP - 3
+    started_us = 5 * WRAP - 9000
+    data = b"".join(
+        encode_message(frame(first + k, time_us=started_us + 4000 * k)) for k in range(6)
+    )
+    got = frames_in(Decoder().feed(data))
+    assert [each.sequence for each in got] == [first + k for k in range(6)]
+    assert [each.time_us - got[0].time_us for each in got] == [4000 * k for k in range(6)]
+    assert got[0].time_us == started_us % WRAP
+
+
+def test_losses_are_counted_across_the_wrap() -> None:
+    decoder = Decoder()
+    assert numbers(decoder, sent(WRAP - 2, WRAP + 3)) == [WRAP - 2, WRAP + 3]
+    assert decoder.counters == WireCounters(frames=2, lost=4)
+    numbers(decoder, ack(WRAP + 6))
+    assert decoder.counters.lost == 6
+
+
+def test_two_wraps_of_the_sequence_are_followed() -> None:
+    decoder = Decoder()
+    steps = range(0, 2 * WRAP + 1, WRAP // 4)
+    assert numbers(decoder, sent(*steps)) == list(steps)
+
+
+def test_another_stream_begins_at_zero_and_counts_as_a_restart() -> None:
+    decoder = Decoder()
+    assert numbers(decoder, sent(10, 11) + sent(0, 1, stream=10)) == [10, 11, 0, 1]
+    assert decoder.counters == WireCounters(frames=4, restarts=1)
+
+
+def test_frames_lost_at_the_start_of_a_later_stream_are_counted() -> None:
+    decoder = Decoder()
+    numbers(decoder, sent(10) + sent(3, stream=10))
+    assert decoder.counters == WireCounters(frames=2, lost=3, restarts=1)
+
+
+def test_the_same_stream_number_running_backwards_is_a_restart() -> None:
+    decoder = Decoder()
+    assert numbers(decoder, sent(500, 501) + sent(0, 1)) == [500, 501, 0, 1]
+    assert decoder.counters == WireCounters(frames=4, restarts=1)
+
+
+def test_time_begins_anew_with_a_stream() -> None:
+    late = frame(1, time_us=4_000_000_000)
+    early = frame(0, stream=10, time_us=20)
+    got = frames_in(Decoder().feed(encode_message(late) + encode_message(early)))
+    assert [each.time_us for each in got] == [4_000_000_000, 20]
+
+
+# -- garbage --------------------------------------------------------------------------------------
+
+
+def test_garbage_before_the_first_zero_is_no_packet() -> None:
+    decoder = Decoder()
+    assert numbers(decoder, b"\x55garbage\0" + sent(0, 1)) == [0, 1]
+    assert decoder.counters == WireCounters(frames=2, rejected_bytes=8)
+
+
+def test_garbage_later_is_a_corrupt_packet() -> None:
+    decoder = Decoder()
+    numbers(decoder, sent(0) + b"garbage\0" + sent(1))
+    assert decoder.counters == WireCounters(frames=2, corrupt=1, rejected_bytes=7)
+
+
+def test_joining_in_the_middle_of_a_frame_costs_that_frame_alone() -> None:
+    data = sent(4, 5, 6)
+    for start in range(1, len(sent(4))):
+        decoder = Decoder()
+        assert numbers(decoder, data[start:])[-2:] == [5, 6]
+        assert decoder.counters.corrupt == 0
+
+
+def test_bytes_of_another_baud_rate_are_never_a_message() -> None:
+    # Sampled at another speed, runs of equal bits become longer or shorter bytes of their own.
+    data = sent(*range(300))
+    bits = np.unpackbits(np.frombuffer(data, np.uint8), bitorder="little").reshape(-1, 8)
+    ends = np.ones((len(bits), 1), dtype=np.uint8)
+    line = np.hstack([0 * ends, bits, ends]).ravel()
+    for ratio in (0.096, 0.5, 2.0, 8.68):
+        sampled = line[(np.arange(int(len(line) * ratio)) / ratio).astype(int)]
+        heard = np.packbits(sampled[: len(sampled) // 10 * 10].reshape(-1, 10)[:, 1:9], axis=1)
+        decoder = Decoder()
+        assert decoder.feed(heard.tobytes()) == []
+        assert decoder.counters.rejected_bytes > 100
+
+
+def test_zeros_mean_nothing() -> None:
+    decoder = Decoder()
+    assert numbers(decoder, b"\0\0\0" + sent(0) + b"\0\0" + sent(1)) == [0, 1]
+    assert decoder.counters == WireCounters(frames=2)
+
+
+def test_an_unknown_kind_of_packet_is_skipped_and_counted_apart() -> None:
+    decoder = Decoder()
+    assert numbers(decoder, sent(0) + pack(0x42, b"from the future") + sent(1)) == [0, 1]
+    assert decoder.counters == WireCounters(frames=2, unknown=1)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        bytes(13),
+        sent(0)[:1],
+        bytes([0] * 9 + [1, 0x31, 0, 0]) + bytes(15),
+        bytes([0] * 9 + [65, 0x31, 0, 0]) + bytes(16),
+        bytes([0] * 9 + [1, 0x31, 4, 0]) + bytes(16),
+        bytes([0] * 9 + [1, 0x31, 1, 0]) + bytes(16 + 9),
+    ],
+    ids=["empty", "no pixels", "short", "pixel cut", "oversampling", "contents", "load cell cut"],
+)
+def test_a_sound_packet_that_is_no_frame_is_rejected(payload: bytes) -> None:
+    decoder = Decoder()
+    assert decoder.feed(b"\0" + pack(MessageType.FRAME, payload)) == []
+    assert (decoder.counters.corrupt, decoder.counters.frames) == (1, 0)
+
+
+def test_a_packet_of_another_length_than_it_says_is_rejected() -> None:
+    whole = unstuff(encode_message(frame(0))[:-1])
+    assert whole is not None
+    assert unpack(stuff(whole)) is not None
+    assert unpack(stuff(whole[:1] + b"\x16" + whole[2:])) is None
+    assert unpack(stuff(whole[:-1])) is None
+    assert unpack(stuff(whole + b"\x01")) is None
+    assert unpack(stuff(b"\x01\x00")) is None
+
+
+# -- pieces and memory ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 32, 33, 34, 1000])
+def test_pieces_of_any_size_give_the_same(size: int) -> None:
+    data = b"junk\0" + sent(*range(20)) + ack(25) + sent(25, 26, stream=10)
+    whole, pieces = Decoder(), Decoder()
+    wanted = numbers(whole, data)
+    got = [
+        number
+        for start in range(0, len(data), size)
+        for number in numbers(pieces, data[start : start + size])
+    ]
+    assert got == wanted
+    assert pieces.counters == whole.counters
+
+
+def test_the_longest_frame_passes_and_longer_runs_do_not() -> None:
+    largest = replace(frame(0), counts=np.full((16, 16), 1023, dtype=np.uint16))
+    data = encode_message(largest)
+    assert len(data) <= MAX_STUFFED_BYTES
+    decoder = Decoder()
+    assert len(decoder.feed(data)) == 1
+    too_long = pack(0x42, b"\x01" * MAX_STUFFED_BYTES)
+    assert decoder.feed(too_long + data) != []
+    assert decoder.counters == WireCounters(
+        frames=2, corrupt=1, restarts=1, rejected_bytes=len(too_long) - 1
+    )
+
+
+def test_what_is_kept_between_pieces_is_bounded() -> None:
+    decoder, chance = Decoder(), random.Random(1)
+    for _ in range(2000):
+        decoder.feed(bytes(chance.randrange(1, 256) for _ in range(chance.randrange(50))))
+        assert len(decoder._pending) <= MAX_STUFFED_BYTES
+    assert numbers(decoder, b"\0" + sent(0, 1)) == [0, 1]
+    assert decoder.counters.corrupt == 0, "nothing was in step before the first zero"
+
+
+def test_counts_of_a_frame_cannot_be_written_to() -> None:
+    (got,) = frames_in(Decoder().feed(sent(0)))
+    with pytest.raises(ValueError, match="read-only"):
+        got.counts[0, 0] = 1

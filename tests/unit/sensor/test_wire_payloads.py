@@ -1,0 +1,129 @@
+"""Messages to payloads and back; a value that does not fit is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.sensor.wire_messages import (
+    NO_READING,
+    Ack,
+    Command,
+    CommandType,
+    FrameMessage,
+    Identity,
+    LoadCell,
+    Ping,
+    ResetCause,
+    Result,
+    SetCeiling,
+    SetLayout,
+    SetOversampling,
+    SetPressure,
+    SetRate,
+)
+from palpate.sensor.wire_payloads import (
+    pack_ack,
+    pack_command,
+    pack_frame,
+    pack_identity,
+    unpack_ack,
+    unpack_frame,
+    unpack_identity,
+)
+
+ACK = Ack(
+    command=CommandType.RATE,
+    tag=200,
+    result=Result.TOO_FAST,
+    stream=7,
+    next_sequence=2**32 - 1,
+    time_us=123,
+    highest_rate_hz=612.345,
+)
+IDENTITY = Identity(
+    tag=3, protocol=1, version=(1, 2, 3), features=3, rows=6, cols=2, oversampling=4,
+    max_rows=16, max_cols=16, max_oversampling=64, settle_us=20, heartbeat_ms=500,
+    reset_cause=ResetCause.WATCHDOG, streaming=True, conversion_us=104, baud=1_000_000,
+    rate_hz=250.0, highest_rate_hz=701.5, board="Arduino Mega 2560",
+)  # fmt: skip
+FRAME = FrameMessage(
+    sequence=5,
+    time_us=6,
+    stream=1,
+    oversampling=64,
+    status=0x10,
+    counts=np.array([[0, 65472]], dtype=np.uint16),
+    load_cells=(LoadCell(raw=NO_READING, sample=0), LoadCell(raw=-5, sample=255)),
+    pressure_set_kpa=50.0,
+    pressure_kpa=49.951,
+)
+
+
+def test_an_answer_comes_back() -> None:
+    assert unpack_ack(pack_ack(ACK)) == ACK
+
+
+def test_an_answer_of_another_length_or_result_is_none() -> None:
+    payload = pack_ack(ACK)
+    assert unpack_ack(payload[:-1]) is None
+    assert unpack_ack(payload + b"\0") is None
+    assert unpack_ack(payload[:2] + b"\x06" + payload[3:]) is None
+
+
+@pytest.mark.parametrize("streaming", [False, True])
+def test_an_identity_comes_back(streaming: bool) -> None:
+    identity = replace(IDENTITY, streaming=streaming)
+    assert unpack_identity(pack_identity(identity)) == identity
+
+
+def test_a_cut_identity_or_a_name_that_is_no_text_is_none() -> None:
+    payload = pack_identity(IDENTITY)
+    assert unpack_identity(payload[: -len(IDENTITY.board) - 1]) is None
+    assert unpack_identity(payload + b"\xff") is None
+
+
+def test_a_frame_with_everything_comes_back() -> None:
+    got = unpack_frame(pack_frame(FRAME))
+    assert got is not None
+    assert got.counts.tolist() == [[0, 65472]]
+    assert got.load_cells == FRAME.load_cells
+    assert (got.pressure_set_kpa, got.pressure_kpa) == (50.0, 49.951)
+    assert (got.oversampling, got.status, got.stream) == (64, 0x10, 1)
+
+
+@pytest.mark.parametrize("shape", [(17, 1), (1, 17), (0, 1)])
+def test_a_frame_that_no_board_scans_is_refused(shape: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match="must be 1 to 16"):
+        pack_frame(replace(FRAME, counts=np.zeros(shape, dtype=np.uint16)))
+
+
+def test_a_refused_frame_is_not_placed() -> None:
+    placed: list[int] = []
+
+    def place(sequence: int, time_us: int, _: int) -> tuple[int, int]:
+        placed.append(sequence)
+        return sequence, time_us
+
+    assert unpack_frame(pack_frame(FRAME)[:-1], place=place) is None
+    assert placed == []
+
+
+@pytest.mark.parametrize(
+    ("command", "tag"),
+    [
+        (SetLayout(rows=256, cols=1), 1),
+        (SetLayout(rows=1, cols=1, settle_us=70_000), 1),
+        (SetRate(rate_hz=-1.0), 1),
+        (SetRate(rate_hz=5e6), 1),
+        (SetOversampling(conversions=300), 1),
+        (SetPressure(target_kpa=-1.0, slew_kpa_per_s=1.0), 1),
+        (SetCeiling(counts=70_000), 1),
+        (Ping(), 256),
+    ],
+)
+def test_a_value_that_does_not_fit_its_field_is_refused(command: Command, tag: int) -> None:
+    with pytest.raises(ValueError, match="can't be sent"):
+        pack_command(command, tag=tag)
