@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-from tests.conftest import skip
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceNotFoundError
@@ -25,12 +22,7 @@ from palpate.twin.world import World
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def built() -> None:
-    if shutil.which("avr-g++") is None or not Path("/usr/include/simavr").is_dir():
-        skip("gcc-avr, avr-libc, binutils-avr, libsimavr-dev and libelf-dev are needed")
-    for folder in ("firmware", "firmware/sim"):
-        subprocess.run(["make", "-s", "-C", str(ROOT / folder)], check=True, capture_output=True)
+pytestmark = pytest.mark.usefixtures("firmware_built")
 
 
 class Desk:
@@ -46,7 +38,7 @@ class Desk:
         return self.decoder.feed(self.board.read_bytes())
 
     def ask(self, *commands: wm.Command) -> list[wm.Message]:
-        answers = []
+        answers: list[wm.Message] = []
         for command in commands:
             self.board.write_bytes(encode_command(command, tag=1))
             answers += [m for m in self.run(0.005) if not isinstance(m, wm.FrameMessage)]

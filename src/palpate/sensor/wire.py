@@ -220,7 +220,7 @@ class Decoder:
             self._pending += piece
 
     def _finish(self, messages: list[Message]) -> None:
-        packet = None if self._overlong else unpack(self._pending)
+        packet = unpack(self._pending)  # nothing is kept of an overlong one
         message = None if packet is None else self._read(*packet)
         if message is not None:
             messages.append(message)

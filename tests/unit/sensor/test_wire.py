@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import struct
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -227,14 +229,29 @@ def test_a_sound_packet_that_is_no_frame_is_rejected(payload: bytes) -> None:
     assert (decoder.counters.corrupt, decoder.counters.frames) == (1, 0)
 
 
-def test_a_packet_of_another_length_than_it_says_is_rejected() -> None:
+@pytest.mark.parametrize("wrong_by", [-2, -1, 1, 255])
+def test_a_packet_of_another_length_than_it_says_is_rejected(wrong_by: int) -> None:
+    def packet(length: int) -> bytes:
+        body = struct.pack("<BH", MessageType.ACK, length) + b"payload"
+        return stuff(body + struct.pack("<I", zlib.crc32(body)))
+
+    assert unpack(packet(7)) == (MessageType.ACK, b"payload")
+    assert unpack(packet(7 + wrong_by)) is None
+
+
+def test_any_changed_bit_is_rejected_by_the_checksum() -> None:
     whole = unstuff(encode_message(frame(0))[:-1])
     assert whole is not None
     assert unpack(stuff(whole)) is not None
-    assert unpack(stuff(whole[:1] + b"\x16" + whole[2:])) is None
-    assert unpack(stuff(whole[:-1])) is None
-    assert unpack(stuff(whole + b"\x01")) is None
-    assert unpack(stuff(b"\x01\x00")) is None
+    for bit in range(8 * len(whole)):
+        changed = bytearray(whole)
+        changed[bit // 8] ^= 1 << bit % 8
+        assert unpack(stuff(bytes(changed))) is None
+
+
+@pytest.mark.parametrize("damaged", ["0311", "031122023344", "ff01", "0003", "010002"])
+def test_what_was_never_stuffed_is_rejected(damaged: str) -> None:
+    assert unstuff(bytes.fromhex(damaged)) is None
 
 
 # -- pieces and memory ----------------------------------------------------------------------------

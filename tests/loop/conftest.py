@@ -1,0 +1,20 @@
+"""What the tests on the simulated board need: its firmware and simulator, built."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from tests.conftest import skip
+
+
+@pytest.fixture(scope="session")
+def firmware_built() -> None:
+    """Build the firmware and its simulator; skip where their tools are absent."""
+    if shutil.which("avr-g++") is None or not Path("/usr/include/simavr").is_dir():
+        skip("gcc-avr, avr-libc, binutils-avr, libsimavr-dev and libelf-dev are needed")
+    root = Path(__file__).resolve().parents[2]
+    for folder in ("firmware", "firmware/sim"):
+        subprocess.run(["make", "-s", "-C", str(root / folder)], check=True, capture_output=True)

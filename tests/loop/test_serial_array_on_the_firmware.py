@@ -1,0 +1,142 @@
+"""The host's array against the real firmware over a pseudo-terminal: set-up, refusals, resets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from palpate.clock import ManualClock
+from palpate.errors import WireError
+from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, Frame
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import Contents, ResetCause, SetPressure
+from palpate.twin.firmware import FirmwareBoard
+from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.world import World
+
+pytestmark = pytest.mark.usefixtures("firmware_built")
+
+
+class Rig:
+    """The twin's pixels on a simulated board, and the host at the other end of its line."""
+
+    def __init__(
+        self,
+        *,
+        layout: ArrayLayout = RIGID_LAYOUT,
+        rate_hz: float = 250.0,
+        oversampling: int = 1,
+        contents: Contents = Contents.PIXELS,
+    ) -> None:
+        self.clock = ManualClock(50.0)
+        world = World(None, seed=3, clock=self.clock, layout=layout)
+        self.board = FirmwareBoard(seed=1)
+        self.array = SerialArray(
+            FirmwareStream(world, board=self.board),
+            clock=self.clock,
+            layout=layout,
+            rate_hz=rate_hz,
+            oversampling=oversampling,
+            contents=contents,
+        )
+
+    def frames(self, duration_s: float) -> list[Frame]:
+        end_s, frames = self.clock.now_s() + duration_s, list[Frame]()
+        while self.clock.now_s() < end_s:
+            frames.append(self.array.read(timeout_s=2.0))
+        return frames
+
+
+@pytest.fixture
+def closing() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def opened(closing: ExitStack, **options: object) -> Rig:
+    rig = Rig(**options)  # type: ignore[arg-type]
+    closing.callback(rig.array.close)
+    return rig
+
+
+@pytest.mark.parametrize(
+    ("layout", "rate_hz", "oversampling"), [(RIGID_LAYOUT, 500.0, 1), (SOFT_LAYOUT, 50.0, 8)]
+)
+def test_it_is_set_up_as_asked(
+    layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
+) -> None:
+    rig = opened(closing, layout=layout, rate_hz=rate_hz, oversampling=oversampling)
+    identity = rig.array.identity
+    assert identity is not None
+    assert (identity.board, identity.rate_hz) == ("Arduino Mega 2560", rate_hz)
+    assert (identity.rows, identity.cols) == (layout.rows, layout.cols)
+    frames = rig.frames(0.5)
+    assert [frame.sequence for frame in frames] == list(range(len(frames)))
+    assert len(frames) == pytest.approx(0.5 * rate_hz, abs=2)
+    assert {frame.oversampling for frame in frames} == {oversampling}
+    assert frames[-1].counts.max() > 100 * oversampling
+    # Host time of a scan: never after its arrival, and no older than two polls and its way here.
+    age_s = rig.clock.now_s() - frames[-1].time_s
+    assert 0 < age_s < 0.004 + oversampling * layout.pixels * 115e-6
+    assert np.diff([frame.time_s for frame in frames]) == pytest.approx(1 / rate_hz, abs=1.1e-3)
+    counters = rig.array.counters
+    assert (counters.lost, counters.corrupt, counters.late, counters.restarts) == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("layout", "rate_hz", "oversampling"),
+    [(RIGID_LAYOUT, 5000.0, 1), (RIGID_LAYOUT, 250.0, 64), (SOFT_LAYOUT, 700.0, 1)],
+)
+def test_settings_it_cannot_meet_are_refused_with_the_highest_rate_that_can(
+    layout: ArrayLayout, rate_hz: float, oversampling: int, closing: ExitStack
+) -> None:
+    with pytest.raises(WireError, match=rf"can't do {rate_hz:g} frames/s .*; at most") as refused:
+        Rig(layout=layout, rate_hz=rate_hz, oversampling=oversampling)
+    found = re.search(r"at most ([\d.]+)$", str(refused.value))
+    assert found is not None
+    highest_hz = float(found[1])
+    assert highest_hz < rate_hz
+    with pytest.raises(WireError, match="at most"):
+        Rig(layout=layout, rate_hz=1.01 * highest_hz, oversampling=oversampling)
+    rig = opened(closing, layout=layout, rate_hz=0.999 * highest_hz, oversampling=oversampling)
+    assert len(rig.frames(0.4)) == pytest.approx(0.4 * highest_hz, rel=0.02, abs=1)
+    assert rig.array.counters.lost == 0
+
+
+def test_a_board_that_is_reset_goes_on_with_rising_numbers_and_times(closing: ExitStack) -> None:
+    rig = opened(closing)
+    before = rig.frames(0.3)
+    rig.board.reset()
+    after = rig.frames(0.6)
+    counters = rig.array.counters
+    assert (counters.restarts, counters.reconnects, counters.corrupt) == (1, 0, 0)
+    _assert_one_gap(before + after, longest_s=0.1)
+    assert rig.clock.now_s() - after[-1].time_s < 0.01
+
+
+def test_a_board_that_hangs_comes_back_by_its_watchdog(closing: ExitStack) -> None:
+    rig = opened(closing, contents=Contents.PRESSURE)
+    before = rig.frames(0.2)
+    rig.array.send(SetPressure(target_kpa=20.0, slew_kpa_per_s=500.0))
+    before += rig.frames(0.1)
+    assert rig.board.output_kpa == pytest.approx(20.0, abs=0.1)
+    rig.board.hang()
+    after = rig.frames(0.8)
+    identity = rig.array.identity
+    assert identity is not None
+    assert identity.reset_cause & ResetCause.WATCHDOG
+    assert rig.array.counters.restarts == 1
+    assert rig.board.output_kpa == 0, "nobody has asked for pressure since"
+    _assert_one_gap(before + after, longest_s=0.45)
+
+
+def _assert_one_gap(frames: list[Frame], *, longest_s: float) -> None:
+    """Numbers rise by one or more, and time goes on by the period but for one gap."""
+    assert np.all(np.diff([frame.sequence for frame in frames]) >= 1)
+    steps_s = np.sort(np.diff([frame.time_s for frame in frames]))
+    assert 0.01 < steps_s[-1] < longest_s
+    assert steps_s[:-1] == pytest.approx(0.004, abs=2.5e-3)
