@@ -29,23 +29,29 @@ def command(
         str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
     ] = None,
     port: Annotated[
-        str | None, typer.Option(help="Serial port. [default: found by USB id, or by asking]")
+        str | None, typer.Option(help="Serial port. Found by USB id, or by asking, by default.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="File to make or renew. [default: the rig file's, or calibration.json]"),
+        typer.Option(help="File to make or renew. By default the rig file's, or calibration.json."),
     ] = None,
     new: Annotated[
         bool, typer.Option("--new", help="Begin the file anew: the sensor was changed.")
     ] = False,
     duration_s: Annotated[float, typer.Option("--duration", help="Seconds.", min=1.0)] = 5.0,
     layout: Annotated[
-        str, typer.Option(help="With --port: rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
-    ] = "rigid-2x2",
+        str | None,
+        typer.Option(help="Of the board on --port: rigid-2x2, soft-3x2, or e.g. 4x4."),
+    ] = None,
     reference_ohm: Annotated[
-        float, typer.Option(help="With --port: the divider's resistor.")
-    ] = 4700.0,
-    rate_hz: Annotated[float, typer.Option(help="With --port: frames per second.")] = 250.0,
+        float | None, typer.Option(help="Its divider's resistor; 4700 by default.")
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(help="Its frames per second; 250 by default.")
+    ] = None,
+    baud: Annotated[
+        int | None, typer.Option(help="Speed of its firmware; 1000000 by default.")
+    ] = None,
     temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
     humidity_percent: Annotated[
         float | None, typer.Option(help="Of the room, where known.")
@@ -58,11 +64,19 @@ def command(
 
     Example: palpate calibrate rest --rig rig.toml
     """
-    from palpate.commands.sensor_source import open_source
+    from palpate.commands.sensor_source import open_source, refuse_beside_rig
     from palpate.sensor.calibration import Calibration
 
+    refuse_beside_rig(
+        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
+    )
     source = open_source(
-        rig=rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz
+        rig=rig,
+        port=port,
+        layout=layout,
+        reference_ohm=reference_ohm,
+        rate_hz=rate_hz,
+        baud=baud,
     )
     with closing(source):
         path = out or source.calibration_path or DEFAULT_FILE

@@ -37,7 +37,7 @@ def doctor(
         str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
     ] = None,
     port: Annotated[
-        str | None, typer.Option(help="Serial port. [default: found by USB id, or by asking]")
+        str | None, typer.Option(help="Serial port. Found by USB id, or by asking, by default.")
     ] = None,
     recording: Annotated[
         Path | None, typer.Option(help="Judge a recording instead; it must begin at rest.")
@@ -49,12 +49,18 @@ def doctor(
         bool, typer.Option("--press", help="Then press each pixel in turn: finds swapped wires.")
     ] = False,
     layout: Annotated[
-        str, typer.Option(help="With --port: rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
-    ] = "rigid-2x2",
+        str | None,
+        typer.Option(help="Of the board on --port: rigid-2x2, soft-3x2, or e.g. 4x4."),
+    ] = None,
     reference_ohm: Annotated[
-        float, typer.Option(help="With --port: the divider's resistor.")
-    ] = 4700.0,
-    rate_hz: Annotated[float, typer.Option(help="With --port: frames per second.")] = 250.0,
+        float | None, typer.Option(help="Its divider's resistor; 4700 by default.")
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(help="Its frames per second; 250 by default.")
+    ] = None,
+    baud: Annotated[
+        int | None, typer.Option(help="Speed of its firmware; 1000000 by default.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Find dead, shorted, stuck, noisy, drifting and swapped pixels, losses and a wrong resistor.
@@ -64,15 +70,23 @@ def doctor(
     Example: palpate doctor --port /dev/ttyACM0 --press
     """
     from palpate.commands.doctor_report import as_document, print_report
-    from palpate.commands.sensor_source import open_source
+    from palpate.commands.sensor_source import open_source, refuse_beside_rig
 
     if recording is not None:
         if rig is not None or port is not None:
             raise InputError("--recording excludes --rig and --port")
         examined = _of_recording(recording, duration_s=duration_s, press=press)
     else:
+        refuse_beside_rig(
+            rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
+        )
         source = open_source(
-            rig=rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz
+            rig=rig,
+            port=port,
+            layout=layout,
+            reference_ohm=reference_ohm,
+            rate_hz=rate_hz,
+            baud=baud,
         )
         with closing(source):
             examined = _live(source, duration_s=duration_s, press=press)

@@ -13,13 +13,13 @@ from palpate.errors import DeviceError, DeviceNotFoundError
 
 def flash(
     port: Annotated[
-        str | None, typer.Option(help="Serial port. [default: the one Arduino found by USB id]")
+        str | None, typer.Option(help="Serial port; by default the one found by USB id.")
     ] = None,
     baud: Annotated[
         int, typer.Option(help="Speed that the firmware will talk at: 1000000, or 9600.")
     ] = 1_000_000,
     image: Annotated[
-        Path | None, typer.Option(help="Another image (Intel hex). [default: the one installed]")
+        Path | None, typer.Option(help="Another image (Intel hex) than the one installed.")
     ] = None,
 ) -> None:
     """Write the firmware with avrdude, verify it, and ask the board what it runs.

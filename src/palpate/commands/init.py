@@ -32,6 +32,8 @@ def init(
         str | None,
         typer.Option(help="`none`, or module:function that opens yours.", metavar="NONE_OR_FUNC"),
     ] = None,
+    rate_hz: Annotated[float, typer.Option(help="Frames per second.")] = 250.0,
+    baud: Annotated[int, typer.Option(help="Speed that the firmware was built for.")] = 1_000_000,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a rig file. Asks for what no option gives; without a terminal, takes the defaults.
@@ -52,6 +54,8 @@ def init(
         "layout": _ask(f"Layout ({', '.join(PRESETS)}, or e.g. 4x4)", layout, "rigid-2x2"),
         "reference_ohm": _ohm(_ask("Reference resistor, ohm", reference_ohm, "4700")),
         "taxel_leg": _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper"),
+        "rate_hz": rate_hz,
+        "baud": baud,
     }
     hand = _ask("Gripper (none, or module:function that opens it)", gripper, _NO_GRIPPER)
     if chosen["taxel_leg"] not in ("upper", "lower"):

@@ -14,18 +14,24 @@ def live(
         str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
     ] = None,
     port: Annotated[
-        str | None, typer.Option(help="Serial port. [default: found by USB id, or by asking]")
+        str | None, typer.Option(help="Serial port. Found by USB id, or by asking, by default.")
     ] = None,
     duration_s: Annotated[
-        float, typer.Option("--duration", help="Seconds. [default: until Ctrl-C]", min=0.1)
+        float, typer.Option("--duration", help="Seconds; until Ctrl-C by default.", min=0.1)
     ] = math.inf,
     layout: Annotated[
-        str, typer.Option(help="With --port: rigid-2x2, soft-3x2, or rows x columns such as 4x4.")
-    ] = "rigid-2x2",
+        str | None,
+        typer.Option(help="Of the board on --port: rigid-2x2, soft-3x2, or e.g. 4x4."),
+    ] = None,
     reference_ohm: Annotated[
-        float, typer.Option(help="With --port: the divider's resistor.")
-    ] = 4700.0,
-    rate_hz: Annotated[float, typer.Option(help="With --port: frames per second.")] = 250.0,
+        float | None, typer.Option(help="Its divider's resistor; 4700 by default.")
+    ] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(help="Its frames per second; 250 by default.")
+    ] = None,
+    baud: Annotated[
+        int | None, typer.Option(help="Speed of its firmware; 1000000 by default.")
+    ] = None,
 ) -> None:
     """Show pixels, contact, rate and losses in the terminal. Leave the sensor alone at the start.
 
@@ -37,10 +43,18 @@ def live(
     from palpate.clock import RealClock
     from palpate.commands.live_squeeze import paced
     from palpate.commands.live_view import DRAW_HZ, LiveView
-    from palpate.commands.sensor_source import open_source
+    from palpate.commands.sensor_source import open_source, refuse_beside_rig
 
+    refuse_beside_rig(
+        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
+    )
     source = open_source(
-        rig=rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz
+        rig=rig,
+        port=port,
+        layout=layout,
+        reference_ohm=reference_ohm,
+        rate_hz=rate_hz,
+        baud=baud,
     )
     clock = RealClock()
     with closing(source):

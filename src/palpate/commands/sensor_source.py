@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,29 +120,57 @@ class Source:
 
 
 def open_source(
-    *, rig: str | None, port: str | None, layout: str, reference_ohm: float, rate_hz: float
+    *,
+    rig: str | None = None,
+    port: str | None = None,
+    layout: str | None = None,
+    reference_ohm: float | None = None,
+    rate_hz: float | None = None,
+    baud: int | None = None,
 ) -> Source:
     """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
+
+    Parameters
+    ----------
+    rig : str, optional
+        Name of a rig, or a rig file; it states the rest itself, and what is given is not used.
+    port, layout, reference_ohm, rate_hz, baud
+        As in `palpate.sensor.board_array.open_board`; None is that function's default.
 
     Raises
     ------
     InputError
-        If both rig and port are given, or either is at fault.
+        If rig or layout are at fault.
     DeviceError
         If the equipment isn't there.
     """
     from palpate.sensor.board_array import open_board
 
-    if rig is not None and port is not None:
-        raise InputError("--rig and --port exclude each other: a rig file names its port")
     if rig is None:
-        array = open_board(port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz)
-        return Source(name=port or "the board found", array=array)
+        stated = {"layout": layout, "reference_ohm": reference_ohm}
+        stated |= {"port": port, "rate_hz": rate_hz, "baud": baud}
+        given: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+        array = open_board(**given)
+        return Source(name=array.name, array=array)
     if not rig.endswith(".toml"):
         return _of_rig(rig)
     path = Path(rig)
-    stated = _stated(path)
-    return _of_rig(str(stated["use"])) if "use" in stated else _of_file(path, stated)
+    described = _stated(path)
+    return _of_rig(str(described["use"])) if "use" in described else _of_file(path, described)
+
+
+def refuse_beside_rig(rig: str | None, **given: object) -> None:
+    """Refuse options of a board where a rig is asked for: they would have no effect.
+
+    Raises
+    ------
+    InputError
+        If any of `given` is not None although there is a rig.
+    """
+    for name, value in given.items():
+        if rig is not None and value is not None:
+            option = name.replace("_", "-")
+            raise InputError(f"--{option}: a rig states that itself; leave it out beside --rig")
 
 
 def _of_rig(name: str) -> Source:

@@ -75,7 +75,8 @@ def test_recorded_presses_of_crossed_rows(
 @pytest.mark.parametrize(
     ("arguments", "status", "says"),
     [
-        (["--rig", "a.toml", "--port", "b"], 2, "exclude each other"),
+        (["--rig", "a.toml", "--port", "b"], 2, "--port: a rig states that itself"),
+        (["--rig", "sim-rigid", "--reference-ohm", "9"], 2, "--reference-ohm: a rig states"),
         (["--recording", "a.mcap", "--port", "b"], 2, "--recording excludes"),
         (["--recording", "no.mcap"], 2, "can't be opened"),
         (["--rig", "no.toml"], 2, "no.toml"),

@@ -22,6 +22,7 @@ def init(*arguments: object) -> int:
 def test_options_become_a_rig_file(tmp_path: Path) -> None:
     path = tmp_path / "orchard.toml"
     options = ["--port", "/dev/ttyACM7", "--layout", "soft-3x2", "--reference-ohm", "1000"]
+    options += ["--baud", "9600", "--rate-hz", "15"]
     assert init(path, *options, "--taxel-leg", "lower", "--gripper", "my_arm:open_hand") == 0
     stated = tomllib.loads(path.read_text())
     assert stated == {
@@ -32,6 +33,8 @@ def test_options_become_a_rig_file(tmp_path: Path) -> None:
             "layout": "soft-3x2",
             "reference_ohm": 1000.0,
             "taxel_leg": "lower",
+            "rate_hz": 15.0,
+            "baud": 9600,
         },
         "gripper": {"open": "my_arm:open_hand"},
     }
