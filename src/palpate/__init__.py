@@ -11,7 +11,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from palpate.errors import PalpateError
     from palpate.estimate.measurement import Measurement
+    from palpate.grasp.planning import plan_grasp
+    from palpate.grasp.runner import run_grasp
     from palpate.holds import Hold, read_holds
+    from palpate.recording import load_recording
+    from palpate.rig import open_rig
     from palpate.settling.exponential import Exponential
     from palpate.settling.predict import predict_settled
     from palpate.settling.recorded import Recorded
@@ -31,8 +35,12 @@ __all__ = [
     "SettledEstimate",
     "SettlingStream",
     "Status",
+    "load_recording",
+    "open_rig",
+    "plan_grasp",
     "predict_settled",
     "read_holds",
+    "run_grasp",
 ]
 
 _HOMES = {
@@ -45,8 +53,12 @@ _HOMES = {
     "SettledEstimate": "palpate.settling.result",
     "SettlingStream": "palpate.settling.streaming",
     "Status": "palpate.settling.result",
+    "load_recording": "palpate.recording",
+    "open_rig": "palpate.rig",
+    "plan_grasp": "palpate.grasp.planning",
     "predict_settled": "palpate.settling.predict",
     "read_holds": "palpate.holds",
+    "run_grasp": "palpate.grasp.runner",
 }
 
 
