@@ -34,6 +34,8 @@ _POLL_S = 0.02
 #: Readings are means over this time: of the last frames of a dwell, and of a settled hold.
 _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
 _FRAME_TIMEOUT_S = 2.0
+#: Where frames are skipped, the last ones of a wait are read all the same.
+_FRESH_S = 0.2
 #: The sheet may take this long to forget a load before its rest is refused.
 _RECOVERY_S = 120.0
 
@@ -71,6 +73,8 @@ class Bench:
     ----------
     array, gripper, cell, clock
         The devices.
+    skip_until : callable, optional
+        Lets time pass without frames where nobody needs them; else they are read and dropped.
     start : float
         Width a little above, or pressure a little below, where the largest thing that will be
         between the fingers is touched.
@@ -81,6 +85,7 @@ class Bench:
     cell: LoadCell
     clock: Clock
     start: float
+    skip_until: Callable[[float], None] | None = None
 
 
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
@@ -217,7 +222,9 @@ def _climbed(
 
 
 def _open(bench: Bench) -> None:
-    _release(bench)
+    """Open just beyond what lies between the fingers."""
+    if bench.gripper.limits.closure(bench.gripper.state()) > _before(bench):
+        _drive(bench, _before(bench))
     # The opening's own spike and the sheet's memory of the last load have to fade.
     _wait(bench, bench.clock.now_s() + 3.0)
 
@@ -229,9 +236,8 @@ def _close_once(bench: Bench) -> bool:
     if closure >= limits.span - 0.5 * pace.finest:
         return False
     if force_n < _TOUCH_N:
-        before = abs(bench.start - limits.target(0.0))
-        if closure < before:
-            _drive(bench, before)
+        if closure < _before(bench):
+            _drive(bench, _before(bench))
         bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=pace.approach))
         while bench.gripper.state().moving and bench.cell.read_n() < _TOUCH_N:
             bench.clock.sleep_s(_POLL_S)
@@ -242,16 +248,25 @@ def _close_once(bench: Bench) -> bool:
     return True
 
 
+def _before(bench: Bench) -> float:
+    """Return the closure at which nothing is touched yet."""
+    return abs(bench.start - bench.gripper.limits.target(0.0))
+
+
 def _drive(bench: Bench, closure: float) -> None:
     limits = bench.gripper.limits
     rate = _PACES[limits.drive].rate
+    way = abs(closure - limits.closure(bench.gripper.state()))
     bench.gripper.command(GripperCommand(target=limits.target(closure), rate=rate))
+    bench.clock.sleep_s(way / rate)
     while bench.gripper.state().moving:
         bench.clock.sleep_s(_POLL_S)
 
 
 def _wait(bench: Bench, until_s: float) -> None:
     """Read and drop frames until a time, so that the next one is fresh."""
+    if bench.skip_until is not None:
+        bench.skip_until(until_s - _FRESH_S)
     while bench.array.read(timeout_s=_FRAME_TIMEOUT_S).time_s < until_s:
         pass
 
@@ -282,6 +297,8 @@ def _reading(
 def _ohm(bench: Bench, until_s: float, *, mean_s: float) -> FloatArray:
     """Return the resistances of the frames in the last `mean_s` before a time."""
     layout, found = bench.array.layout, list[FloatArray]()
+    if bench.skip_until is not None:
+        bench.skip_until(until_s - mean_s)
     while True:
         frame = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
         if frame.time_s > until_s - mean_s:

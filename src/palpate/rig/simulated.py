@@ -160,12 +160,14 @@ def calibrated(
 
     world = World(None, seed=seed + 1_000_003, sheet_seed=seed, level=level, gripper=kind)
     protocol = _PROTOCOLS[kind]
+    array = TwinArray(world)
     bench = Bench(
-        array=TwinArray(world),
+        array=array,
         gripper=TwinGripper(world),
         cell=TwinLoadCell(world),
         clock=world.clock,
         start=protocol.start,
+        skip_until=array.skip_until,
     )
     rest = measure_rest(bench)
     force = measure_force(

@@ -124,6 +124,7 @@ class SerialArray:
         self._device_clock = DeviceClock()
         self._waiting: deque[Frame] = deque()
         self._load_cells: tuple[LoadCell, ...] = ()
+        self._newest: FrameMessage | None = None
         self._stream_number: int | None = None
         self._sequence_offset = 0
         self._last: Frame | None = None
@@ -202,6 +203,19 @@ class SerialArray:
         age_s = self._clock.now_s() - frame.time_s
         self._late += age_s > max(_LATE_S, _LATE_PERIODS / self._rate_hz)
         return frame
+
+    def newest(self) -> FrameMessage | None:
+        """Return the newest frame as the board sent it, with status and pressure; None before one.
+
+        Takes in what has come, without waiting; `read` still gives every frame.
+
+        Raises
+        ------
+        DeviceError
+            If the board is gone for good.
+        """
+        self._fetch()
+        return self._newest
 
     def send(self, command: Command) -> None:
         """Send a command without waiting for its answer (heartbeat, pressure, ceiling).
@@ -282,7 +296,7 @@ class SerialArray:
             counts=message.counts.astype(np.int32),
             oversampling=message.oversampling,
         )
-        self._load_cells = message.load_cells
+        self._load_cells, self._newest = message.load_cells, message
         self._waiting.append(self._last)
 
     def _enter(self, message: FrameMessage) -> None:

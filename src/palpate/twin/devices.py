@@ -55,6 +55,14 @@ class TwinArray:
             self._scan_next()
         return self._queue.popleft()
 
+    def skip_until(self, time_s: float) -> None:
+        """Let time pass without scanning: frames that nobody looks at need not be worked out."""
+        clock = self._world.clock
+        self._queue.clear()
+        passed = int((time_s - self._start_s) * self._world.frame_rate_hz + 1e-9)
+        self._scanned = max(self._scanned, passed)
+        clock.sleep_s(max(time_s - clock.now_s(), 0.0))
+
     def close(self) -> None:
         """Stop scanning."""
         if self._scan_until in self._world.watchers:

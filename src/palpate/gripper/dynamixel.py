@@ -1,0 +1,295 @@
+"""A width-driven gripper on one DYNAMIXEL X-series servo (WidowX 250s and its like).
+
+The servo follows a position and gives way at a current (or PWM) limit. Its bus watchdog is set: a
+host that falls silent stops the hand. `open_gripper` is what a rig file names for its `[gripper]`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from palpate.clock import Clock, RealClock
+from palpate.errors import DeviceError, InputError
+from palpate.gripper import x_series as x
+from palpate.gripper.fingers import CrankFingers
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.gripper.servo_line import RefusedError, ServoLine, value_at
+
+#: Fingers of the WidowX 250s: 15 to 37 mm from the middle, each (its robot description).
+WIDOWX_LIMITS = GripperLimits(drive="width", lowest=30.0, highest=74.0, fastest=60.0)
+#: After a reboot the servo needs this long before it answers (e-Manual: below 0.5 s).
+_REBOOT_S, _REBOOT_POLL_S = 2.0, 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoHealth:
+    """What the servo says of itself."""
+
+    temperature_c: float
+    supply_v: float
+    errors: x.HardwareError
+
+
+class DynamixelGripper:
+    """A `Gripper` behind a servo line.
+
+    Parameters
+    ----------
+    line : ServoLine
+        An open line.
+    clock : Clock
+        For the times of states.
+    fingers : CrankFingers
+        Angle to width.
+    limits : GripperLimits
+        Range of the opening and its largest speed.
+    current_limit_ma : float
+        Current at which the servo gives way; its force follows from it roughly (friction).
+    pwm_limit_percent : float
+        The same for servos that measure no current: share of the supply.
+    watchdog_s : float
+        Silence of the host after which the servo stops, up to 2.54 s.
+
+    Raises
+    ------
+    DeviceError
+        If the servo does not answer, is of an unknown kind, or can't be set up.
+    """
+
+    def __init__(
+        self,
+        line: ServoLine,
+        *,
+        clock: Clock,
+        fingers: CrankFingers,
+        limits: GripperLimits = WIDOWX_LIMITS,
+        current_limit_ma: float = 500.0,
+        pwm_limit_percent: float = 60.0,
+        watchdog_s: float = 0.5,
+    ) -> None:
+        self.limits = limits
+        self._line, self._clock, self._fingers = line, clock, fingers
+        self._current_limit_ma, self._pwm_limit_percent = current_limit_ma, pwm_limit_percent
+        steps = round(watchdog_s / x.WATCHDOG_STEP_S)
+        self._watchdog = min(max(steps, 1), x.LONGEST_WATCHDOG)
+        number = line.ping()
+        locked = line.alerted
+        if number not in x.MODELS:
+            known = ", ".join(model.name for model in x.MODELS.values())
+            raise DeviceError(f"{line.name} is of model number {number}; known are {known}")
+        self.model = x.MODELS[number]
+        if not locked:
+            self._set_up()
+
+    def state(self) -> GripperState:
+        """Read width, motion and current; current is NaN where the servo measures none.
+
+        Raises
+        ------
+        DeviceError
+            If it does not answer, or a hardware error has switched its torque off.
+        """
+        run = self._line.read_run(x.STATE_BEGIN, x.STATE_END - x.STATE_BEGIN)
+        self._refuse_errors()
+        current = value_at(run, x.PRESENT_CURRENT, x.STATE_BEGIN)
+        unit = self.model.ma_per_unit
+        ongoing = value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING
+        return GripperState(
+            time_s=self._clock.now_s(),
+            width_mm=self._width_mm(value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN)),
+            current_ma=math.nan if unit is None else current * unit,
+            moving=bool(ongoing or value_at(run, x.MOVING, x.STATE_BEGIN)),
+        )
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        """Send the fingers to a width; return what was sent, in whole steps of the servo.
+
+        The rate returned is the mean over the way: the servo turns evenly, the fingers don't.
+
+        Raises
+        ------
+        DeviceError
+            If it does not answer, or a hardware error has switched its torque off.
+        """
+        limits = self.limits
+        target_mm = min(max(wanted.target, limits.lowest), limits.highest)
+        rate = min(wanted.rate, limits.fastest)
+        now_mm = self._width_mm(self._line.read(x.PRESENT_POSITION))
+        self._refuse_errors()
+        tick = self._tick(target_mm)
+        sent_mm = self._width_mm(tick)
+        steepest = self._fingers.steepest_mm_per_rad(self._within(now_mm), sent_mm)
+        # 0 would mean as fast as it can.
+        velocity = max(int(rate / steepest / x.RAD_PER_S_PER_VELOCITY), 1)
+        self._write_goal(x.PROFILE_VELOCITY, velocity)
+        self._write_goal(x.GOAL_POSITION, tick)
+        turn_rad = abs(self._fingers.angle_rad(sent_mm) - self._angle_rad(now_mm))
+        takes_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
+        mean = abs(sent_mm - now_mm) / takes_s if takes_s > 0 else rate
+        return GripperCommand(target=sent_mm, rate=mean)
+
+    def stop(self) -> None:
+        """Stop where it is, if it moves: a new goal would only loosen a grip that holds."""
+        run = self._line.read_run(x.STATE_BEGIN, x.STATE_END - x.STATE_BEGIN)
+        if not value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING:
+            return
+        try:
+            self._line.write(x.GOAL_POSITION, value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN))
+        except RefusedError as refused:
+            # The watchdog has stopped it already.
+            if refused.code != x.PacketError.DATA_RANGE:
+                raise
+
+    def release(self) -> None:
+        """Open fully."""
+        self.command(GripperCommand(target=self.limits.highest, rate=self.limits.fastest))
+
+    def health(self) -> ServoHealth:
+        """Return temperature, supply and hardware errors."""
+        return ServoHealth(
+            temperature_c=float(self._line.read(x.PRESENT_TEMPERATURE)),
+            supply_v=self._line.read(x.PRESENT_VOLTAGE) * x.VOLT_PER_UNIT,
+            errors=self._line.errors(),
+        )
+
+    def clear_errors(self) -> None:
+        """Reboot the servo and set it up again: for the user to ask, once the cause is gone.
+
+        Raises
+        ------
+        DeviceError
+            If the error comes back at once, or the servo does not.
+        """
+        self._line.reboot()
+        until_s = self._clock.now_s() + _REBOOT_S
+        while True:
+            self._clock.sleep_s(_REBOOT_POLL_S)
+            try:
+                self._line.ping()
+                break
+            except DeviceError:
+                if self._clock.now_s() > until_s:
+                    raise
+        self._refuse_errors()
+        self._set_up()
+
+    def close(self) -> None:
+        """Let go of the port; the servo holds its place. Calling it again does nothing."""
+        self._line.close()
+
+    def _set_up(self) -> None:
+        line, unit = self._line, self.model.ma_per_unit
+        line.write(x.BUS_WATCHDOG, 0)
+        mode = x.Mode.POSITION if unit is None else x.Mode.CURRENT_BASED_POSITION
+        if line.read(x.OPERATING_MODE) != mode:
+            # Only where needed: it takes the torque off, and wears the servo's memory.
+            line.write(x.TORQUE_ENABLE, 0)
+            line.write(x.OPERATING_MODE, mode)
+        if unit is None:
+            wanted = round(x.FULL_PWM * self._pwm_limit_percent / 100)
+            line.write(x.GOAL_PWM, min(wanted, line.read(x.PWM_LIMIT)))
+        else:
+            wanted = round(self._current_limit_ma / unit)
+            line.write(x.GOAL_CURRENT, min(wanted, line.read(x.CURRENT_LIMIT)))
+        line.write(x.PROFILE_ACCELERATION, 0)
+        line.write(x.TORQUE_ENABLE, 1)
+        line.write(x.BUS_WATCHDOG, self._watchdog)
+
+    def _write_goal(self, register: x.Register, value: int) -> None:
+        """Write a goal; where the watchdog has stopped the servo meanwhile, arm it again."""
+        try:
+            self._line.write(register, value)
+        except RefusedError as refused:
+            if refused.code != x.PacketError.DATA_RANGE or self._line.read(x.BUS_WATCHDOG) >= 0:
+                raise
+            self._line.write(x.BUS_WATCHDOG, 0)
+            self._line.write(x.BUS_WATCHDOG, self._watchdog)
+            self._line.write(register, value)
+
+    def _refuse_errors(self) -> None:
+        """Raise if the servo's last reply told of a hardware error."""
+        if self._line.alerted:
+            errors = self._line.errors()
+            names = ", ".join((error.name or "").lower().replace("_", " ") for error in errors)
+            raise DeviceError(
+                f"{self._line.name}: {names}; its torque is off until it is rebooted. Take the "
+                "cause away, then open it with clear_errors = true in the rig file"
+            )
+
+    def _width_mm(self, tick: int) -> float:
+        return self._fingers.width_mm((tick - x.CENTRE_TICK) * x.RAD_PER_TICK)
+
+    def _tick(self, width_mm: float) -> int:
+        return x.CENTRE_TICK + round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
+
+    def _angle_rad(self, width_mm: float) -> float:
+        return self._fingers.angle_rad(self._within(width_mm))
+
+    def _within(self, width_mm: float) -> float:
+        low, high = self._fingers.reach_mm
+        return min(max(width_mm, low), high)
+
+
+def open_gripper(
+    *,
+    port: str,
+    servo_id: int = 9,
+    baud: int = 1_000_000,
+    offset_mm: float = 0.0,
+    lowest_mm: float = WIDOWX_LIMITS.lowest,
+    highest_mm: float = WIDOWX_LIMITS.highest,
+    current_limit_ma: float = 500.0,
+    pwm_limit_percent: float = 60.0,
+    watchdog_s: float = 0.5,
+    clear_errors: bool = False,
+) -> DynamixelGripper:
+    """Open the gripper of a WidowX 250s, or one with the same mechanism.
+
+    Parameters
+    ----------
+    port, servo_id, baud
+        Where the servo is.
+    offset_mm : float
+        Opening between the pads minus that between the carriages (negative with pads on).
+    lowest_mm, highest_mm : float
+        Range of the opening between the carriages.
+    current_limit_ma, pwm_limit_percent, watchdog_s
+        As in `DynamixelGripper`.
+    clear_errors : bool
+        Reboot a servo that a hardware error has switched off.
+
+    Raises
+    ------
+    InputError
+        If the mechanism can't reach the range.
+    DeviceError
+        If there is no such port or servo, or it can't be set up.
+    """
+    fingers = CrankFingers(offset_mm=offset_mm)
+    low, high = fingers.reach_mm
+    lowest, highest = lowest_mm + offset_mm, highest_mm + offset_mm
+    if not low <= lowest < highest <= high:
+        raise InputError(
+            f"lowest_mm {lowest_mm:g} and highest_mm {highest_mm:g}: the carriages go from "
+            f"{low - offset_mm:g} to {high - offset_mm:g} mm"
+        )
+    line = ServoLine(port, servo_id=servo_id, baud=baud)
+    try:
+        gripper = DynamixelGripper(
+            line,
+            clock=RealClock(),
+            fingers=fingers,
+            limits=GripperLimits(
+                drive="width", lowest=lowest, highest=highest, fastest=WIDOWX_LIMITS.fastest
+            ),
+            current_limit_ma=current_limit_ma,
+            pwm_limit_percent=pwm_limit_percent,
+            watchdog_s=watchdog_s,
+        )
+        if clear_errors and gripper.health().errors:
+            gripper.clear_errors()
+    except DeviceError:
+        line.close()
+        raise
+    return gripper

@@ -1,0 +1,86 @@
+"""From a servo's angle to the opening between two fingers and back: a crank that pushes sliders."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+#: Points at which the slope of a way is looked at; it has one flat maximum.
+_LOOKS = 9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CrankFingers:
+    """A horn on the servo moves each finger along a rail through an arm.
+
+    With theta the horn's angle from the middle of its travel, a finger is at
+    horn sin(theta) + sqrt(arm**2 - horn**2 cos(theta)**2) from the servo's axis, and the opening is
+    twice that plus the offset. The default is the WidowX 250s.
+
+    Attributes
+    ----------
+    horn_mm, arm_mm : float
+        Radius of the horn, and length of the arms.
+    offset_mm : float
+        Opening between the pads minus that between the carriages: negative with pads on. Measure it
+        once; an error of it is taken out again by the compliance calibration.
+
+    References
+    ----------
+    Interbotix X-series arms, gripper settings of wx250s: horn 14 mm, arm 24 mm.
+
+    Examples
+    --------
+    >>> fingers = CrankFingers()
+    >>> round(fingers.width_mm(0.0), 2), round(fingers.angle_rad(38.99), 3)
+    (38.99, 0.0)
+    """
+
+    horn_mm: float = 14.0
+    arm_mm: float = 24.0
+    offset_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.horn_mm < self.arm_mm:
+            raise ValueError(
+                f"the horn ({self.horn_mm:g} mm) must be shorter than the arm ({self.arm_mm:g} mm)"
+            )
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        """Smallest and largest opening that the mechanism has."""
+        middle = 2 * self.arm_mm + self.offset_mm
+        return middle - 2 * self.horn_mm, middle + 2 * self.horn_mm
+
+    def width_mm(self, angle_rad: float) -> float:
+        """Return the opening at an angle of the horn."""
+        along = self.horn_mm * math.sin(angle_rad)
+        across = self.horn_mm * math.cos(angle_rad)
+        return 2 * (along + math.sqrt(self.arm_mm**2 - across**2)) + self.offset_mm
+
+    def angle_rad(self, width_mm: float) -> float:
+        """Return the angle of the horn at an opening.
+
+        Raises
+        ------
+        ValueError
+            If the mechanism can't reach it.
+        """
+        half = (width_mm - self.offset_mm) / 2
+        sine = math.inf
+        if half > 0:
+            sine = (self.horn_mm**2 + half**2 - self.arm_mm**2) / (2 * self.horn_mm * half)
+        if abs(sine) > 1:
+            low, high = self.reach_mm
+            raise ValueError(f"{width_mm:g} mm is outside the fingers' {low:g} to {high:g} mm")
+        return math.asin(sine)
+
+    def steepest_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
+        """Return the largest change of opening per radian on a way."""
+        first, last = self.angle_rad(from_mm), self.angle_rad(to_mm)
+        looks = (first + (last - first) * i / (_LOOKS - 1) for i in range(_LOOKS))
+        return max(map(self._mm_per_rad, looks))
+
+    def _mm_per_rad(self, angle_rad: float) -> float:
+        along, across = self.horn_mm * math.sin(angle_rad), self.horn_mm * math.cos(angle_rad)
+        return 2 * (across + along * across / math.sqrt(self.arm_mm**2 - across**2))

@@ -1,0 +1,198 @@
+"""Soft fingers driven by pressure, through the regulator output of a board with palpate's firmware.
+
+The fingers close with pressure and open by being vented. The board vents them by itself when it
+hears nothing for half a second, so pressure can't outlive the host; `state` keeps it awake.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import Protocol
+
+from palpate.clock import Clock, RealClock
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.sensor.array import PressureArray
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import (
+    MAX_PRESSURE_KPA,
+    Command,
+    FrameMessage,
+    Ping,
+    SetPressure,
+    Status,
+)
+
+#: Range of the paper's fingers (section 4.2), and a slew that they follow.
+SOFT_LIMITS = GripperLimits(drive="pressure", lowest=0.0, highest=MAX_PRESSURE_KPA, fastest=60.0)
+#: A sign of life well within the board's heartbeat of 0.5 s.
+_PING_S = 0.1
+#: Venting is as fast as the board can; the valve and the fingers are slower.
+_VENT_KPA_PER_S = 500.0
+#: The read-back lags behind the output, and has steps of 0.05 kPa and noise.
+_NEAR_KPA, _LAG_S = 0.5, 0.5
+#: A read-back older than this says nothing of now.
+_STALE_S = 0.5
+
+
+class PressureBoard(Protocol):
+    """What the gripper needs of the board that it shares with the sensor."""
+
+    def newest(self) -> FrameMessage | None:
+        """Return the newest frame as the board sent it."""
+        ...
+
+    @property
+    def newest_s(self) -> float:
+        """Time of that frame on the host's clock."""
+        ...
+
+    def send(self, command: Command) -> None:
+        """Send a command without waiting for its answer."""
+        ...
+
+
+class PneumaticGripper:
+    """A `Gripper` on a board's regulator output.
+
+    Parameters
+    ----------
+    board : PressureBoard
+        An open array whose frames carry the pressure (`Contents.PRESSURE`); it stays its owner's.
+    clock : Clock
+        The array's clock.
+    limits : GripperLimits
+        Range of the pressure and its largest slew.
+    """
+
+    def __init__(
+        self, board: PressureBoard, *, clock: Clock, limits: GripperLimits = SOFT_LIMITS
+    ) -> None:
+        self.limits = limits
+        self._board, self._clock = board, clock
+        self._target_kpa = self._set_kpa = 0.0
+        self._sent_s = self._told_s = self._arrives_s = -math.inf
+
+    def state(self) -> GripperState:
+        """Read the pressure, and tell the board that the host is alive.
+
+        Raises
+        ------
+        DeviceError
+            If the board is gone, its frames carry no pressure, or it has vented by itself.
+        """
+        now_s = self._clock.now_s()
+        if now_s - self._sent_s >= _PING_S:
+            self._send(Ping())
+        newest = self._board.newest()
+        if newest is None:
+            # Nothing has come yet, and nothing was asked for: the fingers are vented.
+            return GripperState(time_s=now_s, pressure_kpa=0.0)
+        set_kpa, pressure_kpa = newest.pressure_set_kpa, newest.pressure_kpa
+        if set_kpa is None or pressure_kpa is None:
+            raise DeviceError(
+                "the board's frames carry no pressure; open the array with pressure = true"
+            )
+        age_s = now_s - self._board.newest_s
+        if age_s > _STALE_S:
+            raise DeviceTimeoutError(
+                f"the last pressure is {age_s:.2f} s old; check the board's cable. It vents the "
+                "fingers by itself 0.5 s after the last command"
+            )
+        self._refuse_trips(newest.status)
+        lagging = abs(pressure_kpa - self._target_kpa) > _NEAR_KPA
+        late_s = now_s - self._arrives_s
+        moving = late_s < 0 or (lagging and late_s < _LAG_S)
+        self._set_kpa = set_kpa
+        return GripperState(time_s=now_s, pressure_kpa=pressure_kpa, moving=moving)
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        """Send a pressure and a slew; return what was sent, in whole pascals.
+
+        Raises
+        ------
+        DeviceError
+            If the board is gone.
+        """
+        limits = self.limits
+        target_kpa = round(min(max(wanted.target, limits.lowest), limits.highest), 3)
+        slew = round(min(max(wanted.rate, 0.001), limits.fastest), 3)
+        return self._go(GripperCommand(target=target_kpa, rate=slew))
+
+    def stop(self) -> None:
+        """Vent: the fingers can't be held without a host.
+
+        Raises
+        ------
+        DeviceError
+            If the board is gone; then it vents by itself.
+        """
+        self._go(GripperCommand(target=self.limits.lowest, rate=_VENT_KPA_PER_S))
+
+    def release(self) -> None:
+        """Vent."""
+        self.stop()
+
+    def close(self) -> None:
+        """Vent if the board is still there; calling it again does nothing more."""
+        # Gone, it vents by itself.
+        with suppress(DeviceError):
+            self.stop()
+
+    def _go(self, sent: GripperCommand) -> GripperCommand:
+        self._send(SetPressure(target_kpa=sent.target, slew_kpa_per_s=sent.rate))
+        way_kpa = max(abs(sent.target - self._set_kpa), abs(sent.target - self._target_kpa))
+        self._told_s = self._sent_s
+        self._arrives_s = self._told_s + way_kpa / sent.rate
+        self._target_kpa = sent.target
+        return sent
+
+    def _send(self, command: Command) -> None:
+        self._board.send(command)
+        self._sent_s = self._clock.now_s()
+
+    def _refuse_trips(self, status: int) -> None:
+        if status & Status.CEILING_TRIPPED:
+            raise DeviceError(
+                "the board has vented the fingers: a pixel reached its ceiling. Take the cause "
+                "away, then restart the board"
+            )
+        # Frames from before the last pressure command may still tell of an earlier silence.
+        pressed = self._target_kpa > self.limits.lowest and self._board.newest_s > self._told_s
+        if status & Status.HEARTBEAT_LOST and pressed:
+            raise DeviceError(
+                "the board has vented the fingers: it heard nothing for 0.5 s. Check its cable, "
+                "and that nothing else loads this machine"
+            )
+
+
+def open_gripper(
+    *, array: PressureArray, highest_kpa: float = MAX_PRESSURE_KPA
+) -> PneumaticGripper:
+    """Open soft fingers on the board that reads their sensor.
+
+    Parameters
+    ----------
+    array : PressureArray
+        The rig's array: a board opened with ``pressure = true``.
+    highest_kpa : float
+        The most that the fingers bear.
+
+    Raises
+    ------
+    InputError
+        If the array is not such a board, or the pressure is out of its range.
+    """
+    if not isinstance(array, SerialArray):
+        raise InputError(
+            f"soft fingers need an array on a board with a regulator, not {type(array).__name__}"
+        )
+    if not 0 < highest_kpa <= MAX_PRESSURE_KPA:
+        raise InputError(
+            f"highest_kpa {highest_kpa:g}: must be above 0 and at most {MAX_PRESSURE_KPA:g}"
+        )
+    limits = GripperLimits(
+        drive="pressure", lowest=0.0, highest=highest_kpa, fastest=SOFT_LIMITS.fastest
+    )
+    return PneumaticGripper(array, clock=RealClock(), limits=limits)

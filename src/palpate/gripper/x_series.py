@@ -1,0 +1,121 @@
+"""The control table of DYNAMIXEL X-series servos, as far as a gripper needs it, as data.
+
+Source: ROBOTIS e-Manual, control tables of XL430-W250, XM430-W350 and XL330-M288 (Protocol 2.0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from math import pi
+from typing import NamedTuple
+
+
+class Register(NamedTuple):
+    """Address, size in bytes, and whether the value is signed."""
+
+    address: int
+    size: int
+    signed: bool = False
+
+
+MODEL_NUMBER = Register(0, 2)
+DRIVE_MODE = Register(10, 1)
+OPERATING_MODE = Register(11, 1)
+PWM_LIMIT = Register(36, 2)
+CURRENT_LIMIT = Register(38, 2)
+MAX_POSITION_LIMIT = Register(48, 4)
+MIN_POSITION_LIMIT = Register(52, 4)
+TORQUE_ENABLE = Register(64, 1)
+HARDWARE_ERROR = Register(70, 1)
+BUS_WATCHDOG = Register(98, 1, signed=True)
+GOAL_PWM = Register(100, 2, signed=True)
+GOAL_CURRENT = Register(102, 2, signed=True)
+PROFILE_ACCELERATION = Register(108, 4)
+PROFILE_VELOCITY = Register(112, 4)
+GOAL_POSITION = Register(116, 4, signed=True)
+MOVING = Register(122, 1)
+MOVING_STATUS = Register(123, 1)
+PRESENT_CURRENT = Register(126, 2, signed=True)
+PRESENT_POSITION = Register(132, 4, signed=True)
+PRESENT_VOLTAGE = Register(144, 2)
+PRESENT_TEMPERATURE = Register(146, 1)
+
+#: Below this address values are kept without power, and only change while the torque is off.
+EEPROM_END = 64
+#: What a state needs lies in one run, so it is read in one packet.
+STATE_BEGIN, STATE_END = 122, 147
+
+RAD_PER_TICK = 2 * pi / 4096
+#: Middle of the travel: the horn's angle 0.
+CENTRE_TICK = 2048
+RAD_PER_S_PER_VELOCITY = 0.229 * 2 * pi / 60
+WATCHDOG_STEP_S, LONGEST_WATCHDOG = 0.02, 127
+VOLT_PER_UNIT = 0.1
+#: Goal PWM 885 is all of the supply.
+FULL_PWM = 885
+#: Bit of `MOVING_STATUS`: the profile of the last goal is still running.
+PROFILE_ONGOING = 0x02
+
+
+class Mode(IntEnum):
+    """Values of `OPERATING_MODE` that follow a position."""
+
+    POSITION = 3
+    CURRENT_BASED_POSITION = 5
+
+
+class HardwareError(IntFlag):
+    """Bits of `HARDWARE_ERROR`: the torque is off until the servo is rebooted."""
+
+    INPUT_VOLTAGE = 0x01
+    OVERHEATING = 0x04
+    ENCODER = 0x08
+    ELECTRICAL_SHOCK = 0x10
+    OVERLOAD = 0x20
+
+
+class PacketError(IntEnum):
+    """Low 7 bits of a status packet's error byte."""
+
+    RESULT_FAIL = 1
+    INSTRUCTION = 2
+    CRC = 3
+    DATA_RANGE = 4
+    DATA_LENGTH = 5
+    DATA_LIMIT = 6
+    ACCESS = 7
+
+
+#: Bit of the error byte that says: read `HARDWARE_ERROR`.
+ALERT = 0x80
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model:
+    """One kind of servo.
+
+    Attributes
+    ----------
+    name : str
+        As printed on it.
+    ma_per_unit : float or None
+        Unit of current registers; None where the servo measures no current, and only its PWM can be
+        limited.
+    """
+
+    name: str
+    ma_per_unit: float | None
+
+
+#: Model number -> model.
+MODELS = {
+    1060: Model(name="XL430-W250", ma_per_unit=None),
+    1090: Model(name="2XL430-W250", ma_per_unit=None),
+    1020: Model(name="XM430-W350", ma_per_unit=2.69),
+    1030: Model(name="XM430-W210", ma_per_unit=2.69),
+    1120: Model(name="XM540-W270", ma_per_unit=2.69),
+    1130: Model(name="XM540-W150", ma_per_unit=2.69),
+    1190: Model(name="XL330-M077", ma_per_unit=1.0),
+    1200: Model(name="XL330-M288", ma_per_unit=1.0),
+}

@@ -1,0 +1,181 @@
+"""A board with a pressure regulator that moves the twin's soft fingers, at the level of its bytes.
+
+It speaks the wire of `docs/protocol.md` as the firmware does: slew, heartbeat, read-back. The real
+firmware runs on the AVR simulator (`palpate.twin.firmware`); this one needs no toolchain.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from palpate.errors import DeviceError
+from palpate.sensor.wire import encode_message, unpack
+from palpate.sensor.wire_messages import (
+    MAX_PRESSURE_KPA,
+    Ack,
+    CommandType,
+    Contents,
+    FrameMessage,
+    Identity,
+    Result,
+    Status,
+)
+from palpate.twin.world import World
+
+_STEP_S = 0.01
+_HEARTBEAT_S = 0.5
+#: The valve follows its input, and fingers without supply empty, with these time constants.
+_LAG_S, _LEAK_S = 0.05, 0.2
+#: Smallest change of pressure that moves the fingers.
+_MOVES_KPA = 0.02
+
+
+class RegulatorBoard:
+    """A `ByteStream` to that board. It runs up to the world's clock at each call.
+
+    Parameters
+    ----------
+    world : World
+        Soft fingers and their pixels; nobody else moves them.
+    """
+
+    name = "simulated board"
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._now_s = self._heard_s = world.clock.now_s()
+        self._out, self._pending = bytearray(), b""
+        self._unplugged = self._cut = self._lost = False
+        self._contents, self._period_s = Contents.PIXELS, 1 / world.frame_rate_hz
+        self._stream, self._sequence, self._next_s = 0, 0, math.inf
+        self._target_kpa = self._slew = self._output_kpa = self.pressure_kpa = 0.0
+        self._felt_kpa = 0.0
+
+    def cut_supply(self) -> None:
+        """Take the air supply away: whatever is asked for, the fingers empty."""
+        self._cut = True
+
+    def unplug(self) -> None:
+        """Take the port away."""
+        self._unplugged = True
+
+    def read_waiting(self) -> bytes:
+        """Return all bytes that it has sent by now."""
+        self.run()
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send `data` to it."""
+        self.run()
+        *packets, self._pending = (self._pending + data).split(b"\0")
+        for packet in packets:
+            command = unpack(packet)
+            if command is not None:
+                self._heard_s = self._now_s
+                self._obey(*command)
+
+    def close(self) -> None:
+        """Let go of the port; calling it again does nothing."""
+
+    def run(self) -> None:
+        """Run up to the world's clock, unplugged or not.
+
+        Raises
+        ------
+        DeviceError
+            If the port was taken away.
+        """
+        until_s = self._world.clock.now_s()
+        while self._now_s + _STEP_S <= until_s + 1e-9:
+            self._now_s += _STEP_S
+            self._regulate()
+            if self._now_s >= self._next_s:
+                self._send_frame()
+        if self._unplugged:
+            raise DeviceError(f"{self.name} is gone: the cable was pulled")
+
+    def _regulate(self) -> None:
+        if self._now_s - self._heard_s > _HEARTBEAT_S and self._target_kpa + self._output_kpa > 0:
+            self._target_kpa = self._output_kpa = 0.0
+            self._lost = True
+        step = self._slew * _STEP_S
+        self._output_kpa += min(max(self._target_kpa - self._output_kpa, -step), step)
+        aim_kpa, time_s = (0.0, _LEAK_S) if self._cut else (self._output_kpa, _LAG_S)
+        self.pressure_kpa += (aim_kpa - self.pressure_kpa) * -math.expm1(-_STEP_S / time_s)
+        change = abs(self.pressure_kpa - self._felt_kpa)
+        if change > _MOVES_KPA:
+            self._felt_kpa = self.pressure_kpa
+            self._world.drive(self._felt_kpa, rate=change / _STEP_S, time_s=self._now_s)
+
+    def _obey(self, kind: int, payload: bytes) -> None:
+        tag, result = payload[0], Result.OK
+        if kind == CommandType.IDENTIFY:
+            self._out += encode_message(self._identity(tag))
+            return
+        if kind == CommandType.RATE:
+            self._period_s = 1e3 / struct.unpack("<I", payload[1:])[0]
+        elif kind == CommandType.START:
+            self._contents = Contents(payload[1])
+            self._stream, self._sequence = self._stream % 255 + 1, 0
+            self._next_s = self._now_s + self._period_s
+        elif kind == CommandType.STOP:
+            self._next_s = math.inf
+        elif kind == CommandType.PRESSURE:
+            target_pa, slew_pa_per_s = struct.unpack("<HI", payload[1:])
+            if target_pa > 1e3 * MAX_PRESSURE_KPA or slew_pa_per_s == 0:
+                result = Result.BAD_ARGUMENT
+            else:
+                self._target_kpa, self._slew = target_pa / 1e3, slew_pa_per_s / 1e3
+                self._lost = False
+        self._out += encode_message(
+            Ack(
+                command=kind,
+                tag=tag,
+                result=result,
+                stream=self._stream,
+                next_sequence=self._sequence,
+            )
+        )
+
+    def _send_frame(self) -> None:
+        pressed = Contents.PRESSURE in self._contents
+        frame = FrameMessage(
+            sequence=self._sequence,
+            time_us=round(1e6 * self._now_s),
+            stream=self._stream,
+            oversampling=self._world.oversampling,
+            status=Status.HEARTBEAT_LOST if self._lost else Status(0),
+            counts=self._world.scan(self._now_s).astype("uint16"),
+            pressure_set_kpa=self._output_kpa if pressed else None,
+            pressure_kpa=self.pressure_kpa if pressed else None,
+        )
+        self._out += encode_message(frame)
+        self._sequence += 1
+        self._next_s += self._period_s
+
+    def _identity(self, tag: int) -> Identity:
+        layout = self._world.layout
+        return Identity(
+            tag=tag,
+            protocol=1,
+            version=(0, 0, 0),
+            features=Contents.PRESSURE,
+            rows=layout.rows,
+            cols=layout.cols,
+            oversampling=self._world.oversampling,
+            max_rows=16,
+            max_cols=16,
+            max_oversampling=64,
+            settle_us=20,
+            heartbeat_ms=round(1e3 * _HEARTBEAT_S),
+            reset_cause=1,
+            streaming=self._next_s < math.inf,
+            conversion_us=104,
+            baud=1_000_000,
+            rate_hz=1 / self._period_s,
+            highest_rate_hz=1e3,
+            board=self.name,
+        )

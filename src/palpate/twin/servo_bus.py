@@ -1,0 +1,249 @@
+"""A DYNAMIXEL X-series servo on a pseudo-terminal, byte by byte, that moves the twin's fingers.
+
+It answers Protocol 2.0 as the e-Manual describes it: status packets with CRC-16, error codes,
+memory that is locked while the torque is on, bus watchdog, hardware errors that only a reboot
+clears. What it can't show: torque-off fingers stay where they are, and the current limit is looked
+at only when somebody looks at the world.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import tty
+
+from palpate.gripper import x_series as x
+from palpate.gripper.fingers import CrankFingers
+from palpate.gripper.interface import GripperCommand
+from palpate.twin.devices import TwinGripper
+from palpate.twin.world import World
+
+_HEADER = b"\xff\xff\xfd\x00"
+_PING, _READ, _WRITE, _REBOOT, _STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
+_GOALS = (x.GOAL_PWM, x.GOAL_CURRENT, x.GOAL_POSITION, x.PROFILE_VELOCITY)
+_TEMPERATURE_C, _SUPPLY_V = 35, 12.0
+#: Profile velocity of a servo that was not told any, in its own units.
+_FASTEST = 200
+
+
+def crc16(data: bytes) -> int:
+    """Return the CRC-16 of Protocol 2.0 (polynomial 0x8005, from 0, highest bit first).
+
+    Examples
+    --------
+    >>> hex(crc16(bytes.fromhex("fffffd0001030001")))
+    '0x4e19'
+    """
+    crc = 0
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ 0x8005 if crc & 0x8000 else crc << 1
+        crc &= 0xFFFF
+    return crc
+
+
+class ServoBus:
+    """One servo at the end of a line; its other end is the port `name`.
+
+    A thread of its own answers. Whoever asks waits for the answer, so runs repeat exactly as long
+    as one thread moves the clock and asks.
+
+    Parameters
+    ----------
+    world : World
+        Whose fingers it moves.
+    model_number : int
+        Which servo it is.
+    servo_id : int
+        Its number on the line.
+    fingers : CrankFingers
+        How its angle becomes a width.
+
+    Attributes
+    ----------
+    silent : bool
+        Set it, and nothing is answered any more.
+    spoilt : int
+        So many of the next replies have a wrong CRC.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        model_number: int = 1020,
+        servo_id: int = 9,
+        fingers: CrankFingers | None = None,
+    ) -> None:
+        self._world, self._hand = world, TwinGripper(world)
+        self._fingers = fingers or CrankFingers()
+        self._id = servo_id
+        self.silent, self.spoilt = False, 0
+        self._heard_s = world.clock.now_s()
+        self._table = bytearray(x.STATE_END)
+        self._put(x.MODEL_NUMBER, model_number)
+        self._put(x.OPERATING_MODE, x.Mode.POSITION)
+        self._put(x.PWM_LIMIT, x.FULL_PWM)
+        self._put(x.CURRENT_LIMIT, 1193)
+        self._put(x.MAX_POSITION_LIMIT, 4095)
+        self._start()
+        self._lock, self._looking = threading.RLock(), False
+        world.watchers.insert(0, self._look)
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.name = os.ttyname(self._slave)
+        self._wake, self._waker = os.pipe()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def fail(self, error: x.HardwareError) -> None:
+        """Give it a hardware error: the torque goes off, until a reboot."""
+        with self._lock:
+            self._put(x.HARDWARE_ERROR, error)
+            self._put(x.TORQUE_ENABLE, 0)
+            self._world.halt()
+
+    def close(self) -> None:
+        """Take the line away, as when the adapter is pulled out; again does nothing."""
+        if not self._thread.is_alive():
+            return
+        os.write(self._waker, b"x")
+        self._thread.join()
+        for end in (self._master, self._slave, self._wake, self._waker):
+            os.close(end)
+        self._world.watchers.remove(self._look)
+
+    # -- the line ---------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        waiting = b""
+        while True:
+            ready = select.select([self._master, self._wake], [], [])[0]
+            if self._wake in ready:
+                return
+            waiting += os.read(self._master, 4096)
+            while (begin := waiting.find(_HEADER)) >= 0 and len(waiting) >= begin + 7:
+                end = begin + 7 + int.from_bytes(waiting[begin + 5 : begin + 7], "little")
+                if len(waiting) < end:
+                    break
+                packet, waiting = waiting[begin:end], waiting[end:]
+                self._hear(packet)
+
+    def _hear(self, packet: bytes) -> None:
+        if packet[4] != self._id or self.silent:
+            return
+        with self._lock:
+            self._look(self._world.clock.now_s())
+            self._heard_s = self._world.clock.now_s()
+            if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
+                self._reply(x.PacketError.CRC)
+                return
+            body = packet[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+            self._obey(body[0], body[1:])
+
+    def _obey(self, instruction: int, given: bytes) -> None:
+        if instruction == _PING:
+            self._reply(0, bytes(self._table[0:2]) + b"\x2d")
+        elif instruction == _READ:
+            begin, size = int.from_bytes(given[0:2], "little"), int.from_bytes(given[2:4], "little")
+            self._refresh()
+            self._reply(0, bytes(self._table[begin : begin + size]))
+        elif instruction == _WRITE:
+            self._reply(self._written(int.from_bytes(given[0:2], "little"), given[2:]))
+        elif instruction == _REBOOT:
+            self._reply(0)
+            self._start()
+        else:
+            self._reply(x.PacketError.INSTRUCTION)
+
+    def _reply(self, error: int, data: bytes = b"") -> None:
+        alert = x.ALERT if self._get(x.HARDWARE_ERROR) else 0
+        body = (bytes([_STATUS, error | alert]) + data).replace(
+            b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+        )
+        packet = _HEADER + bytes([self._id]) + (len(body) + 2).to_bytes(2, "little") + body
+        crc = crc16(packet)
+        if self.spoilt:
+            self.spoilt, crc = self.spoilt - 1, crc ^ 1
+        os.write(self._master, packet + crc.to_bytes(2, "little"))
+
+    # -- the servo --------------------------------------------------------------------------------
+
+    def _start(self) -> None:
+        for register in (x.HARDWARE_ERROR, x.TORQUE_ENABLE, x.BUS_WATCHDOG, x.PROFILE_VELOCITY):
+            self._put(register, 0)
+        self._put(x.GOAL_PWM, self._get(x.PWM_LIMIT))
+        self._put(x.GOAL_CURRENT, self._get(x.CURRENT_LIMIT))
+
+    def _written(self, address: int, data: bytes) -> int:
+        """Write to the table; return the error code."""
+        locked = address < x.EEPROM_END and self._get(x.TORQUE_ENABLE)
+        failed = address == x.TORQUE_ENABLE.address and self._get(x.HARDWARE_ERROR)
+        if locked or failed:
+            return x.PacketError.ACCESS
+        if address in {goal.address for goal in _GOALS} and self._get(x.BUS_WATCHDOG) < 0:
+            return x.PacketError.DATA_RANGE
+        if address == x.GOAL_POSITION.address:
+            goal = int.from_bytes(data, "little", signed=True)
+            if not self._get(x.MIN_POSITION_LIMIT) <= goal <= self._get(x.MAX_POSITION_LIMIT):
+                return x.PacketError.DATA_LIMIT
+        self._table[address : address + len(data)] = data
+        if address == x.GOAL_POSITION.address:
+            self._go()
+        return 0
+
+    def _go(self) -> None:
+        if not self._get(x.TORQUE_ENABLE):
+            return
+        goal_rad = (self._get(x.GOAL_POSITION) - x.CENTRE_TICK) * x.RAD_PER_TICK
+        target_mm = self._fingers.width_mm(goal_rad)
+        now_mm = self._world.drive_value(self._world.clock.now_s())
+        velocity = self._get(x.PROFILE_VELOCITY) or _FASTEST
+        turn_rad = abs(goal_rad - self._fingers.angle_rad(now_mm))
+        way_mm = abs(target_mm - now_mm)
+        if way_mm > 1e-9:
+            takes_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
+            self._hand.command(GripperCommand(target=target_mm, rate=way_mm / takes_s))
+
+    def _refresh(self) -> None:
+        state, unit = self._hand.state(), x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
+        width_mm = self._world.drive_value(self._world.clock.now_s())
+        self._put(x.MOVING, state.moving)
+        self._put(x.MOVING_STATUS, x.PROFILE_ONGOING if state.moving else 1)
+        self._put(x.PRESENT_CURRENT, 0 if unit is None else round(state.current_ma / unit))
+        turned = round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
+        self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned)
+        self._put(x.PRESENT_VOLTAGE, round(_SUPPLY_V / x.VOLT_PER_UNIT))
+        self._put(x.PRESENT_TEMPERATURE, _TEMPERATURE_C)
+
+    def _look(self, time_s: float) -> None:
+        """Do what the servo does by itself: stop without a host, and give way at its limit."""
+        with self._lock:
+            if self._looking or not self._get(x.TORQUE_ENABLE):
+                return
+            self._looking = True
+            try:
+                watchdog_s = self._get(x.BUS_WATCHDOG) * x.WATCHDOG_STEP_S
+                if watchdog_s > 0 and time_s > self._heard_s + watchdog_s:
+                    self._put(x.BUS_WATCHDOG, -1)
+                    self._world.halt(time_s=time_s)
+                unit = x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
+                now = time_s >= self._world.clock.now_s()
+                if now and unit is not None and self._world.moving(time_s):
+                    limit_ma = self._get(x.GOAL_CURRENT) * unit
+                    if self._hand.state().current_ma > limit_ma:
+                        self._world.halt(time_s=time_s)
+            finally:
+                self._looking = False
+
+    def _get(self, register: x.Register) -> int:
+        run = self._table[register.address : register.address + register.size]
+        return int.from_bytes(run, "little", signed=register.signed)
+
+    def _put(self, register: x.Register, value: int) -> None:
+        end = register.address + register.size
+        self._table[register.address : end] = int(value).to_bytes(
+            register.size, "little", signed=value < 0
+        )
