@@ -9,14 +9,16 @@ equation 3, and why the rule below replaces the paper's range of -100 to 0 %.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+import math
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.settling.result import FloatArray, SettledEstimate, Status
-from palpate.settling.varpro import RateFit, fit_rate
+from palpate.settling.varpro import Flag, Number, RateFit, fit_one_rate, fit_rate
 from palpate.signal.transient import WAIT_S, hold_window
 
 #: Three parameters need a fourth sample to be a fit at all.
@@ -31,6 +33,8 @@ _FASTEST_DECAYS_PER_SAMPLE = 10.0
 #: Step of the grid in ln(rate), and the steps beyond each end that interpolation asks for.
 _GRID_STEP = 0.22
 _PADDING = 3
+#: From peak to window. At the fastest rates A would overflow; there the fit doesn't stand anyway.
+_MOST_DECAYS = 600.0
 
 _STATUS_IF_STANDS = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 
@@ -92,63 +96,99 @@ def fit_exponential(
     >>> [round(float(x[0]), 6) for x in (fit.amplitude, fit.rate_per_s, fit.settled)]
     [40.0, 1.2, -60.0]
     """
-    n_holds = len(values)
-    fit = ExponentialFit(
-        settled=values[:, -1].copy(),
-        amplitude=np.full(n_holds, np.nan),
-        rate_per_s=np.full(n_holds, np.nan),
-        window_s=np.zeros(n_holds),
-        status=np.array([Status.TOO_SHORT] * n_holds, dtype=object),
+    if len(values) == 1:
+        return _fit_one(time_s, values, wait_s=wait_s)
+    if len(values) <= _BLOCK:
+        return _fit_block(time_s, values, wait_s=wait_s)
+    parts = [
+        _fit_block(time_s, values[start : start + _BLOCK], wait_s=wait_s)
+        for start in range(0, len(values), _BLOCK)
+    ]
+    names = (field.name for field in fields(ExponentialFit))
+    return ExponentialFit(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     )
-    for start in range(0, n_holds, _BLOCK):
-        block = slice(start, start + _BLOCK)
-        _fit_block(time_s, values[block], wait_s=wait_s, into=fit, offset=start)
-    return fit
 
 
-def _fit_block(
-    time_s: FloatArray, values: FloatArray, *, wait_s: float, into: ExponentialFit, offset: int
-) -> None:
-    """Fit the holds that share a window together, and write them at their place."""
+def _fit_block(time_s: FloatArray, values: FloatArray, *, wait_s: float) -> ExponentialFit:
+    """Fit the holds that share a window together."""
     window = hold_window(time_s, values, wait_s=wait_s)
+    last, n_holds = values[:, -1], len(values)
+    settled, window_s = last.copy(), np.zeros(n_holds)
+    amplitude, rate_per_s = np.full((2, n_holds), np.nan)
+    status = np.array([Status.TOO_SHORT] * n_holds, dtype=object)
+    come = np.abs(values[np.arange(n_holds), window.peak] - last)
     for first, rows in window.grids():
         if window.stop - first < MIN_SAMPLES:
             continue
         since_first = time_s[first:] - time_s[first]
-        block = values[rows]
-        last = block[:, -1]
-        fit = fit_rate(since_first, block[:, first:] - last[:, None], rates=_rates(since_first))
-        peak = window.peak[rows]
-        come = np.abs(block[np.arange(len(rows)), peak] - last)
-        stands = _stands(fit, come=come, samples=len(since_first))
-        at = rows + offset
-        into.settled[at] = last + np.where(stands, fit.offset, 0.0)
-        into.rate_per_s[at] = fit.rate
-        # At the fastest rates A would overflow; there the fit doesn't stand anyway.
-        decays = np.minimum(fit.rate * (time_s[first] - time_s[peak]), 600.0)
-        into.amplitude[at] = fit.amplitude * np.exp(decays)
-        into.window_s[at] = stands * since_first[-1]
-        into.status[at] = _STATUS_IF_STANDS[stands.astype(np.intp)]
+        ordinates = values[rows, first:] - last[rows, None]
+        length_s = float(since_first[-1])
+        fit = fit_rate(since_first, ordinates, rates=_rates(length_s, since_first.size))
+        stands = _stands(fit, come=come[rows], samples=since_first.size)
+        settled[rows] += np.where(stands, fit.offset, 0.0)
+        rate_per_s[rows] = fit.rate
+        decays = np.minimum(fit.rate * (time_s[first] - window.peak_s[rows]), _MOST_DECAYS)
+        amplitude[rows] = fit.amplitude * np.exp(decays)
+        window_s[rows] = stands * length_s
+        status[rows] = _STATUS_IF_STANDS[stands.astype(np.intp)]
+    return ExponentialFit(
+        settled=settled,
+        amplitude=amplitude,
+        rate_per_s=rate_per_s,
+        window_s=window_s,
+        status=status,
+    )
 
 
-def _rates(since_first: FloatArray) -> FloatArray:
+def _fit_one(time_s: FloatArray, values: FloatArray, *, wait_s: float) -> ExponentialFit:
+    """Fit a single hold, values of shape (1, n_times), in a third of the time of a block."""
+    window = hold_window(time_s, values, wait_s=wait_s)
+    first, hold = int(window.first[0]), values[0]
+    last, peak = float(hold[-1]), int(window.peak[0])
+    if window.stop - first < MIN_SAMPLES:
+        found, status = (last, np.nan, np.nan, 0.0), Status.TOO_SHORT
+    else:
+        since_first = time_s[first:] - time_s[first]
+        length_s = float(since_first[-1])
+        rates = _rates(length_s, since_first.size)
+        fit = fit_one_rate(since_first, hold[first:] - last, rates=rates)
+        stands = _stands(fit, come=abs(float(hold[peak]) - last), samples=since_first.size)
+        decays = min(fit.rate * float(time_s[first] - time_s[peak]), _MOST_DECAYS)
+        amplitude = fit.amplitude * math.exp(decays)
+        settled = last + fit.offset if stands else last
+        found = (settled, amplitude, fit.rate, length_s if stands else 0.0)
+        status = Status.OK if stands else Status.NOT_SETTLING
+    columns = np.array(found)[:, None]
+    return ExponentialFit(
+        settled=columns[0],
+        amplitude=columns[1],
+        rate_per_s=columns[2],
+        window_s=columns[3],
+        status=np.array([status], dtype=object),
+    )
+
+
+@lru_cache(maxsize=64)
+def _rates(length_s: float, samples: int) -> FloatArray:
     """Return the grid of rates for a window, its padding included."""
-    length = since_first[-1]
-    slowest = _SLOWEST_DECAYS / length
-    fastest = _FASTEST_DECAYS_PER_SAMPLE * (len(since_first) - 1) / length
+    slowest = _SLOWEST_DECAYS / length_s
+    fastest = _FASTEST_DECAYS_PER_SAMPLE * (samples - 1) / length_s
     steps = int(np.ceil(np.log(fastest / slowest) / _GRID_STEP))
     rates: FloatArray = slowest * np.exp(_GRID_STEP * np.arange(-_PADDING, steps + _PADDING + 1))
+    rates.setflags(write=False)
     return rates
 
 
-def _stands(fit: RateFit, *, come: FloatArray, samples: int) -> NDArray[np.bool_]:
+def _stands(fit: RateFit[Number, Flag], *, come: Number, samples: int) -> Flag:
     """Return which fits determine their settled value.
 
     `come` is how far the signal has come since its peak; the offset counts from the last sample.
     """
-    near = np.abs(fit.offset) <= come
+    near = abs(fit.offset) <= come
     clear = fit.gained * (samples - MIN_SAMPLES + 1) >= _CLEAR_CURVATURE * fit.unexplained
-    stands: NDArray[np.bool_] = ~fit.at_end & (near | clear)
+    determined: Any = near | clear
+    stands: Flag = determined & (fit.at_end ^ True)
     return stands
 
 

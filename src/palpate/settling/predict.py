@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
@@ -109,9 +110,9 @@ def predict_settled(
 
 def _samples_until(times: FloatArray, cutoff_s: float) -> int:
     """Return how many samples lie at or before the cut-off; refuse times out of order."""
-    wrong = np.flatnonzero(~(times[1:] > times[:-1]))
-    if wrong.size or not np.isfinite(times[-1:]).all():
-        at = int(wrong[0]) + 1 if wrong.size else times.size - 1
+    ahead = times[1:] > times[:-1]
+    if not ahead.all() or (times.size and not math.isfinite(times[-1])):
+        at = times.size - 1 if ahead.all() else int(ahead.argmin()) + 1
         raise InputError(
             f"time_s[{at}] is {times[at]:g} s after {times[max(at - 1, 0)]:g} s; times must be "
             "finite and increase from sample to sample"

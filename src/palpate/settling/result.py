@@ -54,15 +54,17 @@ class SettledEstimate:
 
     def hold(self, index: int) -> SettledEstimate:
         """Return the estimate of one hold of a batch, with scalar fields."""
+        if not isinstance(self.value, np.ndarray):
+            return self
         return SettledEstimate(
-            value=np.atleast_1d(self.value)[index],
-            low=np.atleast_1d(self.low)[index],
-            high=np.atleast_1d(self.high)[index],
+            value=self.value[index],
+            low=np.asarray(self.low)[index],
+            high=np.asarray(self.high)[index],
             level=self.level,
             horizon_s=self.horizon_s,
-            window_s=np.atleast_1d(self.window_s)[index],
+            window_s=np.asarray(self.window_s)[index],
             method=self.method,
-            status=np.atleast_1d(np.asarray(self.status, dtype=object))[index],
+            status=np.asarray(self.status)[index],
         )
 
 

@@ -8,9 +8,11 @@ its nodes starts Newton's method so near that one step is mostly enough.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import lru_cache
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +29,23 @@ _REACH = 3
 _ZOOM = 32
 #: A Newton step d in ln(rate) leaves an error of about 1.5 d^2 (measured): at most 1.5e-8.
 _LAST_STEP = 1e-4
+_MOST_STEPS = 50
+#: Points on an abscissa whose table is kept: half a megabyte at most.
+_LONGEST_KEPT = 1024
+
+Number = TypeVar("Number", float, FloatArray)
+Flag = TypeVar("Flag", bool, NDArray[np.bool_])
 
 
 def decay(x: FloatArray, rate: FloatArray) -> FloatArray:
     """Return exp(-rate x) and its derivatives with respect to the rate."""
     parts = np.empty((3, len(rate), len(x)))
-    np.multiply(rate, -x, out=parts[0])
-    np.exp(parts[0], out=parts[0])
-    np.multiply(parts[0], -x, out=parts[1])
-    np.multiply(parts[1], -x, out=parts[2])
+    value, slope, bend = parts
+    down = -x
+    np.multiply(rate, down, out=value)
+    np.exp(value, out=value)
+    np.multiply(value, down, out=slope)
+    np.multiply(slope, down, out=bend)
     return parts
 
 
@@ -47,8 +57,8 @@ def saturation(x: FloatArray, rate: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RateFit:
-    """Least-squares parameters of a batch of fits, each of shape (n,).
+class RateFit(Generic[Number, Flag]):
+    """Least-squares parameters of a batch of fits, each of shape (n,), or of one, as numbers.
 
     Attributes
     ----------
@@ -63,17 +73,17 @@ class RateFit:
         The sum of squares is smallest at an end of the grid: the data don't determine the rate.
     """
 
-    rate: FloatArray
-    amplitude: FloatArray
-    offset: FloatArray
-    unexplained: FloatArray
-    gained: FloatArray
-    at_end: NDArray[np.bool_]
+    rate: Number
+    amplitude: Number
+    offset: Number
+    unexplained: Number
+    gained: Number
+    at_end: Flag
 
 
 def fit_rate(
     x: FloatArray, y: FloatArray, *, rates: FloatArray, basis: Basis = decay, offset: bool = True
-) -> RateFit:
+) -> RateFit[FloatArray, NDArray[np.bool_]]:
     """Fit ``amplitude * basis(x, rate) + offset`` to each row of `y`.
 
     Parameters
@@ -106,20 +116,21 @@ def fit_rate(
     >>> [round(float(part[0]), 8) for part in (fit.rate, fit.amplitude, fit.offset)]
     [1.7, 3.0, -5.0]
     """
-    weight = np.full(len(x), 1 / len(x) if offset else 0.0)
+    table, weight = _grid(x, rates, basis=basis, offset=offset)
     mean = y @ weight
     centred = y - mean[:, None]
-    log_rate, at_end, at_slowest = _nearest(x, centred, weight, basis=basis, rates=rates)
+    log_rate, at_end, at_slowest = _nearest(centred, table, rates=rates)
     amplitude, shape_mean, explained = np.empty((3, len(y)))
     limit, free = np.log(rates[1] / rates[0]), ~at_end
     active: slice | NDArray[np.intp] = slice(None)
-    for _ in range(50):
+    for _ in range(_MOST_STEPS):
         rate = np.exp(log_rate[active])
-        moments = _Moments(x, centred[active], weight, rate, basis=basis)
-        step = moments.newton(limit=limit) * free[active]
+        moments = _moments(x, centred[active], weight, rate, basis=basis)
+        step = np.clip(moments.newton(), -limit, limit) * free[active]
         log_rate[active] += step
-        change = rate * np.expm1(step)
-        amplitude[active], shape_mean[active], explained[active] = moments.linear(change)
+        amplitude[active], shape_mean[active], explained[active] = moments.linear(
+            rate * np.expm1(step)
+        )
         moving = np.abs(step) > _LAST_STEP
         if not moving.any():
             break
@@ -129,6 +140,37 @@ def fit_rate(
         amplitude=amplitude,
         offset=mean - amplitude * shape_mean,
         unexplained=np.maximum(np.einsum("nm,nm->n", centred, centred) - explained, 0.0),
+        gained=explained - at_slowest,
+        at_end=at_end,
+    )
+
+
+def fit_one_rate(
+    x: FloatArray, y: FloatArray, *, rates: FloatArray, basis: Basis = decay, offset: bool = True
+) -> RateFit[float, bool]:
+    """Fit a single row, `y` of shape (n_points,), to numbers.
+
+    The same search as that of `fit_rate` on one row, in a third of its time: on so little data a
+    call into NumPy costs more than what it computes.
+    """
+    table, weight = _grid(x, rates, basis=basis, offset=offset)
+    mean = float(y @ weight)
+    centred = y - mean
+    log_rate, at_end, at_slowest = _nearest_of_one(centred, table, rates=rates)
+    limit = 0.0 if at_end else math.log(rates[1] / rates[0])
+    for _ in range(_MOST_STEPS):
+        rate = math.exp(log_rate)
+        moments = _moments_of_one(x, centred, weight, rate, basis=basis)
+        step = min(max(moments.newton(), -limit), limit)
+        log_rate += step
+        amplitude, shape_mean, explained = moments.linear(rate * math.expm1(step))
+        if abs(step) <= _LAST_STEP:
+            break
+    return RateFit(
+        rate=math.exp(log_rate),
+        amplitude=amplitude,
+        offset=mean - amplitude * shape_mean,
+        unexplained=max(float(centred @ centred) - explained, 0.0),
         gained=explained - at_slowest,
         at_end=at_end,
     )
@@ -146,59 +188,123 @@ _NEIGHBOURS = np.arange(-_REACH, _REACH + 1)
 _THREE = np.array([[-1], [0], [1]])
 
 
-def _nearest(
-    x: FloatArray, y: FloatArray, weight: FloatArray, *, basis: Basis, rates: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return ln(rate) near each optimum, where that is an end, and what the slowest explains."""
-    table = basis(x, rates[:, None])[0]
+def _grid(
+    x: FloatArray, rates: FloatArray, *, basis: Basis, offset: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Work out, or recall, the unit vectors of an abscissa and the weights that average over it."""
+    recall = _unit_vectors if len(x) <= _LONGEST_KEPT else _unit_vectors.__wrapped__
+    return recall(x.tobytes(), rates.tobytes(), basis, offset)
+
+
+@lru_cache(maxsize=8)
+def _unit_vectors(
+    x_bytes: bytes, rates_bytes: bytes, basis: Basis, offset: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return the basis at every rate, of length one and centred where offsets are fitted.
+
+    Kept for the last few abscissae: calls one after the other often share theirs.
+    """
+    x = np.frombuffer(x_bytes)
+    weight = np.full(len(x), 1 / len(x) if offset else 0.0)
+    table = basis(x, np.frombuffer(rates_bytes)[:, None])[0]
     table -= (table @ weight)[:, None]
     table /= np.sqrt(np.einsum("ij,ij->i", table, table))[:, None]
+    table.setflags(write=False)
+    weight.setflags(write=False)
+    return table, weight
+
+
+def _nearest(
+    y: FloatArray, table: FloatArray, *, rates: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
+    """Return ln(rate) near each optimum, where that is an end, and what the slowest explains."""
     projection = y @ table.T
     best = np.abs(projection).argmax(axis=1)
     at_end = (best < _REACH) | (best >= len(rates) - _REACH)
-    centre = np.minimum(np.maximum(best, _REACH), len(rates) - 1 - _REACH)
+    centre = np.clip(best, _REACH, len(rates) - 1 - _REACH)
     rows = np.arange(len(y))
     fine = np.square(projection[rows[:, None], centre[:, None] + _NEIGHBOURS] @ _INTERPOLATE)
-    at = np.minimum(np.maximum(fine.argmax(axis=1), 1), 2 * _ZOOM - 1)
-    before, here, after = fine[rows, at + _THREE]
-    bend = before - 2 * here + after
-    # A parabola through three points; a row without curvature stays where it is.
-    shift = 0.5 * (before - after) * (bend < 0) / (bend - (bend == 0))
-    position = centre + ~at_end * ((at + np.minimum(np.maximum(shift, -1), 1)) / _ZOOM - 1)
+    at = np.clip(fine.argmax(axis=1), 1, 2 * _ZOOM - 1)
+    shift = np.clip(_vertex(*fine[rows, at + _THREE]), -1, 1)
+    position = centre + ~at_end * ((at + shift) / _ZOOM - 1)
     log_rate = np.log(rates[0]) + position * np.log(rates[1] / rates[0])
     return log_rate, at_end, np.square(projection[:, 0])
 
 
-class _Moments:
-    """Inner products at a given rate, up to second order: p = basis . y, q = basis . basis."""
+def _nearest_of_one(
+    y: FloatArray, table: FloatArray, *, rates: FloatArray
+) -> tuple[float, bool, float]:
+    """Return what `_nearest` does, for one row."""
+    projection = table @ y
+    best, last = int(np.abs(projection).argmax()), len(rates) - 1
+    at_end = not _REACH <= best <= last - _REACH
+    centre = min(max(best, _REACH), last - _REACH)
+    fine = np.square(projection[centre - _REACH : centre + _REACH + 1] @ _INTERPOLATE)
+    at = min(max(int(fine.argmax()), 1), 2 * _ZOOM - 1)
+    shift = min(max(_vertex(*fine[at - 1 : at + 2].tolist()), -1.0), 1.0)
+    position = centre if at_end else centre + (at + shift) / _ZOOM - 1
+    log_rate = math.log(rates[0]) + position * math.log(rates[1] / rates[0])
+    at_slowest = float(projection[0])
+    return log_rate, at_end, at_slowest * at_slowest
 
-    def __init__(
-        self, x: FloatArray, y: FloatArray, weight: FloatArray, rate: FloatArray, *, basis: Basis
-    ) -> None:
-        parts = basis(x, rate[:, None])
-        self.rate = rate
-        self.mean = parts @ weight
-        parts -= self.mean[:, :, None]
-        self.p = np.einsum("inm,nm->in", parts, y)
-        self.q, half_q1, half_q2 = np.einsum("inm,nm->in", parts, parts[0])
-        self.q1 = 2 * half_q1
-        self.q2 = 2 * (half_q2 + np.einsum("nm,nm->n", parts[1], parts[1]))
 
-    def newton(self, *, limit: float) -> FloatArray:
+def _vertex(before: Number, here: Number, after: Number) -> Number:
+    """Return where the parabola through -1, 0, 1 has its top; 0 where it has none."""
+    bend = before - 2 * here + after
+    top: Number = 0.5 * (before - after) * (bend < 0) / (bend - (bend == 0))
+    return top
+
+
+@dataclass(frozen=True, slots=True)
+class _Moments(Generic[Number]):
+    """Inner products at a given rate, of the centred basis with the data (p) and itself (q).
+
+    Each of p and q is followed by its two derivatives with respect to the rate. Of one fit they are
+    numbers, of several arrays: the formulas are the same.
+    """
+
+    rate: Number
+    mean: Sequence[Number] | FloatArray
+    p: Sequence[Number] | FloatArray
+    q: Sequence[Number]
+
+    def newton(self) -> Number:
         """Return the step in ln(rate) towards the largest explained sum of squares, p^2 / q."""
         p, p1, p2 = self.p
+        q, q1, q2 = self.q
         # A row of zeros has nothing to explain at any rate: any denominator will do.
         inverse = 1 / (p + (p == 0))
-        by_p, by_q = p1 * inverse, 0.5 * self.q1 / self.q
+        by_p, by_q = p1 * inverse, 0.5 * q1 / q
         # Where the slope is zero the two are equal; taken as equal here, Newton stays quadratic.
-        bend = self.rate * (p2 * inverse - 0.5 * self.q2 / self.q + by_p * by_q)
-        step = (by_q - by_p) / np.minimum(bend, -1e-12 * self.rate)
-        clipped: FloatArray = np.minimum(np.maximum(step, -limit), limit)
-        return clipped
+        bend = self.rate * (p2 * inverse - 0.5 * q2 / q + by_p * by_q)
+        flattest = -1e-12 * self.rate
+        step: Number = (by_q - by_p) / (bend + (bend > flattest) * (flattest - bend))
+        return step
 
-    def linear(self, change: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def linear(self, change: Number) -> tuple[Number, Number, Number]:
         """Return amplitude, mean of the basis and explained sum after a small change of rate."""
         half = 0.5 * change * change
-        p = self.p[0] + self.p[1] * change + self.p[2] * half
-        q = self.q + self.q1 * change + self.q2 * half
-        return p / q, self.mean[0] + self.mean[1] * change + self.mean[2] * half, p * p / q
+        p, q, mean = (m[0] + m[1] * change + m[2] * half for m in (self.p, self.q, self.mean))
+        return p / q, mean, p * p / q
+
+
+def _moments(
+    x: FloatArray, y: FloatArray, weight: FloatArray, rate: FloatArray, *, basis: Basis
+) -> _Moments[FloatArray]:
+    parts = basis(x, rate[:, None])
+    mean = parts @ weight
+    parts -= mean[:, :, None]
+    q, half_q1, half_q2 = np.einsum("inm,nm->in", parts, parts[0])
+    q2 = 2 * (half_q2 + np.einsum("nm,nm->n", parts[1], parts[1]))
+    return _Moments(rate, mean, np.einsum("inm,nm->in", parts, y), (q, 2 * half_q1, q2))
+
+
+def _moments_of_one(
+    x: FloatArray, y: FloatArray, weight: FloatArray, rate: float, *, basis: Basis
+) -> _Moments[float]:
+    parts = basis(x, np.array([[rate]]))[:, 0]
+    mean = parts @ weight
+    parts -= mean[:, None]
+    (q, half_q1, half_q2), (_, square, _), _ = (parts @ parts.T).tolist()
+    q_and_slopes = q, 2 * half_q1, 2 * (half_q2 + square)
+    return _Moments(rate, mean.tolist(), (parts @ y).tolist(), q_and_slopes)
