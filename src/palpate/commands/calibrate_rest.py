@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from palpate.sensor.array import ArrayLayout
     from palpate.sensor.calibration import Calibration, RestValues
+    from palpate.sensor.health import Stretch
 
 DEFAULT_FILE = Path("calibration.json")
 
@@ -85,8 +86,8 @@ def command(
         _refuse_other(earlier, path=path, layout=pixels, simulated=source.simulated)
         if not source.simulated:
             print(f"{source.name}: leave the sensor alone for {duration_s:g} s", file=sys.stderr)
-        ohm = source.frames(duration_s).ohm(layout=pixels)
-        rest = _rest_values(ohm, known_ohm=None if earlier is None else earlier.rest_ohm)
+        known_ohm = None if earlier is None else earlier.rest_ohm
+        rest = _rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     calibration = _begun(pixels, rest=rest, simulated=source.simulated, now=now)
     if earlier is not None:
@@ -123,16 +124,20 @@ def _refuse_other(
         )
 
 
-def _rest_values(ohm: NDArray[np.float64], *, known_ohm: NDArray[np.float64] | None) -> RestValues:
-    """Return the rest values of a stretch, shape (frames, rows, cols), or refuse."""
+def _rest_values(
+    stretch: Stretch, *, layout: ArrayLayout, known_ohm: NDArray[np.float64] | None
+) -> RestValues:
+    """Return the rest values of a stretch, or refuse."""
     import numpy as np
 
     from palpate.sensor.calibration import RestValues
     from palpate.sensor.findings import pixel_name
     from palpate.signal.relative import rest_baseline
 
+    ohm, middle_ohm = stretch.ohm(layout=layout), stretch.rest_ohm(layout=layout)
     rest = rest_baseline(ohm, known_ohm=known_ohm)
-    dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(np.isnan(rest.rest_ohm))]
+    useless = np.isnan(rest.rest_ohm) | np.isinf(middle_ohm) | (middle_ohm == 0)
+    dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(useless)]
     if dead:
         raise CalibrationError(
             f"no rest value for {', '.join(dead)}: open or short; run `palpate doctor`"

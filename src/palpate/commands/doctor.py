@@ -172,7 +172,7 @@ def _pressed(
     from palpate.sensor.pixel_resistance import pixel_resistance_ohm
     from palpate.sensor.press_order import PressWatch, order_findings
 
-    rest_ohm = rest.median_ohm(layout=layout)
+    rest_ohm = rest.rest_ohm(layout=layout)
     watch, told, taken = PressWatch(rest_ohm), None, rest.frames()
     for frame in frames:
         if watch.expected is not None and watch.expected != told:

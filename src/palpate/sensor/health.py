@@ -87,13 +87,18 @@ class Stretch:
             oversampling=self.oversampling,
         )
 
+    @property
+    def mean_counts(self) -> FloatArray:
+        """Counts per conversion, shape (frames, rows, cols)."""
+        return np.asarray(self.counts / float(self.oversampling))
+
     def ohm(self, *, layout: ArrayLayout) -> FloatArray:
         """Return resistances, shape (frames, rows, cols)."""
         return pixel_resistance_ohm(self.counts, layout=layout, oversampling=self.oversampling)
 
-    def median_ohm(self, *, layout: ArrayLayout) -> FloatArray:
+    def rest_ohm(self, *, layout: ArrayLayout) -> FloatArray:
         """Return the median resistance of each pixel: inf where open, 0 where short."""
-        return np.asarray(np.median(self.ohm(layout=layout), axis=0))
+        return measure_pixels(self.mean_counts, layout=layout).rest_ohm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +179,8 @@ def examine(
     (False, [('open', 'R0 C1')])
     """
     whole = rest if whole is None else whole
-    mean_counts = _mean_counts(rest, layout=layout)
+    _refuse_unfit(rest, layout=layout)
+    mean_counts = rest.mean_counts
     known = None if known_ohm is None else np.asarray(known_ohm, dtype=float)
     pixels = measure_pixels(mean_counts, layout=layout)
     findings, sound = pixel_findings(
@@ -199,7 +205,7 @@ def examine(
     )
 
 
-def _mean_counts(stretch: Stretch, *, layout: ArrayLayout) -> FloatArray:
+def _refuse_unfit(stretch: Stretch, *, layout: ArrayLayout) -> None:
     shape = (layout.rows, layout.cols)
     if stretch.counts.shape[1:] != shape:
         raise InputError(f"frames of {stretch.counts.shape[1:]} pixels don't fit layout {shape}")
@@ -208,7 +214,6 @@ def _mean_counts(stretch: Stretch, *, layout: ArrayLayout) -> FloatArray:
             f"{len(stretch.counts)} frames are too few to judge a sensor (at least "
             f"{FEWEST_FRAMES}); give a longer --duration"
         )
-    return stretch.counts / float(stretch.oversampling)
 
 
 def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:

@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Finding, Severity, pixel_name
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.circuit import PixelFault, pixel_faults, resistance_ohm
+from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 Verdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]
 
-#: A pixel at an end of the range in this share of the frames is dead; in fewer, its joint is loose.
-_DEAD_SHARE, _FEWEST_DROPOUTS = 0.95, 2
+#: Within so many counts of an end of the range nothing is read but the converter's noise. A pixel
+#: that rests there is dead; one that goes there now and then has a loose joint.
+_END_COUNTS, _FEWEST_DROPOUTS = 1.0, 2
 #: Jumps from one frame to the next that no sheet at rest makes; a touch or a spike makes two.
 _JUMP_PERCENT, _FEWEST_JUMPS = 20.0, 3
 #: Noise of one frame: a fifth of the paper's contact threshold, so that five deviations reach it;
@@ -71,7 +72,8 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     """
     divider = layout.divider
     ohm = pixel_resistance_ohm(mean_counts, layout=layout)
-    rest_ohm = np.median(ohm, axis=0)
+    at_open, at_short = _at_ends(np.median(mean_counts, axis=0), layout=layout)
+    rest_ohm = np.where(at_open, np.inf, np.where(at_short, 0.0, np.median(ohm, axis=0)))
     alive = np.isfinite(rest_ohm) & (rest_ohm > 0)
     safe_rest = np.where(alive, rest_ohm, 1.0)
     change = relative_change_percent(ohm, rest_ohm=np.where(alive, rest_ohm, np.nan))
@@ -135,17 +137,14 @@ def _verdicts(
     mean_counts: FloatArray, steps_per_count: int, readings: PixelReadings, layout: ArrayLayout
 ) -> Iterator[Verdict]:
     """Yield code, pixels, text and its number, the gravest fault first."""
-    faults = pixel_faults(mean_counts, divider=layout.divider)
     nothing = np.zeros((layout.rows, layout.cols))
-    opened = (faults == PixelFault.OPEN).mean(axis=0) >= _DEAD_SHARE
-    shorted = (faults == PixelFault.SHORT).mean(axis=0) >= _DEAD_SHARE
-    yield "open", opened, "reads open: no current flows", nothing
-    yield "short", shorted, "reads short: no resistance at all", nothing
+    yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing
+    yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
     noise = readings.noise_percent
     loud = (noise > _NOISY_PERCENT) | (
         (noise > _NOISY_RATIO * _typical(noise)) & (noise > _QUIET_PERCENT)
     )
-    drops, jumps = _interruptions(mean_counts, faults=faults, layout=layout)
+    drops, jumps = _interruptions(mean_counts, layout=layout)
     loose = (drops >= _FEWEST_DROPOUTS) | ((jumps >= _FEWEST_JUMPS) & ~loud)
     yield "loose", loose, "drops out or jumps {} times in the stretch", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
@@ -214,11 +213,19 @@ def _typical(values: FloatArray) -> float:
     return float(np.median(kept)) if kept.size else math.nan
 
 
+def _at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray, BoolArray]:
+    """Return where counts are at the open end of the range, and where at the short end."""
+    at_ground = np.asarray(mean_counts <= _END_COUNTS)
+    at_supply = np.asarray(mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
+    upper = layout.divider.taxel_leg == "upper"
+    return (at_ground, at_supply) if upper else (at_supply, at_ground)
+
+
 def _interruptions(
-    mean_counts: FloatArray, *, faults: NDArray[np.uint8], layout: ArrayLayout
+    mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
     """Count drops to an end of the range, and jumps within it, per pixel."""
-    dead = faults != PixelFault.NONE
+    dead = np.logical_or(*_at_ends(mean_counts, layout=layout))
     # Near an end of the range a reading touches it by noise alone.
     middle = np.median(mean_counts, axis=0)
     away = (middle > 4) & (middle < layout.divider.full_scale - 5)

@@ -62,6 +62,24 @@ def test_dead_pixel(value: int, code: str) -> None:
     assert not health.healthy
 
 
+@pytest.mark.parametrize(("end", "code"), [(0, "open"), (1023, "short")])
+@pytest.mark.parametrize("oversampling", [1, 16])
+def test_the_converters_noise_does_not_hide_a_dead_pixel(
+    end: int, code: str, oversampling: int
+) -> None:
+    stretch, layout = twin_rest(1)
+    noise = np.random.default_rng(1).normal(end, 0.5, (oversampling, 150))
+    counts = stretch.counts * oversampling
+    counts[:, 2, 1] = np.clip(np.rint(noise), 0, 1023).sum(axis=0)
+    noisy = Stretch(
+        time_s=stretch.time_s,
+        sequence=stretch.sequence,
+        counts=counts,
+        oversampling=oversampling,
+    )
+    assert codes(examine(noisy, layout=layout)) == [(code, "R2 C1")]
+
+
 @pytest.mark.parametrize(
     ("pixels", "where"),
     [((2,), "row R2"), ((slice(None), 1), "column C1"), ((), "every pixel")],
@@ -128,7 +146,7 @@ def test_faint_pixel() -> None:
 def test_pixel_far_from_its_calibration() -> None:
     """What all pixels share is climate; one that differs from them has changed."""
     stretch, layout = twin_rest(7)
-    known = 0.9 * stretch.median_ohm(layout=layout)
+    known = 0.9 * stretch.rest_ohm(layout=layout)
     assert examine(stretch, layout=layout, known_ohm=known).healthy
     known[0, 0] *= 0.5
     health = examine(stretch, layout=layout, known_ohm=known)
@@ -145,7 +163,7 @@ def test_a_touched_sensor_is_not_at_rest() -> None:
 
 def test_a_load_shows_against_the_calibration() -> None:
     stretch, layout = twin_rest(8)
-    known = 1.5 * stretch.median_ohm(layout=layout)
+    known = 1.5 * stretch.rest_ohm(layout=layout)
     health = examine(stretch, layout=layout, known_ohm=known)
     assert codes(health) == [("unrest", "sensor")]
 
