@@ -26,6 +26,7 @@ VERBS = (
     "calibrate",
     "flash",
     "init",
+    "pattern",
 )
 
 

@@ -1,0 +1,108 @@
+"""What a sensor is to be like: its numbers, in millimetres, and those of the paper's two."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cutter:
+    """What the cutter and the hands that align its parts can do.
+
+    The cutting area is that of the Brother ScanNCut2 CM350 on its 12 inch mat (296 x 298 mm). The
+    least feature and gap are cautious habits for copper tape and Velostat on such a machine, not
+    the maker's figures; so is the error of laying one layer on another by its marks.
+    """
+
+    width_mm: float = 296.0
+    height_mm: float = 298.0
+    feature_mm: float = 1.0
+    gap_mm: float = 0.5
+    alignment_mm: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorDesign:
+    """One sensor, for one finger.
+
+    Attributes
+    ----------
+    name : str
+        Stem of the files.
+    rows, cols : int
+        Pixels along y and x, 1 to 16 each. Rows are copper on the base, columns on the cover.
+    pixel_width_mm, pixel_height_mm : float
+        Size of a Velostat pixel.
+    corner_mm : float
+        Radius of its corners: 0 for a rectangle, half of its size for a circle.
+    gap_mm : float
+        Between neighbouring pixels.
+    overhang_mm : float
+        How far the Velostat stands out all round where two copper lines cross.
+    trace_mm : float
+        Width of the copper between pixels and pads.
+    pad_width_mm, pad_length_mm, pad_pitch_mm : float
+        Solder pads at the end of the tail; at 2.54 mm pitch a pin header or ribbon cable fits.
+    tail_mm : float
+        From the last pixels to the pads.
+    margin_mm : float
+        Base and cover stand out this far round pixels and copper.
+    substrate_width_mm : float or None
+        Width of base and cover beside the pixels, where the finger sets it; None for what fits.
+
+    Examples
+    --------
+    >>> PRESETS["paper-3x2"].pitch_mm
+    (10.0, 10.0)
+    """
+
+    name: str
+    rows: int
+    cols: int
+    pixel_width_mm: float
+    pixel_height_mm: float
+    gap_mm: float
+    corner_mm: float = 0.0
+    overhang_mm: float = 1.0
+    trace_mm: float = 1.2
+    pad_width_mm: float = 1.6
+    pad_length_mm: float = 5.0
+    pad_pitch_mm: float = 2.54
+    tail_mm: float = 20.0
+    margin_mm: float = 3.0
+    substrate_width_mm: float | None = None
+
+    @property
+    def pitch_mm(self) -> tuple[float, float]:
+        """Distance between the centres of neighbouring pixels, along x and y."""
+        return self.pixel_width_mm + self.gap_mm, self.pixel_height_mm + self.gap_mm
+
+    @property
+    def bars_mm(self) -> tuple[float, float]:
+        """Width of the column bars and height of the row bars: what crosses in a pixel.
+
+        As wide as the overhang lets them be; where the pixel's corners are round, the corners of
+        the crossing decide.
+
+        Examples
+        --------
+        >>> PRESETS["paper-2x2"].bars_mm
+        (5.0, 5.0)
+        """
+        inset = self.overhang_mm
+        if self.corner_mm > self.overhang_mm:
+            inset = self.corner_mm - (self.corner_mm - self.overhang_mm) / math.sqrt(2)
+        return self.pixel_width_mm - 2 * inset, self.pixel_height_mm - 2 * inset
+
+
+#: The paper gives matrices and "larger" and "smaller" pixels (Figure 1c) but no dimensions: these
+#: sizes are ours, at the 10 mm pitch of `palpate.sensor.array`.
+PRESETS: dict[str, SensorDesign] = {
+    "paper-2x2": SensorDesign(
+        name="paper-2x2", rows=2, cols=2, pixel_width_mm=7.0, pixel_height_mm=7.0, gap_mm=3.0
+    ),
+    "paper-3x2": SensorDesign(
+        name="paper-3x2", rows=3, cols=2, pixel_width_mm=9.0, pixel_height_mm=9.0, gap_mm=1.0
+    ),
+}

@@ -1,0 +1,324 @@
+"""From a design to shapes: five layers that lie on each other, with marks to lay them by.
+
+Everything is placed as the finished sensor is seen from its cover. Rows leave their pixels on the
+left and run down in lanes; columns run straight down and are gathered beside them. Nowhere but in a
+pixel does row copper pass over column copper. Rows' pads lie on the base where the cover ends short
+of them, columns' pads on the cover where the base does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from palpate.fabrication.design import SensorDesign
+from palpate.fabrication.shapes import (
+    Outline,
+    Point,
+    Rect,
+    Stroke,
+    circle,
+    rounded,
+    rounded_rect,
+)
+
+MARK_MM = 3.0
+#: Round the sensor on every sheet; the marks lie in the middle of it.
+BORDER_MM = 8.0
+#: Sharp corners of tape lift and tear.
+TAPE_CORNER_MM = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layer:
+    """One sheet of material and what is cut from it.
+
+    Attributes
+    ----------
+    name, material : str
+        For file names and people.
+    parts : tuple of Outline
+        Cutting lines as seen from the cover of the finished sensor.
+    mirrored : bool
+        Whether the file must show it from the other side, because that side is up on the cutter.
+    why : str
+        Which side that is.
+    """
+
+    name: str
+    material: str
+    parts: tuple[Outline, ...]
+    mirrored: bool
+    why: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pixel:
+    """A Velostat pixel and the part of it that lies between row and column copper."""
+
+    row: int
+    col: int
+    body: Rect
+    contact: Rect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """A sensor laid out on its sheet, mm.
+
+    Attributes
+    ----------
+    design : SensorDesign
+    width, height : float
+        Of the sheet.
+    rows, cols : tuple of Stroke
+        One piece of copper per row and column.
+    pixels : tuple of Pixel
+        Row by row.
+    body : Rect
+        Base and cover beside the pixels, without the tail.
+    base, cover : tuple of (float, float)
+        Their corners.
+    marks : tuple of (float, float)
+        Centres of the registration marks, the same in every layer; symmetric about the sheet's
+        vertical middle line, so that mirroring leaves them where they are.
+    needed_tail_mm : float
+        The shortest tail that the routing fits in.
+    """
+
+    design: SensorDesign
+    width: float
+    height: float
+    rows: tuple[Stroke, ...]
+    cols: tuple[Stroke, ...]
+    pixels: tuple[Pixel, ...]
+    body: Rect
+    base: tuple[Point, ...]
+    cover: tuple[Point, ...]
+    marks: tuple[Point, ...]
+    needed_tail_mm: float
+
+    @property
+    def mark_outlines(self) -> tuple[Outline, ...]:
+        """The marks as cutting lines."""
+        return tuple(circle(mark, diameter=MARK_MM) for mark in self.marks)
+
+    def layers(self) -> tuple[Layer, ...]:
+        """Return the five layers from the base up."""
+        corner = self.design.corner_mm
+        return (
+            Layer(
+                name="1-base",
+                material="base tape",
+                parts=(_tape(self.base),),
+                mirrored=True,
+                why="cut with its liner down, so its back is up; in the sensor the adhesive is up",
+            ),
+            Layer(
+                name="2-copper-rows",
+                material="copper tape",
+                parts=tuple(row.outline() for row in self.rows),
+                mirrored=False,
+                why="cut with its liner down, bare copper up, as it lies in the sensor",
+            ),
+            Layer(
+                name="3-velostat",
+                material="Velostat",
+                parts=tuple(rounded_rect(p.body, radius=corner) for p in self.pixels),
+                mirrored=False,
+                why="both sides are alike",
+            ),
+            Layer(
+                name="4-copper-columns",
+                material="copper tape",
+                parts=tuple(col.outline() for col in self.cols),
+                mirrored=True,
+                why="cut with bare copper up; in the sensor bare copper faces down",
+            ),
+            Layer(
+                name="5-cover",
+                material="cover tape",
+                parts=(_tape(self.cover),),
+                mirrored=False,
+                why="cut with its liner down, its back up, as it lies in the sensor",
+            ),
+        )
+
+
+def lay_out(design: SensorDesign) -> Pattern:
+    """Place every shape of a design; whether it can work is for `palpate.fabrication.refusals`.
+
+    Examples
+    --------
+    >>> from palpate.fabrication.design import PRESETS
+    >>> pattern = lay_out(PRESETS["paper-2x2"])
+    >>> len(pattern.pixels), [layer.name for layer in pattern.layers() if layer.mirrored]
+    (4, ['1-base', '4-copper-columns'])
+    """
+    lane_x = _lane_offsets(design)
+    left_mm = BORDER_MM + design.margin_mm + _half_copper(design) - lane_x[0]
+    active = Rect(
+        left=left_mm,
+        top=BORDER_MM + design.margin_mm,
+        right=left_mm + design.cols * design.pitch_mm[0] - design.gap_mm,
+        bottom=BORDER_MM + design.margin_mm + design.rows * design.pitch_mm[1] - design.gap_mm,
+    )
+    lanes = [active.left + x for x in lane_x]
+    pixels = _pixels(design, active=active)
+    column_x = [pixels[c].body.centre[0] for c in range(design.cols)]
+    first_pad = lanes[-1] + 2 * design.pad_pitch_mm
+    if design.pitch_mm[0] > design.pad_pitch_mm:
+        first_pad = max(first_pad, column_x[0])
+    column_pads = [first_pad + c * design.pad_pitch_mm for c in range(design.cols)]
+    levels = _jog_levels(column_x, column_pads)
+    jogs_mm = design.pad_pitch_mm * (max(levels) + 1)
+    pads = Rect(
+        left=lanes[0] - _half_copper(design),
+        top=active.bottom + design.tail_mm,
+        right=column_pads[-1] + _half_copper(design),
+        bottom=active.bottom + design.tail_mm + design.pad_length_mm,
+    )
+    body = _body(design, active=active, bottom=active.bottom + jogs_mm + design.margin_mm)
+    split = (lanes[-1] + column_pads[0]) / 2
+    base, cover = _tapes(body, pads=pads, split=split, margin=design.margin_mm)
+    width = max(x for x, _ in (*base, *cover)) + BORDER_MM
+    height = max(y for _, y in (*base, *cover)) + BORDER_MM
+    inset = BORDER_MM / 2
+    return Pattern(
+        design=design,
+        width=width,
+        height=height,
+        rows=_row_copper(design, active=active, lanes=lanes, pads=pads),
+        cols=_column_copper(
+            design, active=active, xs=column_x, pad_xs=column_pads, levels=levels, pads=pads
+        ),
+        pixels=pixels,
+        body=body,
+        base=base,
+        cover=cover,
+        marks=((inset, inset), (width - inset, inset), (width / 2, height - inset)),
+        needed_tail_mm=jogs_mm + design.margin_mm + 2 * TAPE_CORNER_MM,
+    )
+
+
+def _tape(corners: Sequence[Point]) -> Outline:
+    shortest = min(math.dist(a, b) for a, b in pairwise((*corners, corners[0])))
+    return rounded(corners, radius=min(TAPE_CORNER_MM, shortest / 2))
+
+
+def _half_copper(design: SensorDesign) -> float:
+    return max(design.trace_mm, design.pad_width_mm) / 2
+
+
+def _lane_offsets(design: SensorDesign) -> list[float]:
+    """Return where each row's lane runs, left of the pixels: the first row's is outermost."""
+    return [-design.pad_pitch_mm * (design.rows - r - 0.5) for r in range(design.rows)]
+
+
+def _pixels(design: SensorDesign, *, active: Rect) -> tuple[Pixel, ...]:
+    bar_width, bar_height = design.bars_mm
+    found = []
+    for row in range(design.rows):
+        for col in range(design.cols):
+            centre = (
+                active.left + design.pixel_width_mm / 2 + col * design.pitch_mm[0],
+                active.top + design.pixel_height_mm / 2 + row * design.pitch_mm[1],
+            )
+            found.append(
+                Pixel(
+                    row=row,
+                    col=col,
+                    body=Rect.around(
+                        centre, width=design.pixel_width_mm, height=design.pixel_height_mm
+                    ),
+                    contact=Rect.around(centre, width=bar_width, height=bar_height),
+                )
+            )
+    return tuple(found)
+
+
+def _row_copper(
+    design: SensorDesign, *, active: Rect, lanes: Sequence[float], pads: Rect
+) -> tuple[Stroke, ...]:
+    _, bar = design.bars_mm
+    first = active.top + design.pixel_height_mm / 2
+    return tuple(
+        Stroke.of(
+            [(active.right, y), (active.left, y), (x, y), (x, pads.top), (x, pads.bottom)],
+            widths=[bar, design.trace_mm, design.trace_mm, design.pad_width_mm],
+        )
+        for x, y in zip(
+            lanes, (first + r * design.pitch_mm[1] for r in range(design.rows)), strict=True
+        )
+    )
+
+
+def _column_copper(
+    design: SensorDesign,
+    *,
+    active: Rect,
+    xs: Sequence[float],
+    pad_xs: Sequence[float],
+    levels: Sequence[int],
+    pads: Rect,
+) -> tuple[Stroke, ...]:
+    bar, _ = design.bars_mm
+    strokes = []
+    for x, pad_x, level in zip(xs, pad_xs, levels, strict=True):
+        turn = active.bottom + design.pad_pitch_mm * (level + 0.5)
+        strokes.append(
+            Stroke.of(
+                [
+                    (x, active.top),
+                    (x, active.bottom),
+                    (x, turn),
+                    (pad_x, turn),
+                    (pad_x, pads.top),
+                    (pad_x, pads.bottom),
+                ],
+                widths=[bar, *[design.trace_mm] * 3, design.pad_width_mm],
+            )
+        )
+    return tuple(strokes)
+
+
+def _jog_levels(xs: Sequence[float], pad_xs: Sequence[float]) -> list[int]:
+    """Return how far down each column turns towards its pad, so that no two cross.
+
+    A column that goes left passes under those further left, so it turns below them; one that goes
+    right turns below those further right. The two kinds never meet.
+    """
+    levels = [0] * len(xs)
+    leftward = [c for c in range(len(xs)) if pad_xs[c] < xs[c] - 1e-9]
+    rightward = [c for c in reversed(range(len(xs))) if pad_xs[c] > xs[c] + 1e-9]
+    for group in (leftward, rightward):
+        for level, column in enumerate(group):
+            levels[column] = level
+    return levels
+
+
+def _body(design: SensorDesign, *, active: Rect, bottom: float) -> Rect:
+    width = design.substrate_width_mm
+    right = active.right + design.margin_mm if width is None else BORDER_MM + width
+    return Rect(left=BORDER_MM, top=BORDER_MM, right=right, bottom=bottom)
+
+
+def _tapes(
+    body: Rect, *, pads: Rect, split: float, margin: float
+) -> tuple[tuple[Point, ...], tuple[Point, ...]]:
+    """Return the corners of base and cover: alike, but each has its own half of the tail's end."""
+    right, end = pads.right + margin, pads.bottom + margin
+    shoulder: list[Point] = [(body.right, body.bottom), (right, body.bottom)]
+    if abs(body.right - right) < 2 * TAPE_CORNER_MM:
+        # Too small a step to round: the tail goes on as wide as the body.
+        right, shoulder = max(right, body.right), []
+    top: list[Point] = [
+        (body.left, body.top),
+        (body.right if shoulder else right, body.top),
+        *shoulder,
+    ]
+    base = (*top, (right, pads.top), (split, pads.top), (split, end), (body.left, end))
+    cover = (*top, (right, end), (split, end), (split, pads.top), (body.left, pads.top))
+    return base, cover

@@ -1,0 +1,224 @@
+"""Patterns that can't be cut or can't work, each with what is wrong and by how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from itertools import combinations
+
+from palpate.errors import InputError
+from palpate.fabrication.design import Cutter, SensorDesign
+from palpate.fabrication.pattern import Pattern, Pixel
+from palpate.fabrication.shapes import Rect, Stroke
+
+#: Below what any drawing can show; keeps a gap of exactly the least one from being refused.
+_TINY_MM = 1e-6
+
+
+def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
+    """Refuse numbers that no pattern can be drawn from.
+
+    Raises
+    ------
+    InputError
+        With the first that is wrong.
+    """
+    if not (1 <= design.rows <= 16 and 1 <= design.cols <= 16):
+        raise InputError(
+            f"{design.rows} x {design.cols} pixels: rows and columns must be 1 to 16 each, as many "
+            "as a multiplexer has channels"
+        )
+    for owner in (design, cutter):
+        for part in fields(owner):
+            value = getattr(owner, part.name)
+            zero_is_fine = part.name in ("corner_mm", "overhang_mm", "gap_mm", "margin_mm")
+            if isinstance(value, float) and (
+                not math.isfinite(value) or value < 0 or (value == 0 and not zero_is_fine)
+            ):
+                raise InputError(f"{_plain(part.name)} of {value:g} mm: give a positive length")
+    largest = min(design.pixel_width_mm, design.pixel_height_mm) / 2
+    if design.corner_mm > largest + _TINY_MM:
+        raise InputError(
+            f"corner radius {design.corner_mm:g} mm is {design.corner_mm - largest:.2f} mm more "
+            f"than half of the pixel ({largest:g} mm)"
+        )
+    _check_features(design, cutter=cutter)
+
+
+def _check_features(design: SensorDesign, *, cutter: Cutter) -> None:
+    for what, size_mm in (
+        ("pixel width", design.pixel_width_mm),
+        ("pixel height", design.pixel_height_mm),
+        ("column copper in the pixels", design.bars_mm[0]),
+        ("row copper in the pixels", design.bars_mm[1]),
+        ("trace width", design.trace_mm),
+        ("pad width", design.pad_width_mm),
+        ("pad length", design.pad_length_mm),
+    ):
+        short_mm = cutter.feature_mm - size_mm
+        if short_mm > _TINY_MM:
+            raise InputError(
+                f"{what} {size_mm:.2f} mm is {short_mm:.2f} mm under the {cutter.feature_mm:g} mm "
+                "that the cutter can make; enlarge it, or the pixel it lies in"
+            )
+
+
+def check_pattern(pattern: Pattern, *, cutter: Cutter) -> None:
+    """Refuse a pattern that would short, can't be cut or lies outside its tape.
+
+    Raises
+    ------
+    InputError
+        One line: the first problem, and how many more there are.
+    """
+    problems = list(_problems(pattern, cutter=cutter))
+    if problems:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(f"this sensor can't work: {problems[0]}{more}")
+
+
+def _problems(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+    yield from _tail(pattern)
+    yield from _outside(pattern, cutter=cutter)
+    yield from _pixels_apart(pattern, cutter=cutter)
+    yield from _same_layer(pattern.rows, letter="R", cutter=cutter)
+    yield from _same_layer(pattern.cols, letter="C", cutter=cutter)
+    yield from _across_layers(pattern, cutter=cutter)
+    yield from _leaks(pattern, cutter=cutter)
+    for side, size_mm, most_mm in (
+        ("wide", pattern.width, cutter.width_mm),
+        ("high", pattern.height, cutter.height_mm),
+    ):
+        if size_mm > most_mm:
+            yield (
+                f"its sheet is {size_mm:.1f} mm {side}, {size_mm - most_mm:.1f} mm more than the "
+                f"cutter's {most_mm:g} mm"
+            )
+
+
+def _tail(pattern: Pattern) -> Iterator[str]:
+    missing_mm = pattern.needed_tail_mm - pattern.design.tail_mm
+    if missing_mm > _TINY_MM:
+        yield (
+            f"tail of {pattern.design.tail_mm:g} mm is {missing_mm:.2f} mm too short to bring "
+            f"{pattern.design.cols} columns to their pads; it takes {pattern.needed_tail_mm:.2f} mm"
+        )
+
+
+def _outside(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+    short_mm = cutter.gap_mm - pattern.design.margin_mm
+    if short_mm > _TINY_MM:
+        yield (
+            f"margin of {pattern.design.margin_mm:g} mm leaves copper and pixels {short_mm:.2f} mm "
+            f"too near to the edge of the tape (least {cutter.gap_mm:g} mm)"
+        )
+        return
+    for pixel in pattern.pixels:
+        over_mm = pixel.body.right + cutter.gap_mm - pattern.body.right
+        if over_mm > _TINY_MM:
+            yield (
+                f"pixel {_name(pixel)} comes {over_mm:.2f} mm too near to or over the right edge "
+                f"of base and cover ({pattern.body.width:g} mm wide; {cutter.gap_mm:g} mm of tape "
+                "must be left)"
+            )
+    wanted_mm = pattern.design.substrate_width_mm
+    if wanted_mm is not None:
+        over_mm = max(x for x, _ in pattern.base) - pattern.body.left - wanted_mm
+        if over_mm > _TINY_MM:
+            yield f"its tail is {over_mm:.2f} mm wider than base and cover ({wanted_mm:g} mm)"
+
+
+def _pixels_apart(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+    for one, two in combinations(pattern.pixels, 2):
+        short_mm = cutter.gap_mm - one.body.distance(two.body)
+        if short_mm > _TINY_MM:
+            yield (
+                f"pixels {_name(one)} and {_name(two)} are {one.body.distance(two.body):.2f} mm "
+                f"apart, {short_mm:.2f} mm under the least gap of {cutter.gap_mm:g} mm"
+            )
+
+
+def _same_layer(nets: Sequence[Stroke], *, letter: str, cutter: Cutter) -> Iterator[str]:
+    covered = [net.rects() for net in nets]
+    for (i, one), (k, two) in combinations(enumerate(covered), 2):
+        gap_mm = min(a.distance(b) for a in one for b in two)
+        if cutter.gap_mm - gap_mm > _TINY_MM:
+            what = "touch: a short" if gap_mm < _TINY_MM else f"are {gap_mm:.2f} mm apart"
+            yield (
+                f"copper of {letter}{i} and {letter}{k} {what}, {cutter.gap_mm - gap_mm:.2f} mm "
+                f"under the least gap of {cutter.gap_mm:g} mm; widen the pad pitch or narrow the "
+                "traces and pads"
+            )
+
+
+def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+    """Row and column copper may lie over each other only with Velostat between, and some to spare.
+
+    What is left beside the crossing must keep its distance too: layers are laid by hand.
+    """
+    pixels = {(p.row, p.col): p for p in pattern.pixels}
+    for r, row in enumerate(pattern.rows):
+        for c, column in enumerate(pattern.cols):
+            spare_mm = _least_spare_mm(row, column, pixel=pixels[r, c], design=pattern.design)
+            if cutter.alignment_mm - spare_mm > _TINY_MM:
+                yield (
+                    f"R{r} and C{c} come within {spare_mm:.2f} mm of touching beside their pixel, "
+                    f"{cutter.alignment_mm - spare_mm:.2f} mm less than the {cutter.alignment_mm:g}"
+                    " mm that laying the layers by hand needs; raise the overhang or the pad pitch"
+                )
+
+
+def _least_spare_mm(row: Stroke, column: Stroke, *, pixel: Pixel, design: SensorDesign) -> float:
+    spare_mm = math.inf
+    for a in row.rects():
+        for b in column.rects():
+            crossing = a.common(b)
+            spare_mm = min(
+                spare_mm,
+                a.distance(b)
+                if crossing is None
+                else _covered_mm(crossing, pixel=pixel.body, corner_mm=design.corner_mm),
+            )
+    return spare_mm
+
+
+def _covered_mm(crossing: Rect, *, pixel: Rect, corner_mm: float) -> float:
+    """Return how far a pixel stands out round a rectangle, mm; negative where it doesn't cover it.
+
+    The edge of a rounded rectangle is `corner_mm` from an inner rectangle, whose distance to each
+    corner of the crossing decides.
+    """
+    x, y = pixel.centre
+    least = math.inf
+    for corner_x in (crossing.left, crossing.right):
+        for corner_y in (crossing.top, crossing.bottom):
+            out_x = abs(corner_x - x) - (pixel.width / 2 - corner_mm)
+            out_y = abs(corner_y - y) - (pixel.height / 2 - corner_mm)
+            beyond = math.hypot(max(out_x, 0.0), max(out_y, 0.0)) + min(max(out_x, out_y), 0.0)
+            least = min(least, corner_mm - beyond)
+    return least
+
+
+def _leaks(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
+    """Velostat conducts: copper of another row or column must not reach it."""
+    nets = [(f"R{r}", r, -1, net) for r, net in enumerate(pattern.rows)]
+    nets += [(f"C{c}", -1, c, net) for c, net in enumerate(pattern.cols)]
+    for pixel in pattern.pixels:
+        for name, row, col, net in nets:
+            if pixel.row == row or pixel.col == col:
+                continue
+            gap_mm = min(rect.distance(pixel.body) for rect in net.rects())
+            if cutter.gap_mm - gap_mm > _TINY_MM:
+                yield (
+                    f"copper of {name} is {gap_mm:.2f} mm from pixel {_name(pixel)}, "
+                    f"{cutter.gap_mm - gap_mm:.2f} mm under the least gap of {cutter.gap_mm:g} mm"
+                )
+
+
+def _name(pixel: Pixel) -> str:
+    return f"R{pixel.row} C{pixel.col}"
+
+
+def _plain(name: str) -> str:
+    return name.removesuffix("_mm").replace("_", " ")

@@ -1,0 +1,270 @@
+"""Cut files read back by other people's code: sizes, registration, mirroring, no shorts."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import ezdxf
+import pytest
+import svgelements
+from shapely import affinity
+from shapely.geometry import Polygon
+from shapely.ops import unary_union
+
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
+from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
+from palpate.fabrication.refusals import check_design, check_pattern
+from palpate.fabrication.svg import layer_svg
+
+PX_PER_MM = 96 / 25.4
+DESIGNS = {
+    **PRESETS,
+    "round-4x6": SensorDesign(
+        name="round-4x6",
+        rows=4,
+        cols=6,
+        pixel_width_mm=5.0,
+        pixel_height_mm=5.0,
+        corner_mm=2.5,
+        gap_mm=1.0,
+        tail_mm=30.0,
+    ),
+    "crowded-5x5": SensorDesign(
+        name="crowded-5x5",
+        rows=5,
+        cols=5,
+        pixel_width_mm=3.0,
+        pixel_height_mm=4.0,
+        overhang_mm=0.6,
+        gap_mm=0.5,
+        pad_pitch_mm=4.0,
+        tail_mm=40.0,
+        substrate_width_mm=60.0,
+    ),
+}
+
+
+def polygons(text: str, tmp_path: Path) -> list[Polygon]:
+    """Read the paths of an SVG as polygons in millimetres, with svgelements."""
+    file = tmp_path / "read.svg"
+    file.write_text(text, encoding="utf-8")
+    found = []
+    for path in svgelements.SVG.parse(file, ppi=96).elements():
+        if not isinstance(path, svgelements.Path):
+            continue
+        points: list[tuple[float, float]] = []
+        for segment in path:
+            if isinstance(segment, svgelements.Arc):
+                points += [tuple(segment.point(k / 24)) for k in range(24)]
+            elif isinstance(segment, svgelements.Line):
+                points.append(tuple(segment.start))
+        found.append(Polygon([(x / PX_PER_MM, y / PX_PER_MM) for x, y in points]))
+    return found
+
+
+def cut_layers(pattern: Pattern, tmp_path: Path) -> dict[str, tuple[list[Polygon], list[Polygon]]]:
+    """Return per layer its parts and its marks, turned back to how the sensor is seen."""
+    layers = {}
+    for layer in pattern.layers():
+        shapes = polygons(layer_svg(pattern, layer), tmp_path)
+        if layer.mirrored:
+            shapes = [affinity.scale(s, xfact=-1, origin=(pattern.width / 2, 0)) for s in shapes]
+        layers[layer.name] = (shapes[: len(layer.parts)], shapes[len(layer.parts) :])
+    return layers
+
+
+@pytest.fixture(params=sorted(DESIGNS))
+def design(request: pytest.FixtureRequest) -> SensorDesign:
+    return DESIGNS[request.param]
+
+
+def test_an_independent_reader_finds_every_pixel_at_its_size_and_place(
+    design: SensorDesign, tmp_path: Path
+) -> None:
+    pattern = lay_out(design)
+    pixels, _ = cut_layers(pattern, tmp_path)["3-velostat"]
+    assert len(pixels) == design.rows * design.cols
+    for number, pixel in enumerate(pixels):
+        left, top, right, bottom = pixel.bounds
+        assert right - left == pytest.approx(design.pixel_width_mm, abs=0.01)
+        assert bottom - top == pytest.approx(design.pixel_height_mm, abs=0.01)
+        row, col = divmod(number, design.cols)
+        first = pixels[0].bounds
+        assert left - first[0] == pytest.approx(
+            col * (design.pixel_width_mm + design.gap_mm), abs=0.01
+        )
+        assert top - first[1] == pytest.approx(
+            row * (design.pixel_height_mm + design.gap_mm), abs=0.01
+        )
+        area = design.pixel_width_mm * design.pixel_height_mm - (4 - math.pi) * design.corner_mm**2
+        assert pixel.area == pytest.approx(area, rel=2e-3)
+
+
+def test_marks_lie_at_the_same_place_in_every_file(design: SensorDesign, tmp_path: Path) -> None:
+    pattern = lay_out(design)
+    as_cut = {
+        layer.name: polygons(layer_svg(pattern, layer), tmp_path)[len(layer.parts) :]
+        for layer in pattern.layers()
+    }
+    places = {
+        name: sorted((round(m.centroid.x, 3), round(m.centroid.y, 3)) for m in marks)
+        for name, marks in as_cut.items()
+    }
+    assert len(places) == 5
+    assert all(len(found) == 3 for found in places.values())
+    assert len({tuple(found) for found in places.values()}) == 1
+    for marks in as_cut.values():
+        for mark in marks:
+            assert mark.bounds[2] - mark.bounds[0] == pytest.approx(MARK_MM, abs=0.01)
+
+
+def test_no_copper_of_two_nets_is_joined_and_rows_meet_columns_only_through_velostat(
+    design: SensorDesign, tmp_path: Path
+) -> None:
+    layers = cut_layers(lay_out(design), tmp_path)
+    rows, cols = layers["2-copper-rows"][0], layers["4-copper-columns"][0]
+    pixels = layers["3-velostat"][0]
+    assert (len(rows), len(cols)) == (design.rows, design.cols)
+    for same_layer in (rows, cols):
+        assert all(a.is_valid for a in same_layer)
+        for one, two in combinations(same_layer, 2):
+            assert one.distance(two) >= 0.5 - 1e-6
+    for r, row in enumerate(rows):
+        for c, col in enumerate(cols):
+            crossing, pixel = row.intersection(col), pixels[r * design.cols + c]
+            assert pixel.buffer(1e-6).contains(crossing.buffer(0.5))
+            bar_width, bar_height = design.bars_mm
+            assert crossing.area == pytest.approx(bar_width * bar_height, abs=0.01)
+    for number, pixel in enumerate(pixels):
+        row, col = divmod(number, design.cols)
+        strangers = [n for r, n in enumerate(rows) if r != row]
+        strangers += [n for c, n in enumerate(cols) if c != col]
+        assert all(pixel.distance(net) >= 0.5 - 1e-6 for net in strangers)
+
+
+def test_pads_are_bare_on_one_side_and_everything_else_is_taped(
+    design: SensorDesign, tmp_path: Path
+) -> None:
+    layers = cut_layers(lay_out(design), tmp_path)
+    base, cover = layers["1-base"][0][0], layers["5-cover"][0][0]
+    rows, cols = layers["2-copper-rows"][0], layers["4-copper-columns"][0]
+    pad_mm2 = design.pad_width_mm * design.pad_length_mm
+    for nets, under, over in ((rows, base, cover), (cols, cover, base)):
+        for net in nets:
+            assert under.contains(net)
+            assert net.difference(over).area == pytest.approx(pad_mm2, abs=0.2)
+    taped = base.intersection(cover)
+    assert all(taped.buffer(-0.45).contains(pixel) for pixel in layers["3-velostat"][0])
+
+
+def test_what_refusals_measure_is_what_is_cut(design: SensorDesign, tmp_path: Path) -> None:
+    pattern = lay_out(design)
+    check_design(design, cutter=Cutter())
+    check_pattern(pattern, cutter=Cutter())
+    layers = cut_layers(pattern, tmp_path)
+    for strokes, name in ((pattern.rows, "2-copper-rows"), (pattern.cols, "4-copper-columns")):
+        for stroke, cut in zip(strokes, layers[name][0], strict=True):
+            boxes = unary_union(
+                [
+                    Polygon(
+                        [(r.left, r.top), (r.right, r.top), (r.right, r.bottom), (r.left, r.bottom)]
+                    )
+                    for r in stroke.rects()
+                ]
+            )
+            assert boxes.symmetric_difference(cut).area < 0.01
+
+
+def palpate_pattern(*arguments: str) -> int:
+    return run(build_app(), ["pattern", *arguments], name="palpate")
+
+
+def test_the_command_writes_every_file_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "sensor"
+    assert palpate_pattern("--preset", "paper-3x2", "--out", str(out), "--dxf", "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert sorted(summary["files"]) == sorted(str(p) for p in out.iterdir())
+    assert {p.suffix for p in out.iterdir()} == {".svg", ".dxf", ".png"}
+    assert [layer["mirrored"] for layer in summary["layers"]] == [True, False, False, True, False]
+    pixels = summary["pixels"]
+    assert len(pixels) == 6
+    assert pixels[0]["contact_mm2"] == 49.0
+    # 500 ohm cm x 0.01 cm / 0.49 cm2
+    assert pixels[0]["rest_ohm"] == pytest.approx(10.2, abs=0.05)
+    combined = (out / "paper-3x2.svg").read_text()
+    assert combined.count('inkscape:groupmode="layer"') == 7
+    assert 'width="48.15mm"' in combined
+
+
+def test_dxf_and_svg_of_a_layer_are_the_same_lines(tmp_path: Path) -> None:
+    assert (
+        palpate_pattern(
+            "--out", str(tmp_path), "--shape", "rounded", "--dxf", "--json", "--name", "r"
+        )
+        == 0
+    )
+    height = lay_out(replace(PRESETS["paper-2x2"], corner_mm=1.5)).height
+    for svg in sorted(tmp_path.glob("r-*.svg")):
+        document = ezdxf.readfile(svg.with_suffix(".dxf"))
+        assert document.units == ezdxf.units.MM
+        drawn = []
+        for line in document.modelspace().query("LWPOLYLINE"):
+            path = ezdxf.path.make_path(line)
+            drawn.append(Polygon([(p.x, height - p.y) for p in path.flattening(0.001)]))
+        cut = polygons(svg.read_text(), tmp_path)
+        assert len(cut) == len(drawn) > 3
+        for one, two in zip(cut, drawn, strict=True):
+            assert one.symmetric_difference(two).area < 0.02
+
+
+def test_a_measured_pixel_sets_the_expected_resistance(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ("--measured-ohm", "9000", "--measured-mm2", "50", "--out", str(tmp_path), "--json")
+    assert palpate_pattern(*asked) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert {p["rest_ohm"] for p in summary["pixels"]} == {18000.0}
+    assert "measured 9000 ohm" in summary["rest_ohm_basis"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--gap", "0.2"], "pixels R0 C0 and R0 C1 are 0.20 mm apart, 0.30 mm under"),
+        (["--pad", "2.54x5"], "copper of R0 and R1 touch: a short, 0.50 mm under"),
+        (["--trace", "2.4"], "copper of R0 and R1 are 0.14 mm apart, 0.36 mm under"),
+        (["--trace", "0.8"], "trace width 0.80 mm is 0.20 mm under the 1 mm"),
+        (["--pixel", "2.5"], "column copper in the pixels 0.50 mm is 0.50 mm under"),
+        (["--overhang", "0.2"], "R0 and C0 come within 0.20 mm of touching beside their pixel"),
+        (["--tail", "5"], "tail of 5 mm is 2.54 mm too short"),
+        (["--width", "20"], "pixel R0 C1 comes 5.11 mm too near to or over the right edge"),
+        (["--margin", "0.1"], "margin of 0.1 mm leaves copper and pixels 0.40 mm too near"),
+        (["--rows", "16", "--pixel", "20"], "114.0 mm more than the cutter's 298 mm"),
+        (["--rows", "17"], "rows and columns must be 1 to 16 each"),
+        (["--shape", "rounded", "--corner", "4"], "0.50 mm more than half of the pixel"),
+        (["--shape", "circle", "--pixel", "7x8"], "a circle is as wide as high"),
+        (["--pixel", "big"], "--pixel big: give millimetres"),
+        (["--pad-pitch", "nan"], "pad pitch of nan mm: give a positive length"),
+        (["--preset", "other"], "there are paper-2x2, paper-3x2"),
+        (["--name", "../x"], "--name '../x'"),
+        (["--measured-mm2", "5"], "needs --measured-ohm"),
+        (["--resistivity", "0"], "resistivity 0: give a positive number"),
+    ],
+)
+def test_what_cannot_work_is_refused_in_one_line_and_nothing_is_written(
+    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert palpate_pattern("--out", str(out), *options) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not out.exists()
