@@ -32,6 +32,8 @@ _REST_S = 1.0
 _STALE_PERIODS, _STALE_S = 5.0, 0.1
 #: Depth at which colour and curve end; the curve's span, and one of its columns, seconds.
 _DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
+#: Widest matrix -> characters per pixel: sixteen columns must fit a terminal of eighty.
+_CELL_WIDTHS = ((4, 11), (8, 7), (16, 4))
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 #: From rest to deep: dark blue, magenta, orange, pale yellow (points of matplotlib's inferno).
 _COLORS = np.array([[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]])
@@ -161,14 +163,14 @@ class LiveView:
         assert self._ohm is not None
         value, ohm = float(change[row, col]), float(self._ohm[row, col])
         if math.isnan(value):
-            words = "open" if math.isinf(ohm) else "no rest"
+            words = "open" if math.isinf(ohm) else "dead"
             style = "bold white on dark_red"
         else:
-            words = f"{value:+.0f} %"
+            words = f"{round(value):+d} %"
             style = _style(-value / _DEEPEST_PERCENT)
-        width = 11 if self._layout.cols <= 4 else 7
+        width = next(width for cols, width in _CELL_WIDTHS if self._layout.cols <= cols)
         blank = " " * width
-        middle = f"{words:^{width}}"
+        middle = f"{words.removesuffix(' %') if width < 7 else words:^{width}}"
         return Text(f"{blank}\n{middle}\n{blank}" if tall else middle, style=style)
 
     def _aggregate(self, change: NDArray[np.float64]) -> RenderableType:

@@ -16,6 +16,7 @@ from palpate.commands.live_squeeze import Squeeze
 from palpate.commands.live_view import LiveView
 from palpate.commands.sensor_source import Source
 from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.sensor.board_array import layout_named
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -78,6 +79,18 @@ def test_contact_and_pixels() -> None:
     assert shown.count("no contact") == 1
     assert "50.0 Hz" in shown
     assert "SIMULATED" not in shown
+
+
+def test_the_largest_matrix_fits_a_terminal() -> None:
+    array = TwinArray(World(None, seed=1, layout=layout_named("16x16")))
+    source = Source(name="bench", array=array)
+    view = LiveView(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock())
+    view.add(array.read(timeout_s=1.0))
+    file = StringIO()
+    Console(width=80, file=file).print(view.render())
+    lines = file.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sum(line.count("+") + line.count(" -") >= 16 for line in lines) == 16
 
 
 def test_losses_are_red() -> None:
