@@ -89,16 +89,17 @@ def _recall(time_bytes: bytes, after_s: float, key: _ByIdentity) -> Conditionals
     time_s = np.frombuffer(time_bytes)
     bins = log_bins(time_s)
     covariance = _difference_covariance(bins, after_s=after_s, prior=key.prior)
-    seen, cross = covariance[:, :-1, :-1], covariance[:, :-1, -1:]
-    factor = np.linalg.cholesky(seen)
-    whitening = np.linalg.inv(factor)
-    shared = whitening @ cross
+    # Factorised whole: the last row of the factor is that of the horizon given the samples.
+    factor = np.linalg.cholesky(covariance)
+    whitening = np.linalg.inv(factor[:, :-1, :-1])
+    forecast = factor[:, -1:, :-1] @ whitening
+    diagonal = np.diagonal(factor, axis1=1, axis2=2)
     return Conditionals(
         bins=bins,
         whitening=whitening,
-        forecast=(shared.transpose(0, 2, 1) @ whitening)[:, 0],
-        log_det=2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1),
-        variance=covariance[:, -1, -1] - (shared[:, :, 0] ** 2).sum(axis=1),
+        forecast=np.asarray(forecast[:, 0]),
+        log_det=2 * np.log(diagonal[:, :-1]).sum(axis=1),
+        variance=diagonal[:, -1] ** 2,
         e_folds=float(np.log((after_s + WALK_FROM_S) / (bins.time_s[-1] + WALK_FROM_S))),
     )
 
@@ -111,20 +112,26 @@ def _difference_covariance(bins: Bins, *, after_s: float, prior: Prior) -> Float
     decays = np.exp(-time[:, None] / TIME_CONSTANTS_S)
     decays = decays[others] - decays[last]
     curve = prior.mean_weights @ decays.T
-    size = others.size
-    pairs = (decays[:, None, :] * decays[None, :, :]).reshape(size * size, -1)
-    spread = (prior.weight_variance @ pairs.T).reshape(-1, size, size)
     log_time = np.log(time + WALK_FROM_S)
     steps = log_time[others] - log_time[last]
-    walk = np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0)
     noise = 1 / bins.count + NOISE_FLOOR
-    noise_matrix = np.diag(np.append(noise[:-1], 0.0)) + noise[-1]
     jump = 1 / (1 + (bins.time_s / JUMP_S) ** 6) ** 2
-    jump_matrix = np.diag(np.append(jump[:-1], 0.0)) + jump[-1]
-    return np.asarray(
-        curve[:, :, None] * curve[:, None, :]
-        + spread
-        + prior.walk[:, None, None] ** 2 * walk
-        + prior.noise[:, None, None] ** 2 * noise_matrix
-        + prior.contact[:, None, None] ** 2 * jump_matrix
-    )
+    # Each is a matrix of its own times a variance of the prior: one product adds them all up.
+    terms = np.empty((TIME_CONSTANTS_S.size + 3, others.size, others.size))
+    np.multiply(decays.T[:, :, None], decays.T[:, None, :], out=terms[:-3])
+    walk = np.minimum(np.abs(steps)[:, None], np.abs(steps))
+    np.multiply(walk, steps[:, None] * steps > 0, out=terms[-3])
+    terms[-2], terms[-1] = noise[-1], jump[-1]
+    diagonal = np.arange(last)
+    terms[-2, diagonal, diagonal] += noise[:-1]
+    terms[-1, diagonal, diagonal] += jump[:-1]
+    covariance = _variances(_ByIdentity(prior)) @ terms.reshape(len(terms), -1)
+    squares: FloatArray = curve[:, :, None] * curve[:, None, :]
+    return squares + covariance.reshape(squares.shape)
+
+
+@lru_cache(maxsize=8)
+def _variances(key: _ByIdentity) -> FloatArray:
+    """Return what each term of the covariance counts for, shape (n_components, n_terms)."""
+    prior = key.prior
+    return np.column_stack([prior.weight_variance, prior.walk**2, prior.noise**2, prior.contact**2])

@@ -60,8 +60,8 @@ def test_the_sum_of_squares_is_that_of_the_residuals_and_minimal() -> None:
 def test_one_row_alone_has_the_fit_it_has_in_a_batch() -> None:
     rng = np.random.default_rng(7)
     x = np.linspace(0, 2, 25)
-    y = rng.normal(0, 1, (40, 1)) * np.exp(-rng.uniform(0.01, 30, (40, 1)) * x)
-    y += rng.normal(0, 0.05, y.shape)
+    y = rng.uniform(1, 3, (40, 1)) * np.exp(-rng.uniform(0.3, 8, (40, 1)) * x)
+    y += rng.normal(0, 0.02, y.shape)
     y[0], y[1] = 0.0, x
     batch = fit_rate(x, y, rates=RATES)
     for index, row in enumerate(y):
