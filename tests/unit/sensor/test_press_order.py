@@ -33,7 +33,7 @@ def pressed(
         elif time_s - touch_s > 0.6:
             load[:] = 0.3
             load[wiring(watch.expected)] = 2.0
-        memory += 0.02 / 3.0 * (0.2 * load - memory)
+        memory += 0.02 / 2.0 * (2.0 * load - memory)
         ohm = rest_ohm / (1.0 + load + memory) * rng.normal(1.0, 0.004, (4, 2))
         watch.see(time_s, ohm)
     assert watch.done
