@@ -16,10 +16,13 @@ STUDIES: dict[str, tuple[str, str]] = {
     "presses": ("presses", "Force now on real Velostat under a robot's presses"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
     "realism": ("realism", "The twin's scatter beside real recordings"),
+    "environment": ("environment", "Figures 1b and 3, climate and suction on the twin"),
+    "fatigue": ("fatigue", "Figure 4, 2 500 cycles on the twin, re-zeroed and corrected"),
     "springs": ("springs", "Figure 10b, springs on the twin"),
     "table1": ("table1", "Table 1 and Figures 5 and 6, on simulated holds"),
     "table2": ("table2", "Table 2 and Figure 8b, silicone sheets on the twin"),
     "table3": ("table3", "Table 3 and Figure 9, exercise balls on the twin"),
+    "table4": ("table4", "Table 4 and Figure 11c on the twin, and why slopes differ"),
     "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
 }
 

@@ -39,7 +39,8 @@ def ladder_quantities(ladders: Sequence[Ladder]) -> dict[str, FloatArray]:
     missed = []
     for index, (load, excess) in enumerate(logs):
         others = [logs[(index + step) % len(logs)] for step in (1, 2)]
-        learned = np.polyfit(*(np.concatenate(part) for part in zip(*others, strict=True)), 1)
+        loads, excesses = (np.concatenate(part) for part in zip(*others, strict=True))
+        learned = np.polyfit(loads, excesses, 1)
         missed.append(np.median(np.abs((excess - learned[1]) / learned[0] - load)))
     return {
         "exponent": np.array([line[0] for line in lines]),
@@ -68,7 +69,8 @@ def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
 
 def _within_press_exponent(presses: Sequence[Press]) -> float:
     """Return the slope of ln excess over ln force while the force rises, gains left out."""
-    forces, excesses = [], []
+    forces: list[FloatArray] = []
+    excesses: list[FloatArray] = []
     for press in presses:
         trace = press.trace
         rising = slice(trace.first, trace.told + 1)

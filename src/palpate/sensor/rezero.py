@@ -1,0 +1,196 @@
+"""Re-zeroing that never swallows a held object: a pure step from frame to frame.
+
+The rest values are taken anew once after each contact, and only where nothing can be held: the
+hand has opened well beyond the width at which it touched, has not closed since, has stood still for
+some time, and every pixel reads near its old rest value. A hand whose opening is unknown never
+re-zeroes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.signal.relative import CONTACT_PERCENT
+
+FloatArray = NDArray[np.float64]
+
+#: Reported widths scatter by less than this, mm.
+_WIDTH_NOISE_MM = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RezeroRule:
+    """When the rest values may be taken anew, and how far they may go.
+
+    Attributes
+    ----------
+    clear_mm : float
+        How far beyond the width of the contact the hand must be open. Contact is seen late, after
+        a frame of closing and the first give of a soft object.
+    still_s, average_s : float
+        How long it must stand still first (spike and creep fade), and how long is averaged then.
+    fall_percent, rise_percent : float
+        A rest value may change by so much at once; a load only ever lowers it.
+    total_percent : float
+        Further than this from the calibration it stays, and a new calibration is advised.
+    """
+
+    clear_mm: float = 5.0
+    still_s: float = 4.0
+    average_s: float = 1.0
+    fall_percent: float = 3.0
+    rise_percent: float = 10.0
+    total_percent: float = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class RezeroState:
+    """What re-zeroing remembers. Arrays have shape (rows, cols).
+
+    Attributes
+    ----------
+    rest_ohm, calibrated_ohm : ndarray
+        Rest values now, and those of the calibration.
+    touching : bool
+        Whether some pixel shows a contact.
+    contact_mm : float or None
+        Width at which the last contact began; None when re-zeroed since, or before the first one.
+    widest_mm : float
+        Widest opening since then.
+    width_mm : float or None
+        Opening at the last frame.
+    clear_since_s : float or None
+        Since when nothing can be held.
+    total_ohm, frames
+        Sum over the frames that are to be averaged, and their number.
+    advice : str
+        Empty, or why the sensor should be calibrated anew.
+    """
+
+    rest_ohm: FloatArray
+    calibrated_ohm: FloatArray
+    touching: bool = False
+    contact_mm: float | None = None
+    widest_mm: float = -np.inf
+    width_mm: float | None = None
+    clear_since_s: float | None = None
+    total_ohm: FloatArray | float = 0.0
+    frames: int = 0
+    advice: str = ""
+
+    @classmethod
+    def calibrated(cls, rest_ohm: FloatArray) -> RezeroState:
+        """Return the state right after a calibration of the rest values."""
+        rest = np.array(rest_ohm, dtype=float)
+        return cls(rest, rest)
+
+
+def rezero_step(
+    state: RezeroState,
+    ohm: FloatArray,
+    *,
+    time_s: float,
+    width_mm: float | None,
+    moving: bool,
+    rule: RezeroRule,
+) -> RezeroState:
+    """Take one frame; take the rest values anew where nothing can be held.
+
+    Parameters
+    ----------
+    state : RezeroState
+        Memory.
+    ohm : ndarray, shape (rows, cols)
+        The frame's resistances.
+    time_s : float
+        Its time.
+    width_mm : float or None
+        Opening of the hand; None where it is not known.
+    moving : bool
+        Whether the fingers move.
+    rule : RezeroRule
+        Limits.
+
+    Examples
+    --------
+    A grasp, an opening, and a rest value that has drifted by 2 %:
+
+    >>> rule, state = RezeroRule(), RezeroState.calibrated(np.array([[1000.0]]))
+    >>> history = [(1000.0, 41.0), (400.0, 40.0)] + [(1020.0, 70.0)] * 9
+    >>> for second, (ohm, width_mm) in enumerate(history):
+    ...     frame = np.array([[ohm]])
+    ...     state = rezero_step(
+    ...         state, frame, time_s=second, width_mm=width_mm, moving=False, rule=rule
+    ...     )
+    >>> state.rest_ohm.tolist()
+    [[1020.0]]
+    """
+    state = _touch(state, _lowest_percent(ohm, state.rest_ohm), width_mm)
+    if not _clear(state, width_mm, moving=moving, rule=rule):
+        return replace(state, clear_since_s=None, total_ohm=0.0, frames=0)
+    if state.clear_since_s is None:
+        return replace(state, clear_since_s=time_s)
+    waited_s = time_s - state.clear_since_s
+    if waited_s < rule.still_s:
+        return state
+    state = replace(state, total_ohm=state.total_ohm + ohm, frames=state.frames + 1)
+    return _take(state, rule) if waited_s >= rule.still_s + rule.average_s else state
+
+
+def _lowest_percent(ohm: FloatArray, rest_ohm: FloatArray) -> float:
+    """Return the change of the pixel that fell most; 0 where none reads."""
+    change = 100.0 * (ohm / rest_ohm - 1.0)
+    return float(np.min(change[np.isfinite(change)], initial=0.0))
+
+
+def _touch(state: RezeroState, lowest_percent: float, width_mm: float | None) -> RezeroState:
+    threshold = CONTACT_PERCENT * (0.5 if state.touching else 1.0)
+    touching = lowest_percent <= threshold
+    contact_mm, widest_mm = state.contact_mm, state.widest_mm
+    if touching and not state.touching:
+        # Seen at this frame, begun after the last one. Of an unknown width nothing can be clear.
+        known = [mm for mm in (width_mm, state.width_mm) if mm is not None]
+        contact_mm = max(known, default=np.inf)
+        widest_mm = -np.inf
+    if width_mm is not None:
+        widest_mm = max(widest_mm, width_mm)
+    return replace(
+        state,
+        touching=touching,
+        contact_mm=contact_mm,
+        widest_mm=widest_mm,
+        width_mm=width_mm,
+    )
+
+
+def _clear(state: RezeroState, width_mm: float | None, *, moving: bool, rule: RezeroRule) -> bool:
+    if width_mm is None or moving or state.touching or state.contact_mm is None:
+        return False
+    opened = width_mm >= state.contact_mm + rule.clear_mm
+    return opened and width_mm >= state.widest_mm - _WIDTH_NOISE_MM
+
+
+def _take(state: RezeroState, rule: RezeroRule) -> RezeroState:
+    """Take the averaged frames for rest values, or keep the old ones and say why."""
+    fresh = np.asarray(state.total_ohm) / state.frames
+    done = replace(state, contact_mm=None, clear_since_s=None, total_ohm=0.0, frames=0)
+    reads = np.isfinite(fresh)
+    change = 100.0 * (fresh / state.rest_ohm - 1.0)[reads]
+    total = 100.0 * (fresh / state.calibrated_ohm - 1.0)[reads]
+    if (change < -rule.fall_percent).any() or (change > rule.rise_percent).any():
+        worst = change[np.argmax(np.abs(change))]
+        return replace(
+            done,
+            advice=f"a rest value moved by {worst:+.0f} % in one grasp: look for something on the "
+            "sensor, then calibrate rest",
+        )
+    if (np.abs(total) > rule.total_percent).any():
+        worst = total[np.argmax(np.abs(total))]
+        return replace(
+            done,
+            advice=f"a rest value is {worst:+.0f} % from its calibration: calibrate force anew",
+        )
+    return replace(done, rest_ohm=np.where(reads, fresh, state.rest_ohm), advice="")
