@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.errors import RecordingError
+from palpate.errors import InputError, RecordingError
 
 
 class Target(StrEnum):
@@ -47,7 +47,9 @@ def export(
     from palpate.recording.holds import cut_holds
     from palpate.recording.tables import frame_tables, hold_tables, write_tables
 
-    target = out or file.with_suffix(f".holds.{to}" if holds else f".{to}")
+    target = out or file.parent / (file.stem + (f".holds.{to}" if holds else f".{to}"))
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: there is no folder {target.parent}; make it first")
     if holds:
         try:
             cut = cut_holds(load_recording(file), unit=unit.value, name=file.stem)

@@ -121,7 +121,6 @@ def rig_source(
         calibration=rig.calibration.as_text(),
         seed=seed if rig.simulated else None,
         versions={"palpate": __version__},
-        gripper=rig.gripper.limits,
         clock_zero_unix_ns=0 if rig.simulated else time.time_ns() - time.monotonic_ns(),
     )
     said = f"{name} (simulated)" if rig.simulated else name

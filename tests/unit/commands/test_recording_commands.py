@@ -124,6 +124,27 @@ def test_a_missing_file_is_one_line(
     assert captured.out == ""
 
 
+def test_a_folder_is_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for verb in ("inspect", "replay", "export", "recover"):
+        assert palpate(verb, ".") == 2
+        said = capsys.readouterr().err
+        assert said.startswith("palpate: .: ")
+        assert said.endswith("Is a directory\n")
+        assert said.count("\n") == 1
+
+
+def test_export_names_the_folder_that_is_missing(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = recorded.parent / "gone" / "run.csv"
+    assert palpate("export", recorded, "--out", out) == 2
+    said = f"palpate: {out}: there is no folder {out.parent}; make it first\n"
+    assert capsys.readouterr().err == said
+
+
 @pytest.mark.parametrize("speed", ["0", "-1", "inf"])
 def test_an_impossible_speed_is_refused(recorded: Path, speed: str) -> None:
     assert palpate("replay", recorded, "--speed", speed) == 2
@@ -188,7 +209,7 @@ def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> No
     assert kinds.count(Frame) == kinds.count(GripperState) > 30
     assert (info.origin, info.rig, info.seed) == ("twin", "sim-rigid", 4)
     assert info.calibration is not None
-    assert info.gripper is not None
+    assert info.gripper is None, "no grasp: a replay plays it and decides nothing"
 
 
 @pytest.mark.parametrize("layout", ["0x4", "17x2", "big", "4"])

@@ -1,0 +1,100 @@
+"""Layouts in files: the wiring goes along, and files older than its fields stay readable."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError, RecordingError
+from palpate.gripper.interface import GripperState
+from palpate.recording import RecordingInfo, RecordingReader, RecordingWriter
+from palpate.recording.channels import decode_info, encode_info
+from palpate.recording.holds import cut_holds
+from palpate.recording.reader import load_recording
+from palpate.recording.tables import frame_tables, write_tables
+from palpate.sensor.array import ADDED_LATER, RIGID_LAYOUT, ArrayLayout, Frame
+from palpate.sensor.board_array import layout_named
+from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
+from palpate.signal.crosstalk import floating_readings_ohm
+
+FLOATING = replace(
+    RIGID_LAYOUT, idle_lines="floating", line_ohm=130.0, divider=Divider(adc_bits=20)
+)
+
+
+def test_the_wiring_goes_along() -> None:
+    info = RecordingInfo(layout=FLOATING, origin="hardware")
+    assert decode_info(encode_info(info)).layout == FLOATING
+
+
+def test_recordings_without_the_wiring_are_taken_as_isolated() -> None:
+    texts = encode_info(RecordingInfo(layout=RIGID_LAYOUT, origin="hardware"))
+    layout = json.loads(texts["layout"])
+    for name in ADDED_LATER:
+        del layout[name]
+    assert decode_info({**texts, "layout": json.dumps(layout)}).layout == RIGID_LAYOUT
+
+
+def test_a_wiring_that_does_not_exist_is_one_line() -> None:
+    texts = encode_info(RecordingInfo(layout=RIGID_LAYOUT, origin="hardware"))
+    layout = {**json.loads(texts["layout"]), "idle_lines": "grounded"}
+    with pytest.raises(RecordingError, match="isolated, floating, held"):
+        decode_info({**texts, "layout": json.dumps(layout)})
+
+
+@pytest.mark.parametrize(
+    ("wiring", "said"),
+    [({"idle_lines": "grounded"}, "isolated, floating, held"), ({"line_ohm": -5.0}, "0 or more")],
+)
+def test_a_rig_file_s_wiring_is_checked(wiring: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        layout_named("4x2", **wiring)  # type: ignore[arg-type]
+    assert layout_named("4x2", idle_lines="held", line_ohm=5.0).idle_lines == "held"
+
+
+@pytest.fixture
+def pressed(tmp_path: Path) -> tuple[Path, ArrayLayout, np.ndarray]:
+    """Rest, a second of closing, then one pixel pressed, read through floating lines."""
+    ohm = np.full((300, 4, 2), 3000.0)
+    ohm[100:, 1, 1] = 700.0
+    read = floating_readings_ohm(ohm) + FLOATING.line_ohm
+    divider = FLOATING.divider
+    counts = volts_to_counts(ohm_to_volts(read, divider=divider), divider=divider)
+    path = tmp_path / "pressed.mcap"
+    with RecordingWriter(path, info=RecordingInfo(layout=FLOATING, origin="hardware")) as writer:
+        for k in range(300):
+            width_mm = 60.0 - 0.2 * min(max(k - 50, 0), 50)
+            state = GripperState(time_s=k / 50, width_mm=width_mm, moving=50 <= k < 100)
+            writer.add(state)
+            writer.add(Frame(time_s=k / 50, sequence=k, counts=counts[k]))
+    return path, FLOATING, ohm
+
+
+def test_exported_resistances_are_the_pixels_own(
+    pressed: tuple[Path, ArrayLayout, np.ndarray],
+) -> None:
+    path, layout, ohm = pressed
+    out = path.with_suffix(".csv")
+    with RecordingReader(path) as reader:
+        write_tables(out, frame_tables(reader), to="csv")
+    with out.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    for row in range(layout.rows):
+        for col in range(layout.cols):
+            column = [float(line[f"r{row}c{col}_ohm"]) for line in rows]
+            assert column == pytest.approx(ohm[:, row, col], rel=0.01)
+
+
+def test_holds_show_the_pressed_pixel_alone(
+    pressed: tuple[Path, ArrayLayout, np.ndarray],
+) -> None:
+    path, _, _ = pressed
+    settled = {hold.channel: float(hold.values[-1]) for hold in cut_holds(load_recording(path))}
+    assert settled.pop("r1c1") == pytest.approx(100 * (700 / 3000 - 1), abs=0.5)
+    assert settled.pop("mean") == pytest.approx(100 * (700 / 3000 - 1) / 8, abs=0.2)
+    assert max(map(abs, settled.values())) < 0.5
