@@ -1,0 +1,74 @@
+"""Every example runs as a user runs it, and shows what it says it shows."""
+
+from __future__ import annotations
+
+import csv
+import re
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    def run_example(name: str, *arguments: str, as_main: bool = True) -> dict[str, Any]:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name, *arguments])
+        return runpy.run_path(str(EXAMPLES / name), run_name="__main__" if as_main else "example")
+
+    return run_example
+
+
+def test_own_gripper_grasps_and_measures(run: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    run("own_gripper.py")
+    said = capsys.readouterr().out
+    assert said.startswith("held (simulated)")
+    found = re.findall(r"(\w+): ([\d.]+) \(([\d.]+) to ([\d.]+)\), truly ([\d.]+)", said)
+    assert [name for name, *_ in found] == ["size_mm", "stiffness_n_per_mm"]
+    for _, value, low, high, true in found:
+        assert float(low) <= float(value) <= float(high)
+        assert float(low) <= float(true) <= float(high)
+
+
+def test_own_gripper_is_open_after_its_grasp(run: Any) -> None:
+    import palpate
+
+    rig = run("own_gripper.py", as_main=False)["open_mine"](seed=4)
+    plan = palpate.plan_grasp(rig.calibration, gripper=rig.gripper)
+    palpate.run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
+    assert rig.gripper.state().width_mm == pytest.approx(rig.gripper.limits.highest, abs=0.5)
+
+
+def test_offline_analysis_writes_a_row_per_hold_and_a_plot(run: Any, tmp_path: Path) -> None:
+    run("offline_analysis.py")
+    rows = list(csv.DictReader((tmp_path / "out" / "settled.csv").read_text().splitlines()))
+    assert len(rows) == 6
+    for row in rows:
+        assert float(row["low"]) < float(row["predicted"]) < float(row["high"])
+        assert float(row["predicted"]) == pytest.approx(float(row["recorded_at_20_s"]), rel=0.15)
+    assert (tmp_path / "out" / "settled.png").stat().st_size > 10_000
+
+
+def test_offline_analysis_takes_a_holds_file_of_ones_own(
+    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"mine,{0.1 * k:.1f},{50 + 5 * 0.9**k:.3f}" for k in range(60)]
+    (tmp_path / "mine.csv").write_text("\n".join(["hold_id,time_s,value", *lines]))
+    run("offline_analysis.py", "mine.csv", "results")
+    assert "at 20 s it was not recorded" in capsys.readouterr().out
+    assert (tmp_path / "results" / "settled.csv").is_file()
+
+
+def test_understand_prediction_draws_its_four_pictures(
+    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("understand_prediction.py", "pictures")
+    drawn = sorted(path.name for path in (tmp_path / "pictures").iterdir())
+    assert [name[:2] for name in drawn] == ["1-", "2-", "3-", "4-"]
+    errors = dict(re.findall(r"  (\w+): ([\d.]+) %", capsys.readouterr().out))
+    assert float(errors["relaxation"]) < float(errors["exponential"]) < float(errors["recorded"])
