@@ -96,11 +96,18 @@ class _Hand:
                 sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
             )
 
-    def finish_opening(self, clock: Clock) -> None:
-        """Wait for an opening without frames: by the gripper's own word alone."""
+    def finish_opening(self, clock: Clock) -> list[str]:
+        """Wait for an opening without frames, by the gripper's own word; return what it lacked.
+
+        The sensor is lost already, and a gripper on the same board may be as silent.
+        """
         until_s = clock.now_s() + _OPENING_S
-        while self._gripper.state().moving and clock.now_s() < until_s:
-            clock.sleep_s(0.02)
+        try:
+            while self._gripper.state().moving and clock.now_s() < until_s:
+                clock.sleep_s(0.02)
+        except DeviceError as error:
+            return [str(error)]
+        return []
 
     def stop(self) -> DeviceError | None:
         """Stop it; return why that failed, if it did."""
@@ -141,7 +148,7 @@ def run_grasp(
                     belief, command = stopped(belief, Danger.SENSOR_LOST, plan=plan)
                     hand.send(command, now_s=clock.now_s())
                     if belief.phase is Phase.RELEASE:
-                        hand.finish_opening(clock)
+                        faults += hand.finish_opening(clock)
                         break
                     continue
                 observation = Observation(frame=frame, gripper=hand.state())

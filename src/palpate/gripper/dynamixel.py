@@ -14,7 +14,7 @@ from palpate.errors import DeviceError, InputError
 from palpate.gripper import x_series as x
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
-from palpate.gripper.servo_line import RefusedError, ServoLine, value_at
+from palpate.gripper.servo_line import REPLY_S, RefusedError, ServoLine, value_at
 
 #: Fingers of the WidowX 250s: 15 to 37 mm from the middle, each (its robot description).
 WIDOWX_LIMITS = GripperLimits(drive="width", lowest=30.0, highest=74.0, fastest=60.0)
@@ -242,6 +242,7 @@ def open_gripper(
     current_limit_ma: float = 500.0,
     pwm_limit_percent: float = 60.0,
     watchdog_s: float = 0.5,
+    reply_s: float = REPLY_S,
     clear_errors: bool = False,
 ) -> DynamixelGripper:
     """Open the gripper of a WidowX 250s, or one with the same mechanism.
@@ -256,6 +257,8 @@ def open_gripper(
         Range of the opening between the carriages.
     current_limit_ma, pwm_limit_percent, watchdog_s
         As in `DynamixelGripper`.
+    reply_s : float
+        How long each reply may take, three times over before the servo counts as lost.
     clear_errors : bool
         Reboot a servo that a hardware error has switched off.
 
@@ -274,7 +277,7 @@ def open_gripper(
             f"lowest_mm {lowest_mm:g} and highest_mm {highest_mm:g}: the carriages go from "
             f"{low - offset_mm:g} to {high - offset_mm:g} mm"
         )
-    line = ServoLine(port, servo_id=servo_id, baud=baud)
+    line = ServoLine(port, servo_id=servo_id, baud=baud, reply_s=reply_s)
     try:
         gripper = DynamixelGripper(
             line,

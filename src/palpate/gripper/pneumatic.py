@@ -87,8 +87,8 @@ class PneumaticGripper:
             self._send(Ping())
         newest = self._board.newest()
         if newest is None:
-            # Nothing has come yet, and nothing was asked for: the fingers are vented.
-            return GripperState(time_s=now_s, pressure_kpa=0.0)
+            # The board has just been opened: its fingers are vented.
+            return GripperState(time_s=now_s, pressure_kpa=0.0, moving=now_s < self._arrives_s)
         set_kpa, pressure_kpa = newest.pressure_set_kpa, newest.pressure_kpa
         if set_kpa is None or pressure_kpa is None:
             raise DeviceError(

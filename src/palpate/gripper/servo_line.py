@@ -11,6 +11,8 @@ from palpate.gripper.x_series import ALERT, HARDWARE_ERROR, HardwareError, Packe
 
 #: A packet that is lost or damaged once is asked for again; a servo that is gone stays silent.
 _TRIES = 3
+#: How long a reply may take by default: the adapter holds bytes back for up to 16 ms.
+REPLY_S = 0.05
 _PROTOCOL = 2.0
 
 
@@ -33,6 +35,8 @@ class ServoLine:
         Its number on the line.
     baud : int
         Speed of the line.
+    reply_s : float
+        How long each reply may take; more on a machine that is busy with other things.
 
     Raises
     ------
@@ -42,7 +46,7 @@ class ServoLine:
         If there is no such port.
     """
 
-    def __init__(self, port: str, *, servo_id: int, baud: int) -> None:
+    def __init__(self, port: str, *, servo_id: int, baud: int, reply_s: float = REPLY_S) -> None:
         try:
             import dynamixel_sdk as sdk
         except ImportError as error:
@@ -54,7 +58,10 @@ class ServoLine:
         #: Whether the last reply said that there is a hardware error.
         self.alerted = False
         self._id = servo_id
+        self._reply_ms = 1e3 * reply_s
         self._port: Any = sdk.PortHandler(port)
+        # The SDK's own 34 ms are too few on a busy machine.
+        self._port.setPacketTimeout = self._allow_reply
         self._packets: Any = sdk.PacketHandler(_PROTOCOL)
         try:
             opened = self._port.setBaudRate(baud)
@@ -121,6 +128,9 @@ class ServoLine:
         raise DeviceTimeoutError(
             f"{self.name} does not reply ({_TRIES} tries): check its power, cable, number and baud"
         )
+
+    def _allow_reply(self, size: int) -> None:
+        self._port.setPacketTimeoutMillis(self._reply_ms + size * self._port.tx_time_per_byte)
 
     def _exchanged(self, exchange: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
         try:

@@ -38,23 +38,35 @@ class RegulatorBoard:
     ----------
     world : World
         Soft fingers and their pixels; nobody else moves them.
+
+    Attributes
+    ----------
+    pressure_kpa : float
+        In the fingers, now.
+    told_to_vent_s : float
+        When its output last began to go to zero, by command or by itself; -inf before.
     """
 
     name = "simulated board"
 
     def __init__(self, world: World) -> None:
-        self._world = world
+        self.world = world
         self._now_s = self._heard_s = world.clock.now_s()
         self._out, self._pending = bytearray(), b""
-        self._unplugged = self._cut = self._lost = False
+        self._unplugged = self._cut = self._lost = self._silent = False
         self._contents, self._period_s = Contents.PIXELS, 1 / world.frame_rate_hz
         self._stream, self._sequence, self._next_s = 0, 0, math.inf
         self._target_kpa = self._slew = self._output_kpa = self.pressure_kpa = 0.0
         self._felt_kpa = 0.0
+        self.told_to_vent_s = -math.inf
 
     def cut_supply(self) -> None:
         """Take the air supply away: whatever is asked for, the fingers empty."""
         self._cut = True
+
+    def silence(self) -> None:
+        """Send no more frames; commands are still obeyed."""
+        self._silent = True
 
     def unplug(self) -> None:
         """Take the port away."""
@@ -88,11 +100,11 @@ class RegulatorBoard:
         DeviceError
             If the port was taken away.
         """
-        until_s = self._world.clock.now_s()
+        until_s = self.world.clock.now_s()
         while self._now_s + _STEP_S <= until_s + 1e-9:
             self._now_s += _STEP_S
             self._regulate()
-            if self._now_s >= self._next_s:
+            if self._now_s >= self._next_s and not self._silent:
                 self._send_frame()
         if self._unplugged:
             raise DeviceError(f"{self.name} is gone: the cable was pulled")
@@ -100,7 +112,7 @@ class RegulatorBoard:
     def _regulate(self) -> None:
         if self._now_s - self._heard_s > _HEARTBEAT_S and self._target_kpa + self._output_kpa > 0:
             self._target_kpa = self._output_kpa = 0.0
-            self._lost = True
+            self._lost, self.told_to_vent_s = True, self._now_s
         step = self._slew * _STEP_S
         self._output_kpa += min(max(self._target_kpa - self._output_kpa, -step), step)
         aim_kpa, time_s = (0.0, _LEAK_S) if self._cut else (self._output_kpa, _LAG_S)
@@ -108,7 +120,7 @@ class RegulatorBoard:
         change = abs(self.pressure_kpa - self._felt_kpa)
         if change > _MOVES_KPA:
             self._felt_kpa = self.pressure_kpa
-            self._world.drive(self._felt_kpa, rate=change / _STEP_S, time_s=self._now_s)
+            self.world.drive(self._felt_kpa, rate=change / _STEP_S, time_s=self._now_s)
 
     def _obey(self, kind: int, payload: bytes) -> None:
         tag, result = payload[0], Result.OK
@@ -128,6 +140,8 @@ class RegulatorBoard:
             if target_pa > 1e3 * MAX_PRESSURE_KPA or slew_pa_per_s == 0:
                 result = Result.BAD_ARGUMENT
             else:
+                if target_pa == 0 and self._target_kpa > 0:
+                    self.told_to_vent_s = self._now_s
                 self._target_kpa, self._slew = target_pa / 1e3, slew_pa_per_s / 1e3
                 self._lost = False
         self._out += encode_message(
@@ -146,9 +160,9 @@ class RegulatorBoard:
             sequence=self._sequence,
             time_us=round(1e6 * self._now_s),
             stream=self._stream,
-            oversampling=self._world.oversampling,
+            oversampling=self.world.oversampling,
             status=Status.HEARTBEAT_LOST if self._lost else Status(0),
-            counts=self._world.scan(self._now_s).astype("uint16"),
+            counts=self.world.scan(self._now_s).astype("uint16"),
             pressure_set_kpa=self._output_kpa if pressed else None,
             pressure_kpa=self.pressure_kpa if pressed else None,
         )
@@ -157,7 +171,7 @@ class RegulatorBoard:
         self._next_s += self._period_s
 
     def _identity(self, tag: int) -> Identity:
-        layout = self._world.layout
+        layout = self.world.layout
         return Identity(
             tag=tag,
             protocol=1,
@@ -165,7 +179,7 @@ class RegulatorBoard:
             features=Contents.PRESSURE,
             rows=layout.rows,
             cols=layout.cols,
-            oversampling=self._world.oversampling,
+            oversampling=self.world.oversampling,
             max_rows=16,
             max_cols=16,
             max_oversampling=64,

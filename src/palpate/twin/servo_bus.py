@@ -105,15 +105,20 @@ class ServoBus:
             self._put(x.TORQUE_ENABLE, 0)
             self._world.halt()
 
-    def close(self) -> None:
-        """Take the line away, as when the adapter is pulled out; again does nothing."""
+    def unplug(self) -> None:
+        """Pull the adapter out; the servo keeps its power. Again does nothing."""
         if not self._thread.is_alive():
             return
         os.write(self._waker, b"x")
         self._thread.join()
         for end in (self._master, self._slave, self._wake, self._waker):
             os.close(end)
-        self._world.watchers.remove(self._look)
+
+    def close(self) -> None:
+        """Take servo and line away; again does nothing."""
+        self.unplug()
+        if self._look in self._world.watchers:
+            self._world.watchers.remove(self._look)
 
     # -- the line ---------------------------------------------------------------------------------
 

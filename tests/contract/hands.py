@@ -1,0 +1,134 @@
+"""Every gripper of the contract, ready to move, and how time passes for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from tests.conftest import skip
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceNotFoundError
+from palpate.gripper.dynamixel import DynamixelGripper
+from palpate.gripper.fingers import CrankFingers
+from palpate.gripper.interface import Gripper
+from palpate.gripper.pneumatic import PneumaticGripper
+from palpate.gripper.servo_line import ServoLine
+from palpate.sensor.array import SOFT_LAYOUT
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import Contents
+from palpate.twin.devices import TwinGripper
+from palpate.twin.firmware import FirmwareBoard
+from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.objects import draw_object
+from palpate.twin.regulator_board import RegulatorBoard
+from palpate.twin.servo_bus import ServoBus
+from palpate.twin.world import World
+
+BAUD = 1_000_000
+#: The servo answers from a thread of its own, and test machines are busy.
+REPLY_S = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hand:
+    """An open gripper, and what lets time pass."""
+
+    gripper: Gripper
+    clock: ManualClock
+    wait: Callable[[float], None]
+
+
+def on_servo(world: World, bus: ServoBus, **options: float) -> DynamixelGripper:
+    """Return the real driver at the end of a simulated servo's line."""
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    return DynamixelGripper(line, clock=world.clock, fingers=CrankFingers(), **options)
+
+
+def on_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, PneumaticGripper]:
+    """Return the real drivers of a simulated board: its array and its fingers."""
+    array = SerialArray(
+        board, clock=world.clock, layout=world.layout, rate_hz=15.0, contents=Contents.PRESSURE
+    )
+    return array, PneumaticGripper(array, clock=world.clock)
+
+
+def world_of(kind: str, name: str | None = None) -> World:
+    """Return a world of rigid or soft fingers, with an object or none."""
+    obj = None if name is None else draw_object(np.random.default_rng(3), name)
+    return World(obj, seed=5, gripper="soft" if kind == "soft" else "rigid")
+
+
+@contextmanager
+def twin_hand(kind: str) -> Iterator[Hand]:
+    world = world_of(kind)
+    yield Hand(gripper=TwinGripper(world), clock=world.clock, wait=world.clock.sleep_s)
+
+
+@contextmanager
+def servo_hand(model_number: int) -> Iterator[Hand]:
+    world = world_of("rigid")
+    bus = ServoBus(world, model_number=model_number)
+    gripper = on_servo(world, bus)
+
+    def wait(duration_s: float) -> None:
+        for _ in range(round(duration_s / 0.1)):
+            world.clock.sleep_s(0.1)
+            gripper.state()
+
+    yield Hand(gripper=gripper, clock=world.clock, wait=wait)
+    gripper.close()
+    bus.close()
+
+
+@contextmanager
+def board_hand() -> Iterator[Hand]:
+    world = world_of("soft")
+    array, gripper = on_board(world, RegulatorBoard(world))
+    yield Hand(gripper=gripper, clock=world.clock, wait=_reading(array, gripper, world.clock))
+    gripper.close()
+    array.close()
+
+
+@contextmanager
+def firmware_hand() -> Iterator[Hand]:
+    world = world_of("soft")
+    try:
+        board = FirmwareBoard(seed=1)
+    except DeviceNotFoundError as error:
+        skip(str(error))
+    stream = FirmwareStream(world, board=board)
+    array = SerialArray(
+        stream, clock=world.clock, layout=SOFT_LAYOUT, rate_hz=50.0, contents=Contents.PRESSURE
+    )
+    gripper = PneumaticGripper(array, clock=world.clock)
+    yield Hand(gripper=gripper, clock=world.clock, wait=_reading(array, gripper, world.clock))
+    gripper.close()
+    array.close()
+
+
+def _reading(
+    array: SerialArray, gripper: PneumaticGripper, clock: ManualClock
+) -> Callable[[float], None]:
+    """Let time pass as the control loop does: reading frames, asking for the state."""
+
+    def wait(duration_s: float) -> None:
+        until_s = clock.now_s() + duration_s
+        while clock.now_s() < until_s:
+            array.read(timeout_s=1.0)
+            gripper.state()
+
+    return wait
+
+
+#: Name -> opener: one row for each gripper.
+HANDS: dict[str, Callable[[], AbstractContextManager[Hand]]] = {
+    "twin rigid": lambda: twin_hand("rigid"),
+    "twin soft": lambda: twin_hand("soft"),
+    "servo with current": lambda: servo_hand(1020),
+    "servo without current": lambda: servo_hand(1060),
+    "board with regulator": board_hand,
+    "firmware on the simulator": firmware_hand,
+}

@@ -1,0 +1,105 @@
+"""What every gripper does alike: simulated, behind a servo line, behind a board."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from tests.contract.hands import HANDS, Hand
+
+from palpate.gripper.interface import GripperCommand
+
+#: How far off a command may be, once the gripper has arrived: mm or kPa.
+NEAR = {"width": 0.3, "pressure": 0.6}
+#: A place within reach, and one a little further closed; rates.
+PLACES = {"width": (60.0, 50.0, 10.0), "pressure": (10.0, 20.0, 8.0)}
+
+
+@pytest.fixture(params=HANDS)
+def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
+    with HANDS[request.param]() as found:
+        yield found
+
+
+def reported(hand: Hand) -> float:
+    return hand.gripper.limits.reported(hand.gripper.state())
+
+
+def go(hand: Hand, target: float, rate: float) -> GripperCommand:
+    return hand.gripper.command(GripperCommand(target=target, rate=rate))
+
+
+def test_limits_make_sense(hand: Hand) -> None:
+    limits = hand.gripper.limits
+    assert limits.lowest < limits.highest
+    assert limits.fastest > 0
+
+
+def test_it_goes_where_it_was_sent_and_says_so(hand: Hand) -> None:
+    drive = hand.gripper.limits.drive
+    target, _, rate = PLACES[drive]
+    sent = go(hand, target, rate)
+    assert sent.target == pytest.approx(target, abs=0.05)
+    assert 0 < sent.rate <= rate * 1.001
+    assert hand.gripper.state().moving
+    hand.wait(4.0)
+    assert not hand.gripper.state().moving
+    assert reported(hand) == pytest.approx(sent.target, abs=NEAR[drive])
+
+
+def test_it_is_no_faster_than_it_says(hand: Hand) -> None:
+    drive = hand.gripper.limits.drive
+    target, _, rate = PLACES[drive]
+    before = reported(hand)
+    sent = go(hand, target, rate / 4)
+    hand.wait(1.0)
+    # A servo that turns evenly moves the fingers unevenly: at most at the rate asked for.
+    assert abs(reported(hand) - before) <= rate / 4 * 1.3 + NEAR[drive]
+    assert sent.rate <= rate / 4 * 1.001
+
+
+@pytest.mark.parametrize("beyond", [-1e3, 1e3])
+def test_commands_are_clamped_and_returned_as_sent(hand: Hand, beyond: float) -> None:
+    limits = hand.gripper.limits
+    sent = go(hand, beyond, 1e6)
+    end = limits.lowest if beyond < 0 else limits.highest
+    assert sent.target == pytest.approx(end, abs=0.05)
+    assert sent.rate <= limits.fastest * 1.001
+
+
+def test_state_tells_its_own_quantity_alone(hand: Hand) -> None:
+    state = hand.gripper.state()
+    told = [math.isfinite(state.width_mm), math.isfinite(state.pressure_kpa)]
+    assert told == [hand.gripper.limits.drive == "width", hand.gripper.limits.drive == "pressure"]
+    assert state.time_s == hand.clock.now_s()
+
+
+def test_stop_never_closes_further(hand: Hand) -> None:
+    limits = hand.gripper.limits
+    target, further, rate = PLACES[limits.drive]
+    go(hand, target, 4 * rate)
+    hand.wait(4.0)
+    go(hand, further, rate / 2)
+    hand.wait(0.5)
+    hand.gripper.stop()
+    at_stop = limits.closure(hand.gripper.state())
+    hand.wait(1.0)
+    state = hand.gripper.state()
+    assert limits.closure(state) <= at_stop + NEAR[limits.drive]
+    assert not state.moving
+
+
+def test_release_opens_fully(hand: Hand) -> None:
+    target, _, rate = PLACES[hand.gripper.limits.drive]
+    go(hand, target, 4 * rate)
+    hand.wait(4.0)
+    hand.gripper.release()
+    hand.wait(3.0)
+    limits = hand.gripper.limits
+    assert limits.closure(hand.gripper.state()) == pytest.approx(0.0, abs=NEAR[limits.drive])
+
+
+def test_closing_twice_does_nothing(hand: Hand) -> None:
+    hand.gripper.close()
+    hand.gripper.close()

@@ -1,0 +1,161 @@
+"""The real pneumatic driver against a board that fails, alone and in a grasp."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+
+import pytest
+from tests.contract.hands import on_board, world_of
+
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError
+from palpate.grasp.belief import Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import Outcome
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.interface import GripperCommand
+from palpate.gripper.pneumatic import SOFT_LIMITS, PneumaticGripper, open_gripper
+from palpate.rig.simulated import calibrated
+from palpate.sensor.array import SOFT_LAYOUT
+from palpate.sensor.serial_array import SerialArray
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.regulator_board import RegulatorBoard
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    calibration = calibrated(seed=5, level="paper", apart_from="tomato", kind="soft")
+    return plan_grasp(calibration, gripper=TwinGripper(world_of("soft")))
+
+
+@pytest.fixture
+def board() -> RegulatorBoard:
+    return RegulatorBoard(world_of("soft", "tomato"))
+
+
+def follow(array: SerialArray, gripper: PneumaticGripper, duration_s: float) -> None:
+    first_s = array.read(timeout_s=1.0).time_s
+    while array.read(timeout_s=1.0).time_s < first_s + duration_s:
+        gripper.state()
+
+
+def test_silent_host_vents(board: RegulatorBoard) -> None:
+    world = board.world
+    array, gripper = on_board(world, board)
+    gripper.command(GripperCommand(target=20.0, rate=60.0))
+    follow(array, gripper, 1.0)
+    assert board.pressure_kpa == pytest.approx(20.0, abs=0.3)
+    world.clock.sleep_s(0.3)
+    board.run()
+    assert board.pressure_kpa == pytest.approx(20.0, abs=0.3)
+    world.clock.sleep_s(0.6)
+    board.run()
+    assert board.pressure_kpa < 1.0
+    with pytest.raises(DeviceError, match=r"vented the fingers: it heard nothing for 0\.5 s"):
+        follow(array, gripper, 1.0)
+    gripper.command(GripperCommand(target=10.0, rate=60.0))
+    follow(array, gripper, 1.0)
+    assert gripper.state().pressure_kpa == pytest.approx(10.0, abs=0.3)
+
+
+def test_stale_pressure_is_not_given_as_now(board: RegulatorBoard) -> None:
+    array, gripper = on_board(board.world, board)
+    follow(array, gripper, 0.2)
+    board.silence()
+    board.world.clock.sleep_s(0.6)
+    with pytest.raises(DeviceTimeoutError, match=r"last pressure is 0\.\d+ s old"):
+        gripper.state()
+
+
+def test_frames_without_pressure_are_refused(board: RegulatorBoard) -> None:
+    world = board.world
+    array = SerialArray(board, clock=world.clock, layout=world.layout, rate_hz=15.0)
+    array.read(timeout_s=1.0)
+    gripper = PneumaticGripper(array, clock=world.clock)
+    with pytest.raises(DeviceError, match="open the array with pressure = true"):
+        gripper.state()
+
+
+def test_unplugged_board_can_not_be_stopped_but_vents(board: RegulatorBoard) -> None:
+    array, gripper = on_board(board.world, board)
+    gripper.command(GripperCommand(target=20.0, rate=60.0))
+    follow(array, gripper, 1.0)
+    board.unplug()
+    with pytest.raises(DeviceError, match="is gone"):
+        gripper.stop()
+    gripper.close()
+    board.world.clock.sleep_s(1.0)
+    with pytest.raises(DeviceError):
+        board.run()
+    assert board.pressure_kpa < 0.5
+
+
+def test_openers_words() -> None:
+    with pytest.raises(InputError, match="board with a regulator, not TwinArray"):
+        open_gripper(array=TwinArray(world_of("soft")))
+    board = RegulatorBoard(world_of("soft"))
+    array, _ = on_board(board.world, board)
+    with pytest.raises(InputError, match="highest_kpa 80"):
+        open_gripper(array=array, highest_kpa=80.0)
+    assert open_gripper(array=array, highest_kpa=30.0).limits.highest == 30.0
+
+
+# -- in a grasp ------------------------------------------------------------------------------------
+
+
+def test_a_grasp_through_the_board(plan: Plan, board: RegulatorBoard) -> None:
+    array, gripper = on_board(board.world, board)
+    result = run_grasp(plan, array=array, gripper=gripper, clock=board.world.clock)
+    assert result.outcome is Outcome.HELD
+    assert result.faults == ()
+    assert result.force_n is not None
+    assert result.force_n.value > 0.5
+    assert result.size_mm is None
+    assert result.stiffness_n_per_mm is None
+    assert board.pressure_kpa < 1.0
+
+
+STRIKES: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
+    "supply lost": (RegulatorBoard.cut_supply, Outcome.GRIPPER_FAULT, "without supply?"),
+    "port vanishes": (RegulatorBoard.unplug, Outcome.GRIPPER_FAULT, "is gone"),
+    "frames stop": (RegulatorBoard.silence, Outcome.SENSOR_LOST, "no frame from simulated board"),
+    "ctrl-c": (
+        lambda _: os.kill(os.getpid(), signal.SIGINT),
+        Outcome.STOPPED,
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("strike", STRIKES)
+def test_a_fault_ends_the_grasp_and_vents(plan: Plan, board: RegulatorBoard, strike: str) -> None:
+    world = board.world
+    array, gripper = on_board(world, board)
+    struck_s: list[float] = []
+
+    def striker(_: Observation) -> None:
+        if world.force_n(world.clock.now_s()) > 1.0 and not struck_s:
+            struck_s.append(world.clock.now_s())
+            STRIKES[strike][0](board)
+
+    result = run_grasp(plan, array=array, gripper=gripper, clock=world.clock, subscribers=[striker])
+    _, outcome, words = STRIKES[strike]
+    assert result.outcome is outcome
+    assert words in " ".join(result.faults)
+    # Stale frames are known after 5 periods; a lost supply once the fingers had time to follow.
+    assert (
+        board.told_to_vent_s - struck_s[0]
+        <= {
+            "supply lost": 0.6 + 0.1,
+            "port vanishes": 0.5 + 0.1,
+            "frames stop": 5 / 15 + 0.1,
+            "ctrl-c": 0.1,
+        }[strike]
+    )
+
+
+def test_soft_limits_are_the_papers() -> None:
+    assert (SOFT_LIMITS.lowest, SOFT_LIMITS.highest) == (0.0, 50.0)
+    assert SOFT_LAYOUT.pixels == 12

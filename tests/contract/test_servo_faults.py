@@ -1,0 +1,288 @@
+"""The real servo driver against a servo that fails in every way, alone and in a grasp."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from tests.contract.hands import BAUD, REPLY_S, on_servo, world_of
+
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
+from palpate.grasp.belief import Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+from palpate.gripper import x_series as x
+from palpate.gripper.dynamixel import DynamixelGripper, open_gripper
+from palpate.gripper.interface import GripperCommand
+from palpate.gripper.servo_line import RefusedError, ServoLine
+from palpate.recording import RecordingInfo, RecordingWriter, load_recording
+from palpate.rig.simulated import calibrated
+from palpate.twin.devices import TwinArray
+from palpate.twin.servo_bus import ServoBus
+from palpate.twin.world import World
+
+
+@pytest.fixture
+def world() -> World:
+    return world_of("rigid", "strawberry")
+
+
+@pytest.fixture
+def bus(world: World) -> Iterator[ServoBus]:
+    bus = ServoBus(world)
+    yield bus
+    bus.close()
+
+
+@pytest.fixture
+def gripper(world: World, bus: ServoBus) -> Iterator[DynamixelGripper]:
+    gripper = on_servo(world, bus)
+    yield gripper
+    gripper.close()
+
+
+def close_slowly(gripper: DynamixelGripper) -> None:
+    gripper.command(GripperCommand(target=50.0, rate=5.0))
+
+
+def test_no_reply(gripper: DynamixelGripper, bus: ServoBus) -> None:
+    bus.silent = True
+    for ask in (gripper.state, gripper.stop):
+        with pytest.raises(DeviceTimeoutError, match=r"servo 9 on /dev/pts/\d+ does not reply"):
+            ask()
+
+
+def test_a_damaged_reply_is_asked_for_again(gripper: DynamixelGripper, bus: ServoBus) -> None:
+    bus.spoilt = 2
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
+    bus.spoilt = 3
+    with pytest.raises(DeviceError, match="replies are damaged"):
+        gripper.state()
+
+
+def test_overload_is_told_and_cleared_on_request(
+    gripper: DynamixelGripper, bus: ServoBus, world: World
+) -> None:
+    close_slowly(gripper)
+    world.clock.sleep_s(0.2)
+    bus.fail(x.HardwareError.OVERLOAD | x.HardwareError.OVERHEATING)
+    for ask in (gripper.state, lambda: close_slowly(gripper)):
+        with pytest.raises(DeviceError, match=r"overheating, overload; its torque is off"):
+            ask()
+    gripper.stop()
+    assert x.HardwareError.OVERLOAD in gripper.health().errors
+    gripper.clear_errors()
+    assert not gripper.health().errors
+    close_slowly(gripper)
+    assert gripper.state().moving
+
+
+def test_opening_a_servo_in_error_leaves_it_alone(world: World, bus: ServoBus) -> None:
+    bus.fail(x.HardwareError.OVERLOAD)
+    gripper = on_servo(world, bus)
+    with pytest.raises(DeviceError, match="overload"):
+        gripper.state()
+    gripper.close()
+
+
+def test_memory_is_locked_while_the_torque_is_on(gripper: DynamixelGripper, bus: ServoBus) -> None:
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    with pytest.raises(RefusedError, match="refused: access") as refused:
+        line.write(x.OPERATING_MODE, x.Mode.POSITION)
+    assert refused.value.code == x.PacketError.ACCESS
+    line.close()
+
+
+@pytest.mark.parametrize(
+    ("model_number", "mode", "register", "value"),
+    [
+        (1020, x.Mode.CURRENT_BASED_POSITION, x.GOAL_CURRENT, round(300 / 2.69)),
+        (1200, x.Mode.CURRENT_BASED_POSITION, x.GOAL_CURRENT, 300),
+        (1060, x.Mode.POSITION, x.GOAL_PWM, round(0.4 * 885)),
+    ],
+)
+def test_limits_and_watchdog_are_set(
+    world: World, model_number: int, mode: x.Mode, register: x.Register, value: int
+) -> None:
+    bus = ServoBus(world, model_number=model_number)
+    gripper = on_servo(world, bus, current_limit_ma=300.0, pwm_limit_percent=40.0, watchdog_s=0.2)
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    wanted = {x.OPERATING_MODE: mode, register: value, x.TORQUE_ENABLE: 1, x.BUS_WATCHDOG: 10}
+    assert {one: line.read(one) for one in wanted} == wanted
+    assert math.isnan(gripper.state().current_ma) == (model_number == 1060)
+    assert gripper.health().temperature_c == 35.0
+    assert gripper.health().supply_v == pytest.approx(12.0)
+    line.close()
+    gripper.close()
+    bus.close()
+
+
+def test_it_gives_way_at_its_current_limit() -> None:
+    world = world_of("rigid", "rigid-block")
+    bus = ServoBus(world)
+    gripper = on_servo(world, bus, current_limit_ma=150.0)
+    gripper.command(GripperCommand(target=30.0, rate=20.0))
+    for _ in range(120):
+        world.clock.sleep_s(0.02)
+        gripper.state()
+    # 14 mA per newton and what friction adds or takes.
+    assert 4.0 < world.force_n(world.clock.now_s()) < 15.0
+    assert not gripper.state().moving
+    gripper.close()
+    bus.close()
+
+
+def test_watchdog_stops_it_and_the_next_command_arms_it_again(
+    gripper: DynamixelGripper, world: World
+) -> None:
+    close_slowly(gripper)
+    for _ in range(100):
+        world.clock.sleep_s(0.01)
+        world.drive_value(world.clock.now_s())
+    # 0.5 s and the step in which it is seen.
+    assert world.drive_value(1.0) == pytest.approx(74.0 - 0.51 * 4.4, abs=0.4)
+    assert not gripper.state().moving
+    gripper.stop()
+    close_slowly(gripper)
+    assert gripper.state().moving
+
+
+def test_killed_process_stops_the_hand(world: World, bus: ServoBus) -> None:
+    program = (
+        "import sys, time; from palpate.gripper.dynamixel import open_gripper;"
+        "from palpate.gripper.interface import GripperCommand;"
+        "g = open_gripper(port=sys.argv[1], reply_s=0.5);"
+        "g.command(GripperCommand(target=40.0, rate=5.0));"
+        "print('closing', flush=True); time.sleep(60)"
+    )
+    host = subprocess.Popen([sys.executable, "-c", program, bus.name], stdout=subprocess.PIPE)
+    assert host.stdout is not None
+    assert host.stdout.readline() == b"closing\n"
+    host.send_signal(signal.SIGKILL)
+    assert host.wait() == -signal.SIGKILL
+    host.stdout.close()
+    moving = []
+    for _ in range(60):
+        world.clock.sleep_s(0.01)
+        moving.append(world.moving(world.clock.now_s()))
+    assert all(moving[:48])
+    assert not any(moving[51:])
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"port": "/dev/no-such-servo"}, DeviceNotFoundError, "port /dev/no-such-servo can't be"),
+        ({"baud": 12345}, DeviceError, "12345 baud"),
+        ({"servo_id": 3}, DeviceTimeoutError, "servo 3"),
+        ({"lowest_mm": 3.0}, InputError, "carriages go from 20 to 76 mm"),
+    ],
+)
+def test_what_can_not_be_opened_is_one_line(
+    bus: ServoBus, options: dict[str, object], error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words) as raised:
+        open_gripper(**{"port": bus.name, **options})  # type: ignore[arg-type]
+    assert "\n" not in str(raised.value)
+
+
+def test_unknown_model(world: World, bus: ServoBus) -> None:
+    other = ServoBus(world, model_number=0x1234)
+    with pytest.raises(DeviceError, match="model number 4660; known are XL430-W250"):
+        on_servo(world, other)
+    other.close()
+
+
+# -- in a grasp ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    world = world_of("rigid")
+    bus = ServoBus(world)
+    gripper = on_servo(world, bus)
+    calibration = calibrated(seed=5, level="paper", apart_from="strawberry")
+    plan = plan_grasp(calibration, gripper=gripper)
+    gripper.close()
+    bus.close()
+    return plan
+
+
+def test_a_grasp_through_the_servo(plan: Plan, gripper: DynamixelGripper, world: World) -> None:
+    result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    truth = world.truth()
+    assert result.outcome is Outcome.HELD
+    assert result.faults == ()
+    assert result.size_mm is not None
+    assert result.force_n is not None
+    assert truth.size_mm is not None
+    assert abs(result.size_mm.value - truth.size_mm) < 1.0
+    assert result.force_n.low <= truth.force_n <= result.force_n.high
+    assert not truth.damaged
+    assert gripper.state().width_mm > 73.0
+
+
+FAULTS: dict[str, tuple[Callable[[ServoBus], None], str]] = {
+    "port vanishes": (lambda bus: bus.unplug(), "the port is gone"),
+    "no reply": (lambda bus: setattr(bus, "silent", True), "does not reply"),
+    "wrong CRC": (lambda bus: setattr(bus, "spoilt", 10**6), "replies are damaged"),
+    "overload": (lambda bus: bus.fail(x.HardwareError.OVERLOAD), "overload"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("at_force_n", [None, 1.0])
+def test_a_fault_ends_the_grasp_at_once(
+    plan: Plan,
+    bus: ServoBus,
+    gripper: DynamixelGripper,
+    world: World,
+    tmp_path: Path,
+    fault: str,
+    at_force_n: float | None,
+) -> None:
+    strike, words = FAULTS[fault]
+    struck_s: list[float] = []
+
+    def striker(observation: Observation) -> None:
+        now_s = world.clock.now_s()
+        late = now_s > 2.0 if at_force_n is None else world.force_n(now_s) > at_force_n
+        if late and not struck_s:
+            struck_s.append(now_s)
+            strike(bus)
+
+    path = tmp_path / "fault.mcap"
+    result = _recorded(plan, gripper, world, path, striker)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert words in result.faults[0]
+    assert world.clock.now_s() - struck_s[0] <= 0.1
+    assert len(load_recording(path).time_s) == result.frames
+    world.clock.sleep_s(1.0)
+    assert not world.moving(world.clock.now_s())
+    if at_force_n is not None:
+        assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
+
+
+def _recorded(
+    plan: Plan,
+    gripper: DynamixelGripper,
+    world: World,
+    path: Path,
+    striker: Callable[[Observation], None],
+) -> GraspResult:
+    array = TwinArray(world)
+    with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
+
+        def recorder(observation: Observation) -> None:
+            writer.add_observation(observation.frame, gripper=observation.gripper)
+
+        return run_grasp(
+            plan, array=array, gripper=gripper, clock=world.clock, subscribers=[recorder, striker]
+        )
