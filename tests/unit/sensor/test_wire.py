@@ -249,6 +249,19 @@ def test_any_changed_bit_is_rejected_by_the_checksum() -> None:
         assert unpack(stuff(bytes(changed))) is None
 
 
+@pytest.mark.parametrize("length", [0, 1, 253, 254, 255, 508, 509])
+@pytest.mark.parametrize("after", [b"", b"\0", b"\0\x02", b"\0\0"])
+def test_long_runs_without_a_zero_come_back(length: int, after: bytes) -> None:
+    data = b"\x01" * length + after
+    assert unstuff(stuff(data)) == data
+
+
+def test_a_full_run_may_end_the_packet() -> None:
+    # Other encoders leave out the final 01 after 254 bytes; both forms are COBS.
+    assert unstuff(b"\xff" + b"\x01" * 254) == b"\x01" * 254
+    assert unstuff(b"\xff" + b"\x01" * 254 + b"\x01") == b"\x01" * 254
+
+
 @pytest.mark.parametrize("damaged", ["0311", "031122023344", "ff01", "0003", "010002"])
 def test_what_was_never_stuffed_is_rejected(damaged: str) -> None:
     assert unstuff(bytes.fromhex(damaged)) is None
