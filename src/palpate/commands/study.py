@@ -23,6 +23,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "table2": ("table2", "Table 2 and Figure 8b, silicone sheets on the twin"),
     "table3": ("table3", "Table 3 and Figure 9, exercise balls on the twin"),
     "table4": ("table4", "Table 4 and Figure 11c on the twin, and why slopes differ"),
+    "staircases": ("staircases", "Force now during staircases of closing and opening, simulated"),
     "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
 }
 

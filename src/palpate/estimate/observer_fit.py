@@ -133,7 +133,7 @@ def _fit_weights(
     group = np.concatenate([np.full(one.fall.shape, one.group) for one in features])
     unloading = fall > UNLOADING_FALL
     fitted = ~unloading if time_constants_s else np.ones_like(unloading)
-    weights = _least_absolute(design[fitted], target[fitted], weight[fitted])
+    weights = least_absolute(design[fitted], target[fitted], weight[fitted])
     left = target - design @ weights
     slope = 0.0
     if time_constants_s:
@@ -156,14 +156,14 @@ def _unloading_slope(fall: FloatArray, left: FloatArray, group: NDArray[np.str_]
     The median, because readings that flicker can make one sensor show falls that are none.
     """
     slopes = [
-        float(_least_absolute(-fall[mine, None], left[mine], np.ones(np.count_nonzero(mine)))[0])
+        float(least_absolute(-fall[mine, None], left[mine], np.ones(np.count_nonzero(mine)))[0])
         for mine in (group == name for name in np.unique(group))
         if np.count_nonzero(mine) >= MIN_UNLOADING
     ]
     return max(float(np.median(slopes)), 0.0) if slopes else 0.0
 
 
-def _least_absolute(design: FloatArray, target: FloatArray, weight: FloatArray) -> FloatArray:
+def least_absolute(design: FloatArray, target: FloatArray, weight: FloatArray) -> FloatArray:
     """Solve for the least absolute error by reweighting, with a trace of ridge."""
     ridge = 1e-3 * weight.sum() * np.eye(design.shape[1])
     solution = np.zeros(design.shape[1])

@@ -72,7 +72,7 @@ def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 2}, r"file version 2, this one reads 1\); update palpate"),
+        ({"version": 3}, r"file version 3, this one reads up to 2\); update palpate"),
         ({"format": "other"}, "not a calibration file"),
         ({"rest": None}, "lacks rest"),
         ({"colour": "red"}, "found colour"),

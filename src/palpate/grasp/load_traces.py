@@ -1,0 +1,188 @@
+"""Traces of a sheet beside a load cell: random staircases of closing and opening, with dwells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from palpate.errors import CalibrationError
+from palpate.grasp.calibrating import Bench, measure_rest
+from palpate.gripper.interface import GripperCommand
+from palpate.sensor.load_traces import LoadTraces
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import excess_conductance
+
+#: A first touch of the load cell, newtons, and how slowly it is looked for.
+_TOUCH_N, _APPROACH_MM_PER_S = 0.05, 10.0
+_RATE_MM_PER_S = 20.0
+_FRAME_TIMEOUT_S = 2.0
+#: Steps of a run are a share of this, so that stiff faces get small forces too.
+STEP_MM = 1.0
+#: Dwells are drawn from this range, uniformly in the logarithm: short ones show the fast creep.
+DWELL_S = (0.2, 5.0)
+
+
+Row: TypeAlias = tuple[int, float, tuple[float, ...], float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Staircase:
+    """One run: how long it lasts, how far a step goes, and between which forces it stays."""
+
+    duration_s: float
+    highest_n: float
+    step_mm: float = STEP_MM
+    lowest_n: float = 0.3
+
+
+#: The guided runs: small and large forces mixed, fine steps among the coarse, so that stiff faces
+#: show small forces too and dwells come at every force.
+GUIDED = tuple(
+    Staircase(duration_s=40.0, highest_n=highest_n, step_mm=step_mm)
+    for highest_n, step_mm in (
+        (4.0, 0.5),
+        (15.0, 0.5),
+        (8.0, 1.0),
+        (12.0, 1.0),
+        (3.0, 0.25),
+        (6.0, 0.5),
+        (10.0, 1.0),
+        (15.0, 1.0),
+    )
+)
+
+
+def record_traces(
+    bench: Bench,
+    *,
+    staircases: Sequence[Staircase],
+    reseat: Callable[[int], None],
+    rng: np.random.Generator,
+    progress: Callable[[int, float], None] | None = None,
+) -> LoadTraces:
+    """Close on a load cell in random staircases, up and down, and keep every frame.
+
+    Each run is a fresh placement of the cell. Which way a step goes is drawn: towards closing at
+    first, back where the force limit of the run is reached or the cell hardly feels the hand.
+
+    Parameters
+    ----------
+    bench : Bench
+        The devices.
+    staircases : sequence of Staircase
+        One for each run.
+    reseat : callable
+        Called with the number of the run once the hand is open: the user moves the load cell.
+    rng : Generator
+        Draws directions and dwells.
+    progress : callable, optional
+        Called after each step with the number of the run and the force, newtons.
+
+    Raises
+    ------
+    CalibrationError
+        If the load cell never feels the hand.
+    """
+    rows: list[Row] = []
+    for run, staircase in enumerate(staircases):
+        rest_ohm = np.array(measure_rest(bench, duration_s=1.0).ohm)
+        reseat(run)
+        recorder = _Recorder(bench, rest_ohm, run)
+        recorder.approach()
+        ends_s = bench.clock.now_s() + staircase.duration_s
+        while bench.clock.now_s() < ends_s:
+            closing = _closes(bench.cell.read_n(), staircase, rng)
+            if not recorder.step(-staircase.step_mm if closing else staircase.step_mm):
+                break
+            dwell_s = float(np.exp(rng.uniform(*np.log(DWELL_S))))
+            recorder.read(dwell_s)
+            if progress is not None:
+                progress(run, recorder.rows[-1][-1])
+        rows += recorder.rows
+    bench.gripper.release()
+    if not any(row[-1] > _TOUCH_N for row in rows):
+        raise CalibrationError(
+            "force calibration: the hand closed fully and the load cell felt nothing; "
+            "is the cell between the fingers, and connected?"
+        )
+    columns = list(zip(*rows, strict=True))
+    return LoadTraces(
+        run=columns[0],
+        time_s=columns[1],
+        excess=columns[2],
+        width_mm=columns[3],
+        current_ma=columns[4],
+        force_n=columns[5],
+    )
+
+
+def _closes(force_n: float, staircase: Staircase, rng: np.random.Generator) -> bool:
+    if force_n < staircase.lowest_n:
+        return True
+    if force_n > staircase.highest_n:
+        return False
+    return bool(rng.random() < 0.55)
+
+
+class _Recorder:
+    """Reads every frame of one run, with what gripper and cell say at its time."""
+
+    def __init__(self, bench: Bench, rest_ohm: np.ndarray, run: int) -> None:
+        self._bench, self._rest_ohm, self._run = bench, rest_ohm, run
+        self.rows: list[Row] = []
+
+    def approach(self) -> None:
+        """Close until the cell feels the hand."""
+        bench = self._bench
+        start = GripperCommand(target=bench.start, rate=_RATE_MM_PER_S)
+        bench.gripper.command(start)
+        while self._frame():
+            pass
+        self.rows.clear()
+        self.read(0.5)
+        command = GripperCommand(target=bench.gripper.limits.lowest, rate=_APPROACH_MM_PER_S)
+        bench.gripper.command(command)
+        while self._frame() and self.rows[-1][-1] < _TOUCH_N:
+            pass
+        bench.gripper.stop()
+
+    def step(self, by_mm: float) -> bool:
+        """Move by so much and read until it is done; return whether there was room."""
+        bench = self._bench
+        width_mm = bench.gripper.state().width_mm + by_mm
+        if width_mm < bench.gripper.limits.lowest:
+            return False
+        bench.gripper.command(GripperCommand(target=width_mm, rate=_RATE_MM_PER_S))
+        while self._frame():
+            pass
+        return True
+
+    def read(self, duration_s: float) -> None:
+        """Read frames for so long."""
+        until_s = self._bench.clock.now_s() + duration_s
+        while self._bench.clock.now_s() < until_s:
+            self._frame()
+
+    def _frame(self) -> bool:
+        """Read one frame; return whether the fingers move."""
+        bench = self._bench
+        frame = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
+        ohm = pixel_resistance_ohm(
+            frame.counts, layout=bench.array.layout, oversampling=frame.oversampling
+        )
+        excess = excess_conductance(ohm, rest_ohm=self._rest_ohm).ravel()
+        state, force_n = bench.gripper.state(), bench.cell.read_n()
+        self.rows.append(
+            (
+                self._run,
+                frame.time_s,
+                tuple(excess.tolist()),
+                state.width_mm,
+                state.current_ma,
+                force_n,
+            )
+        )
+        return state.moving
