@@ -5,14 +5,19 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from palpate.errors import InputError
 
+if TYPE_CHECKING:
+    from palpate.sensor.array import IdleLines
+
 _OPEN_ARRAY = "palpate.sensor.board_array:open_board"
 _ANY_PORT, _NO_GRIPPER = "auto", "none"
+#: Kind of gripper -> the function that opens it.
+_GRIPPERS = {"dynamixel": "palpate.gripper.dynamixel:open_gripper"}
 
 
 def init(
@@ -30,7 +35,14 @@ def init(
     ] = None,
     gripper: Annotated[
         str | None,
-        typer.Option(help="`none`, or module:function that opens yours.", metavar="NONE_OR_FUNC"),
+        typer.Option(help="none, dynamixel, or module:function that opens yours.", metavar="KIND"),
+    ] = None,
+    gripper_port: Annotated[
+        str | None, typer.Option(help="Serial port of a dynamixel gripper's servo.")
+    ] = None,
+    idle_lines: Annotated[
+        str | None,
+        typer.Option(help="floating: two multiplexers; held: rows on the Mega's pins; isolated."),
     ] = None,
     rate_hz: Annotated[float, typer.Option(help="Frames per second.")] = 250.0,
     baud: Annotated[int, typer.Option(help="Speed that the firmware was built for.")] = 1_000_000,
@@ -54,15 +66,22 @@ def init(
         "layout": _ask(f"Layout ({', '.join(PRESETS)}, or e.g. 4x4)", layout, "rigid-2x2"),
         "reference_ohm": _ohm(_ask("Reference resistor, ohm", reference_ohm, "4700")),
         "taxel_leg": _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper"),
+        "idle_lines": _ask(
+            "Idle lines: floating (two multiplexers), held (direct rows), or isolated",
+            idle_lines,
+            "floating",
+        ),
         "rate_hz": rate_hz,
         "baud": baud,
     }
-    hand = _ask("Gripper (none, or module:function that opens it)", gripper, _NO_GRIPPER)
     if chosen["taxel_leg"] not in ("upper", "lower"):
         raise InputError(f"--taxel-leg {chosen['taxel_leg']}: give upper or lower")
-    if hand != _NO_GRIPPER and ":" not in hand:
-        raise InputError(f"--gripper {hand}: give none, or module:function, e.g. my_arm:open_hand")
-    layout_named(str(chosen["layout"]), reference_ohm=float(chosen["reference_ohm"]))
+    layout_named(
+        str(chosen["layout"]),
+        reference_ohm=float(chosen["reference_ohm"]),
+        idle_lines=cast("IdleLines", chosen["idle_lines"]),
+    )
+    hand = _hand(gripper, gripper_port)
     text = rig_text(chosen, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
         partial.write_text(text)
@@ -70,21 +89,39 @@ def init(
     print(f"then: palpate calibrate rest --rig {file}")
 
 
-def rig_text(array: dict[str, str | float], *, gripper: str, calibration: str) -> str:
+def _hand(kind: str | None, port: str | None) -> dict[str, str | float]:
+    """Return the table of the gripper; empty for none."""
+    chosen = _ask("Gripper (none, dynamixel, or module:function that opens it)", kind, _NO_GRIPPER)
+    if chosen == _NO_GRIPPER:
+        return {}
+    if chosen == "dynamixel":
+        servo = _ask("Serial port of the gripper's servo", port, "/dev/ttyUSB0")
+        return {"open": _GRIPPERS[chosen], "port": servo}
+    if ":" not in chosen:
+        raise InputError(
+            f"--gripper {chosen}: give none, {', '.join(_GRIPPERS)}, or module:function, "
+            "e.g. my_arm:open_hand"
+        )
+    return {"open": chosen}
+
+
+def rig_text(
+    array: dict[str, str | float], *, gripper: dict[str, str | float], calibration: str
+) -> str:
     """Return the rig file.
 
     Parameters
     ----------
     array : dict
         What `palpate.sensor.board_array.open_board` takes; a port of ``"auto"`` is left out.
-    gripper : str
-        ``"none"``, or the function that opens it.
+    gripper : dict
+        The gripper's table; empty for none.
     calibration : str
         Name of the calibration file, beside the rig file.
 
     Examples
     --------
-    >>> print(rig_text({"port": "auto", "layout": "4x4"}, gripper="none", calibration="c.json"))
+    >>> print(rig_text({"port": "auto", "layout": "4x4"}, gripper={}, calibration="c.json"))
     # A rig of palpate: what its parts are, and how to open them.
     calibration = "c.json"
     <BLANKLINE>
@@ -105,14 +142,15 @@ def rig_text(array: dict[str, str | float], *, gripper: str, calibration: str) -
     ]
     kept = {key: value for key, value in array.items() if value != _ANY_PORT}
     lines += [f"{key} = {json.dumps(value)}" for key, value in kept.items()]
-    if gripper == _NO_GRIPPER:
+    if gripper:
+        lines += ["", "[gripper]"]
+        lines += [f"{key} = {json.dumps(value)}" for key, value in gripper.items()]
+    else:
         lines += [
             "",
             "# No gripper yet: doctor, live and calibrate work, grasp needs a table [gripper] with",
             '# open = "module:function" and what that function takes by keyword.',
         ]
-    else:
-        lines += ["", "[gripper]", f"open = {json.dumps(gripper)}"]
     return "\n".join(lines) + "\n"
 
 

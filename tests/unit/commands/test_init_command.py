@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pty
 import subprocess
@@ -33,6 +34,7 @@ def test_options_become_a_rig_file(tmp_path: Path) -> None:
             "layout": "soft-3x2",
             "reference_ohm": 1000.0,
             "taxel_leg": "lower",
+            "idle_lines": "floating",
             "rate_hz": 15.0,
             "baud": 9600,
         },
@@ -48,6 +50,19 @@ def test_what_it_names_exists(tmp_path: Path) -> None:
     accepted = open_board.__kwdefaults__
     assert accepted is not None
     assert table.keys() <= accepted.keys()
+
+
+def test_a_known_gripper_names_its_opener(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    options = ["--gripper", "dynamixel", "--gripper-port", "/dev/ttyUSB3", "--idle-lines", "held"]
+    assert init(path, "--port", "auto", *options) == 0
+    stated = tomllib.loads(path.read_text())
+    assert stated["array"]["idle_lines"] == "held"
+    table = stated["gripper"]
+    module, _, function = table.pop("open").partition(":")
+    opener = getattr(importlib.import_module(module), function)
+    assert table == {"port": "/dev/ttyUSB3"}
+    assert table.keys() <= opener.__kwdefaults__.keys() | opener.__annotations__.keys()
 
 
 def test_the_rig_file_opens_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,6 +92,7 @@ def test_an_existing_file_is_kept_unless_forced(
         (["rig.toml", "--reference-ohm", "-5"], "above 0 ohm"),
         (["rig.toml", "--taxel-leg", "middle"], "upper or lower"),
         (["rig.toml", "--gripper", "claw"], "module:function"),
+        (["rig.toml", "--idle-lines", "wet"], "idle_lines 'wet'"),
     ],
 )
 def test_mistakes_write_nothing(
@@ -102,7 +118,7 @@ def test_questions_on_a_terminal(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
-    os.write(master, b"auto\n4x4\n1000\n\n\n")
+    os.write(master, b"auto\n4x4\n1000\n\n\n\n")
     assert asked.wait(timeout=60) == 0
     _, err = asked.communicate()
     os.close(master)
