@@ -28,7 +28,10 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
         print(f"{name}: {error}", file=sys.stderr)
         return error.exit_status
     except typer.TyperException as error:
-        print(f"{name}: {error.format_message()} Try `{name} --help`.", file=sys.stderr)
+        context = getattr(error, "ctx", None)
+        verb = context.command_path if context is not None else name
+        message = " ".join(error.format_message().split())
+        print(f"{name}: {message} Try `{verb} --help`.", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, typer.Abort):
         print(f"{name}: stopped", file=sys.stderr)

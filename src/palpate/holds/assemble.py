@@ -66,7 +66,7 @@ def assemble(pieces: Iterable[Rows], *, name: str, until_s: float) -> Iterator[H
                 current, channels = hold_id, {}
             _gather(rows, np.arange(start, stop), channels, name=name, until_s=until_s)
     if current is None:
-        raise InputError(f"{name}: no rows below the header; a hold needs at least one sample")
+        raise InputError(f"{name}: no rows below the header; export the samples too")
     yield from _finish(current, channels)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError, MissingExtraError
-from palpate.holds.rows import REQUIRED, ROWS_AT_A_TIME, Rows, check_columns
+from palpate.holds.rows import OPTIONAL, REQUIRED, ROWS_AT_A_TIME, Rows, check_columns
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,7 +28,7 @@ def read_parquet(stream: BinaryIO, *, name: str) -> Iterator[Rows]:
     Raises
     ------
     InputError
-        If it is not Parquet, has other columns or types, or a missing value.
+        If it is not Parquet, lacks a column, has other types, or a missing value.
     MissingExtraError
         If pyarrow is not installed.
     """
@@ -43,12 +43,16 @@ def read_parquet(stream: BinaryIO, *, name: str) -> Iterator[Rows]:
     try:
         file = pq.ParquetFile(stream, pre_buffer=False)
         _check_schema(file.schema_arrow, name=name)
-        for batch in file.iter_batches(batch_size=ROWS_AT_A_TIME):
+        wanted = [n for n in file.schema_arrow.names if n in REQUIRED + OPTIONAL]
+        for batch in file.iter_batches(batch_size=ROWS_AT_A_TIME, columns=wanted):
             yield _convert(batch, start=start, name=name)
             start += batch.num_rows
     except (pa.ArrowException, OSError) as error:
         reason = str(error).splitlines()[0]
-        raise InputError(f"{name} row {start + 1}: not a whole Parquet file ({reason})") from error
+        where = f"{name} row {start + 1}" if start else name
+        raise InputError(
+            f"{where}: not a whole Parquet file ({reason}); copy or export it again"
+        ) from error
 
 
 def _check_schema(schema: pa.Schema, *, name: str) -> None:
@@ -56,6 +60,8 @@ def _check_schema(schema: pa.Schema, *, name: str) -> None:
 
     check_columns(schema.names, where=name)
     for column in schema:
+        if column.name not in REQUIRED + OPTIONAL:
+            continue
         kind = column.type.value_type if kinds.is_dictionary(column.type) else column.type
         number = kinds.is_floating(kind) or kinds.is_integer(kind)
         if column.name in ("time_s", "value"):

@@ -43,16 +43,16 @@ class Rows:
 
 
 def check_columns(names: Sequence[str], *, where: str) -> None:
-    """Refuse anything but the columns of a holds file, in any order.
+    """Refuse a file without the columns of a holds file; any order, others beside them are ignored.
 
     Raises
     ------
     InputError
-        If a column is missing, unknown or there twice.
+        If a column is missing, or one that is read stands there twice.
 
     Examples
     --------
-    >>> check_columns(["time_s", "value", "hold_id"], where="a.csv line 1")
+    >>> check_columns(["", "time_s", "value", "hold_id"], where="a.csv line 1")
     >>> check_columns(["hold_id", "value"], where="a.csv line 1")
     Traceback (most recent call last):
     palpate.errors.InputError: a.csv line 1: no column time_s (it has: hold_id, value); \
@@ -64,9 +64,10 @@ a holds file has hold_id,time_s,value and optionally channel
         raise InputError(f"{where}: not a line of UTF-8 text; {wanted}; save it as UTF-8 CSV")
     missing = [name for name in REQUIRED if name not in names]
     if missing:
-        raise InputError(f"{where}: no column {', '.join(missing)} (it has: {found}); {wanted}")
-    unknown = [name[:40] for name in names if name not in REQUIRED + OPTIONAL]
-    if unknown:
-        raise InputError(f"{where}: unknown column {unknown[0]!r}; {wanted}; remove it")
-    if len(set(names)) < len(names):
-        raise InputError(f"{where}: a column stands there twice ({found}); {wanted}")
+        commas = "; separate them by commas" if len(names) == 1 and ";" in found else ""
+        raise InputError(
+            f"{where}: no column {', '.join(missing)} (it has: {found}); {wanted}{commas}"
+        )
+    twice = [name for name in REQUIRED + OPTIONAL if list(names).count(name) > 1]
+    if twice:
+        raise InputError(f"{where}: column {twice[0]} stands there twice ({found}); {wanted}")

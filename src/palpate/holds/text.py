@@ -87,7 +87,9 @@ def _convert(
         numbers = _floats(fields["time_s"]), _floats(fields["value"])
     except ValueError:
         rows, lines = _sift(rows, columns, first_line, name=name)
-        fields = dict(zip(columns, zip(*rows, strict=True) if rows else [()] * 4, strict=False))
+        fields = dict(
+            zip(columns, zip(*rows, strict=True) if rows else [()] * len(columns), strict=True)
+        )
         numbers = _floats(fields["time_s"]), _floats(fields["value"])
     return Rows(
         hold_id=_objects(fields["hold_id"]),

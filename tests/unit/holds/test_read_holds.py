@@ -61,11 +61,10 @@ BAD_TEXT = {
     "empty": ("", "empty"),
     "no rows": (HEADER, "no rows"),
     "missing column": ("hold_id,value\na,1\n", "line 1: no column time_s"),
-    "semicolons": ("hold_id;time_s;value\na;1;2\n", "line 1: no column"),
-    "unknown column": ("hold_id,time_s,value,chanel\na,1,2,3\n", "unknown column 'chanel'"),
+    "semicolons": ("hold_id;time_s;value\na;1;2\n", "separate them by commas"),
     "column twice": (
         "hold_id,time_s,value,value\na,1,2,3\n",
-        "a column stands there twice",
+        "column value stands there twice",
     ),
     "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is nan in hold a"),
     "infinite": (HEADER + "a,0,1\na,inf,2\n", "line 3: time_s is inf in hold a"),
@@ -141,7 +140,6 @@ def table(**columns: object) -> pa.Table:
     ("columns", "said"),
     [
         ({"value": None}, "no column value"),
-        ({"other": [1, 2]}, "unknown column 'other'"),
         ({"time_s": ["0", "1"]}, "column time_s is string; it must be numbers"),
         ({"hold_id": [1.5, 1.5]}, "column hold_id is double; it must be text"),
         ({"value": [1.0, None]}, "row 2: no value"),
@@ -210,3 +208,14 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path, one_hold: bool) -> N
                 file.writelines(f"{name},{start + i * 0.1:.1f},{i}\n" for i in range(400))
         peaks.append(peak_memory(path))
     assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_other_columns_are_ignored_as_index_columns_of_exports(tmp_path: Path) -> None:
+    text = tmp_path / "holds.csv"
+    text.write_text(",hold_id,time_s,value,note,note\n0,a,0,3,x_1,\n1,a,1,2,,y\n")
+    packed = tmp_path / "holds.parquet"
+    pq.write_table(table(index=[0, 1], parts=[[1], [2, 3]]), packed)
+    for path in (text, packed):
+        [hold] = read_holds(path)
+        assert (hold.hold_id, hold.channel) == ("a", None)
+        assert (hold.time_s.tolist(), hold.values.tolist()) == ([0.0, 1.0], [3.0, 2.0])
