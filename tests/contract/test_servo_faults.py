@@ -23,6 +23,7 @@ from palpate.gripper.dynamixel import DynamixelGripper, open_gripper
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.servo_line import RefusedError, ServoLine
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
+from palpate.rig import open_rig
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray
 from palpate.twin.servo_bus import ServoBus
@@ -191,6 +192,21 @@ def test_what_can_not_be_opened_is_one_line(
     with pytest.raises(error, match=words) as raised:
         open_gripper(**{"port": bus.name, **options})  # type: ignore[arg-type]
     assert "\n" not in str(raised.value)
+
+
+def test_opened_by_a_rig_file(world: World, bus: ServoBus, tmp_path: Path) -> None:
+    calibration = calibrated(seed=5, level="paper", apart_from="strawberry")
+    calibration.save(tmp_path / "pad.json")
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "calibration = 'pad.json'\n[array]\nopen = 'types:SimpleNamespace'\n[gripper]\n"
+        f"open = 'palpate.gripper.dynamixel:open_gripper'\nport = '{bus.name}'\noffset_mm = -4.0\n"
+        "reply_s = 0.5\n"
+    )
+    gripper = open_rig(str(path)).gripper
+    assert gripper.limits.highest == 70.0
+    assert gripper.state().width_mm == pytest.approx(70.0, abs=0.05)
+    gripper.close()
 
 
 def test_unknown_model(world: World, bus: ServoBus) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from palpate.clock import RealClock
-from palpate.errors import InputError
+from palpate.errors import InputError, PalpateError
 from palpate.rig import Rig, open_rig
 from palpate.sensor.calibration import Calibration
 
@@ -20,7 +21,8 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
 
     Either ``use = "sim-rigid"``: another rig by name. Or a ``calibration`` file, and tables
     ``[array]`` and ``[gripper]`` each with ``open = "module:function"``; what else a table holds
-    goes to that function by keyword.
+    goes to that function by keyword. A gripper's function with a parameter ``array`` gets the open
+    array too: fingers on the sensor's own board.
 
     Raises
     ------
@@ -45,16 +47,22 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
         )
     calibration = Calibration.load(path.parent / str(stated["calibration"]))
     array = _opened(path, "array", stated["array"])
+    try:
+        gripper = _opened(path, "gripper", stated["gripper"], array=array)
+    except PalpateError:
+        array.close()
+        raise
     return Rig(
         name=path.name,
         array=array,
-        gripper=_opened(path, "gripper", stated["gripper"]),
+        gripper=gripper,
         clock=RealClock(),
         calibration=calibration,
     )
 
 
-def _opened(path: Path, part: str, table: Any) -> Any:
+def _opened(path: Path, part: str, table: Any, **shared: Any) -> Any:
+    """Call the opener that a table names; it gets what is shared if it has a parameter for it."""
     where = table.get("open") if isinstance(table, dict) else None
     if not isinstance(where, str) or ":" not in where:
         raise InputError(f"rig file {path}: [{part}] needs `open`, {_EXAMPLE}")
@@ -64,6 +72,14 @@ def _opened(path: Path, part: str, table: Any) -> Any:
     except (ImportError, AttributeError) as error:
         raise InputError(f"rig file {path}: [{part}] open = {where!r}: {error}") from error
     try:
-        return opener(**{key: value for key, value in table.items() if key != "open"})
+        asked = {name: value for name, value in shared.items() if _takes(opener, name)}
+        return opener(**{key: value for key, value in table.items() if key != "open"}, **asked)
     except TypeError as error:
         raise InputError(f"rig file {path}: [{part}]: {error}") from error
+
+
+def _takes(opener: Any, name: str) -> bool:
+    try:
+        return name in inspect.signature(opener).parameters
+    except ValueError:  # built in, without a signature
+        return False

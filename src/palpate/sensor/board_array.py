@@ -91,6 +91,7 @@ def open_board(
     oversampling: int = 1,
     baud: int = BAUD,
     load_cells: bool = False,
+    pressure: bool = False,
 ) -> SerialArray:
     """Open the array of a board with palpate's firmware; it reconnects after an unplug.
 
@@ -108,6 +109,8 @@ def open_board(
         Speed that the firmware was built for.
     load_cells : bool
         Whether the board's two load cells are read too.
+    pressure : bool
+        Whether the board's regulator is read too, for fingers driven by pressure.
 
     Raises
     ------
@@ -136,6 +139,7 @@ def open_board(
         layout=pixels,
         rate_hz=rate_hz,
         oversampling=oversampling,
-        contents=Contents.LOAD_CELLS if load_cells else Contents.PIXELS,
+        contents=(Contents.LOAD_CELLS if load_cells else Contents.PIXELS)
+        | (Contents.PRESSURE if pressure else Contents.PIXELS),
         reopen=lambda: open_stream(where()),
     )

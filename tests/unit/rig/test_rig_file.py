@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -40,6 +42,24 @@ def test_devices_by_module_and_function(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("types:SimpleNamespace", "types:Nothing", 1))
     with pytest.raises(InputError, match=r"\[array\] open = 'types:Nothing'"):
         open_rig(str(path))
+
+
+def shares(*, array: object, colour: str) -> tuple[object, str]:
+    return array, colour
+
+
+def test_a_gripper_may_ask_for_the_open_array(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "my_hand", SimpleNamespace(shares=shares))
+    open_rig("sim-rigid", object_name="tomato", seed=5).calibration.save(tmp_path / "pad.json")
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "calibration = 'pad.json'\n[array]\nopen = 'types:SimpleNamespace'\n"
+        "[gripper]\nopen = 'my_hand:shares'\ncolour = 'red'\n"
+    )
+    opened = open_rig(str(path))
+    assert opened.gripper == (opened.array, "red")
 
 
 def test_built_in_names_come_first() -> None:
