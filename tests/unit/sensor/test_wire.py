@@ -6,6 +6,7 @@ import random
 import struct
 import zlib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from palpate.sensor.wire import (
     MAX_STUFFED_BYTES,
     Decoder,
     WireCounters,
+    encode_command,
     encode_message,
     pack,
     stuff,
@@ -26,6 +28,7 @@ from palpate.sensor.wire_messages import (
     FrameMessage,
     Message,
     MessageType,
+    Ping,
     Result,
 )
 
@@ -64,6 +67,20 @@ def frames_in(messages: list[Message]) -> list[FrameMessage]:
 
 def numbers(decoder: Decoder, data: bytes) -> list[int]:
     return [message.sequence for message in frames_in(decoder.feed(data))]
+
+
+def test_the_examples_in_the_protocol_s_description_are_true() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
+    example = FrameMessage(
+        sequence=258,
+        time_us=1_000_000,
+        stream=9,
+        oversampling=1,
+        status=0,
+        counts=np.array([[512, 7]], dtype=np.uint16),
+    )
+    for data in (encode_command(Ping(), tag=7), encode_message(example)):
+        assert f"`{data.hex(' ').upper()}`" in text
 
 
 # -- losses ---------------------------------------------------------------------------------------
