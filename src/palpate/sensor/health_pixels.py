@@ -140,6 +140,9 @@ def _verdicts(
     nothing = np.zeros((layout.rows, layout.cols))
     yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing
     yield "short", readings.rest_ohm == 0.0, "reads short: no resistance at all", nothing
+    alive = np.isfinite(readings.noise_percent)
+    ratio = np.where(alive, readings.rest_ohm, 0.0) / _typical(readings.rest_ohm)
+    yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the others", ratio
     noise = readings.noise_percent
     loud = (noise > _NOISY_PERCENT) | (
         (noise > _NOISY_RATIO * _typical(noise)) & (noise > _QUIET_PERCENT)
@@ -149,7 +152,6 @@ def _verdicts(
     yield "loose", loose, "drops out or jumps {} times in the stretch", drops + jumps
     loud &= noise >= _COUNT * readings.count_percent
     yield "noisy", loud, "noise of one frame is {} %", noise
-    alive = np.isfinite(noise)
     stuck = _stuck(mean_counts, steps_per_count, sound=alive & ~loose, layout=layout)
     yield "stuck", stuck, "never moves, though the other pixels' noise should move it", nothing
     shared = _typical(readings.drift_percent)
@@ -162,8 +164,6 @@ def _verdicts(
         "drifts by {} % more than the others",
         own,
     )
-    ratio = np.where(alive, readings.rest_ohm, 0.0) / _typical(readings.rest_ohm)
-    yield "faint", ratio > _FAINT_RATIO, "reads {} times the resistance of the others", ratio
 
 
 def _changed(readings: PixelReadings, known_ohm: FloatArray) -> tuple[BoolArray, str, FloatArray]:

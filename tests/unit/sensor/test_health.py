@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.sensor.array import ArrayLayout
+from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
 from palpate.sensor.findings import Severity
 from palpate.sensor.health import Health, Stretch, examine
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.health_pixels import grouped
 from palpate.sensor.reference_resistor import fit_reference, nearest_e12
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts
+from palpate.signal.crosstalk import floating_readings_ohm
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 
@@ -78,6 +80,26 @@ def test_the_converters_noise_does_not_hide_a_dead_pixel(
         oversampling=oversampling,
     )
     assert codes(examine(noisy, layout=layout)) == [(code, "R2 C1")]
+
+
+@pytest.mark.parametrize(
+    ("factor", "found"),
+    [(1.0, set()), (1e6, {"open", "faint"}), (1e-6, {"short"})],
+    ids=["healthy", "open", "short"],
+)
+def test_pixels_behind_floating_lines(factor: float, found: set[str]) -> None:
+    """Current flows around an open pixel: it may read faint, but nothing else is blamed."""
+    bare = replace(RIGID_LAYOUT, idle_lines="floating")
+    rng = np.random.default_rng(4)
+    for seed in range(6):
+        rest_ohm = World(None, seed=seed).pixel_resistance_ohm(0.0)
+        rest_ohm[2, 1] *= factor
+        read = floating_readings_ohm(rest_ohm * rng.normal(1.0, 0.0015, (150, 4, 2)))
+        volts, noise = ohm_to_volts(read, divider=bare.divider), rng.normal(0, 0.3, read.shape)
+        counts = volts_to_counts(volts, divider=bare.divider, noise_counts=noise)
+        health = examine(changed(twin_rest(1)[0], counts), layout=bare)
+        assert {where for _, where in codes(health)} == ({"R2 C1"} if found else set())
+        assert {code for code, _ in codes(health)} <= found
 
 
 @pytest.mark.parametrize(
