@@ -1,0 +1,110 @@
+"""What the pages show runs: commands in `sh` blocks, all Python, and the options of the others.
+
+A page is a story: its blocks run in order, in one folder and one Python namespace. Commands that
+need a board stand in `console` blocks behind a `$`; of those the verb and its options are checked.
+"""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from palpate.cli import VERBS, build_app
+from palpate.commands.calibrate import STEPS
+from palpate.commands.outcome import run
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Pages whose `sh` and `python` blocks are run.
+EXECUTED = (
+    "index",
+    "first-grasp",
+    "build-a-sensor",
+    "calibrate",
+    "own-gripper-or-sensor",
+    "architecture",
+)
+#: A comment before a block says that its commands exit otherwise than with 0.
+BLOCK = re.compile(
+    r"^(?:<!-- exit (?P<status>\d) -->\n)?```(?P<kind>\w+)\n(?P<text>.*?)^```", re.M | re.S
+)
+
+
+def blocks(page: str) -> list[tuple[str, int, str]]:
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    return [(m["kind"], int(m["status"] or 0), m["text"]) for m in BLOCK.finditer(text)]
+
+
+def run_line(line: str) -> int:
+    program, *arguments = shlex.split(line, comments=True)
+    if program == "palpate":
+        return run(build_app(), arguments, name="palpate")
+    assert program == "python", f"no idea how to run {line!r}"
+    sys.argv = arguments
+    runpy.run_path(str(ROOT / arguments[0]), run_name="__main__")
+    return 0
+
+
+@pytest.mark.parametrize("page", EXECUTED)
+def test_every_block_of_the_page_runs(
+    page: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["palpate"])
+    names: dict[str, object] = {}
+    for kind, status, text in blocks(page):
+        if kind == "python":
+            exec(compile(text, f"docs/{page}.md", "exec", dont_inherit=True), names)
+        if kind == "sh":
+            for line in text.splitlines():
+                assert run_line(line) == status, line
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def shown_commands() -> list[tuple[str, str]]:
+    """Return page and line of every palpate command that a reader is to type at a board."""
+    return [
+        (page.stem, line.removeprefix("$ "))
+        for page in sorted((ROOT / "docs").glob("*.md"))
+        for kind, _, text in blocks(page.stem)
+        for line in text.splitlines()
+        if kind == "console" and line.startswith("$ palpate ")
+    ]
+
+
+@pytest.mark.parametrize(("page", "line"), shown_commands())
+def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line: str) -> None:
+    _, verb, *arguments = shlex.split(line, comments=True)
+    assert verb in VERBS
+    if verb == "calibrate":
+        assert arguments[0] in STEPS
+        return
+    command = typer.main.get_command(build_app()).commands[verb]
+    known = {name for parameter in command.params for name in parameter.opts}
+    assert {word for word in arguments if word.startswith("--")} <= known
+
+
+def test_the_picture_of_the_sensor_is_what_the_command_draws() -> None:
+    from palpate.fabrication.design import PRESETS
+    from palpate.fabrication.pattern import lay_out
+    from palpate.fabrication.svg import combined_svg
+
+    shown = (ROOT / "docs" / "images" / "paper-3x2.svg").read_text(encoding="utf-8")
+    assert shown == combined_svg(lay_out(PRESETS["paper-3x2"]))
+
+
+def test_the_page_of_the_architecture_lists_the_layers_that_are_enforced() -> None:
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    enforced = re.findall(r"palpate\.(\w+)", project.split("layers = [")[1].split("]")[0])
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.split("| layer | holds |")[1].split("\n\n")[0]
+    listed = [name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row[:60])]
+    assert listed == enforced
