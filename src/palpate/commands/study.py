@@ -13,11 +13,15 @@ from palpate.errors import InputError
 #: Study -> (module under `palpate.studies`, what it shows). Each module holds a function `command`.
 STUDIES: dict[str, tuple[str, str]] = {
     "force-ladders": ("force_ladders", "Dead weights on real Velostat, sensors held out"),
+    "noise": ("noise", "Filters against mains pick-up and motor spikes, on the twin"),
+    "pixels": ("pixels", "Number of pixels, and dead ones, on the twin"),
     "presses": ("presses", "Force now on real Velostat under a robot's presses"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
     "realism": ("realism", "The twin's scatter beside real recordings"),
+    "detection-limit": ("detection_limit", "Weakest force seen and linearity, on the twin"),
     "environment": ("environment", "Figures 1b and 3, climate and suction on the twin"),
     "fatigue": ("fatigue", "Figure 4, 2 500 cycles on the twin, re-zeroed and corrected"),
+    "speed": ("speed", "Actuation speed against every predictor, on the twin"),
     "springs": ("springs", "Figure 10b, springs on the twin"),
     "table1": ("table1", "Table 1 and Figures 5 and 6, on simulated holds"),
     "table2": ("table2", "Table 2 and Figure 8b, silicone sheets on the twin"),

@@ -150,7 +150,9 @@ def _touch(state: RezeroState, lowest_percent: float, width_mm: float | None) ->
     threshold = CONTACT_PERCENT * (0.5 if state.touching else 1.0)
     touching = lowest_percent <= threshold
     contact_mm, widest_mm = state.contact_mm, state.widest_mm
-    if touching and not state.touching:
+    closed = width_mm is None or width_mm < widest_mm - _WIDTH_NOISE_MM
+    # Without closing it is what the last load left behind: as long as it shows, nothing is taken.
+    if touching and not state.touching and (closed or contact_mm is None):
         # Seen at this frame, begun after the last one. Of an unknown width nothing can be clear.
         known = [mm for mm in (width_mm, state.width_mm) if mm is not None]
         contact_mm = max(known, default=np.inf)

@@ -84,7 +84,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 rows=rows,
             ),
             Table(
-                title="Suction on the bare sheet: mean relative change, percent (lowest to highest)",
+                title="Suction on a bare sheet: mean relative change, percent (lowest to highest)",
                 columns=("suction, kPa", *LEVELS),
                 rows=[
                     [f"{kpa:g}", *(_range(lifted[level][:, index]) for level in LEVELS)]

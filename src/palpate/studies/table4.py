@@ -154,7 +154,7 @@ def _provenance(sensors: int, repeats: int, found: dict[str, list[dict[str, Pair
         "words under Table 4.",
         f"Slopes differ in the paper by a factor of {max_slope / min_slope:.2f}. Each sheet was "
         "gripped over other forces, and the change bends (it saturates at -100 %): where slopes "
-        "agree at one force, it is that bend and not the material. Local slopes are taken at the middle "
+        "agree at one force, it is that bend and not the material. Local slopes are at the middle "
         f"of the forces that all sheets reach ({low:.1f} to {high:.1f} N on the first sensor).",
     ]
 

@@ -37,6 +37,8 @@ SETTLED_S = 20.0
 #: Excess conductance from which on the coordinate of the relative change goes on as a logarithm:
 #: linear creep in the relative change itself would drive the resistance below zero.
 _BEND = 6.0
+#: Distance between pixel centres that the force ranges are for, mm.
+USUAL_PITCH_MM = 10.0
 #: The paper's room (section 2.1); it gives no humidity, so that is ours.
 ROOM_C, ROOM_HUMIDITY_PERCENT = 21.9, 45.0
 #: exp(-s ** 1.12) as a sum of exponentials in s, to within 0.003.
@@ -263,14 +265,16 @@ def draw_sheet(
     pixels = layout.pixels
     # A stream of its own, which leaves the other draws of a seed as they are without it.
     aging = rng.spawn(1)[0]
+    # The ranges are for pixels of the usual pitch; it is pressure that the sheet answers to.
+    area = (layout.pitch_mm / USUAL_PITCH_MM) ** 2
     rest_ohm = log_uniform(rng, ranges.rest_ohm_log)
     return Sheet(
         family=FAMILIES[name](np.random.default_rng(rng.integers(2**63)), ranges),
         rest_ohm=rest_ohm * np.exp(ranges.rest_pixel_log_sd * rng.standard_normal(pixels)),
         gain=np.exp(ranges.sheet_pixel_log_sd * rng.standard_normal(pixels)),
-        unit_force_n=log_uniform(rng, ranges.unit_force_n_log),
+        unit_force_n=area * log_uniform(rng, ranges.unit_force_n_log),
         exponent=uniform(rng, ranges.exponent),
-        threshold_n=uniform(rng, ranges.threshold_n),
+        threshold_n=area * uniform(rng, ranges.threshold_n),
         saturation=log_uniform(rng, ranges.saturation_log),
         hysteresis=uniform(rng, ranges.hysteresis),
         spike_decay_s=uniform(rng, ranges.spike_decay_s),
