@@ -8,14 +8,17 @@ from contextlib import ExitStack
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from palpate.clock import ManualClock
 from palpate.errors import WireError
-from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, Frame
+from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, Frame, PressureArray
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents, ResetCause, SetPressure
+from palpate.twin.devices import TwinArray
 from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.firmware_stream import FirmwareStream, open_firmware_array
+from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")
@@ -132,6 +135,33 @@ def test_a_board_that_hangs_comes_back_by_its_watchdog(closing: ExitStack) -> No
     assert rig.array.counters.restarts == 1
     assert rig.board.output_kpa == 0, "nobody has asked for pressure since"
     _assert_one_gap(before + after, longest_s=0.45)
+
+
+def _settled_counts(seed: int, *, firmware: bool) -> NDArray[np.float64]:
+    """Return the mean counts of each pixel, at rest and under a held object."""
+    obj = draw_object(np.random.default_rng(seed), "ball-44lbs")
+    world = World(obj, seed=seed, clock=ManualClock(5.0), frame_rate_hz=100.0)
+    array: PressureArray = TwinArray(world)
+    if firmware:
+        array = open_firmware_array(world, noise_mv=1e3 * 5.0 / 1024 * 0.4, rate_hz=100.0)
+    found = []
+    for width_mm in (70.0, 0.9 * obj.size_mm):
+        world.drive(width_mm, rate=60.0)
+        frames = [array.read(timeout_s=1.0) for _ in range(200)]
+        found.append(np.mean([frame.counts for frame in frames[100:]], axis=0))
+    array.close()
+    return np.array(found)
+
+
+def test_counts_are_those_of_the_twin_s_own_readout_within_the_noise() -> None:
+    offsets = []
+    for seed in range(4):
+        twin, board = (_settled_counts(seed, firmware=through) for through in (False, True))
+        # The sheet's slow noise and what is left of the settling differ from draw to draw.
+        assert np.abs(board - twin).max() < 1.0 + 0.004 * twin.max()
+        offsets.append(board - twin)
+    # A converter that cuts instead of rounding is off by half a count.
+    assert abs(float(np.median(offsets))) < 0.2
 
 
 def _assert_one_gap(frames: list[Frame], *, longest_s: float) -> None:
