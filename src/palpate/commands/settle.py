@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,10 +13,13 @@ import typer
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.holds import Hold
     from palpate.settling.evaluate import Prediction
     from palpate.settling.result import SettlingMethod
 
 DEFAULT_CUTOFF_S = 2.5
+#: A 90 % interval from residuals alone takes nine of them; twice that to be worth its name.
+FEW_CALIBRATION_HOLDS = 20
 
 
 def settle(
@@ -35,7 +39,9 @@ def settle(
     level: Annotated[float, typer.Option(help="Probability the interval is to cover.")] = 0.9,
     fit_on: Annotated[
         list[Path] | None,
-        typer.Option(help="Calibration holds for methods that can use them.", metavar="HOLDS"),
+        typer.Option(
+            help="Calibration holds: intervals as wide as errors on these.", metavar="HOLDS"
+        ),
     ] = None,
     until_half_width: Annotated[
         float | None,
@@ -65,7 +71,15 @@ def settle(
     if plot is not None or (cutoffs_s and until_half_width):
         _check_rereadable(holds)
     report.check_outputs(plot=plot, out=out)
-    chosen = _methods(method or ["relaxation"], fit_on=fit_on or [], horizon_s=horizon)
+    names = method or ["relaxation"]
+    chosen = _methods(names, fit_on=fit_on or [], horizon_s=horizon)
+    without = [name for name in chosen if name != "relaxation"]
+    if until_half_width and without and not fit_on:
+        print(
+            f"palpate: --until-half-width: {', '.join(without)} has no interval without --fit-on, "
+            "so it waits to the end of each hold",
+            file=sys.stderr,
+        )
     predictions = list(
         _predict(
             holds,
@@ -120,18 +134,40 @@ def _check_rereadable(files: Sequence[Path]) -> None:
 def _methods(
     names: Sequence[str], *, fit_on: Sequence[Path], horizon_s: float
 ) -> dict[str, SettlingMethod]:
-    """Make each method once, from calibration holds where it can use them."""
-    from palpate.holds import read_holds
-    from palpate.settling.evaluate import Calibrates
+    """Make each method once; calibration holds sharpen those that can use them."""
     from palpate.settling.predict import method_named
 
     made = {name: method_named(name) for name in names}
-    calibration = [hold for file in fit_on for hold in read_holds(file, until_s=horizon_s)]
-    if calibration:
-        for name, method in made.items():
-            if isinstance(method, Calibrates):
-                made[name] = method.calibrated_on(calibration, horizon_s=horizon_s)
+    if not fit_on:
+        return made
+    from palpate.settling.conformal import calibrate
+    from palpate.settling.evaluate import Calibrates
+
+    holds = _calibration_holds(fit_on, horizon_s=horizon_s)
+    for name, method in made.items():
+        if isinstance(method, Calibrates):
+            made[name] = method.calibrated_on(holds, horizon_s=horizon_s)
+        else:
+            made[name] = calibrate(method, holds, horizon_s=horizon_s)
     return made
+
+
+def _calibration_holds(files: Sequence[Path], *, horizon_s: float) -> list[Hold]:
+    """Return the holds that reach the horizon; say on standard error where they are few."""
+    from math import isnan
+
+    from palpate.holds import read_holds
+    from palpate.settling.scoring import settled_value
+
+    holds = [hold for file in files for hold in read_holds(file, until_s=horizon_s)]
+    kept = [h for h in holds if not isnan(settled_value(h.time_s, h.values, horizon_s=horizon_s))]
+    if len(kept) < FEW_CALIBRATION_HOLDS:
+        print(
+            f"palpate: --fit-on: {len(kept)} of {len(holds)} holds reach {horizon_s:g} s; "
+            f"intervals from fewer than {FEW_CALIBRATION_HOLDS} are rough or missing",
+            file=sys.stderr,
+        )
+    return kept
 
 
 def _predict(

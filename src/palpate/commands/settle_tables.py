@@ -54,10 +54,12 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
     )
     for entry in document.summary():
         if "holds_decided" in entry:
+            others = entry["holds"] - entry["holds_decided"]
             console.print(
                 f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
                 f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
-                f"{_text(entry['median_decision_s'])} s); the others waited to their end"
+                f"{_text(entry['median_decision_s'])} s)"
+                + ("; the others waited to their end" if others else "")
             )
     counts = Counter(str(row.status) for row in document.predictions)
     console.print("Status: " + ", ".join(f"{n} {status}" for status, n in counts.most_common()))

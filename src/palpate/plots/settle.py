@@ -64,7 +64,7 @@ def settle_figure(
         for axis in axes.flat[max(0, len(panels) - columns) : len(panels)]:
             axis.set_xlabel("time (s)")
         handles, labels = axes.flat[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(6, len(labels)))
     return figure
 
 

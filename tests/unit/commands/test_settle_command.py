@@ -104,14 +104,26 @@ def test_several_files_and_methods_in_a_stable_order(
     assert [row["method"] for row in first["rows"][:2]] == ["exponential", "recorded"]
 
 
-def test_fit_on_changes_the_interval_of_the_method_that_can_use_it(
+def test_fit_on_sets_intervals_and_leaves_values(
     holds_csv: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    methods = ("--method", "relaxation", "--method", "exponential")
+    methods = ("--method", "relaxation", "--method", "exponential", "--level", "0.5")
     plain = document(capsys, holds_csv, *methods)
-    fitted = document(capsys, holds_csv, *methods, "--fit-on", holds_csv)
+    assert ran(holds_csv, *methods, "--fit-on", holds_csv, "--json") == 0
+    fitted = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert [r["high"] for r in plain["rows"][::2]] != [r["high"] for r in fitted["rows"][::2]]
-    assert plain["rows"][1::2] == fitted["rows"][1::2]
+    assert {r["high"] for r in plain["rows"][1::2]} == {None}
+    assert any(r["high"] is not None for r in fitted["rows"][1::2])
+    assert [r["predicted"] for r in plain["rows"]] == [r["predicted"] for r in fitted["rows"]]
+
+
+def test_few_calibration_holds_and_methods_without_intervals_are_named_on_stderr(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ran(holds_csv, "--fit-on", holds_csv) == 0
+    assert "holds reach 20 s; intervals from fewer than 20" in capsys.readouterr().err
+    assert ran(holds_csv, "--method", "recorded", "--until-half-width", "5") == 0
+    assert "recorded has no interval without --fit-on" in capsys.readouterr().err
 
 
 def test_until_half_width_reports_the_time_of_decision(

@@ -1,0 +1,66 @@
+"""Intervals from calibration holds for methods that have none of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.holds import Hold
+from palpate.settling.conformal import Conformal, calibrate
+from palpate.settling.exponential import Exponential
+from palpate.settling.recorded import Recorded
+
+TIME_S = np.arange(0.0, 20.5, 0.1)
+SEEN = TIME_S <= 2.5
+
+
+def holds(count: int, *, seed: int, scale: float = 1.0) -> list[Hold]:
+    rng = np.random.default_rng(seed)
+    found = []
+    for index in range(count):
+        origin_s, speed = rng.uniform(0.1, 1.0), rng.uniform(1.0, 3.0)
+        values = scale * (50 - speed * np.log(TIME_S + origin_s) + rng.normal(0, 0.02, TIME_S.size))
+        found.append(Hold(hold_id=str(index), channel=None, time_s=TIME_S, values=values))
+    return found
+
+
+def test_intervals_cover_new_holds_at_their_level() -> None:
+    values = np.stack([hold.values for hold in holds(400, seed=2)])
+    settled = values[:, (TIME_S >= 19.5) & (TIME_S <= 20)].mean(axis=1)
+    for method in (Recorded(), Exponential()):
+        for level in (0.5, 0.9):
+            found = calibrate(method, holds(200, seed=1), horizon_s=20.0).predict(
+                TIME_S[SEEN], values[:, SEEN], horizon_s=20.0, level=level
+            )
+            covered = np.mean((found.low <= settled) & (settled <= found.high))
+            assert abs(covered - level) < 0.08, (method.name, level)
+            assert found.method == method.name
+
+
+def test_values_stay_those_of_the_method_and_widths_scale_with_the_unit() -> None:
+    values = holds(1, seed=3)[0].values[None, SEEN]
+    plain = Exponential().predict(TIME_S[SEEN], values, horizon_s=20.0, level=0.9)
+    one = calibrate(Exponential(), holds(30, seed=1), horizon_s=20.0)
+    other = calibrate(Exponential(), holds(30, seed=1, scale=-7.0), horizon_s=20.0)
+    found = one.predict(TIME_S[SEEN], values, horizon_s=20.0, level=0.9)
+    scaled = other.predict(TIME_S[SEEN], -7.0 * values, horizon_s=20.0, level=0.9)
+    assert found.value.tolist() == plain.value.tolist()
+    assert np.allclose(scaled.low, -7.0 * found.high, rtol=1e-6)
+
+
+def test_too_few_calibration_holds_give_no_interval() -> None:
+    values = holds(1, seed=3)[0].values[None, SEEN]
+
+    def interval(method: Conformal, level: float) -> float:
+        return float(method.predict(TIME_S[SEEN], values, horizon_s=20.0, level=level).low[0])
+
+    eight = calibrate(Recorded(), holds(8, seed=1), horizon_s=20.0)
+    assert np.isnan(interval(eight, 0.9))
+    assert np.isfinite(interval(eight, 0.8))
+    assert np.isnan(interval(calibrate(Recorded(), [], horizon_s=20.0), 0.5))
+
+
+def test_a_hold_that_has_not_moved_has_no_interval() -> None:
+    method = calibrate(Recorded(), holds(30, seed=1), horizon_s=20.0)
+    still = method.predict(TIME_S[SEEN], np.full((1, SEEN.sum()), 5.0), horizon_s=20.0, level=0.9)
+    assert still.value[0] == 5.0
+    assert np.isnan(still.low[0])
