@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,15 @@ class ContactPoint:
 
     size_mm: FloatArray
     weight: FloatArray
+
+    @classmethod
+    def mixture(cls, points: Sequence[ContactPoint], *, weights: Sequence[float]) -> ContactPoint:
+        """Return one distribution out of several, each with the probability that it holds."""
+        size_mm = np.concatenate([point.size_mm for point in points])
+        parts = zip(points, weights, strict=True)
+        weight = np.concatenate([share * point.weight for point, share in parts])
+        order = np.argsort(size_mm, kind="stable")
+        return cls(size_mm=size_mm[order], weight=weight[order] / weight.sum())
 
     def quantile(self, probability: ArrayLike) -> FloatArray:
         """Return quantiles, linear between candidates, mm."""
@@ -88,9 +98,19 @@ def contact_point(
     size = np.arange(float(inner.max()) + _GRID_MM, highest, _GRID_MM)
     depth = size[:, None] - inner
     log_force = np.log(force[felt])
+    # At small forces the gripper gives way at least as easily as at the smallest one that was felt.
+    give_mm_per_n = float(np.max(give[felt] / force[felt]))
     log_weight = np.stack(
         [
-            _log_evidence(depth, log_force, size[:, None] - beyond, exponent, scatter, floor_n)
+            _log_evidence(
+                depth,
+                log_force,
+                size[:, None] - beyond,
+                exponent=exponent,
+                scatter=scatter,
+                floor_n=floor_n,
+                give_mm_per_n=give_mm_per_n,
+            )
             + np.log(share * likely)
             for exponent, share in _EXPONENTS.items()
             for scatter, likely in _SCATTER.items()
@@ -104,9 +124,11 @@ def _log_evidence(
     depth: FloatArray,
     log_force: FloatArray,
     unfelt_depth: FloatArray,
+    *,
     exponent: float,
     scatter: float,
     floor_n: float,
+    give_mm_per_n: float,
 ) -> FloatArray:
     """Return the log evidence of each size, shape (n_sizes,), with ln K integrated out."""
     variance = scatter**2 + (0.5 * floor_n / np.exp(log_force)) ** 2
@@ -115,5 +137,9 @@ def _log_evidence(
     log_k = (left @ precision) / precision.sum()
     fit = -0.5 * ((left - log_k[:, None]) ** 2 @ precision)
     fit -= 0.5 * (np.log(variance).sum() + np.log(precision.sum()))
-    unfelt = np.exp(log_k)[:, None] * np.maximum(unfelt_depth, 0.0) ** exponent
+    # Where nothing was felt, object and gripper shared the closure: however stiff the object, the
+    # gripper's give bounds the force. Exact for exponent 1.
+    closed = np.maximum(unfelt_depth, 1e-9)
+    alone = np.exp(log_k)[:, None] * closed**exponent
+    unfelt = alone / (1.0 + give_mm_per_n * alone / closed)
     return np.asarray(fit - 0.5 * ((unfelt / floor_n) ** 2).sum(axis=1))

@@ -21,6 +21,8 @@ FloatArray = NDArray[np.float64]
 _DRAWS = 2000
 #: With fewer of them possible, the object can't be told from a rigid one.
 _FEWEST_SHARE = 0.1
+#: A normal variable at five points with their probabilities (Gauss-Hermite).
+_GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
 _FELT_PERCENT = -1.0
 
@@ -137,15 +139,26 @@ def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | Non
     if felt[first:].sum() < 2 or not hinted.any():
         return None
     excess = np.array([c.touch.excess for c in belief.staircase])
-    force = np.where(felt, plan.early_law.force_n(excess, level=plan.level).value, 0.0)
+    read = plan.early_law.force_n(excess, level=plan.level)
+    force = np.where(felt, read.value, 0.0)
     # Below the weakest reading of the calibration the law can't tell forces apart.
     floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
-    return contact_point(
-        width[first:] - give.zero_mm,
-        force_n=force[first:],
-        give_mm=give.give_mm(force[first:]),
-        floor_n=floor_n,
-    )
+    # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
+    # out as the gripper's give goes with it.
+    upper = np.log(read.high[felt] / read.value[felt])
+    gain_sd = float(np.median(upper)) / float(norm.ppf(0.5 + plan.level / 2))
+    points = []
+    for node in _GAIN_NODES:
+        scaled = force[first:] * float(np.exp(gain_sd * node))
+        points.append(
+            contact_point(
+                width[first:] - give.zero_mm,
+                force_n=scaled,
+                give_mm=give.give_mm(scaled),
+                floor_n=floor_n,
+            )
+        )
+    return ContactPoint.mixture(points, weights=_GAIN_WEIGHTS.tolist())
 
 
 def _size(size: ContactPoint, plan: Plan, give: Give) -> Measurement:

@@ -173,13 +173,18 @@ HANDLERS: dict[Phase, Callable[[Belief, Plan], Move]] = {
 
 
 def _read(belief: Belief, plan: Plan) -> Belief:
-    """Read the step that has been taken: force now, its upper bound, one more stair."""
-    touch = belief.now
+    """Read the force now and its upper bound; a step that is read for the first time is a stair.
+
+    Read again later, the sheet has crept: the early law would call that force.
+    """
+    touch, stairs = belief.now, belief.staircase
+    if not stairs or belief.moved_s >= stairs[-1].touch.time_s:
+        stairs = (*stairs, Closing(closure=belief.closure, touch=touch))
     force = plan.early_law.force_n(touch.excess, level=plan.level)
     force_n, force_high_n = float(force.value), float(force.high)
     return replace(
         belief,
-        staircase=(*belief.staircase, Closing(closure=belief.closure, touch=touch)),
+        staircase=stairs,
         force_n=force_n,
         force_high_n=force_high_n,
         peak_force_n=max(belief.peak_force_n, force_n),

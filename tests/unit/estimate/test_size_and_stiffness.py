@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.size import contact_point
+from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give, secant_stiffness
 
 
@@ -63,3 +63,24 @@ def test_give_refuses_what_is_no_block(width: list[float]) -> None:
 def test_stiffness_of_what_did_not_deform_is_the_largest_that_can_be_told() -> None:
     found = secant_stiffness([5.0, 5.0], size_mm=40.0, opening_mm=39.0, give_mm=[1.0, 1.2])
     assert found.tolist() == [STIFFEST_N_PER_MM, STIFFEST_N_PER_MM]
+
+
+def test_stiff_object_found_by_a_whole_step() -> None:
+    """Before the last step it was touched, but the gripper's give kept the force unfelt."""
+    size, n_per_mm, give = 40.0, 36.0, 0.35
+    width = np.array([40.9, 39.9, 38.9, 38.7, 38.5])
+    force = np.maximum(size - width, 0.0) / (1 / n_per_mm + give)
+    force = np.where(force > 0.3, force, 0.0)
+    found = contact_point(width, force_n=force, give_mm=give * force, floor_n=0.3)
+    assert abs(float(found.quantile(0.5)) - size) < 0.1
+
+
+def test_mixture_weighs_its_parts() -> None:
+    narrow, other = (
+        ContactPoint(size_mm=np.array([at, at + 0.1]), weight=np.array([0.5, 0.5]))
+        for at in (30.0, 32.0)
+    )
+    mixed = ContactPoint.mixture([other, narrow], weights=[0.25, 0.75])
+    assert mixed.size_mm.tolist() == [30.0, 30.1, 32.0, 32.1]
+    assert mixed.weight.tolist() == [0.375, 0.375, 0.125, 0.125]
+    assert float(mixed.quantile(0.5)) < 31.0 < float(mixed.quantile(0.9))
