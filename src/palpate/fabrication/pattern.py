@@ -180,7 +180,15 @@ def lay_out(design: SensorDesign) -> Pattern:
         right=column_pads[-1] + _half_copper(design),
         bottom=active.bottom + design.tail_mm + design.pad_length_mm,
     )
-    body = _body(design, active=active, bottom=active.bottom + jogs_mm + design.margin_mm)
+    body = Rect(
+        left=BORDER_MM,
+        top=BORDER_MM,
+        # Columns that spread towards wider pads turn beside the pixels: tape must be there too.
+        right=BORDER_MM + design.substrate_width_mm
+        if design.substrate_width_mm is not None
+        else max(active.right, pads.right) + design.margin_mm,
+        bottom=active.bottom + jogs_mm + design.margin_mm,
+    )
     split = (lanes[-1] + column_pads[0]) / 2
     base, cover = _tapes(body, pads=pads, split=split, margin=design.margin_mm)
     width = max(x for x, _ in (*base, *cover)) + BORDER_MM
@@ -299,19 +307,13 @@ def _jog_levels(xs: Sequence[float], pad_xs: Sequence[float]) -> list[int]:
     return levels
 
 
-def _body(design: SensorDesign, *, active: Rect, bottom: float) -> Rect:
-    width = design.substrate_width_mm
-    right = active.right + design.margin_mm if width is None else BORDER_MM + width
-    return Rect(left=BORDER_MM, top=BORDER_MM, right=right, bottom=bottom)
-
-
 def _tapes(
     body: Rect, *, pads: Rect, split: float, margin: float
 ) -> tuple[tuple[Point, ...], tuple[Point, ...]]:
     """Return the corners of base and cover: alike, but each has its own half of the tail's end."""
     right, end = pads.right + margin, pads.bottom + margin
     shoulder: list[Point] = [(body.right, body.bottom), (right, body.bottom)]
-    if abs(body.right - right) < 2 * TAPE_CORNER_MM:
+    if body.right - right < 2 * TAPE_CORNER_MM:
         # Too small a step to round: the tail goes on as wide as the body.
         right, shoulder = max(right, body.right), []
     top: list[Point] = [

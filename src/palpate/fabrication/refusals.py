@@ -84,6 +84,7 @@ def _problems(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
     yield from _pixels_apart(pattern, cutter=cutter)
     yield from _same_layer(pattern.rows, letter="R", cutter=cutter)
     yield from _same_layer(pattern.cols, letter="C", cutter=cutter)
+    yield from _folds(pattern.design, cutter=cutter)
     yield from _across_layers(pattern, cutter=cutter)
     yield from _leaks(pattern, cutter=cutter)
     for side, size_mm, most_mm in (
@@ -150,6 +151,17 @@ def _same_layer(nets: Sequence[Stroke], *, letter: str, cutter: Cutter) -> Itera
                 f"under the least gap of {cutter.gap_mm:g} mm; widen the pad pitch or narrow the "
                 "traces and pads"
             )
+
+
+def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
+    """Even a lone line must not run into itself at a turn: turns are spaced as the pads are."""
+    beside_mm = design.pad_pitch_mm - design.trace_mm
+    if cutter.gap_mm - beside_mm > _TINY_MM:
+        yield (
+            f"traces of {design.trace_mm:g} mm at a pad pitch of {design.pad_pitch_mm:g} mm leave "
+            f"{max(beside_mm, 0.0):.2f} mm at their turns, {cutter.gap_mm - beside_mm:.2f} mm "
+            f"short of the least gap of {cutter.gap_mm:g} mm"
+        )
 
 
 def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
