@@ -161,7 +161,11 @@ def _known(values: FloatArray) -> list[list[float | None]]:
 
 
 def _cell(values: FloatArray) -> str:
-    return f"{np.nanmedian(values):.2g} ({np.nanmax(values):.2g})"
+    found = values[np.isfinite(values)]
+    missing = f", {values.size - found.size} without" if found.size < values.size else ""
+    if not found.size:
+        return "none"
+    return f"{np.median(found):.2g} ({found.max():.2g}{missing})"
 
 
 def draw(ranges: dict[str, list[tuple[FloatArray, FloatArray, FloatArray]]]) -> Figure:

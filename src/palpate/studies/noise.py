@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -78,12 +78,12 @@ def command(as_json: JsonOption = False, out: OutOption = None) -> None:
     report().emit(as_json=as_json, out=out)
 
 
-def report(*, sensors: int = SENSORS) -> StudyReport:
-    """Run every chain under every disturbance."""
+def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> StudyReport:
+    """Run the chains under every disturbance."""
     holds = {
         level: [clean_hold(sensor, level=level) for sensor in range(sensors)] for level in LEVELS
     }
-    errors = {level: _errors(holds[level]) for level in LEVELS}
+    errors = {level: _errors(holds[level], chains) for level in LEVELS}
     tables = []
     for level in LEVELS:
         rows = [
@@ -92,7 +92,7 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
                 f"{errors[level][name, what][0]:.2f} / {errors[level][name, what][1]:.1f}"
                 for what in DISTURBANCES
             ]
-            for name, chain in CHAINS.items()
+            for name, chain in chains.items()
         ]
         tables.append(
             Table(
@@ -132,7 +132,7 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
                 for level in LEVELS
             },
             "delay_ms": {
-                name: _delay_ms(holds["paper"][0], chain) for name, chain in CHAINS.items()
+                name: _delay_ms(holds["paper"][0], chain) for name, chain in chains.items()
             },
         },
         figures={"noise": lambda: draw(holds["paper"][0])},
@@ -152,9 +152,11 @@ def _run(
     return time_s, chain.software(time_s, percent, chain.rate_hz)
 
 
-def _errors(holds: list[CleanHold]) -> dict[tuple[str, str], tuple[float, float]]:
+def _errors(
+    holds: list[CleanHold], chains: Mapping[str, Chain]
+) -> dict[tuple[str, str], tuple[float, float]]:
     found = {}
-    for name, chain in CHAINS.items():
+    for name, chain in chains.items():
         for what, disturbance in DISTURBANCES.items():
             pairs = [
                 _error(clean, *_run(clean, chain, disturbance, seed=seed))

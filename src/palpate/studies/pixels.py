@@ -79,8 +79,8 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             f"All grids cover a pad of {PAD_MM:g} mm; smaller pixels answer to pressure alike. "
             "Dead pixels read open and are drawn at random. The paper has no such data.",
             "A pixel of the twin answers to its whole force, however that lies within it, so one "
-            "large pixel is too kind to round things. Smaller pixels bend more where a round thing "
-            "presses: their sum reads too much force, and only a calibration on round things helps.",
+            "large pixel is too kind to round things. Small pixels bend more under a round thing: "
+            "their sum reads too much force, and only a calibration on round things helps.",
         ],
         tables=[
             Table(
