@@ -107,4 +107,4 @@ def test_the_page_of_the_architecture_lists_the_layers_that_are_enforced() -> No
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     table = page.split("| layer | holds |")[1].split("\n\n")[0]
     listed = [name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row[:60])]
-    assert listed == enforced
+    assert listed == enforced, "bring the table of docs/architecture.md up to date"

@@ -38,7 +38,9 @@ def pattern(
     preset: Annotated[
         str, typer.Option(help="Start from paper-2x2 or paper-3x2.", metavar="NAME")
     ] = "paper-2x2",
-    name: Annotated[str | None, typer.Option(help="Stem of the files. [default: preset]")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Stem of the files; the preset's by default.")
+    ] = None,
     rows: Annotated[int | None, typer.Option(help="Pixels along the finger.")] = None,
     cols: Annotated[int | None, typer.Option(help="Pixels across it.")] = None,
     pixel: Annotated[
@@ -49,32 +51,32 @@ def pattern(
     gap: Annotated[float | None, typer.Option(help="Between pixels.")] = None,
     overhang: Annotated[
         float | None,
-        typer.Option(help="Velostat round the crossing copper. [default: 1]"),
+        typer.Option(help="Velostat round the crossing copper; 1 by default."),
     ] = None,
     trace: Annotated[
         float | None,
-        typer.Option(help="Width of traces. [default: 1.2]", rich_help_panel=_TAIL),
+        typer.Option(help="Width of traces; 1.2 by default.", rich_help_panel=_TAIL),
     ] = None,
     pad: Annotated[
         str | None,
-        typer.Option(help="Solder pad, WxL. [default: 1.6x5]", rich_help_panel=_TAIL),
+        typer.Option(help="Solder pad, WxL; 1.6x5 by default.", rich_help_panel=_TAIL),
     ] = None,
     pad_pitch: Annotated[
         float | None,
-        typer.Option(help="Between pads. [default: 2.54]", rich_help_panel=_TAIL),
+        typer.Option(help="Between pads; 2.54 by default.", rich_help_panel=_TAIL),
     ] = None,
     tail: Annotated[
         float | None,
-        typer.Option(help="From pixels to pads. [default: 20]", rich_help_panel=_TAIL),
+        typer.Option(help="From pixels to pads; 20 by default.", rich_help_panel=_TAIL),
     ] = None,
     margin: Annotated[
         float | None,
-        typer.Option(help="Tape round it all. [default: 3]", rich_help_panel=_TAIL),
+        typer.Option(help="Tape round it all; 3 by default.", rich_help_panel=_TAIL),
     ] = None,
     width: Annotated[
         float | None,
         typer.Option(
-            help="Width of base and cover, as the finger has it. [default: what fits]",
+            help="Width of base and cover, as the finger has it; what fits by default.",
             rich_help_panel=_TAIL,
         ),
     ] = None,
@@ -92,7 +94,7 @@ def pattern(
     measured_mm2: Annotated[
         float | None,
         typer.Option(
-            help="Its copper contact area. [default: this design's]", rich_help_panel=_SHEET
+            help="Its copper contact area; this design's by default.", rich_help_panel=_SHEET
         ),
     ] = None,
     resistivity: Annotated[
