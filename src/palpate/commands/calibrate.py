@@ -13,6 +13,9 @@ from palpate.errors import InputError
 #: Step -> (module under `palpate.commands`, what it does). Each module holds a function `command`.
 STEPS: dict[str, tuple[str, str]] = {
     "rest": ("calibrate_rest", "What each pixel reads with nothing on it"),
+    "force": ("calibrate_force", "Newtons: a load cell, or dead weights, up and down"),
+    "compliance": ("calibrate_compliance", "How far pads, fingers and servo give way"),
+    "settling": ("calibrate_settling", "Holds for `settle --fit-on`, from recorded grasps"),
 }
 
 #: The step's own options are parsed by the step.

@@ -27,6 +27,8 @@ STUDIES: dict[str, tuple[str, str]] = {
     "table2": ("table2", "Table 2 and Figure 8b, silicone sheets on the twin"),
     "table3": ("table3", "Table 3 and Figure 9, exercise balls on the twin"),
     "table4": ("table4", "Table 4 and Figure 11c on the twin, and why slopes differ"),
+    "table5": ("table5", "Table 5: force estimated early, simulated"),
+    "stiffness": ("stiffness", "Stiffness in N/mm over two decades, simulated"),
     "staircases": ("staircases", "Force now during staircases of closing and opening, simulated"),
     "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
 }

@@ -219,3 +219,31 @@ def _current(runs: Sequence[_Run]) -> Current | None:
     bias_n = float(np.sqrt(np.mean([np.mean(e) ** 2 for e in errors])))
     sd_n = float(np.sqrt(np.mean(np.concatenate([e - e.mean() for e in errors]) ** 2)))
     return replace(line, sd_n=sd_n, bias_n=bias_n)
+
+
+#: Forces at which a calibration says what error to expect, newtons.
+VERDICT_N = (1.0, 5.0, 10.0)
+#: Frames within this ratio of such a force speak for it.
+_NEAR = 1.4
+
+
+def expected_error_percent(traces: LoadTraces, *, memory: bool = True) -> dict[str, float | None]:
+    """Return the median error at 1, 5 and 10 N on placements left out of the fit, percent.
+
+    None where no placement reached the force. Servo current is not used.
+    """
+    exponents, times_s = (EXPONENTS, SHEET_TIMES_S) if memory else ((1.0,), ())
+    runs = [_seen(run, exponents=exponents, times_s=times_s) for run in traces.runs()]
+    runs = [run for run in runs if len(run.force_n) > 10]
+    error = np.abs(np.expm1(np.concatenate(_best_exponent(runs)[1])))
+    log_force = np.concatenate([run.log_force for run in runs])
+    return error_near(log_force, error)
+
+
+def error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:
+    """Return the median relative error near 1, 5 and 10 N, percent; None where there is none."""
+    found: dict[str, float | None] = {}
+    for force_n in VERDICT_N:
+        near = np.abs(log_force - np.log(force_n)) < np.log(_NEAR)
+        found[f"{force_n:g}_n"] = float(100 * np.median(error[near])) if near.any() else None
+    return found

@@ -64,7 +64,7 @@ def guided_traces(sensor: int, *, level: str) -> LoadTraces:
     return _recorded(sensor, level=level, session=1, names=FACES, staircases=GUIDED)
 
 
-def test_traces(sensor: int, *, level: str, staircases: int) -> LoadTraces:
+def tested_traces(sensor: int, *, level: str, staircases: int) -> LoadTraces:
     """Return staircases on other objects in another session."""
     rng = np.random.default_rng([sensor, 7])
     names = [str(name) for name in rng.choice(GRASPED, staircases, replace=False)]
@@ -132,7 +132,7 @@ def _settled(run: LoadTraces) -> Iterator[float]:
             found = method.predict(
                 np.array(times_s), np.array([values]), horizon_s=HORIZON_S, level=0.9
             )
-            value = max(float(found.value[0]), 0.0)
+            value = max(float(np.ravel(found.value)[0]), 0.0)
         yield summed if np.isnan(value) else value
 
 

@@ -13,7 +13,7 @@ from palpate.studies.staircase_data import (
     FollowedForce,
     followed,
     guided_traces,
-    test_traces,
+    tested_traces,
 )
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ METHODS = {
     "current": "servo current",
     "both": "sheet with memory, closure, servo current",
 }
+#: Longer than a frame: force was too faint in between.
+_GAP_S = 0.3
 Runs = dict[str, dict[str, list[FollowedForce]]]
 
 
@@ -46,7 +48,7 @@ def command(
     for level in LEVELS:
         for sensor in range(seed, seed + sheets):
             guided = guided_traces(sensor, level=level)
-            tested = test_traces(sensor, level=level, staircases=staircases)
+            tested = tested_traces(sensor, level=level, staircases=staircases)
             for name, each in followed(guided, tested).items():
                 runs[level][name] += each
     _report(runs, sheets=sheets, staircases=staircases).emit(as_json=as_json, out=out)
@@ -132,6 +134,8 @@ def _figure(runs: Runs) -> Figure:
         for panel, (name, place) in zip(row, places.items(), strict=True):
             observed, static = each["observer"][place], each["static"][place]
             clock = observed.time_s - observed.time_s[0]
+            # Where the force was too faint to be scored, lines break.
+            clock = np.where(np.diff(clock, prepend=0.0) > _GAP_S, np.nan, clock)
             panel.fill_between(
                 clock, observed.low_n, observed.high_n, color="#0072B2", alpha=0.15, lw=0
             )

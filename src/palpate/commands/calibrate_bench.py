@@ -1,0 +1,127 @@
+"""The bench of a calibration, and the file that its steps go into."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.errors import CalibrationError, DeviceError
+
+if TYPE_CHECKING:
+    from palpate.grasp.calibrating import Bench
+    from palpate.sensor.array import ArrayLayout
+    from palpate.sensor.calibration import Calibration, RestValues
+    from palpate.twin.world import World
+
+#: What a simulated user has at hand: flat and round, soft and stiff.
+FACES = (
+    "ball-44lbs",
+    "dragonskin-20",
+    "ball-66lbs",
+    "springs-8",
+    "ball-33lbs",
+    "dragonskin-10",
+    "springs-4",
+    "ecoflex-10",
+)
+_START_MM = 51.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinBench:
+    """A bench on the twin and the hands of its user.
+
+    Attributes
+    ----------
+    bench : Bench
+        The devices.
+    reseat : callable
+        Puts the load cell with the face of a run between the fingers.
+    place_block : callable
+        Puts the rigid block there.
+    """
+
+    bench: Bench
+    reseat: Callable[[int], None]
+    place_block: Callable[[], None]
+
+
+def open_twin_bench(rig: str, *, seed: int) -> TwinBench:
+    """Open the bench of a simulated rig.
+
+    Raises
+    ------
+    DeviceError
+        If the rig isn't one of the simulated ones with rigid fingers.
+    """
+    from palpate.grasp.calibrating import Bench
+    from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+    from palpate.twin.objects import draw_object
+    from palpate.twin.world import World
+
+    if rig != "sim-rigid":
+        raise DeviceError(
+            f"rig {rig!r} has no load cell that palpate can read; calibrate with dead weights "
+            "(--loads CSV or typed), or try the steps on --rig sim-rigid"
+        )
+    rng = np.random.default_rng([seed, 12])
+    world: World = World(None, seed=seed + 2_000_003, sheet_seed=seed)
+    bench = Bench(
+        array=TwinArray(world),
+        gripper=TwinGripper(world),
+        cell=TwinLoadCell(world),
+        clock=world.clock,
+        start=_START_MM,
+    )
+    return TwinBench(
+        bench=bench,
+        reseat=lambda run: world.place(draw_object(rng, FACES[run % len(FACES)])),
+        place_block=lambda: world.place(draw_object(rng, "rigid-block")),
+    )
+
+
+def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> Calibration | None:
+    """Return the calibration in a file that is to be renewed, None where there is none.
+
+    Raises
+    ------
+    CalibrationError
+        If the file is of another sensor, or can't be read.
+    """
+    from palpate.sensor.calibration import Calibration
+
+    if not path.exists():
+        return None
+    earlier = Calibration.load(path)
+    origin = "simulated" if simulated else "hardware"
+    if earlier.layout != layout or earlier.origin != origin:
+        raise CalibrationError(
+            f"{path} is of layout {earlier.layout.name} and origin {earlier.origin}, this sensor "
+            f"is {layout.name}, {origin}; give another --out"
+        )
+    return earlier
+
+
+def begun(layout: ArrayLayout, *, rest: RestValues, simulated: bool) -> Calibration:
+    """Return a calibration that knows the rest alone."""
+    from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
+
+    return Calibration(
+        sensor_id=layout.name,
+        origin="simulated" if simulated else "hardware",
+        layout=layout,
+        rest=rest,
+        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
+        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
+        made_at=now_text(),
+    )
+
+
+def now_text() -> str:
+    """Return the date and time, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,0 +1,73 @@
+"""`palpate calibrate compliance`: how far pads, fingers and servo give way."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.errors import InputError
+
+#: Closings are read so long after each step, so often, up to this force.
+_UP_TO_N, _REPEATS = 15.0, 3
+
+
+def command(
+    block_mm: Annotated[
+        float, typer.Option("--block-mm", help="Size of the rigid block with the load cell.")
+    ] = 40.0,
+    rig: Annotated[
+        str, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
+    ] = "sim-rigid",
+    out: Annotated[Path, typer.Option(help="File to renew.")] = Path("calibration.json"),
+    seed: Annotated[int, typer.Option(help="Simulated rigs: which gripper.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Close on a rigid block of known size; all that closes further is the gripper itself.
+
+    Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
+    """
+    from palpate.commands.calibrate_bench import earlier_calibration, open_twin_bench
+    from palpate.estimate.stiffness import Give
+    from palpate.grasp.calibrating import measure_block
+    from palpate.grasp.planning import DWELL_S
+
+    twin = open_twin_bench(rig, seed=seed)
+    limits = twin.bench.gripper.limits
+    if not limits.lowest < block_mm < limits.highest:
+        raise InputError(
+            f"--block-mm {block_mm:g}: the fingers reach from {limits.lowest:g} to "
+            f"{limits.highest:g} mm; is it in millimetres?"
+        )
+    earlier = earlier_calibration(out, layout=twin.bench.array.layout, simulated=True)
+    if earlier is None:
+        raise InputError(
+            f"{out} is not there yet; run `palpate calibrate force --rig {rig} --out {out}` first"
+        )
+    twin.place_block()
+    block = measure_block(
+        twin.bench, block_mm=block_mm, up_to_n=_UP_TO_N, repeats=_REPEATS, dwell_s=DWELL_S
+    )
+    give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    made = replace(earlier, block=block)
+    made.save(out)
+    found = {
+        "file": str(out),
+        "simulated": made.origin == "simulated",
+        "readings": len(block.force_n),
+        "fingers_mm_per_n": give.slope_mm_per_n,
+        "pads_mm": float(sum(give.pad_mm)),
+        "zero_mm": give.zero_mm,
+        "residual_mm": give.residual_mm,
+        "largest_force_n": give.largest_force_n,
+    }
+    if as_json:
+        print(json.dumps(found, indent=1, allow_nan=False))
+        return
+    simulated = " (simulated)" if made.origin == "simulated" else ""
+    print(f"{out}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
+    print(f"fingers and servo give {give.slope_mm_per_n:.3f} mm/N, pads {sum(give.pad_mm):.2f} mm")
+    print(f"width is off by {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")

@@ -1,0 +1,219 @@
+"""`palpate calibrate force`: newtons, from a load cell or from dead weights."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.sensor.calibration import Calibration
+
+DEFAULT_FILE = Path("calibration.json")
+#: Settled holds of the guided steps, newtons, one list for each placement of the cell.
+_HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
+
+
+def command(
+    rig: Annotated[
+        str, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
+    ] = "sim-rigid",
+    loads: Annotated[
+        Path | None,
+        typer.Option(help="Dead weights in order, up and down: column load_n.", metavar="CSV"),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="File to make or renew.")] = DEFAULT_FILE,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw readings, law and held-out errors.", metavar="FILE")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Simulated rigs: which sensor.", min=0)] = 0,
+    temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
+    humidity_percent: Annotated[
+        float | None, typer.Option(help="Of the room, where known.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
+
+    Simulated rigs have a load cell. On a real one, lay dead weights on the pad (typed, or --loads).
+
+    Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
+    """
+    if rig == "sim-rigid" and loads is None:
+        made = _guided(rig, seed=seed, out=out)
+    else:
+        made = _weighed(rig, seed=seed, loads=loads, out=out)
+    made = replace(
+        made,
+        temperature_c=made.temperature_c if temperature_c is None else temperature_c,
+        humidity_percent=made.humidity_percent if humidity_percent is None else humidity_percent,
+    )
+    made.save(out)
+    if plot is not None:
+        from palpate.plots.force_calibration import save_force_calibration
+
+        save_force_calibration(made, path=plot)
+    if as_json:
+        print(json.dumps(_document(made, path=out), indent=1, allow_nan=False))
+    else:
+        _print(made, path=out)
+
+
+def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
+    """Record staircases and settled holds beside the load cell and fit everything to them."""
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from palpate.commands.calibrate_bench import (
+        begun,
+        earlier_calibration,
+        now_text,
+        open_twin_bench,
+    )
+    from palpate.estimate.force import choose_law
+    from palpate.estimate.observer_sheet_fit import expected_error_percent, fit_sheet
+    from palpate.grasp.calibrating import measure_force, measure_rest
+    from palpate.grasp.load_traces import GUIDED, record_traces
+    from palpate.grasp.planning import DWELL_S, HORIZON_S
+
+    twin = open_twin_bench(rig, seed=seed)
+    bench = twin.bench
+    earlier = earlier_calibration(out, layout=bench.array.layout, simulated=True)
+    with Progress(console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task("settled holds", total=len(GUIDED) + len(_HOLDS_N))
+
+        def placed(run: int) -> None:
+            shown.update(task, description=f"settled holds, placement {run + 1}", advance=1)
+            twin.reseat(run)
+
+        def placed_for_traces(run: int) -> None:
+            shown.advance(task)
+            twin.reseat(run)
+
+        def told(run: int, force_n: float) -> None:
+            shown.update(task, description=f"up and down, placement {run + 1}: {force_n:.1f} N")
+
+        rest = measure_rest(bench)
+        pairs = measure_force(
+            bench, holds_n=_HOLDS_N, reseat=placed, dwell_s=DWELL_S, horizon_s=HORIZON_S
+        )
+        traces = record_traces(
+            bench,
+            staircases=GUIDED,
+            reseat=placed_for_traces,
+            rng=np.random.default_rng(seed),
+            progress=told,
+        )
+    settled = np.isclose(pairs.since_move_s, HORIZON_S)
+    law = choose_law(
+        excess=np.array(pairs.excess)[settled],
+        relative_percent=np.array(pairs.relative_percent)[settled],
+        force_n=np.array(pairs.force_n)[settled],
+    ).law
+    return replace(
+        earlier or begun(bench.array.layout, rest=rest, simulated=True),
+        rest=rest,
+        force=pairs,
+        force_law=law.as_dict(),
+        traces=traces,
+        observer=fit_sheet(traces).as_dict(),
+        held_out={"error_percent": expected_error_percent(traces), "of": "force now"},
+        made_at=now_text(),
+    )
+
+
+def _weighed(rig: str, *, seed: int, loads: Path | None, out: Path) -> Calibration:
+    """Read dead weights as the user lays them down."""
+    from palpate.clock import RealClock
+    from palpate.commands.calibrate_bench import earlier_calibration, now_text
+    from palpate.commands.sensor_source import open_source
+    from palpate.estimate.force import choose_law
+    from palpate.estimate.weights_check import held_out_of_pairs
+    from palpate.sensor.dead_weights import checked_loads, hysteresis_seen, read_loads, weigh
+
+    if rig.startswith("sim-"):
+        raise InputError(
+            f"rig {rig!r} is simulated and nobody can lay weights on it; leave --loads out "
+            "(--rig sim-rigid has a load cell)"
+        )
+    loads_n = read_loads(loads) if loads is not None else _typed_loads()
+    loads_n = checked_loads(loads_n, where="--loads" if loads is None else str(loads))
+    source = open_source(
+        rig=rig, port=None, layout=None, reference_ohm=None, rate_hz=None, baud=None
+    )
+    with closing(source):
+        layout = source.array.layout
+        earlier = earlier_calibration(out, layout=layout, simulated=source.simulated)
+        if earlier is None:
+            raise InputError(
+                f"{out} is not there yet; run `palpate calibrate rest --rig {rig} --out {out}`"
+            )
+
+        def place(load_n: float) -> None:
+            typer.prompt(
+                f"lay {load_n:g} N on the pad, then Enter", default="", err=True, show_default=False
+            )
+
+        weighing = weigh(source.array, loads_n=loads_n, place=place, clock=RealClock())
+    for load_n in weighing.refused_n:
+        print(f"refused: {load_n:g} N did not settle", file=sys.stderr)
+    pairs = weighing.pairs
+    law = choose_law(
+        excess=pairs.excess, relative_percent=pairs.relative_percent, force_n=pairs.force_n
+    ).law
+    return replace(
+        earlier,
+        force=pairs,
+        force_law=law.as_dict(),
+        traces=None,
+        observer={},
+        held_out={
+            "error_percent": held_out_of_pairs(pairs.excess, force_n=pairs.force_n),
+            "of": "settled force",
+            "unloading_seen": hysteresis_seen(pairs.force_n),
+        },
+        made_at=now_text(),
+    )
+
+
+def _typed_loads() -> list[float]:
+    text = typer.prompt("loads in newtons, in order, up and down, with spaces", err=True)
+    try:
+        return [float(word) for word in str(text).split()]
+    except ValueError as error:
+        raise InputError(f"loads {text!r}: {error}; type numbers with spaces") from error
+
+
+def _document(made: Calibration, *, path: Path) -> dict[str, Any]:
+    return {
+        "file": str(path),
+        "simulated": made.origin == "simulated",
+        "pairs": len(made.force.force_n),
+        "force_law": made.force_law,
+        "hysteresis_seen": _hysteresis_seen(made),
+        "expected_error_percent": made.held_out.get("error_percent", {}),
+        "expected_error_of": made.held_out.get("of"),
+    }
+
+
+def _hysteresis_seen(made: Calibration) -> bool:
+    return bool(made.observer.get("unloading_seen", made.held_out.get("unloading_seen", False)))
+
+
+def _print(made: Calibration, *, path: Path) -> None:
+    simulated = " (simulated)" if made.origin == "simulated" else ""
+    print(f"{path}{simulated}: force law {made.force_law['law']}, {made.force_law['pairs']} pairs")
+    seen = "seen and learned" if _hysteresis_seen(made) else "not seen: left out"
+    print(f"hysteresis: {seen}")
+    print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")
+    for force, error in made.held_out["error_percent"].items():
+        said = "not reached: out of range" if error is None else f"{error:.0f} %"
+        print(f"  {force.removesuffix('_n'):>4} N  {said}")

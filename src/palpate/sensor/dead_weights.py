@@ -1,0 +1,201 @@
+"""Dead weights on a sheet: settled readings beside typed loads, up and down."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate.clock import Clock
+from palpate.errors import CalibrationError, InputError
+from palpate.sensor.array import PressureArray
+from palpate.sensor.calibration import ForcePairs
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import (
+    excess_conductance,
+    mean_change,
+    relative_change_percent,
+    rest_baseline,
+    total_excess,
+)
+
+#: When the sheet counts as settled (paper, section 2.2), and how long a step is given at most.
+SETTLED_S, _PATIENCE_S = 20.0, 40.0
+#: Settled: two stretches of this length, one after the other, differ by less than this share.
+_STRETCH_S, _SETTLED_SHARE = 2.0, 0.03
+#: Excess conductance that counts as nothing: below it a share says nothing.
+_FAINT_EXCESS = 0.1
+#: A pixel that reads less than this is at the end of its converter.
+_SATURATED_OHM = 1.0
+_REST_S, _FRAME_TIMEOUT_S = 2.0, 2.0
+#: Heavier than anything this sensor is made for: grams taken for newtons.
+_HEAVIEST_N = 200.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weighing:
+    """The pairs of every step that settled, and the loads of those that did not."""
+
+    pairs: ForcePairs
+    refused_n: tuple[float, ...]
+
+
+def read_loads(path: Path) -> list[float]:
+    """Return the loads of a CSV file with a column `load_n`, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read, has no such column, or holds what can't be loads in newtons.
+    """
+    try:
+        with path.open(newline="") as stream:
+            reader = csv.DictReader(stream)
+            if "load_n" not in (reader.fieldnames or ()):
+                found = ", ".join(reader.fieldnames or ()) or "nothing"
+                raise InputError(f"{path}: needs a column load_n (newtons), found {found}")
+            rows = [(reader.line_num, row["load_n"]) for row in reader]
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not text; give a CSV file") from error
+    loads = [_load(path, line, text) for line, text in rows]
+    return checked_loads(loads, where=str(path))
+
+
+def _load(path: Path, line: int, text: str | None) -> float:
+    try:
+        return float(text or "")
+    except ValueError as error:
+        raise InputError(f"{path}, line {line}: load_n {text!r} is not a number") from error
+
+
+def checked_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
+    """Return loads that can carry a calibration.
+
+    Raises
+    ------
+    InputError
+        If there are too few, one only, or they can't be newtons.
+    """
+    loads = [float(load) for load in loads_n]
+    if not all(np.isfinite(load) and load >= 0 for load in loads):
+        raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
+    if len(loads) < 4 or len(set(loads)) < 3:
+        raise InputError(
+            f"{where}: {len(loads)} loads, {len(set(loads))} of them different; give at least 4 "
+            "loads of 3 sizes over the whole range, up and down again"
+        )
+    if max(loads) > _HEAVIEST_N:
+        raise InputError(
+            f"{where}: a load of {max(loads):g} N is too much for this sensor; "
+            "are the loads in grams? Newtons are grams x 0.00981"
+        )
+    return loads
+
+
+def weigh(
+    array: PressureArray,
+    *,
+    loads_n: Sequence[float],
+    place: Callable[[float], None],
+    clock: Clock,
+) -> Weighing:
+    """Read the settled value under each load.
+
+    Parameters
+    ----------
+    array : PressureArray
+        Without any load at first.
+    loads_n : sequence of float
+        In the order in which they are put on.
+    place : callable
+        Called with each load; returns once it lies on the sheet.
+    clock : Clock
+        The clock that frames are stamped by: those from before are dropped.
+
+    Raises
+    ------
+    CalibrationError
+        If a pixel is at the end of its converter under a load, or fewer than four steps settle.
+    """
+    rest_ohm = rest_baseline(_ohm(array, _REST_S)).rest_ohm
+    rows: list[tuple[int, float, float, float, float]] = []
+    refused: list[float] = []
+    for load_n in loads_n:
+        place(load_n)
+        _drop_until(array, clock.now_s())
+        reading = _settled(array, rest_ohm, load_n)
+        if reading is None:
+            refused.append(load_n)
+        elif load_n > 0:
+            rows.append((0, SETTLED_S, *reading, load_n))
+    if len(rows) < 4:
+        raise CalibrationError(
+            f"force calibration: {len(rows)} loads settled, at least 4 needed; keep everything "
+            "still and lay the weights down on a flat stamp"
+        )
+    columns = list(zip(*rows, strict=True))
+    pairs = ForcePairs(
+        run=columns[0],
+        since_move_s=columns[1],
+        excess=columns[2],
+        relative_percent=columns[3],
+        force_n=columns[4],
+    )
+    return Weighing(pairs=pairs, refused_n=tuple(refused))
+
+
+def hysteresis_seen(force_n: Sequence[float]) -> bool:
+    """Whether loads fell as well as rose."""
+    return bool((np.diff(np.asarray(force_n, dtype=float)) < 0).any())
+
+
+def _settled(
+    array: PressureArray, rest_ohm: np.ndarray, load_n: float
+) -> tuple[float, float] | None:
+    _ohm(array, SETTLED_S - 2 * _STRETCH_S)
+    waited_s = SETTLED_S - 2 * _STRETCH_S
+    before = _excess(array, rest_ohm)[0]
+    while waited_s < _PATIENCE_S:
+        after, relative, lowest_ohm = _excess(array, rest_ohm)
+        if lowest_ohm < _SATURATED_OHM:
+            raise CalibrationError(
+                f"force calibration: a pixel is saturated at {load_n:g} N; use a smaller "
+                "reference resistor, or smaller loads"
+            )
+        if abs(after - before) <= max(_SETTLED_SHARE * abs(after), _FAINT_EXCESS):
+            return after, relative
+        before = after
+        waited_s += _STRETCH_S
+    return None
+
+
+def _excess(array: PressureArray, rest_ohm: np.ndarray) -> tuple[float, float, float]:
+    ohm = _ohm(array, _STRETCH_S)
+    lowest_ohm = float(np.min(ohm.mean(axis=0)))
+    if lowest_ohm < _SATURATED_OHM:
+        return 0.0, 0.0, lowest_ohm
+    excess = total_excess(excess_conductance(ohm, rest_ohm=rest_ohm))
+    relative = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+    return float(np.mean(excess)), float(np.mean(relative)), lowest_ohm
+
+
+def _drop_until(array: PressureArray, time_s: float) -> None:
+    while array.read(timeout_s=_FRAME_TIMEOUT_S).time_s < time_s:
+        pass
+
+
+def _ohm(array: PressureArray, duration_s: float) -> np.ndarray:
+    frame = array.read(timeout_s=_FRAME_TIMEOUT_S)
+    until_s, found = frame.time_s + duration_s, []
+    while True:
+        found.append(
+            pixel_resistance_ohm(frame.counts, layout=array.layout, oversampling=frame.oversampling)
+        )
+        if frame.time_s >= until_s:
+            return np.array(found)
+        frame = array.read(timeout_s=_FRAME_TIMEOUT_S)

@@ -1,0 +1,93 @@
+"""Dead weights: loads that can't be meant are refused; readings that don't settle too."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import CalibrationError, InputError
+from palpate.gripper.interface import GripperCommand
+from palpate.sensor.dead_weights import checked_loads, hysteresis_seen, read_loads, weigh
+from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("load_n\n1\n5\n", "2 loads, 2 of them different"),
+        ("load_n\n2\n2\n2\n2\n2\n", "1 of them different"),
+        ("load_g\n100\n200\n", "needs a column load_n"),
+        ("load_n\n100\n200\n500\n1000\n", "in grams"),
+        ("load_n\n1\n2\nheavy\n4\n", "line 4: load_n 'heavy'"),
+        ("load_n\n1\n2\n-3\n4\n", "0 or more"),
+        ("load_n\n1\n2\n", "at least 4"),
+        ("", "found nothing"),
+    ],
+)
+def test_bad_loads_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_loads(written(tmp_path / "loads.csv", text))
+
+
+def test_loads_keep_their_order(tmp_path: Path) -> None:
+    path = written(tmp_path / "loads.csv", "load_n\n1\n5\n10\n5\n1\n")
+    assert read_loads(path) == [1, 5, 10, 5, 1]
+    assert hysteresis_seen([1, 5, 10, 5, 1])
+    assert not hysteresis_seen([1, 5, 10])
+
+
+class Bench:
+    """A user who presses the twin's fingers until the scale shows the load."""
+
+    def __init__(self) -> None:
+        obj = draw_object(np.random.default_rng(1), "ecoflex-10")
+        self.world = World(obj, seed=4)
+        self.cell = TwinLoadCell(self.world)
+        self.gripper = TwinGripper(self.world)
+        self.width_mm = obj.size_mm + 1
+        self.gripper.command(GripperCommand(target=self.width_mm, rate=40.0))
+        self.world.clock.sleep_s(3.0)
+        self.array = TwinArray(self.world)
+
+    def place(self, load_n: float) -> None:
+        while abs(self.cell.read_n() - load_n) > 0.3:
+            self.width_mm += 0.05 if self.cell.read_n() > load_n else -0.05
+            self.gripper.command(GripperCommand(target=self.width_mm, rate=20.0))
+            self.world.clock.sleep_s(0.05)
+
+
+def test_weights_are_read_when_settled() -> None:
+    bench = Bench()
+    found = weigh(
+        bench.array, loads_n=[1.0, 3.0, 6.0, 9.0, 3.0], place=bench.place, clock=bench.world.clock
+    )
+    assert found.refused_n == ()
+    assert found.pairs.force_n == (1.0, 3.0, 6.0, 9.0, 3.0)
+    assert found.pairs.excess[3] > found.pairs.excess[2] > found.pairs.excess[1]
+
+
+def test_loads_that_never_settle_are_refused() -> None:
+    bench = Bench()
+
+    def place(load_n: float) -> None:
+        bench.place(load_n)
+        # The user goes on pressing: the fingers creep in for the whole step.
+        bench.width_mm -= 5.0
+        bench.gripper.command(GripperCommand(target=bench.width_mm, rate=0.1))
+
+    with pytest.raises(CalibrationError, match="loads settled, at least 4"):
+        weigh(bench.array, loads_n=[2.0, 2.5, 3.0, 3.5], place=place, clock=bench.world.clock)
+
+
+def test_grams_and_newtons() -> None:
+    with pytest.raises(InputError, match="Newtons are grams"):
+        checked_loads([50, 100, 200, 500], where="--loads")
