@@ -38,6 +38,8 @@ REAL = (
     ("force-ladders", "--ladders=velostat_force_ladders.csv"),
     ("presses", "--recordings=velostat_presses.csv.gz"),
 )
+#: `palpate` of this interpreter, installed or not on the path.
+RUN = "import sys; from palpate.cli import main; sys.exit(main())"
 PAGE = Path(__file__).with_name("results.md")
 
 
@@ -46,7 +48,7 @@ def section(arguments: tuple[str, ...], *, folder: Path) -> str:
     command = ["palpate", "study", *arguments]
     with tempfile.TemporaryDirectory() as out:
         subprocess.run(
-            [sys.executable, "-m", "palpate.cli", *command[1:], "--out", out],
+            [sys.executable, "-c", RUN, *command[1:], "--out", out],
             cwd=folder,
             check=True,
             stdout=subprocess.DEVNULL,

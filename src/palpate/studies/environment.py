@@ -208,9 +208,10 @@ def draw_suction(lifted: dict[str, FloatArray]) -> Figure:
 
     with new_figure(width_in=5.5, height_in=3.6) as (figure, axes):
         axis = axes[0, 0]
-        for (level, changes), colour in zip(lifted.items(), (BLUE, ORANGE), strict=True):
+        looks = ((BLUE, "o-"), (ORANGE, "s--"))
+        for (level, changes), (colour, look) in zip(lifted.items(), looks, strict=True):
             axis.plot(SUCTION_KPA, changes.T, color=colour, lw=0.6, alpha=0.4)
-            axis.plot(SUCTION_KPA, np.median(changes, axis=0), "o-", color=colour, label=level)
+            axis.plot(SUCTION_KPA, np.median(changes, axis=0), look, color=colour, label=level)
         axis.set(
             xlabel="suction (kPa)",
             ylabel="mean relative change (%)",

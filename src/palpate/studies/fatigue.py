@@ -234,13 +234,14 @@ def draw(found: dict[str, list[Wearing]]) -> Figure:
             for values, colour, name in zip(
                 one.change_percent, (ORANGE, BLUE), KINDS[:2], strict=True
             ):
-                row[1].plot(one.cycles, values, ".-", color=colour, ms=3, label=name)
+                row[1].plot(one.cycles, values, ".-", color=colour, ms=3, label=name, alpha=0.7)
             row[1].set(ylabel="relative change (%)")
             for values, colour, name in zip(one.force_n, (ORANGE, BLUE, GREEN), KINDS, strict=True):
                 row[2].plot(one.cycles, values, ".-", color=colour, ms=3, label=name)
             row[2].plot(one.cycles, one.true_n, color=INK, lw=1, label="load cell")
             row[2].set(ylabel="force (N)", ylim=(0, None))
             for axis in row:
+                axis.set_xscale("symlog", linthresh=1)
                 axis.set_xlabel("cycle")
         handles, labels = axes[0, 2].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)

@@ -181,5 +181,8 @@ def draw(found: dict[str, list[dict[str, Pairs]]]) -> Figure:
             )
             row[1].set(xlabel="excess conductance, summed", ylabel="force (N)")
             row[1].set_title("the same grasps")
+            for axis in (row[1].xaxis, row[1].yaxis):
+                axis.set_major_formatter("{x:g}")
+                axis.set_minor_formatter("")
         axes[0, 1].legend()
     return figure
