@@ -363,6 +363,21 @@ def test_a_reset_board_is_set_up_again(bench: Bench) -> None:
     assert array.counters.restarts == 1
 
 
+def test_an_unplugged_port_is_tried_four_times_a_second(bench: Bench) -> None:
+    board, tried_s = bench.board(), list[float]()
+
+    def reopen() -> SerialStream:
+        tried_s.append(bench.now_s())
+        raise DeviceNotFoundError("still unplugged")
+
+    array = SerialArray(bench.open(board.port), clock=bench, layout=RIGID_LAYOUT, reopen=reopen)
+    board.unplug()
+    with pytest.raises(DeviceTimeoutError, match="is unplugged"):
+        read_on(array, timeout_s=2.0)
+    assert len(tried_s) in (7, 8)
+    assert np.diff(tried_s) == pytest.approx(0.25, abs=2e-3)
+
+
 def test_a_reset_whose_word_is_lost_is_noticed_by_the_silence(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
