@@ -168,7 +168,7 @@ def lay_out(design: SensorDesign) -> Pattern:
     lanes = [active.left + x for x in lane_x]
     pixels = _pixels(design, active=active)
     column_x = [pixels[c].body.centre[0] for c in range(design.cols)]
-    first_pad = lanes[-1] + 2 * design.pad_pitch_mm
+    first_pad = lanes[-1] + 1.5 * design.pad_pitch_mm
     if design.pitch_mm[0] > design.pad_pitch_mm:
         first_pad = max(first_pad, column_x[0])
     column_pads = [first_pad + c * design.pad_pitch_mm for c in range(design.cols)]

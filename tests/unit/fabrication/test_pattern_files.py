@@ -242,7 +242,7 @@ def test_a_measured_pixel_sets_the_expected_resistance(
         (["--pad", "2.54x5"], "copper of R0 and R1 touch: a short, 0.50 mm under"),
         (["--trace", "2.4"], "copper of R0 and R1 are 0.14 mm apart, 0.36 mm under"),
         (["--rows", "1", "--cols", "1", "--trace", "2.6"], "leave 0.00 mm at their turns"),
-        (["--width", "21", "--cols", "1", "--pad-pitch", "5"], "its tail is"),
+        (["--width", "24", "--cols", "1", "--pad-pitch", "8"], "its tail is 3.60 mm wider"),
         (["--trace", "0.8"], "trace width 0.80 mm is 0.20 mm under the 1 mm"),
         (["--pixel", "2.5"], "column copper in the pixels 0.50 mm is 0.50 mm under"),
         (["--overhang", "0.2"], "R0 and C0 come within 0.20 mm of touching beside their pixel"),
