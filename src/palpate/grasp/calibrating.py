@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.clock import Clock
-from palpate.errors import CalibrationError
+from palpate.errors import CalibrationError, DeviceError
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
@@ -277,11 +277,22 @@ def _rest(bench: Bench, *, duration_s: float) -> RestBaseline:
     while True:
         ohm = _ohm(bench, bench.clock.now_s() + duration_s, mean_s=duration_s)
         try:
-            return rest_baseline(ohm)
-        except CalibrationError:
+            rest = rest_baseline(ohm)
+        except CalibrationError as refused:
             if bench.clock.now_s() > give_up_s:
-                raise
+                raise DeviceError(
+                    f"the sensor does not come to rest in {_RECOVERY_S:g} s with the hand open: "
+                    f"{refused}. `palpate doctor` says which pixel is at fault"
+                ) from refused
             _wait(bench, bench.clock.now_s() + 5.0)
+            continue
+        dead = np.argwhere(~np.isfinite(rest.rest_ohm)).tolist()
+        if dead:
+            pixels = ", ".join(f"r{row}c{col}" for row, col in dead)
+            raise DeviceError(
+                f"no signal from {pixels} with the hand open; `palpate doctor` says more"
+            )
+        return rest
 
 
 def _reading(

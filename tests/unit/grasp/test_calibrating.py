@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.errors import CalibrationError, DeviceTimeoutError
+from palpate.errors import CalibrationError, DeviceError, DeviceTimeoutError
 from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
 from palpate.grasp.planning import plan_grasp
 from palpate.rig.simulated import calibrated
@@ -54,6 +54,28 @@ def test_sensor_that_fails_leaves_the_hand_open(kind: Any) -> None:
     state = bench.gripper.state()
     assert bench.gripper.limits.closure(state) == pytest.approx(0.0, abs=0.5)
     assert world.force_n(world.clock.now_s()) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("readings", "words"),
+    [((0, 0), "no signal from r0c0"), ((100, 600), "does not come to rest in 120 s")],
+)
+def test_sensor_that_can_not_rest_is_broken_equipment(
+    readings: tuple[int, int], words: str
+) -> None:
+    class Broken(TwinArray):
+        """Its first pixel is cut off, or has a loose contact."""
+
+        def read(self, *, timeout_s: float) -> Any:
+            frame = super().read(timeout_s=timeout_s)
+            counts = frame.counts.copy()
+            counts[0, 0] = readings[frame.sequence % 30 // 15]
+            return replace(frame, counts=counts)
+
+    world = World(None, seed=3)
+    with pytest.raises(DeviceError, match=words) as raised:
+        measure_rest(bench_of(world, Broken(world)))
+    assert raised.value.exit_status == 3
 
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
