@@ -2,8 +2,8 @@
 
 The rest values are taken anew once after each contact, and only where nothing can be held: the
 hand has opened well beyond the width at which it touched, has not closed since, has stood still for
-some time, and every pixel reads near its old rest value. A hand whose opening is unknown never
-re-zeroes.
+some time, and every pixel reads steadily and near its old rest value. A hand whose opening is
+unknown never re-zeroes.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ class RezeroRule:
         a frame of closing and the first give of a soft object.
     still_s, average_s : float
         How long it must stand still first (spike and creep fade), and how long is averaged then.
+    settled_percent : float
+        By how much two such averages, one after the other, may differ: while a sheet still forgets
+        its load its rest value is not there to be taken.
     fall_percent, rise_percent : float
         A rest value may change by so much at once; a load only ever lowers it.
     total_percent : float
@@ -39,8 +42,9 @@ class RezeroRule:
     """
 
     clear_mm: float = 5.0
-    still_s: float = 4.0
+    still_s: float = 2.0
     average_s: float = 1.0
+    settled_percent: float = 0.3
     fall_percent: float = 3.0
     rise_percent: float = 10.0
     total_percent: float = 20.0
@@ -66,6 +70,8 @@ class RezeroState:
         Since when nothing can be held.
     total_ohm, frames
         Sum over the frames that are to be averaged, and their number.
+    averaged_ohm : ndarray or None
+        The average before.
     advice : str
         Empty, or why the sensor should be calibrated anew.
     """
@@ -79,6 +85,7 @@ class RezeroState:
     clear_since_s: float | None = None
     total_ohm: FloatArray | float = 0.0
     frames: int = 0
+    averaged_ohm: FloatArray | None = None
     advice: str = ""
 
     @classmethod
@@ -130,14 +137,27 @@ def rezero_step(
     """
     state = _touch(state, _lowest_percent(ohm, state.rest_ohm), width_mm)
     if not _clear(state, width_mm, moving=moving, rule=rule):
-        return replace(state, clear_since_s=None, total_ohm=0.0, frames=0)
+        return replace(state, clear_since_s=None, total_ohm=0.0, frames=0, averaged_ohm=None)
     if state.clear_since_s is None:
         return replace(state, clear_since_s=time_s)
     waited_s = time_s - state.clear_since_s
     if waited_s < rule.still_s:
         return state
     state = replace(state, total_ohm=state.total_ohm + ohm, frames=state.frames + 1)
-    return _take(state, rule) if waited_s >= rule.still_s + rule.average_s else state
+    if waited_s < rule.still_s + rule.average_s:
+        return state
+    fresh, before = np.asarray(state.total_ohm) / state.frames, state.averaged_ohm
+    if before is None or _apart_percent(fresh, before) > rule.settled_percent:
+        since_s = time_s - rule.still_s
+        return replace(state, clear_since_s=since_s, total_ohm=0.0, frames=0, averaged_ohm=fresh)
+    return _take(state, fresh, rule)
+
+
+def _apart_percent(fresh: FloatArray, before: FloatArray) -> float:
+    """Return the median pixel's change from one average to the next, without sign."""
+    change = 100.0 * np.abs(fresh / before - 1.0)
+    reads = np.isfinite(change)
+    return float(np.median(change[reads])) if reads.any() else np.inf
 
 
 def _lowest_percent(ohm: FloatArray, rest_ohm: FloatArray) -> float:
@@ -175,10 +195,16 @@ def _clear(state: RezeroState, width_mm: float | None, *, moving: bool, rule: Re
     return opened and width_mm >= state.widest_mm - _WIDTH_NOISE_MM
 
 
-def _take(state: RezeroState, rule: RezeroRule) -> RezeroState:
+def _take(state: RezeroState, fresh: FloatArray, rule: RezeroRule) -> RezeroState:
     """Take the averaged frames for rest values, or keep the old ones and say why."""
-    fresh = np.asarray(state.total_ohm) / state.frames
-    done = replace(state, contact_mm=None, clear_since_s=None, total_ohm=0.0, frames=0)
+    done = replace(
+        state,
+        contact_mm=None,
+        clear_since_s=None,
+        total_ohm=0.0,
+        frames=0,
+        averaged_ohm=None,
+    )
     reads = np.isfinite(fresh)
     change = 100.0 * (fresh / state.rest_ohm - 1.0)[reads]
     total = 100.0 * (fresh / state.calibrated_ohm - 1.0)[reads]

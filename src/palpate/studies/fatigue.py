@@ -25,7 +25,7 @@ CYCLES, CLOSED_S, OPEN_S = 2500, 10.0, 10.0
 SIMULATED = 60
 #: The reference load is read again at these cycles (the same grasp here).
 CHECKED_AT = (100, 500, 1000, 2000)
-CHECK_GRASPS = 8
+CHECK_GRASPS, STOP_S = 8, 60.0
 SENSORS, OBJECT, CLOSURE_MM, OPENED_MM = 4, "springs-8", 3.0, 12.0
 #: The room swings by so much over a period, as a laboratory's does.
 ROOM_SWING_C, ROOM_PERIOD_S = 1.5, 12 * 3600.0
@@ -82,13 +82,14 @@ class Wearing:
         )
         if self._track is None or cycle in CHECKED_AT:
             self._check(cycle)
-        session.world.clock.sleep_s(OPEN_S / 2)
         session.close_to(size_mm - CLOSURE_MM)
         self._watch(0.5)
         session.world.clock.sleep_s(CLOSED_S - 0.5 - SETTLED_MEAN_S)
         self._score(index, cycle, session.mean_ohm(), session.cell.read_n())
         session.close_to(size_mm + OPENED_MM)
-        self._watch(OPEN_S - 2.0)
+        self._watch(OPEN_S)
+        session.world.clock.sleep_s(STOP_S)
+        self._watch(5.0)
 
     def _check(self, cycle: int) -> None:
         """Read the reference load: the mean of several grasps, each with its own rest values."""
@@ -156,6 +157,8 @@ def report(*, sensors: int = SENSORS, simulated: int = SIMULATED) -> StudyReport
             "`palpate.sensor.rezero`, from frames and the hand's width alone. Wear correction: the "
             f"same object as a reference load, {CHECK_GRASPS} grasps at cycles 0, "
             f"{', '.join(map(str, CHECKED_AT))}; between checks it runs behind.",
+            f"The rig stops for {STOP_S:g} s after each simulated cycle: after 10 s the sheet has "
+            "not forgotten its load, and re-zeroing waits until it has.",
             "Advice to recalibrate (reference load 10 % off): "
             + "; ".join(
                 f"{level}: {sum(at is not None for at in advised[level])} of {sensors} sensors"

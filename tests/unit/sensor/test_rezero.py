@@ -33,7 +33,7 @@ def test_a_hand_not_opened_beyond_the_contact_keeps_its_rest(open_mm: float) -> 
 
 
 def test_it_waits_until_spike_and_creep_have_faded() -> None:
-    assert grasped(1.03, open_s=4).rest_ohm.tolist() == [[1000.0, 2000.0]]
+    assert grasped(1.03, open_s=3).rest_ohm.tolist() == [[1000.0, 2000.0]]
 
 
 def test_something_left_on_the_sensor_is_reported_and_not_swallowed() -> None:
