@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.observer_sheet import SheetObserver, sheet_model_from_dict
+from palpate.estimate.observer_sheet import SheetModel, SheetObserver, sheet_model_from_dict
 from palpate.estimate.observer_sheet_fit import (
     expected_error_percent,
     fit_sheet,
@@ -25,7 +25,7 @@ def invented(seed: int, *, runs: int = 8, gain_sd: float = 0.05, ma: float = 12.
         gain = np.exp(gain_sd * rng.standard_normal())
         force, width, next_s = float(rng.uniform(0.5, 5.0)), 40.0, 0.0
         slow = np.log(force)
-        for k in range(200):
+        for k in range(120):
             time_s = k / 15
             if time_s >= next_s:
                 up = force < 0.8 or (force < 8 and rng.random() < 0.55)
@@ -43,11 +43,11 @@ def invented(seed: int, *, runs: int = 8, gain_sd: float = 0.05, ma: float = 12.
     return LoadTraces(**columns)  # type: ignore[arg-type]
 
 
-def followed(model: object, traces: LoadTraces) -> tuple[np.ndarray, float]:
+def followed(model: SheetModel, traces: LoadTraces) -> tuple[np.ndarray, float]:
     """Return errors of ln force, and coverage."""
     errors, covered = [], []
     for run in traces.runs():
-        observer = SheetObserver(model)  # type: ignore[arg-type]
+        observer = SheetObserver(model)
         for one in frames(run):
             now = observer.step(
                 one.time_s, one.excess, width_mm=one.width_mm, current_ma=one.current_ma
@@ -62,9 +62,14 @@ def guided() -> LoadTraces:
     return invented(1)
 
 
-def test_memory_beats_the_static_law_by_half(guided: LoadTraces) -> None:
+@pytest.fixture(scope="module")
+def fitted(guided: LoadTraces) -> SheetModel:
+    return fit_sheet(guided)
+
+
+def test_memory_beats_the_static_law_by_half(guided: LoadTraces, fitted: SheetModel) -> None:
     tested = invented(2, runs=4)
-    sheet = without_current(fit_sheet(guided))
+    sheet = without_current(fitted)
     errors, coverage = followed(sheet, tested)
     static, _ = followed(fit_sheet(guided, memory=False), tested)
     assert np.sqrt(np.mean(errors**2)) < 0.5 * np.sqrt(np.mean(static**2))
@@ -85,8 +90,8 @@ def test_a_current_that_says_nothing_is_left_out() -> None:
     assert fit_sheet(invented(5, ma=0.0)).current is None
 
 
-def test_telling_the_force_takes_the_gain_out(guided: LoadTraces) -> None:
-    model = without_current(fit_sheet(guided))
+def test_telling_the_force_takes_the_gain_out(fitted: SheetModel) -> None:
+    model = without_current(fitted)
     run = next(invented(6, runs=1, gain_sd=1.0).runs())
     observer = SheetObserver(model)
     seen = list(frames(run))
@@ -99,20 +104,20 @@ def test_telling_the_force_takes_the_gain_out(guided: LoadTraces) -> None:
         observer.tell(0.0)
 
 
-def test_outside_the_calibrated_range_it_says_so(guided: LoadTraces) -> None:
-    observer = SheetObserver(fit_sheet(guided))
+def test_outside_the_calibrated_range_it_says_so(fitted: SheetModel) -> None:
+    observer = SheetObserver(fitted)
     assert str(observer.step(0.0, [1.0, 1.0]).status) == "ok"
     assert str(observer.step(0.1, [900.0, 900.0]).status) == "saturated"
 
 
-def test_model_goes_through_a_file_unchanged(guided: LoadTraces) -> None:
-    model = fit_sheet(guided)
+def test_model_goes_through_a_file_unchanged(fitted: SheetModel) -> None:
+    model = fitted
     assert sheet_model_from_dict(model.as_dict()) == model
     with pytest.raises(CalibrationError, match="gain_sd"):
         sheet_model_from_dict({k: v for k, v in model.as_dict().items() if k != "gain_sd"})
 
 
-def test_unloading_not_seen_is_said(guided: LoadTraces) -> None:
+def test_unloading_not_seen_is_said(guided: LoadTraces, fitted: SheetModel) -> None:
     rising = LoadTraces(
         **{
             name: getattr(guided, name)
@@ -120,7 +125,7 @@ def test_unloading_not_seen_is_said(guided: LoadTraces) -> None:
         },
         width_mm=np.full(len(np.asarray(guided.run)), 40.0),
     )
-    assert fit_sheet(guided).unloading_seen
+    assert fitted.unloading_seen
     assert not fit_sheet(rising).unloading_seen
 
 
@@ -142,7 +147,8 @@ def test_a_reading_that_ignores_the_force_is_refused(guided: LoadTraces) -> None
 
 def test_expected_error_says_where_nothing_was_reached(guided: LoadTraces) -> None:
     expected = expected_error_percent(guided)
-    assert expected["1_n"] is not None and expected["1_n"] < 20
+    assert expected["1_n"] is not None
+    assert expected["1_n"] < 20
     far = LoadTraces(
         **{n: getattr(guided, n) for n in ("run", "time_s", "excess", "width_mm", "current_ma")},
         force_n=np.asarray(guided.force_n) / 4,

@@ -1,0 +1,166 @@
+"""`palpate calibrate force | compliance | settling`, as a user runs them on the twin."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+
+from palpate.commands import calibrate_compliance, calibrate_force, calibrate_settling
+from palpate.commands.calibrate_bench import begun
+from palpate.commands.outcome import run
+from palpate.estimate.observer_sheet import sheet_model_from_dict
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.calibration import Calibration, RestValues
+
+STEPS = {
+    "force": calibrate_force.command,
+    "compliance": calibrate_compliance.command,
+    "settling": calibrate_settling.command,
+}
+
+
+def call(step: str, *arguments: str) -> int:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(STEPS[step])
+    return run(app, arguments, name=f"palpate calibrate {step}")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("calibrated") / "pad.json"
+    assert call("force", "--seed", "3", "--out", str(path), "--temperature-c", "21") == 0
+    return path
+
+
+def test_force_file_holds_everything(made: Path) -> None:
+    found = Calibration.load(made)
+    assert found.origin == "simulated"
+    assert found.temperature_c == 21
+    assert found.made_at is not None
+    assert found.traces is not None
+    assert sheet_model_from_dict(dict(found.observer)).unloading_seen
+    expected = found.held_out["error_percent"]
+    assert 0 < expected["5_n"] < 40
+    assert found.force_law["residual_sd"] > 0
+
+
+def test_compliance_goes_into_the_same_file(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = Calibration.load(made)
+    assert call("compliance", "--seed", "3", "--out", str(made), "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["simulated"] is True
+    assert 0.1 < document["fingers_mm_per_n"] < 0.4
+    after = Calibration.load(made)
+    assert after.force == before.force
+    assert len(after.block.force_n) == document["readings"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("--block-mm", "4"), 2, "is it in millimetres"),
+        (("--out", "none.json"), 2, "none.json is not there yet"),
+        (("--rig", "sim-soft"), 3, "no load cell"),
+    ],
+)
+def test_compliance_refusals(
+    arguments: tuple[str, ...], status: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("compliance", *arguments) == status
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def of_other_sensor(path: Path) -> None:
+    rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
+    begun(RIGID_LAYOUT, rest=rest, simulated=False).save(path)
+
+
+def cut_in_half(path: Path) -> None:
+    of_other_sensor(path)
+    path.write_text(path.read_text()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [(of_other_sensor, "give another --out"), (cut_in_half, "not whole JSON")],
+)
+def test_a_file_that_does_not_fit_stays_as_it_is(
+    tmp_path: Path, spoil: object, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "pad.json"
+    spoil(path)  # type: ignore[operator]
+    before = path.read_bytes()
+    assert call("force", "--out", str(path)) == 2
+    assert message in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("load_n\n1\n5\n", "give at least 4 loads"),
+        ("load_n\n5\n5\n5\n5\n", "1 of them different"),
+        ("load_n\n100\n250\n500\n1000\n", "in grams"),
+        ("weight\n1\n2\n3\n4\n", "needs a column load_n"),
+    ],
+)
+def test_bad_loads_leave_the_old_calibration(
+    tmp_path: Path, text: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, loads = tmp_path / "pad.json", tmp_path / "loads.csv"
+    of_other_sensor(path)
+    before = path.read_bytes()
+    loads.write_text(text)
+    assert call("force", "--rig", "real.toml", "--loads", str(loads), "--out", str(path)) == 2
+    assert message in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+def test_nobody_lays_weights_on_a_simulated_rig(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("force", "--loads", str(tmp_path / "loads.csv")) == 2
+    assert "simulated" in capsys.readouterr().err
+
+
+def test_settling_takes_long_holds_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from palpate.holds import read_holds
+
+    path, out = recorded(tmp_path), tmp_path / "fit.csv"
+    assert call("settling", str(path), "--out", str(out)) == 0
+    assert "1 long enough" in capsys.readouterr().err
+    held = list(read_holds(out))
+    assert {hold.channel for hold in held} >= {"mean"}
+    assert all(hold.time_s[-1] >= 19.5 for hold in held)
+    assert call("settling", str(path), "--out", str(out), "--shortest", "60") == 2
+    assert "hold for longer" in capsys.readouterr().err
+    assert call("settling", str(path), "--out", str(tmp_path / "fit.txt")) == 2
+    assert ".csv or .parquet" in capsys.readouterr().err
+
+
+def recorded(folder: Path) -> Path:
+    """Record a short and a long hold on the twin."""
+    import numpy as np
+
+    from palpate.gripper.interface import GripperCommand
+    from palpate.recording import RecordingInfo, RecordingWriter
+    from palpate.twin.devices import TwinArray, TwinGripper
+    from palpate.twin.objects import draw_object
+    from palpate.twin.world import World
+
+    obj = draw_object(np.random.default_rng(1), "dragonskin-20")
+    world = World(obj, seed=1)
+    gripper, array, path = TwinGripper(world), TwinArray(world), folder / "day1.mcap"
+    info = RecordingInfo(layout=world.layout, origin="twin")
+    with RecordingWriter(path, info=info) as writer:
+        for width_mm, until_s in ((74.0, 2.0), (38.0, 6.0), (74.0, 20.0), (37.5, 41.5)):
+            gripper.command(GripperCommand(target=width_mm, rate=40.0))
+            while world.clock.now_s() < until_s:
+                frame = array.read(timeout_s=1.0)
+                writer.add_observation(frame, gripper=gripper.state())
+    return path
