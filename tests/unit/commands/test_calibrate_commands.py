@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from palpate.estimate.observer_sheet import sheet_model_from_dict
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 
-STEPS = {
+STEPS: dict[str, Callable[..., None]] = {
     "force": calibrate_force.command,
     "compliance": calibrate_compliance.command,
     "settling": calibrate_settling.command,
