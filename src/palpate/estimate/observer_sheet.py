@@ -199,6 +199,17 @@ class SheetObserver:
         Learned from the guided traces.
     level : float
         Level of the intervals.
+
+    Examples
+    --------
+    A sheet without memory whose summed excess, plus 0.1, is the force:
+
+    >>> model = SheetModel(exponent=1.0, time_constants_s=(), weights=(0.0, 1.0, 0.0, 0.0),
+    ...     gain_sd=0.1, slope_sd=0.1, drift_sd=0.05, floor_n=0.02, tail=1.0,
+    ...     tail_with_current=1.0, range=(-1.0, 3.0), unloading_seen=True, current=None)
+    >>> now = SheetObserver(model).step(0.0, [1.0, 0.9])
+    >>> round(now.value, 3), now.low < 1.8, str(now.status)
+    (2.0, True, 'ok')
     """
 
     def __init__(self, model: SheetModel, *, level: float = 0.9) -> None:

@@ -64,7 +64,7 @@ def guided_traces(sensor: int, *, level: str) -> LoadTraces:
     return _recorded(sensor, level=level, session=1, names=FACES, staircases=GUIDED)
 
 
-def tested_traces(sensor: int, *, level: str, staircases: int) -> LoadTraces:
+def trial_traces(sensor: int, *, level: str, staircases: int) -> LoadTraces:
     """Return staircases on other objects in another session."""
     rng = np.random.default_rng([sensor, 7])
     names = [str(name) for name in rng.choice(GRASPED, staircases, replace=False)]

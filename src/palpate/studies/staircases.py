@@ -13,7 +13,7 @@ from palpate.studies.staircase_data import (
     FollowedForce,
     followed,
     guided_traces,
-    tested_traces,
+    trial_traces,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def command(
     for level in LEVELS:
         for sensor in range(seed, seed + sheets):
             guided = guided_traces(sensor, level=level)
-            tested = tested_traces(sensor, level=level, staircases=staircases)
+            tested = trial_traces(sensor, level=level, staircases=staircases)
             for name, each in followed(guided, tested).items():
                 runs[level][name] += each
     _report(runs, sheets=sheets, staircases=staircases).emit(as_json=as_json, out=out)
