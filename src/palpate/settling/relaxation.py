@@ -29,7 +29,9 @@ BOUNCING_S = 2.0
 #: A hold that has come back by more than this share of its drop is bouncing, not settling.
 TURNED_BACK = 0.3
 #: Per e-fold of time a hold may speed up, where a decay is just setting in, but hardly by more.
-FASTEST_PACE = 2.5
+FASTEST_PACE = 2.0
+#: While contact may still be bouncing, a prediction that much above the recent pace is too short.
+HURRIED_PACE = 1.5
 #: No prior holds every shape: the standard deviation is at least this share of the change to come
 #: if the recent pace per e-fold of time went on.
 SHAPE_DOUBT = 0.1
@@ -150,14 +152,14 @@ def _predict(
         forms = conditionals(since, after_s=float(target_s - time_s[peak]), prior=prior)
         for start in range(0, rows.size, CHUNK):
             chunk = rows[start : start + CHUNK]
-            value[chunk], deviation[chunk], limited, turned = _forecast(
+            value[chunk], deviation[chunk], limited, hurried, turned = _forecast(
                 forms, prior, since, values[chunk, peak:]
             )
             fine = status[chunk] == Status.OK
             status[chunk[fine & limited]] = Status.FELL_BACK
             if since[-1] < BOUNCING_S:
                 unsure = deviation[chunk] > np.abs(value[chunk] - values[chunk, -1])
-                status[chunk[fine & unsure]] = Status.TOO_SHORT
+                status[chunk[fine & (unsure | hurried)]] = Status.TOO_SHORT
             status[chunk[turned]] = Status.NOT_SETTLING
     return value, deviation, window_s, status
 
@@ -175,8 +177,8 @@ def _settled_already(
 
 def _forecast(
     forms: Conditionals, prior: Prior, time_s: FloatArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return mean and standard deviation at the horizon; what was limited, what has turned back."""
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return mean and standard deviation at the horizon; what was limited, hurries, turned back."""
     binned = values @ forms.bins.averaging.T
     last, first = binned[:, -1], values[:, 0]
     direction = np.where(last >= first, 1.0, -1.0)
@@ -197,7 +199,8 @@ def _forecast(
     turned = drop - np.abs(last - first) > TURNED_BACK * drop
     doubt = np.where(turned, drop, SHAPE_DOUBT * to_come)
     value = last + drop * possible * direction
-    return value, np.hypot(drop * deviation, doubt), possible != fall, turned
+    hurried = fall * scale > HURRIED_PACE * to_come
+    return value, np.hypot(drop * deviation, doubt), possible != fall, hurried, turned
 
 
 def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:

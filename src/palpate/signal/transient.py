@@ -80,8 +80,8 @@ def peak_index(values: ArrayLike) -> NDArray[np.intp]:
     samples = np.asarray(values, dtype=np.float64)
     top, bottom = samples.argmax(axis=-1), samples.argmin(axis=-1)
     last = samples[..., -1]
-    fallen = samples.max(axis=-1) - last
-    risen = last - samples.min(axis=-1)
+    fallen = np.maximum.reduce(samples, axis=-1) - last
+    risen = last - np.minimum.reduce(samples, axis=-1)
     later, earlier = np.maximum(top, bottom), np.minimum(top, bottom)
     down_first = (top <= bottom) == (fallen >= risen)
     peak: NDArray[np.intp] = np.where(down_first | (fallen == risen), earlier, later)
@@ -130,5 +130,5 @@ def hold_window(
     peak = peak_index(np.asarray(values)[:, :stop])
     peak_s = times[peak]
     # The slack takes sums like 0.2 + 0.5 against a sampling time printed as 0.7.
-    first = np.searchsorted(times[:stop], peak_s + wait_s - 1e-9, side="left")
+    first = times[:stop].searchsorted(peak_s + wait_s - 1e-9)
     return HoldWindow(peak=peak, peak_s=peak_s, first=first, stop=stop)
