@@ -33,9 +33,13 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     (['note.txt'], 'whole')
     """
     final = Path(path)
-    handle, name = tempfile.mkstemp(
-        prefix=f".{final.stem}-", suffix="".join(final.suffixes), dir=final.parent
-    )
+    try:
+        handle, name = tempfile.mkstemp(
+            prefix=f".{final.stem}-", suffix="".join(final.suffixes), dir=final.parent
+        )
+    except OSError as error:
+        # The user knows the file asked for, not the temporary one.
+        raise OSError(error.errno, error.strerror, str(final)) from error
     os.close(handle)
     partial = Path(name)
     try:

@@ -16,8 +16,9 @@ from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
 from palpate.settling.relaxation import Relaxation
 
 #: A step is read this long after its movement, in the calibration as in the grasp, because the
-#: sheet lags and the two readings must lag alike.
-DWELL_S = 0.4
+#: sheet lags and the two readings must lag alike. It is no whole number of frames at 15 Hz, so that
+#: rounding never decides which frame is the first after it.
+DWELL_S = 0.42
 #: When the sheet counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
 #: Pressure-driven fingers: fewest readings on a block; how much steeper than on that block the

@@ -44,16 +44,16 @@ def tradeoff(
         Pearson), and ``firmness``: mean stop force as a share of the rupture force.
     """
     limits_n = np.array([closing.rupture_force_n for closing in closings])
-    fruits = np.array([closing.fruit for closing in closings])
     entries = []
-    for fruit in [*sorted(set(fruits.tolist())), "all"]:
-        chosen = np.flatnonzero((fruits == fruit) | (fruit == "all"))
+    for fruit in [*sorted({closing.fruit for closing in closings}), "all"]:
+        chosen = [i for i, closing in enumerate(closings) if fruit in ("all", closing.fruit)]
+        of_chosen_n = limits_n[chosen][:, None]
         for method in methods:
             scores = [method.scores[i] for i in chosen]
             settings = np.unique(np.quantile(np.concatenate(scores), np.linspace(0, 1, SETTINGS)))
             stops_n = stop_forces([closings[i] for i in chosen], scores=scores, at=settings)
-            ruptured = np.sum(stops_n >= limits_n[chosen, None], axis=0)
-            firmness = np.mean(stops_n / limits_n[chosen, None], axis=0)
+            ruptured = np.sum(stops_n >= of_chosen_n, axis=0)
+            firmness = np.mean(stops_n / of_chosen_n, axis=0)
             for rate in RATES:
                 allowed = np.where(ruptured <= rate * len(chosen), firmness, -np.inf)
                 best = int(np.argmax(allowed))
