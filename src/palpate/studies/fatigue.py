@@ -159,6 +159,9 @@ def report(*, sensors: int = SENSORS, simulated: int = SIMULATED) -> StudyReport
             f"{', '.join(map(str, CHECKED_AT))}; between checks it runs behind.",
             f"The rig stops for {STOP_S:g} s after each simulated cycle: after 10 s the sheet has "
             "not forgotten its load, and re-zeroing waits until it has.",
+            "The protocol took several forms before this one (cycle spacing, grasps per check, "
+            "the stop). With one grasp per check and root-mean-square errors, wear correction made "
+            "`field` worse (53 against 32 %); medians of several grasps are what helps.",
             "Advice to recalibrate (reference load 10 % off): "
             + "; ".join(
                 f"{level}: {sum(at is not None for at in advised[level])} of {sensors} sensors"
