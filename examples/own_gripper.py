@@ -21,6 +21,7 @@ import numpy as np
 
 import palpate
 from palpate.clock import Clock, ManualClock
+from palpate.grasp.planning import DWELL_S, HORIZON_S
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.rig import Rig
 from palpate.sensor.array import RIGID_LAYOUT, Frame
@@ -130,7 +131,7 @@ def my_calibration() -> Calibration:
         ),
         force=ForcePairs(
             run=tuple(range(12)),
-            since_move_s=(0.4,) * 6 + (20.0,) * 6,
+            since_move_s=(DWELL_S,) * 6 + (HORIZON_S,) * 6,
             excess=tuple(2 * force_n * scatter),
             relative_percent=tuple(-100 * force_n / (4 + force_n)),
             force_n=tuple(force_n),

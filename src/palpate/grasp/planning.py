@@ -83,6 +83,18 @@ def _by_pressure(block: BlockPairs) -> dict[str, Any]:
 def pairs_at(
     pairs: ForcePairs, *, since_move_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return excess and force of the pairs that were read so long after the movement."""
+    """Return excess and force of the pairs that were read so long after the movement.
+
+    Raises
+    ------
+    CalibrationError
+        If there are none.
+    """
     chosen = np.isclose(pairs.since_move_s, since_move_s)
+    if not chosen.any():
+        read = ", ".join(f"{since:g}" for since in sorted(set(pairs.since_move_s)))
+        raise CalibrationError(
+            f"force calibration: no pairs read {since_move_s:g} s after a movement (the file has "
+            f"{read} s); calibrate the force again"
+        )
     return np.array(pairs.excess)[chosen], np.array(pairs.force_n)[chosen]
