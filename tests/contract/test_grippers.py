@@ -101,5 +101,7 @@ def test_release_opens_fully(hand: Hand) -> None:
 
 
 def test_closing_twice_does_nothing(hand: Hand) -> None:
+    limits = hand.gripper.limits
     hand.gripper.close()
     hand.gripper.close()
+    assert hand.gripper.limits == limits
