@@ -12,6 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands.board_options import (
+    BaudOption,
+    LayoutOption,
+    PortOption,
+    RateOption,
+    ReferenceOption,
+)
 from palpate.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -29,9 +36,7 @@ def command(
     rig: Annotated[
         str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
     ] = None,
-    port: Annotated[
-        str | None, typer.Option(help="Serial port. Found by USB id, or by asking, by default.")
-    ] = None,
+    port: PortOption = None,
     out: Annotated[
         Path | None,
         typer.Option(help="File to make or renew. By default the rig file's, or calibration.json."),
@@ -40,19 +45,10 @@ def command(
         bool, typer.Option("--new", help="Begin the file anew: the sensor was changed.")
     ] = False,
     duration_s: Annotated[float, typer.Option("--duration", help="Seconds.", min=1.0)] = 5.0,
-    layout: Annotated[
-        str | None,
-        typer.Option(help="Of the board on --port: rigid-2x2, soft-3x2, or e.g. 4x4."),
-    ] = None,
-    reference_ohm: Annotated[
-        float | None, typer.Option(help="Its divider's resistor; 4700 by default.")
-    ] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option(help="Its frames per second; 250 by default.")
-    ] = None,
-    baud: Annotated[
-        int | None, typer.Option(help="Speed of its firmware; 1000000 by default.")
-    ] = None,
+    layout: LayoutOption = None,
+    reference_ohm: ReferenceOption = None,
+    rate_hz: RateOption = None,
+    baud: BaudOption = None,
     temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
     humidity_percent: Annotated[
         float | None, typer.Option(help="Of the room, where known.")

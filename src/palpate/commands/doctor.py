@@ -11,6 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands.board_options import (
+    BaudOption,
+    LayoutOption,
+    PortOption,
+    RateOption,
+    ReferenceOption,
+)
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,9 +43,7 @@ def doctor(
     rig: Annotated[
         str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
     ] = None,
-    port: Annotated[
-        str | None, typer.Option(help="Serial port. Found by USB id, or by asking, by default.")
-    ] = None,
+    port: PortOption = None,
     recording: Annotated[
         Path | None, typer.Option(help="Judge a recording instead; it must begin at rest.")
     ] = None,
@@ -48,19 +53,10 @@ def doctor(
     press: Annotated[
         bool, typer.Option("--press", help="Then press each pixel in turn: finds swapped wires.")
     ] = False,
-    layout: Annotated[
-        str | None,
-        typer.Option(help="Of the board on --port: rigid-2x2, soft-3x2, or e.g. 4x4."),
-    ] = None,
-    reference_ohm: Annotated[
-        float | None, typer.Option(help="Its divider's resistor; 4700 by default.")
-    ] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option(help="Its frames per second; 250 by default.")
-    ] = None,
-    baud: Annotated[
-        int | None, typer.Option(help="Speed of its firmware; 1000000 by default.")
-    ] = None,
+    layout: LayoutOption = None,
+    reference_ohm: ReferenceOption = None,
+    rate_hz: RateOption = None,
+    baud: BaudOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """Find dead, shorted, stuck, noisy, drifting and swapped pixels, losses and a wrong resistor.

@@ -8,30 +8,27 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands.board_options import (
+    BaudOption,
+    LayoutOption,
+    PortOption,
+    RateOption,
+    ReferenceOption,
+)
+
 
 def live(
     rig: Annotated[
         str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
     ] = None,
-    port: Annotated[
-        str | None, typer.Option(help="Serial port. Found by USB id, or by asking, by default.")
-    ] = None,
+    port: PortOption = None,
     duration_s: Annotated[
         float, typer.Option("--duration", help="Seconds; until Ctrl-C by default.", min=0.1)
     ] = math.inf,
-    layout: Annotated[
-        str | None,
-        typer.Option(help="Of the board on --port: rigid-2x2, soft-3x2, or e.g. 4x4."),
-    ] = None,
-    reference_ohm: Annotated[
-        float | None, typer.Option(help="Its divider's resistor; 4700 by default.")
-    ] = None,
-    rate_hz: Annotated[
-        float | None, typer.Option(help="Its frames per second; 250 by default.")
-    ] = None,
-    baud: Annotated[
-        int | None, typer.Option(help="Speed of its firmware; 1000000 by default.")
-    ] = None,
+    layout: LayoutOption = None,
+    reference_ohm: ReferenceOption = None,
+    rate_hz: RateOption = None,
+    baud: BaudOption = None,
 ) -> None:
     """Show pixels, contact, rate and losses in the terminal. Leave the sensor alone at the start.
 
