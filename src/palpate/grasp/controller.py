@@ -150,7 +150,8 @@ def _hold(belief: Belief, plan: Plan) -> Move:
 
 def _releasing(belief: Belief, plan: Plan) -> Move:
     """Wait until the hand is open."""
-    opened = belief.closure <= plan.step
+    # Half a step: closer than that some grippers never report themselves.
+    opened = belief.closure <= plan.step / 2
     if opened or belief.now_s - belief.since_s > _RELEASE_TIMEOUT_S:
         return belief.enter(Phase.STOPPED), None
     return belief, None
