@@ -22,7 +22,6 @@ from palpate.signal.relative import (
     mean_change,
     relative_change_percent,
     rest_baseline,
-    total_excess,
 )
 
 FloatArray = NDArray[np.float64]
@@ -63,6 +62,16 @@ _PACES = {
     "width": _Pace(approach=6.0, rate=20.0, step_per_n=0.1, finest=0.1, coarsest=0.5),
     "pressure": _Pace(approach=4.0, rate=15.0, step_per_n=0.4, finest=0.3, coarsest=1.5),
 }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """The sheet beside the load cell at one time; attributes as in `ForcePairs`."""
+
+    since_move_s: float
+    pixel_excess: tuple[float, ...]
+    relative_percent: float
+    force_n: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,7 +147,7 @@ def measure_force(
     CalibrationError
         If the load cell never feels the hand.
     """
-    rows: list[tuple[int, float, float, float, float]] = []
+    rows: list[tuple[int, Reading]] = []
     with _opened_after(bench):
         for run, levels in enumerate(holds_n):
             _open(bench)
@@ -146,21 +155,22 @@ def measure_force(
             rest = _rest(bench, duration_s=1.0)
             for level_n in levels:
                 found, room = _climbed(bench, rest, level_n, dwell_s=dwell_s, horizon_s=horizon_s)
-                rows += [(run, *reading) for reading in found]
+                rows += [(run, reading) for reading in found]
                 if not room:
                     break
-    if not any(row[4] > _TOUCH_N for row in rows):
+    if not any(reading.force_n > _TOUCH_N for _, reading in rows):
         raise CalibrationError(
             "force calibration: the hand closed fully and the load cell felt nothing; "
             "is the cell between the fingers, and connected?"
         )
-    columns = list(zip(*rows, strict=True))
+    readings = [reading for _, reading in rows]
     return ForcePairs(
-        run=columns[0],
-        since_move_s=columns[1],
-        excess=columns[2],
-        relative_percent=columns[3],
-        force_n=columns[4],
+        run=tuple(run for run, _ in rows),
+        since_move_s=tuple(reading.since_move_s for reading in readings),
+        excess=tuple(sum(reading.pixel_excess) for reading in readings),
+        relative_percent=tuple(reading.relative_percent for reading in readings),
+        force_n=tuple(reading.force_n for reading in readings),
+        pixel_excess=tuple(reading.pixel_excess for reading in readings),
     )
 
 
@@ -206,19 +216,19 @@ def _release(bench: Bench) -> None:
 
 def _climbed(
     bench: Bench, rest: RestBaseline, level_n: float, *, dwell_s: float, horizon_s: float
-) -> tuple[list[tuple[float, float, float, float]], bool]:
+) -> tuple[list[Reading], bool]:
     """Close step by step to a force and settle there; return the readings, and whether it did."""
-    readings: list[tuple[float, float, float, float]] = []
+    readings: list[Reading] = []
     moved_s, room = bench.clock.now_s(), True
     while room and bench.cell.read_n() < level_n:
         moved_s = bench.clock.now_s()
         room = _close_once(bench)
         if room:
-            reading = _reading(bench, rest, moved_s + dwell_s, mean_s=_EARLY_MEAN_S)
-            if reading[2] > _TOUCH_N:
-                readings.append((dwell_s, *reading))
-    settled = _reading(bench, rest, moved_s + horizon_s, mean_s=_SETTLED_MEAN_S)
-    return [*readings, (horizon_s, *settled)], room
+            reading = _reading(bench, rest, moved_s, since_move_s=dwell_s, mean_s=_EARLY_MEAN_S)
+            if reading.force_n > _TOUCH_N:
+                readings.append(reading)
+    settled = _reading(bench, rest, moved_s, since_move_s=horizon_s, mean_s=_SETTLED_MEAN_S)
+    return [*readings, settled], room
 
 
 def _open(bench: Bench) -> None:
@@ -296,13 +306,18 @@ def _rest(bench: Bench, *, duration_s: float) -> RestBaseline:
 
 
 def _reading(
-    bench: Bench, rest: RestBaseline, until_s: float, *, mean_s: float
-) -> tuple[float, float, float]:
-    """Return excess, relative change and the cell's force, means of the last `mean_s`."""
-    ohm = _ohm(bench, until_s, mean_s=mean_s)
-    excess = total_excess(excess_conductance(ohm, rest_ohm=rest.rest_ohm))
+    bench: Bench, rest: RestBaseline, moved_s: float, *, since_move_s: float, mean_s: float
+) -> Reading:
+    """Read so long after a movement: means of the last `mean_s`."""
+    ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
+    excess = np.nan_to_num(excess_conductance(ohm, rest_ohm=rest.rest_ohm)).mean(axis=0)
     relative = mean_change(relative_change_percent(ohm, rest_ohm=rest.rest_ohm))
-    return float(np.mean(excess)), float(np.mean(relative)), bench.cell.read_n()
+    return Reading(
+        since_move_s=since_move_s,
+        pixel_excess=tuple(excess.ravel().tolist()),
+        relative_percent=float(np.mean(relative)),
+        force_n=bench.cell.read_n(),
+    )
 
 
 def _ohm(bench: Bench, until_s: float, *, mean_s: float) -> FloatArray:

@@ -29,6 +29,9 @@ _READABLE = (1, VERSION)
 #: The sheet breaks in and ages with use and climate (paper, Figures 3 and 4).
 STALE_DAYS = 30
 
+#: The one column of force pairs that a file may lack.
+PIXELS = ("pixel_excess",)
+
 Pairs = TypeVar("Pairs", "ForcePairs", "BlockPairs")
 
 
@@ -67,6 +70,9 @@ class ForcePairs:
         Mean relative change (paper, eq. 1).
     force_n : tuple of float
         Reference: mean of the fingers' normal forces.
+    pixel_excess : tuple of tuple of float
+        Excess conductance of each pixel, row by row; empty where only the sum was kept. It tells
+        how the load was spread.
     """
 
     run: tuple[int, ...]
@@ -74,9 +80,10 @@ class ForcePairs:
     excess: tuple[float, ...]
     relative_percent: tuple[float, ...]
     force_n: tuple[float, ...]
+    pixel_excess: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        _one_length(self, what="force pairs")
+        _one_length(self, what="force pairs", apart_from=() if self.pixel_excess else PIXELS)
         if len(self.force_n) >= 4 and np.ptp(self.force_n) < 0.01 * max(map(abs, self.force_n)):
             raise CalibrationError(
                 f"force pairs: the reference force stays at {self.force_n[0]:g} N; "
@@ -280,8 +287,11 @@ def _pairs(kind: type[Pairs], stored: Mapping[str, Any], *, where: str) -> Pairs
     stored = {f.name: () for f in fields(kind) if f.default == ()} | dict(stored)
     _same_names(stored, names, where=where)
     columns = {name: tuple(stored[name]) for name in names}
+    for name in PIXELS:
+        columns |= {name: tuple(map(tuple, columns[name]))} if name in columns else {}
     for name, column in columns.items():
-        if not all(isinstance(v, int | float) and np.isfinite(v) for v in column):
+        numbers = [v for row in column for v in row] if name in PIXELS else column
+        if not all(isinstance(v, int | float) and np.isfinite(v) for v in numbers):
             raise CalibrationError(f"{where}.{name}: every entry must be a finite number")
     return kind(**columns)
 
