@@ -144,6 +144,8 @@ def pixel_shares(
     A flat object loads the whole pad, tilted a little towards where it lies. A round one loads a
     patch, a paraboloid whose reach grows as in Hertz contact (each side is indented by half).
     """
+    if obj.faces is not None:
+        return obj.faces.pixel_shares(deformation_mm, grid=grid, off_centre_mm=off_centre_mm)
     along, across = grid.along_mm - off_centre_mm[0], grid.across_mm - off_centre_mm[1]
     if obj.flat:
         tilt = grid.along_mm * off_centre_mm[0] + grid.across_mm * off_centre_mm[1]

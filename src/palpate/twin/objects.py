@@ -9,11 +9,14 @@ is the paper's.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from palpate.twin.ranges import Pair, log_uniform, uniform
+
+if TYPE_CHECKING:
+    from palpate.twin.apple_faces import Faces
 
 Contact: TypeAlias = Literal["linear", "hertz"]
 
@@ -43,6 +46,8 @@ class TwinObject:
         Forces at which damage begins and at which it bursts; infinite for what doesn't.
     mass_g : float
         Mass, grams.
+    faces : Faces, optional
+        How it loads the pixels, where its sides are not those of a flat or round thing.
     """
 
     name: str
@@ -55,6 +60,7 @@ class TwinObject:
     yield_n: float = float("inf")
     rupture_n: float = float("inf")
     mass_g: float = 50.0
+    faces: Faces | None = None
 
     @property
     def exponent(self) -> float:
