@@ -62,6 +62,12 @@ def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:
     return belief.enter(Phase.STOPPED, note=outcome.value), None
 
 
+def released(belief: Belief, *, plan: Plan) -> Move:
+    """End the grasp because its user wants the object back: held if there is an answer."""
+    answered = belief.result.force_n is not None
+    return _release(belief, plan, Outcome.HELD if answered else Outcome.STOPPED)
+
+
 def _approach(belief: Belief, plan: Plan) -> Move:
     """Take the rest values, then close step by step until something is felt."""
     if belief.rest_ohm is None:

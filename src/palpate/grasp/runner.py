@@ -8,15 +8,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from types import FrameType
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.belief import Belief, Observation
-from palpate.grasp.controller import step, stopped
+from palpate.grasp.controller import Move, released, step, stopped
 from palpate.grasp.following import Following
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
 from palpate.grasp.safety import Danger
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
@@ -24,6 +25,10 @@ from palpate.sensor.array import Frame, PressureArray
 
 #: Gets every observation: a recorder, a view. It must return quickly; what it raises ends it alone.
 Subscriber: TypeAlias = Callable[[Observation], None]
+#: Gets what the controller makes of each observation, on the same terms.
+Watcher: TypeAlias = Callable[[Belief], None]
+
+Told = TypeVar("Told")
 
 #: How long an opening hand may take before it is stopped where it is.
 _OPENING_S = 10.0
@@ -125,20 +130,24 @@ def run_grasp(
     gripper: Gripper,
     clock: Clock,
     subscribers: Sequence[Subscriber] = (),
+    watchers: Sequence[Watcher] = (),
+    requests: Requests | None = None,
 ) -> GraspResult:
     """Run one grasp to its end; afterwards the gripper stands still or is open.
 
-    Ctrl-C and SIGTERM end the grasp with outcome `stopped`, a silent or lost array with
-    `sensor_lost`, a gripper that fails or does not go where it is sent with `gripper_fault`; the
-    result's `faults` say why. What that means for the hand is in `palpate.grasp.safety`.
+    Ctrl-C, SIGTERM and `requests.stop` end the grasp with outcome `stopped`, a silent or lost array
+    with `sensor_lost`, a gripper that fails or does not go where it is sent with `gripper_fault`;
+    the result's `faults` say why. What that means for the hand is in `palpate.grasp.safety`.
     """
     belief, feed, faults = Belief(), _Feed(array, clock=clock, plan=plan), list[str]()
-    hand, views = _Hand(gripper, plan=plan), list(subscribers)
+    hand, views, beliefs = _Hand(gripper, plan=plan), list(subscribers), list(watchers)
+    requests = Requests() if requests is None else requests
     try:
-        with _stop_requests() as requested:
+        with _signals_set(requests.stop):
             while not belief.ended:
-                if requested.is_set() and belief.phase is not Phase.RELEASE:
-                    belief, command = stopped(belief, Danger.STOPPED, plan=plan)
+                asked = _asked(belief, requests, plan=plan)
+                if asked is not None:
+                    belief, command = asked
                     hand.send(command, now_s=clock.now_s())
                     continue
                 try:
@@ -156,6 +165,7 @@ def run_grasp(
                 _tell(views, observation, faults)
                 hand.check(observation)
                 hand.send(command, now_s=frame.time_s)
+                _tell(beliefs, belief, faults)
     except DeviceError as error:
         faults.append(str(error))
         belief, _ = stopped(belief, Danger.GRIPPER_FAULT, plan=plan)
@@ -175,10 +185,21 @@ def run_grasp(
     )
 
 
-def _tell(views: list[Subscriber], observation: Observation, faults: list[str]) -> None:
+def _asked(belief: Belief, requests: Requests, *, plan: Plan) -> Move | None:
+    """Return the move that a request asks for; an opening that has begun is completed."""
+    if belief.phase is Phase.RELEASE:
+        return None
+    if requests.stop.is_set():
+        return stopped(belief, Danger.STOPPED, plan=plan)
+    if requests.release.is_set():
+        return released(belief, plan=plan)
+    return None
+
+
+def _tell(views: list[Callable[[Told], None]], told: Told, faults: list[str]) -> None:
     for view in tuple(views):
         try:
-            view(observation)
+            view(told)
         # Whatever a recorder or view does wrong, the hand must not feel it; the result tells.
         except Exception as error:
             views.remove(view)
@@ -187,14 +208,13 @@ def _tell(views: list[Subscriber], observation: Observation, faults: list[str]) 
 
 
 @contextmanager
-def _stop_requests() -> Iterator[threading.Event]:
+def _signals_set(requested: threading.Event) -> Iterator[None]:
     """Turn Ctrl-C and SIGTERM into a flag, so that none interrupts a transfer halfway.
 
     A second Ctrl-C does interrupt: the old handlers are back after the first.
     """
-    requested = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        yield requested
+        yield
         return
     old = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -209,6 +229,6 @@ def _stop_requests() -> Iterator[threading.Event]:
     for number in old:
         signal.signal(number, request)
     try:
-        yield requested
+        yield
     finally:
         restore()

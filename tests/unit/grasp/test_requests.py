@@ -1,0 +1,70 @@
+"""What may be asked of a running grasp from another thread."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.requests import Requests
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+
+
+def run(plan: Plan, bench: Any, requests: Requests, watcher: Any) -> GraspResult:
+    return run_grasp(
+        plan,
+        array=bench,
+        gripper=bench,
+        clock=bench.clock,
+        watchers=[watcher],
+        requests=requests,
+    )
+
+
+def test_stop_ends_the_grasp_where_the_hand_is(plan: Plan, bench: Any) -> None:
+    requests, widths = Requests(), list[float]()
+
+    def watcher(belief: Belief) -> None:
+        if belief.now_s > 5.0 and not requests.stop.is_set():
+            requests.stop.set()
+            widths.append(bench.width_mm)
+
+    result = run(plan, bench, requests, watcher)
+    assert result.outcome is Outcome.STOPPED
+    assert bench.width_mm == widths[0] < 74.0
+
+
+def test_release_before_an_answer_opens_the_hand_and_says_stopped(plan: Plan, bench: Any) -> None:
+    requests = Requests()
+
+    def watcher(belief: Belief) -> None:
+        if belief.phase is Phase.SQUEEZE:
+            requests.release.set()
+
+    result = run(plan, bench, requests, watcher)
+    assert (result.outcome, bench.width_mm) == (Outcome.STOPPED, 74.0)
+
+
+def test_release_of_a_held_object_is_the_end_of_a_good_grasp(plan: Plan, bench: Any) -> None:
+    requests = Requests()
+
+    def watcher(belief: Belief) -> None:
+        if belief.phase is Phase.HOLD and belief.now_s - belief.since_s > 3.0:
+            requests.release.set()
+
+    result = run(replace(plan, hold_s=60.0), bench, requests, watcher)
+    assert (result.outcome, bench.width_mm) == (Outcome.HELD, 74.0)
+    held = {moment.name: moment.time_s for moment in result.moments}
+    assert 3.0 < held["held"] - held["answer"] < 3.5
+
+
+def test_a_watcher_that_fails_is_left_out_and_named(plan: Plan, bench: Any) -> None:
+    def broken(_: Belief) -> None:
+        raise RuntimeError("no screen")
+
+    result = run(plan, bench, Requests(), broken)
+    assert result.outcome is Outcome.HELD
+    assert [fault for fault in result.faults if "broken failed" in fault and "no screen" in fault]
