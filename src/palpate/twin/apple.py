@@ -21,6 +21,9 @@ from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.produce_ranges import APPLES, AppleRanges, BruiseRanges
 from palpate.twin.ranges import log_uniform, uniform
 
+#: Beyond this distance from a bruise no contact with a finger reaches it, mm.
+_CONTACT_MM = 20.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bruise:
@@ -71,7 +74,7 @@ class Apple:
     Examples
     --------
     >>> apple = draw_apple(np.random.default_rng(1), bruises=None)
-    >>> 58 < apple.facing(0.0, pitch_mm=10.0).size_mm < 72
+    >>> 58 < apple.facing(0.0).size_mm < 72
     True
     """
 
@@ -91,18 +94,10 @@ class Apple:
         """Mean radius."""
         return self.flesh.size_mm / 2.0
 
-    def facing(self, angle_deg: float, *, pitch_mm: float) -> TwinObject:
-        """Return the apple as two fingers meet it, the first of them at an angle of the fruit.
-
-        Parameters
-        ----------
-        angle_deg : float
-            Direction of the first finger; the second is opposite.
-        pitch_mm : float
-            Distance of the pixels, by which the pad spreads loads.
-        """
+    def facing(self, angle_deg: float) -> TwinObject:
+        """Return the apple as two fingers meet it, the first at this angle, the second opposite."""
         sides = (self._face(angle_deg, across=1.0), self._face(angle_deg + 180.0, across=-1.0))
-        faces = Faces(faces=sides, fruit_mm=self.flesh.size_mm, pitch_mm=pitch_mm)
+        faces = Faces(faces=sides, fruit_mm=self.flesh.size_mm)
         apart_mm = self._support(angle_deg)[0] + self._support(angle_deg + 180.0)[0]
         return replace(
             self.flesh,
@@ -142,7 +137,7 @@ class Apple:
             softness=self.bruise.softness,
             dent_mm=self.bruise.dent_mm,
         )
-        far = math.hypot(patch.along_mm, patch.across_mm) > patch.radius_mm + 2.0 * 10.0
+        far = math.hypot(patch.along_mm, patch.across_mm) > patch.radius_mm + _CONTACT_MM
         return face if far else replace(face, patch=patch)
 
 

@@ -1,17 +1,18 @@
-"""What a bruise changes where a finger presses: softer flesh, a dent, load that goes elsewhere.
+"""What a bruise changes where a finger presses: softer flesh, a flat, load that goes elsewhere.
 
-A face is a bed of springs under a round surface (Winkler), as the contact of `pixel_shares` is: at
-a reach a of the contact, the pressure at a place with gap g to the finger goes as
+A face is a bed of springs under a round surface (Winkler) whose contact has the radius of Hertz, a
+(a**2 = D d / 2 for a side that gives way by d, D the diameter of curvature). The pressure where the
+gap to the finger would be g goes as
 
     c * max(1 - D g / a**2, 0),    g = r**2 / D + dent - least gap
 
-with D the diameter of curvature there. In the bruise the springs are softer: flesh of depth h and
-modulus E' on sound flesh of modulus E, strained down to about the reach a of the contact, gives way
-as 1/c = 1 + (h / a) (E / E' - 1). Depth and dent fall from the middle of the bruise to its rim as a
-paraboloid does.
+In the bruise the springs are softer: flesh of depth h and modulus E' on sound flesh of modulus E,
+strained down to about a, gives way as 1/c = 1 + (h / a) (E / E' - 1). Depth and dent fall from the
+middle of the bruise to its rim as a paraboloid does. Pad and sheet spread every bit of the contact
+over 0.8 of a pitch, as far as in `mechanics.pixel_shares`.
 
-Both fingers carry the same force, and what soft pixels don't carry their neighbours and the flesh
-beyond the pixels do. So a bruise moves load more than it takes any away.
+Both fingers carry the same force; what soft flesh doesn't carry its surroundings do, on the pixels
+or beside them. So a bruise moves load more than it takes any away.
 """
 
 from __future__ import annotations
@@ -29,9 +30,14 @@ if TYPE_CHECKING:
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
-#: Points per pixel and direction; how far from the contact its whole force is summed, in reaches.
-_POINTS, _WHOLE = 5, 1.3
-#: Indentation of one side, mm, at which stiffness is compared: the middle of what grasps use.
+#: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one
+#: with a dent of 0.8 of the flattening is 2.2 times as wide.
+_PLACES, _REACH = 25, 2.4
+#: How far pad and sheet spread a load, in pitches.
+_SPREAD = 0.8
+#: Half of what pads give way by in the middle of their range: they follow a surface by so much.
+_PAD_MM = 0.15
+#: By how much a side gives way, mm, where stiffnesses are compared: the middle of what grasps use.
 _USUAL_SIDE_MM = 0.5
 #: How far beside a bruise the place of first touch is looked for, mm.
 _BESIDE_MM = 10.0
@@ -87,39 +93,39 @@ class Face:
     contact_mm: tuple[float, float]
     patch: Patch | None = None
 
-    def pressure(self, along_mm: FloatArray, across_mm: FloatArray, reach_mm: float) -> FloatArray:
-        """Return pressure at places given from the contact point, 1 in the middle if sound."""
-        gap = (along_mm**2 + across_mm**2) / reach_mm**2
+    def pressure(self, side_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return places in a line, and the pressure at pairs of them, bruised and as if sound.
+
+        Places are millimetres from the contact point, along and across alike; pressures have shape
+        (along, across) and are 1 in the middle of a sound contact.
+        """
+        radius_mm = math.sqrt(0.5 * self.curvature_mm * (side_mm + _PAD_MM))
+        line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
+        round_gap = (line[:, None] ** 2 + line[None, :] ** 2) / radius_mm**2
+        sound = np.maximum(1.0 - round_gap, 0.0)
         if self.patch is None:
-            return np.maximum(1.0 - gap, 0.0)
-        profile = self.patch.profile(along_mm, across_mm)
+            return line, sound, sound
+        profile = self.patch.profile(line[:, None], line[None, :])
         dent_mm = self.patch.dent_mm * profile - least_gap_mm(self)
-        deep = np.minimum(self.patch.depth_mm * profile / reach_mm, 1.0)
+        deep = np.minimum(self.patch.depth_mm * profile / radius_mm, 1.0)
         give = 1.0 + deep * (1.0 / self.patch.softness - 1.0)
-        return np.maximum(1.0 - gap - self.curvature_mm * dent_mm / reach_mm**2, 0.0) / give
+        gap = round_gap + self.curvature_mm * dent_mm / radius_mm**2
+        return line, np.maximum(1.0 - gap, 0.0) / give, sound
 
-    def whole(self, reach_mm: float) -> float:
-        """Return the force of the whole face over that of a sound one with the same reach."""
-        if self.patch is None:
-            return 1.0
-        along, across = _lattice(_WHOLE * reach_mm)
-        sound = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0).sum()
-        return float(self.pressure(along, across, reach_mm).sum() / sound)
-
-    def stiffness(self, *, pitch_mm: float, fruit_mm: float) -> float:
+    def stiffness(self, fruit_mm: float) -> float:
         """Return the stiffness of this side over that of a round, sound one of the fruit's size."""
-        reach_mm = _reach_mm(self.curvature_mm, _USUAL_SIDE_MM, pitch_mm=pitch_mm)
+        _, bruised, sound = self.pressure(_USUAL_SIDE_MM)
         # Hertz: force goes as the root of the radius of curvature.
-        return self.firmness * math.sqrt(self.curvature_mm / fruit_mm) * self.whole(reach_mm)
+        curved = math.sqrt(self.curvature_mm / fruit_mm)
+        return float(self.firmness * curved * bruised.sum() / sound.sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Faces:
-    """Both sides of a fruit between two fingers."""
+    """Both sides of a fruit between two fingers; `fruit_mm` is its mean diameter."""
 
     faces: tuple[Face, Face]
     fruit_mm: float
-    pitch_mm: float
 
     @property
     def stiffness(self) -> float:
@@ -133,28 +139,32 @@ class Faces:
 
         Those of a sound face add up to 1, as for all objects; those of a bruised one may not.
         """
-        shares = np.zeros(grid.finger.size)
-        inner = (np.arange(_POINTS) + 0.5) / _POINTS - 0.5
-        give = _give(self)
+        shares, give = np.zeros(grid.finger.size), _give(self)
         for finger, face in enumerate(self.faces):
             mine = grid.finger == finger
             side_mm = max(deformation_mm, 0.0) * give[finger] / sum(give)
-            reach_mm = _reach_mm(face.curvature_mm, side_mm, pitch_mm=grid.pitch_mm)
-            middle = [grid.along_mm[mine], grid.across_mm[mine]]
+            line, bruised, sound = face.pressure(side_mm)
             along, across = (
-                place[:, None] - off_mm - contact_mm + spread * grid.pitch_mm
-                for place, off_mm, contact_mm, spread in zip(
-                    middle,
-                    off_centre_mm,
-                    face.contact_mm,
-                    (np.repeat(inner, _POINTS), np.tile(inner, _POINTS)),
-                    strict=True,
+                _caught(middle_mm[mine] - off_mm - contact_mm, line, pitch_mm=grid.pitch_mm)
+                for middle_mm, off_mm, contact_mm in zip(
+                    (grid.along_mm, grid.across_mm), off_centre_mm, face.contact_mm, strict=True
                 )
             )
-            sound = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0).sum()
-            carried = face.pressure(along, across, reach_mm).sum(axis=1)
-            shares[mine] = carried / max(sound * face.whole(reach_mm), 1e-12)
+            caught = np.sum(along @ bruised * across, axis=1) / bruised.sum()
+            caught_if_sound = np.sum(along @ sound * across) / sound.sum()
+            shares[mine] = caught / max(caught_if_sound, 1e-12)
         return shares
+
+
+def _caught(middle_mm: FloatArray, line: FloatArray, *, pitch_mm: float) -> FloatArray:
+    """Return the share of a load at each place of a line that pixels catch, (pixels, places).
+
+    Spread with the density 3/4 (1 - t**2) over |t| < 1, in one direction; pixels are a pitch wide.
+    """
+    edges = middle_mm[:, None, None] + np.array([0.5, -0.5]) * pitch_mm - line[:, None]
+    t = np.clip(edges / (_SPREAD * pitch_mm), -1.0, 1.0)
+    below = 0.25 * (3.0 * t - t**3)
+    return np.asarray(below[..., 0] - below[..., 1])
 
 
 @lru_cache(maxsize=256)
@@ -162,28 +172,14 @@ def least_gap_mm(face: Face) -> float:
     """Return by how much the finger goes further than on a sound face before it touches."""
     if face.patch is None:
         return 0.0
-    along, across = _lattice(face.patch.radius_mm + _BESIDE_MM)
-    gap_mm = (along**2 + across**2) / face.curvature_mm
-    return float(np.min(gap_mm + face.patch.dent_mm * face.patch.profile(along, across)))
+    reach_mm = face.patch.radius_mm + _BESIDE_MM
+    line = np.linspace(-reach_mm, reach_mm, 61)
+    gap_mm = (line[:, None] ** 2 + line**2) / face.curvature_mm
+    return float(np.min(gap_mm + face.patch.dent_mm * face.patch.profile(line[:, None], line)))
 
 
 @lru_cache(maxsize=256)
 def _give(faces: Faces) -> tuple[float, float]:
     """Return how far each side gives way under one force: F = K d ** 1.5 on both."""
-    one, other = (
-        face.stiffness(pitch_mm=faces.pitch_mm, fruit_mm=faces.fruit_mm) ** (-2 / 3)
-        for face in faces.faces
-    )
+    one, other = (face.stiffness(faces.fruit_mm) ** (-2 / 3) for face in faces.faces)
     return one, other
-
-
-def _reach_mm(curvature_mm: float, side_mm: float, *, pitch_mm: float) -> float:
-    """Return the reach of the contact when one side gives way by `side_mm` (`pixel_shares`)."""
-    return 0.8 * pitch_mm + math.sqrt(0.5 * curvature_mm * side_mm)
-
-
-def _lattice(reach_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Return places 1/12 of the reach apart, from -reach to reach."""
-    line = np.linspace(-reach_mm, reach_mm, 25)
-    along, across = np.meshgrid(line, line, indexing="ij")
-    return along, across

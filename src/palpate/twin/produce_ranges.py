@@ -37,15 +37,16 @@ class BruiseRanges:
 
     From 1 cm2 (11.3 mm across: the largest total area that the European marketing standard lets
     pass in Class I) to 30 mm (a fall of a metre or so onto a hard floor). A quarter to nearly half
-    as deep as wide. Burst cells leave a fifth to three fifths of the modulus; of the flattening by
-    the blow a tenth to four tenths stays as a dent. Falls and knocks hit the cheeks, near the
-    widest place, where the fingers go too. Plausible, not measured.
+    as deep as wide. Burst cells leave a fifth to three fifths of the modulus. Apples rebound with
+    about half of their speed, so most of the energy of a blow goes into crushed flesh: three tenths
+    (at once) to eight tenths (dried for days) of the flattening stay. Falls and knocks hit the
+    cheeks, near the widest place, where the fingers go too. Plausible, not measured.
     """
 
     diameter_mm_log: Pair = (11.3, 30.0)
     depth_over_diameter: Pair = (0.25, 0.45)
     softness: Pair = (0.2, 0.6)
-    dent_share: Pair = (0.1, 0.4)
+    dent_share: Pair = (0.3, 0.8)
     height_mm: Pair = (-10.0, 10.0)
 
 
