@@ -32,13 +32,15 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one
 #: with a dent of 0.8 of the flattening is 2.2 times as wide.
-_PLACES, _REACH = 25, 2.4
+_PLACES, _REACH = 21, 2.4
 #: How far pad and sheet spread a load, in pitches.
 _SPREAD = 0.8
 #: Half of what pads give way by in the middle of their range: they follow a surface by so much.
 _PAD_MM = 0.15
 #: By how much a side gives way, mm, where stiffnesses are compared: the middle of what grasps use.
 _USUAL_SIDE_MM = 0.5
+#: Contacts of one face closer than this are taken for one, mm.
+_STEP_MM = 0.005
 #: How far beside a bruise the place of first touch is looked for, mm.
 _BESIDE_MM = 10.0
 
@@ -93,28 +95,9 @@ class Face:
     contact_mm: tuple[float, float]
     patch: Patch | None = None
 
-    def pressure(self, side_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return places in a line, and the pressure at pairs of them, bruised and as if sound.
-
-        Places are millimetres from the contact point, along and across alike; pressures have shape
-        (along, across) and are 1 in the middle of a sound contact.
-        """
-        radius_mm = math.sqrt(0.5 * self.curvature_mm * (side_mm + _PAD_MM))
-        line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
-        round_gap = (line[:, None] ** 2 + line[None, :] ** 2) / radius_mm**2
-        sound = np.maximum(1.0 - round_gap, 0.0)
-        if self.patch is None:
-            return line, sound, sound
-        profile = self.patch.profile(line[:, None], line[None, :])
-        dent_mm = self.patch.dent_mm * profile - least_gap_mm(self)
-        deep = np.minimum(self.patch.depth_mm * profile / radius_mm, 1.0)
-        give = 1.0 + deep * (1.0 / self.patch.softness - 1.0)
-        gap = round_gap + self.curvature_mm * dent_mm / radius_mm**2
-        return line, np.maximum(1.0 - gap, 0.0) / give, sound
-
     def stiffness(self, fruit_mm: float) -> float:
         """Return the stiffness of this side over that of a round, sound one of the fruit's size."""
-        _, bruised, sound = self.pressure(_USUAL_SIDE_MM)
+        _, bruised, sound = pressure(self, _USUAL_SIDE_MM)
         # Hertz: force goes as the root of the radius of curvature.
         curved = math.sqrt(self.curvature_mm / fruit_mm)
         return float(self.firmness * curved * bruised.sum() / sound.sum())
@@ -143,7 +126,8 @@ class Faces:
         for finger, face in enumerate(self.faces):
             mine = grid.finger == finger
             side_mm = max(deformation_mm, 0.0) * give[finger] / sum(give)
-            line, bruised, sound = face.pressure(side_mm)
+            # Rounded, so that the many moments of a hold share one contact.
+            line, bruised, sound = pressure(face, _STEP_MM * round(side_mm / _STEP_MM))
             along, across = (
                 _caught(middle_mm[mine] - off_mm - contact_mm, line, pitch_mm=grid.pitch_mm)
                 for middle_mm, off_mm, contact_mm in zip(
@@ -154,6 +138,28 @@ class Faces:
             caught_if_sound = np.sum(along @ sound * across) / sound.sum()
             shares[mine] = caught / max(caught_if_sound, 1e-12)
         return shares
+
+
+@lru_cache(maxsize=512)
+def pressure(face: Face, side_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return places in a line, and the pressure at pairs of them, bruised and as if sound.
+
+    Places are millimetres from the contact point, along and across alike; pressures have shape
+    (along, across) and are 1 in the middle of a sound contact. `side_mm` is what the side gives
+    way by.
+    """
+    radius_mm = math.sqrt(0.5 * face.curvature_mm * (side_mm + _PAD_MM))
+    line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
+    round_gap = (line[:, None] ** 2 + line[None, :] ** 2) / radius_mm**2
+    sound = np.maximum(1.0 - round_gap, 0.0)
+    if face.patch is None:
+        return line, sound, sound
+    profile = face.patch.profile(line[:, None], line[None, :])
+    dent_mm = face.patch.dent_mm * profile - least_gap_mm(face)
+    deep = np.minimum(face.patch.depth_mm * profile / radius_mm, 1.0)
+    give = 1.0 + deep * (1.0 / face.patch.softness - 1.0)
+    gap = round_gap + face.curvature_mm * dent_mm / radius_mm**2
+    return line, np.maximum(1.0 - gap, 0.0) / give, sound
 
 
 def _caught(middle_mm: FloatArray, line: FloatArray, *, pitch_mm: float) -> FloatArray:
