@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 _OPEN_ARRAY = "palpate.sensor.board_array:open_board"
 _ANY_PORT, _NO_GRIPPER = "auto", "none"
 #: Kind of gripper -> the function that opens it.
-_GRIPPERS = {"dynamixel": "palpate.gripper.dynamixel:open_gripper"}
+_GRIPPERS = {
+    "dynamixel": "palpate.gripper.dynamixel:open_gripper",
+    "pneumatic": "palpate.gripper.pneumatic:open_gripper",
+}
 
 
 def init(
@@ -35,7 +38,11 @@ def init(
     ] = None,
     gripper: Annotated[
         str | None,
-        typer.Option(help="none, dynamixel, or module:function that opens yours.", metavar="KIND"),
+        typer.Option(
+            help="none, dynamixel, pneumatic (the board's regulator), or module:function that "
+            "opens yours.",
+            metavar="KIND",
+        ),
     ] = None,
     gripper_port: Annotated[
         str | None, typer.Option(help="Serial port of a dynamixel gripper's servo.")
@@ -61,7 +68,7 @@ def init(
     if file.exists() and not force:
         raise InputError(f"{file} exists; give another name, or --force to replace it")
     likely = [found.device for found in serial_ports() if found.board is not None]
-    chosen: dict[str, str | float] = {
+    chosen: dict[str, str | float | bool] = {
         "port": _ask("Serial port", port, likely[0] if len(likely) == 1 else _ANY_PORT),
         "layout": _ask(f"Layout ({', '.join(PRESETS)}, or e.g. 4x4)", layout, "rigid-2x2"),
         "reference_ohm": _ohm(_ask("Reference resistor, ohm", reference_ohm, "4700")),
@@ -82,6 +89,9 @@ def init(
         idle_lines=cast("IdleLines", chosen["idle_lines"]),
     )
     hand = _hand(gripper, gripper_port)
+    if hand.get("open") == _GRIPPERS["pneumatic"]:
+        # The regulator is the board's: its frames must carry the pressure.
+        chosen["pressure"] = True
     text = rig_text(chosen, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
         partial.write_text(text)
@@ -91,22 +101,24 @@ def init(
 
 def _hand(kind: str | None, port: str | None) -> dict[str, str | float]:
     """Return the table of the gripper; empty for none."""
-    chosen = _ask("Gripper (none, dynamixel, or module:function that opens it)", kind, _NO_GRIPPER)
+    kinds = ", ".join((_NO_GRIPPER, *_GRIPPERS))
+    chosen = _ask(f"Gripper ({kinds}, or module:function that opens it)", kind, _NO_GRIPPER)
     if chosen == _NO_GRIPPER:
         return {}
     if chosen == "dynamixel":
         servo = _ask("Serial port of the gripper's servo", port, "/dev/ttyUSB0")
         return {"open": _GRIPPERS[chosen], "port": servo}
+    if chosen in _GRIPPERS:
+        return {"open": _GRIPPERS[chosen]}
     if ":" not in chosen:
         raise InputError(
-            f"--gripper {chosen}: give none, {', '.join(_GRIPPERS)}, or module:function, "
-            "e.g. my_arm:open_hand"
+            f"--gripper {chosen}: give {kinds}, or module:function, e.g. my_arm:open_hand"
         )
     return {"open": chosen}
 
 
 def rig_text(
-    array: dict[str, str | float], *, gripper: dict[str, str | float], calibration: str
+    array: dict[str, str | float | bool], *, gripper: dict[str, str | float], calibration: str
 ) -> str:
     """Return the rig file.
 

@@ -52,6 +52,16 @@ def test_what_it_names_exists(tmp_path: Path) -> None:
     assert table.keys() <= accepted.keys()
 
 
+def test_soft_fingers_share_the_board(tmp_path: Path) -> None:
+    path = tmp_path / "soft.toml"
+    assert init(path, "--port", "auto", "--layout", "soft-3x2", "--gripper", "pneumatic") == 0
+    stated = tomllib.loads(path.read_text())
+    assert stated["array"]["pressure"] is True
+    assert stated["gripper"] == {"open": "palpate.gripper.pneumatic:open_gripper"}
+    module, _, function = stated["gripper"]["open"].partition(":")
+    assert callable(getattr(importlib.import_module(module), function))
+
+
 def test_a_known_gripper_names_its_opener(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     options = ["--gripper", "dynamixel", "--gripper-port", "/dev/ttyUSB3", "--idle-lines", "held"]
