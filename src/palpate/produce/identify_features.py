@@ -1,0 +1,65 @@
+"""One grasp as a point with a doubt: logarithms of what was measured, and their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimate.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+
+#: What tells kinds apart for fingers driven by width, and for fingers driven by pressure, which know
+#: neither mm nor N/mm: the pressure at contact, and the force gained per kPa from there on.
+WIDTH_FEATURES = ("size_mm", "stiffness_n_per_mm")
+PRESSURE_FEATURES = ("contact_kpa", "gain_n_per_kpa")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Touch:
+    """One grasp in feature space.
+
+    Attributes
+    ----------
+    value : ndarray, shape (n_features,)
+        Natural logarithm of each quantity: a doubling counts alike wherever it happens.
+    sd : ndarray, shape (n_features,)
+        Standard deviation of a normal error in the logarithm with an interval as wide.
+    calibration : str
+        Which calibration it was read by: grasps that share one share its error.
+    """
+
+    value: FloatArray
+    sd: FloatArray
+    calibration: str
+
+
+def touch_of(
+    measured: Mapping[str, Measurement], *, features: Sequence[str], calibration: str
+) -> Touch | None:
+    """Return a grasp as a point; None if a feature was not measured.
+
+    Examples
+    --------
+    >>> size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
+    >>> touch = touch_of({"size_mm": size}, features=["size_mm"], calibration="monday")
+    >>> touch.value.round(2).tolist(), touch.sd.round(3).tolist()
+    ([3.69], [0.015])
+    """
+    found = [measured.get(name) for name in features]
+    given = [one for one in found if one is not None and 0 < one.low <= one.value <= one.high]
+    if len(given) < len(features):
+        return None
+    return Touch(
+        value=np.log([one.value for one in given]),
+        sd=np.array([_log_sd(one) for one in given]),
+        calibration=calibration,
+    )
+
+
+def _log_sd(one: Measurement) -> float:
+    return float(np.log(one.high / one.low)) / (2.0 * NormalDist().inv_cdf(0.5 + one.level / 2))
