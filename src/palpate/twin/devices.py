@@ -9,14 +9,14 @@ import numpy as np
 from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
+from palpate.twin.ranges import ranges_of
+from palpate.twin.servo_current import ServoCurrent
 from palpate.twin.world import OPEN_MM, World
 
 #: Rigid: reach of the fingers with pads on, servo speed, one encoder step in mm. Soft: regulator.
 _RIGID_LIMITS = GripperLimits(drive="width", lowest=5.0, highest=OPEN_MM, fastest=60.0)
 _SOFT_LIMITS = GripperLimits(drive="pressure", lowest=0.0, highest=50.0, fastest=60.0)
-_WIDTH_STEP_MM, _PRESSURE_STEP_KPA, _CURRENT_STEP_MA = 0.05, 0.1, 2.69
-#: Servo current: idle while moving, per newton of grip, and its scatter.
-_MOVING_MA, _MA_PER_N, _FRICTION_SHARE, _CURRENT_NOISE_MA = 60.0, 14.0, 0.15, 6.0
+_WIDTH_STEP_MM, _PRESSURE_STEP_KPA = 0.05, 0.1
 #: Load cell: 1 g steps and a noise of half that (1 kg cell on an HX711).
 _CELL_STEP_N, _CELL_NOISE_N = 0.0098, 0.005
 
@@ -95,6 +95,12 @@ class TwinGripper:
     def __init__(self, world: World) -> None:
         self._world = world
         self._noise = np.random.default_rng([world.seed, 4])
+        self._current = ServoCurrent(
+            ranges_of(world.level),
+            servo_seed=world.sheet_seed,
+            session_seed=world.seed,
+            start_s=world.now_s(),
+        )
 
     @property
     def limits(self) -> GripperLimits:
@@ -109,13 +115,13 @@ class TwinGripper:
             pressure = value + 0.1 * float(self._noise.standard_normal())
             rounded = round(pressure / _PRESSURE_STEP_KPA) * _PRESSURE_STEP_KPA
             return GripperState(time_s=now_s, pressure_kpa=max(rounded, 0.0), moving=moving)
-        stuck = 1.0 + _FRICTION_SHARE * (1.0 if moving else -1.0)
-        current = _MA_PER_N * self._world.force_n(now_s) * stuck + _MOVING_MA * moving
-        current += _CURRENT_NOISE_MA * float(self._noise.standard_normal())
+        current_ma = self._current.read_ma(
+            now_s, force_n=self._world.force_n(now_s), width_mm=value, moving=moving
+        )
         return GripperState(
             time_s=now_s,
             width_mm=round(value / _WIDTH_STEP_MM) * _WIDTH_STEP_MM,
-            current_ma=round(current / _CURRENT_STEP_MA) * _CURRENT_STEP_MA,
+            current_ma=current_ma,
             moving=moving,
         )
 

@@ -63,6 +63,11 @@ class Ranges:
     pad_force_n: Pair
     width_repeat_sd_mm: float
     off_centre: float
+    # Servo current: friction of the gears, in mA and as a share of the grip; change of the torque
+    # of an ampere from session to session, and while the motor warms up.
+    servo_friction_ma: Pair
+    servo_friction_share: Pair
+    servo_warm_share: Pair
     # Environment and wear.
     rest_per_kelvin: Pair
     rest_per_humidity_percent: Pair
@@ -107,6 +112,9 @@ PAPER = Ranges(
     pad_force_n=(1.5, 4.0),
     width_repeat_sd_mm=0.02,
     off_centre=0.6,
+    servo_friction_ma=(20.0, 60.0),
+    servo_friction_share=(0.05, 0.25),
+    servo_warm_share=(-0.06, 0.02),
     rest_per_kelvin=(-0.012, -0.004),
     rest_per_humidity_percent=(-0.004, 0.001),
     gain_per_kelvin=(-0.006, 0.006),

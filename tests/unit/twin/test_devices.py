@@ -94,6 +94,22 @@ def test_current_witnesses_the_grip_roughly() -> None:
     assert gripping > 40
 
 
+def test_current_at_rest_depends_on_how_the_fingers_stopped() -> None:
+    setting = world("springs-4")
+    gripper = TwinGripper(setting)
+    setting.clock.sleep_s(1.0)
+    held: dict[float, list[float]] = {}
+    for _ in range(6):
+        for width_mm in (43.0, 42.0):
+            gripper.command(GripperCommand(target=width_mm, rate=20.0))
+            setting.clock.sleep_s(2.0)
+            reading = np.mean([gripper.state().current_ma for _ in range(20)])
+            held.setdefault(width_mm, []).append(float(reading))
+    # The same grip again and again: friction of the gears leaves more than the noise.
+    assert np.std(held[42.0]) > 10
+    assert np.mean(held[42.0]) > np.mean(held[43.0])
+
+
 def test_soft_gripper_reports_pressure_only() -> None:
     setting = world("avocado-day-3", gripper="soft")
     gripper = TwinGripper(setting)
