@@ -16,6 +16,7 @@ from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import Move, released, step, stopped
 from palpate.grasp.following import Following
 from palpate.grasp.phases import Phase
+from palpate.grasp.pixel_watch import PixelWatch
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
@@ -136,11 +137,13 @@ def run_grasp(
     """Run one grasp to its end; afterwards the gripper stands still or is open.
 
     Ctrl-C, SIGTERM and `requests.stop` end the grasp with outcome `stopped`, a silent or lost array
-    with `sensor_lost`, a gripper that fails or does not go where it is sent with `gripper_fault`;
-    the result's `faults` say why. What that means for the hand is in `palpate.grasp.safety`.
+    and a pixel that fails with `sensor_lost`, a gripper that fails or does not go where it is sent
+    with `gripper_fault`; the result's `faults` say why. What that means for the hand is in
+    `palpate.grasp.safety`.
     """
     belief, feed, faults = Belief(), _Feed(array, clock=clock, plan=plan), list[str]()
     hand, views, beliefs = _Hand(gripper, plan=plan), list(subscribers), list(watchers)
+    pixels = PixelWatch(plan)
     requests = Requests() if requests is None else requests
     try:
         with _signals_set(requests.stop):
@@ -162,6 +165,10 @@ def run_grasp(
                     continue
                 observation = Observation(frame=frame, gripper=hand.state())
                 belief, command = step(belief, observation, plan=plan)
+                ill = pixels.complaint(observation)
+                if ill is not None and belief.phase not in (Phase.RELEASE, Phase.STOPPED):
+                    faults.append(ill)
+                    belief, command = stopped(belief, Danger.SENSOR_LOST, plan=plan)
                 _tell(views, observation, faults)
                 hand.check(observation)
                 hand.send(command, now_s=frame.time_s)

@@ -72,7 +72,7 @@ def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelRead
     """
     divider = layout.divider
     ohm = pixel_resistance_ohm(mean_counts, layout=layout)
-    at_open, at_short = _at_ends(np.median(mean_counts, axis=0), layout=layout)
+    at_open, at_short = at_ends(np.median(mean_counts, axis=0), layout=layout)
     rest_ohm = np.where(at_open, np.inf, np.where(at_short, 0.0, np.median(ohm, axis=0)))
     alive = np.isfinite(rest_ohm) & (rest_ohm > 0)
     safe_rest = np.where(alive, rest_ohm, 1.0)
@@ -213,7 +213,7 @@ def _typical(values: FloatArray) -> float:
     return float(np.median(kept)) if kept.size else math.nan
 
 
-def _at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray, BoolArray]:
+def at_ends(mean_counts: FloatArray, *, layout: ArrayLayout) -> tuple[BoolArray, BoolArray]:
     """Return where counts are at the open end of the range, and where at the short end."""
     at_ground = np.asarray(mean_counts <= _END_COUNTS)
     at_supply = np.asarray(mean_counts >= layout.divider.full_scale - 1 - _END_COUNTS)
@@ -225,7 +225,7 @@ def _interruptions(
     mean_counts: FloatArray, *, layout: ArrayLayout
 ) -> tuple[FloatArray, FloatArray]:
     """Count drops to an end of the range, and jumps within it, per pixel."""
-    dead = np.logical_or(*_at_ends(mean_counts, layout=layout))
+    dead = np.logical_or(*at_ends(mean_counts, layout=layout))
     # Near an end of the range a reading touches it by noise alone.
     middle = np.median(mean_counts, axis=0)
     away = (middle > 4) & (middle < layout.divider.full_scale - 5)
