@@ -45,3 +45,13 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 class WireError(DeviceError):
     """Bytes that break the protocol in a way that can't be skipped over."""
+
+
+class StoreError(PalpateError):
+    """A store of items that can't be used as it is: not one, read-only, newer, damaged."""
+
+
+class StoreAwayError(StoreError):
+    """A store that does not answer now: no server, locked, disk full. Trying later may help."""
+
+    exit_status = 3
