@@ -216,3 +216,57 @@ CRATE_STRANGERS: dict[str, CrateKind] = {
         mass_g=(60, 300),
     ),
 }
+
+# -- Avocados over days ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AvocadoRanges:
+    """What avocados that ripen at 20 C differ in; attributes as of `palpate.twin.avocado.Avocado`.
+
+    Penetrometers find some 200 N in hard fruit, 80 N in conditioned, 19 N in nearly ripe and less
+    than 7 N in fully ripe fruit (8 mm tip): a fall by a factor of about 30, most of it within four
+    days, after a pause before the climacteric that differs most from fruit to fruit (Burdon and
+    Billing 2024) and that ethylene at the packhouse has partly used up. Elastic force between
+    fingers is taken to go with the 0.7th power of penetration: from 12-24 N at 1 mm (a modulus of
+    about 4 MPa) down to 0.5-1. Flesh differs by a tenth from spot to spot and the waist is not
+    quite round, so each grasp meets a slightly different fruit; rooms are not equally warm on all
+    days. Relaxation is the same at all stages here, though a ripe fruit relaxes more: what would
+    help to tell stages apart and is not known well enough is left out. Plausible, not measured.
+    """
+
+    size_mm: Pair = (58.0, 68.0)
+    hard_n_log: Pair = (12.0, 24.0)
+    softest_n_log: Pair = (0.5, 1.0)
+    half_day: Pair = (-1.0, 3.0)
+    pace_days: Pair = (0.7, 1.3)
+    skew: Pair = (0.7, 1.4)
+    room_log_sd: float = 0.12
+    spot_log_sd: float = 0.08
+    waist_sd_mm: float = 0.4
+    relaxing: Pair = (0.10, 0.30)
+    rupture_per_root: Pair = (11.0, 18.0)
+    mass_g: Pair = (150.0, 220.0)
+
+
+AVOCADOS = AvocadoRanges()
+#: Stages, and the force at 1 mm below which each but the first begins: 80, 19 and 5 N of
+#: penetration by the power above.
+AVOCADO_STAGES = ("hard", "conditioned", "ripe", "overripe")
+AVOCADO_BOUNDS_N = (8.5, 3.2, 1.3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationRanges:
+    """What surrounds a sensor that feels avocados on some mornings and other things all day.
+
+    Grasps of other things between two mornings, and the bench's temperature and humidity (the
+    temperatures of the paper's Figure 3; its humidities are ours).
+    """
+
+    cycles_per_day: Pair = (100.0, 400.0)
+    temperature_c: Pair = (14.8, 26.8)
+    humidity_percent: Pair = (40.0, 70.0)
+
+
+STATION = StationRanges()

@@ -1,0 +1,137 @@
+"""A twin avocado that ripens: how firm it is on which day, and what a grasp of one spot meets.
+
+Its elastic force at 1 mm falls as
+
+    c(t) = softest + (hard - softest) (1 + exp((t - half_day) / pace_days)) ** -skew,
+
+in a time t that runs a little faster or slower from day to day, as the room is warm or cool.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.twin.objects import TwinObject
+from palpate.twin.produce_ranges import (
+    AVOCADO_BOUNDS_N,
+    AVOCADO_STAGES,
+    AVOCADOS,
+    AvocadoRanges,
+)
+from palpate.twin.ranges import log_uniform, uniform
+
+#: Damage begins at this share of the rupture force, as for other fruit of the twin.
+_YIELD_SHARE = (0.75, 0.95)
+#: Time constants of relaxation, as for other fruit of the twin.
+_RELAXING_S = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
+#: Days whose room is drawn; beyond them the pace is the usual one.
+_DAYS = 14
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Avocado:
+    """One fruit.
+
+    Attributes
+    ----------
+    size_mm : float
+        Mean width of its waist.
+    hard_n, softest_n : float
+        Elastic force at 1 mm before it softens and when all is over.
+    half_day, pace_days, skew : float
+        When and how fast it softens, as above.
+    days_of_room : tuple of float
+        By how much it ripens from each day to the next, days.
+    relaxing_share, relaxing_time_s : tuple of float
+        As of `TwinObject`.
+    rupture_per_root : float
+        Rupture force over the root of the force at 1 mm: soft fruit bursts early.
+    spot_log_sd, waist_sd_mm : float
+        Scatter of firmness and width from spot to spot.
+    mass_g : float
+        Mass, grams.
+
+    Examples
+    --------
+    >>> fruit = draw_avocado(np.random.default_rng(2))
+    >>> fruit.force_at_1mm_n(0.0) > fruit.force_at_1mm_n(2.0) > fruit.force_at_1mm_n(5.0)
+    True
+    """
+
+    size_mm: float
+    hard_n: float
+    softest_n: float
+    half_day: float
+    pace_days: float
+    skew: float
+    days_of_room: tuple[float, ...]
+    relaxing_share: tuple[float, ...]
+    relaxing_time_s: tuple[float, ...]
+    rupture_per_root: float
+    spot_log_sd: float
+    waist_sd_mm: float
+    mass_g: float
+
+    def force_at_1mm_n(self, day: float) -> float:
+        """Return the mean elastic force at 1 mm of deformation, `day` days after the first."""
+        ripened = float(np.interp(day, np.arange(_DAYS + 1), np.cumsum((0, *self.days_of_room))))
+        # Outside the days whose room is known the pace is the usual one.
+        ripened += min(day, 0.0) + max(day - _DAYS, 0.0)
+        left = (1.0 + np.exp((ripened - self.half_day) / self.pace_days)) ** -self.skew
+        return float(self.softest_n + (self.hard_n - self.softest_n) * left)
+
+    def stage(self, day: float) -> str:
+        """Return the true stage on a day."""
+        passed = sum(self.force_at_1mm_n(day) < bound for bound in AVOCADO_BOUNDS_N)
+        return AVOCADO_STAGES[passed]
+
+    def day_of(self, stage: str) -> float:
+        """Return the day on which a stage begins, minus infinity for the first of them."""
+        index = AVOCADO_STAGES.index(stage)
+        if index == 0:
+            return -np.inf
+        low, high = -30.0, 60.0
+        while high - low > 1e-6:
+            day = 0.5 * (low + high)
+            softer = self.force_at_1mm_n(day) < AVOCADO_BOUNDS_N[index - 1]
+            low, high = (low, day) if softer else (day, high)
+        return high
+
+    def spot(self, day: float, *, rng: np.random.Generator) -> TwinObject:
+        """Return what one grasp meets on a day: the fruit as it is at one spot."""
+        firmness_n = self.force_at_1mm_n(day) * float(np.exp(self.spot_log_sd * rng.normal()))
+        rupture_n = self.rupture_per_root * float(np.sqrt(firmness_n))
+        return TwinObject(
+            name="avocado",
+            size_mm=self.size_mm + self.waist_sd_mm * float(rng.normal()),
+            contact="hertz",
+            force_at_1mm_n=firmness_n,
+            relaxing_share=self.relaxing_share,
+            relaxing_time_s=self.relaxing_time_s,
+            flat=False,
+            yield_n=rupture_n * uniform(rng, _YIELD_SHARE),
+            rupture_n=rupture_n,
+            mass_g=self.mass_g,
+        )
+
+
+def draw_avocado(rng: np.random.Generator, *, ranges: AvocadoRanges = AVOCADOS) -> Avocado:
+    """Draw one fruit."""
+    share = rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, ranges.relaxing)
+    return Avocado(
+        size_mm=uniform(rng, ranges.size_mm),
+        hard_n=log_uniform(rng, ranges.hard_n_log),
+        softest_n=log_uniform(rng, ranges.softest_n_log),
+        half_day=uniform(rng, ranges.half_day),
+        pace_days=uniform(rng, ranges.pace_days),
+        skew=uniform(rng, ranges.skew),
+        days_of_room=tuple(np.exp(ranges.room_log_sd * rng.standard_normal(_DAYS)).tolist()),
+        relaxing_share=tuple(share.tolist()),
+        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in _RELAXING_S),
+        rupture_per_root=uniform(rng, ranges.rupture_per_root),
+        spot_log_sd=ranges.spot_log_sd,
+        waist_sd_mm=ranges.waist_sd_mm,
+        mass_g=uniform(rng, ranges.mass_g),
+    )
