@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.twin.apple_faces import Face, Faces, Patch, least_gap_mm
+from palpate.twin.apple_faces import Face, Faces, Patch, first_touch
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.produce_ranges import APPLES, AppleRanges, BruiseRanges
 from palpate.twin.ranges import log_uniform, uniform
@@ -101,7 +101,7 @@ class Apple:
         apart_mm = self._support(angle_deg)[0] + self._support(angle_deg + 180.0)[0]
         return replace(
             self.flesh,
-            size_mm=apart_mm - sum(least_gap_mm(side) for side in sides),
+            size_mm=apart_mm - sum(first_touch(side)[0] for side in sides),
             force_at_1mm_n=self.flesh.force_at_1mm_n * faces.stiffness,
             faces=faces,
         )

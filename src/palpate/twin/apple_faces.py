@@ -18,7 +18,7 @@ or beside them. So a bruise moves load more than it takes any away.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -97,10 +97,23 @@ class Face:
 
     def stiffness(self, fruit_mm: float) -> float:
         """Return the stiffness of this side over that of a round, sound one of the fruit's size."""
-        _, bruised, sound = pressure(self, _USUAL_SIDE_MM)
+        sound = contact(replace(self, patch=None), _USUAL_SIDE_MM).pressure.sum()
         # Hertz: force goes as the root of the radius of curvature.
         curved = math.sqrt(self.curvature_mm / fruit_mm)
-        return float(self.firmness * curved * bruised.sum() / sound.sum())
+        share = contact(self, _USUAL_SIDE_MM).pressure.sum() / sound
+        return float(self.firmness * curved * share)
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Pressure on one face: places along and across from the contact point, and what is there.
+
+    `pressure` has shape (along, across) and is 1 in the middle of a sound contact.
+    """
+
+    along_mm: FloatArray
+    across_mm: FloatArray
+    pressure: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,61 +140,75 @@ class Faces:
             mine = grid.finger == finger
             side_mm = max(deformation_mm, 0.0) * give[finger] / sum(give)
             # Rounded, so that the many moments of a hold share one contact.
-            line, bruised, sound = pressure(face, _STEP_MM * round(side_mm / _STEP_MM))
-            along, across = (
-                _caught(middle_mm[mine] - off_mm - contact_mm, line, pitch_mm=grid.pitch_mm)
-                for middle_mm, off_mm, contact_mm in zip(
-                    (grid.along_mm, grid.across_mm), off_centre_mm, face.contact_mm, strict=True
-                )
+            side_mm = _STEP_MM * round(side_mm / _STEP_MM)
+            middle_mm = (
+                grid.along_mm[mine] - off_centre_mm[0] - face.contact_mm[0],
+                grid.across_mm[mine] - off_centre_mm[1] - face.contact_mm[1],
             )
-            caught = np.sum(along @ bruised * across, axis=1) / bruised.sum()
-            caught_if_sound = np.sum(along @ sound * across) / sound.sum()
-            shares[mine] = caught / max(caught_if_sound, 1e-12)
+            caught = _caught(contact(face, side_mm), middle_mm, pitch_mm=grid.pitch_mm)
+            if_sound = caught
+            if face.patch is not None:
+                sound = contact(replace(face, patch=None), side_mm)
+                if_sound = _caught(sound, middle_mm, pitch_mm=grid.pitch_mm)
+            shares[mine] = caught / max(if_sound.sum(), 1e-12)
         return shares
 
 
 @lru_cache(maxsize=512)
-def pressure(face: Face, side_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return places in a line, and the pressure at pairs of them, bruised and as if sound.
-
-    Places are millimetres from the contact point, along and across alike; pressures have shape
-    (along, across) and are 1 in the middle of a sound contact. `side_mm` is what the side gives
-    way by.
-    """
+def contact(face: Face, side_mm: float) -> Contact:
+    """Return the contact of a face that gives way by `side_mm`."""
     radius_mm = math.sqrt(0.5 * face.curvature_mm * (side_mm + _PAD_MM))
     line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
-    round_gap = (line[:, None] ** 2 + line[None, :] ** 2) / radius_mm**2
-    sound = np.maximum(1.0 - round_gap, 0.0)
     if face.patch is None:
-        return line, sound, sound
-    profile = face.patch.profile(line[:, None], line[None, :])
-    dent_mm = face.patch.dent_mm * profile - least_gap_mm(face)
+        return Contact(line, line, np.maximum(1.0 - _round(line, line) / radius_mm**2, 0.0))
+    least_mm, *touched = first_touch(face)
+    along, across = line + touched[0], line + touched[1]
+    profile = face.patch.profile(along[:, None], across)
+    gap_mm2 = _round(along, across) + face.curvature_mm * (face.patch.dent_mm * profile - least_mm)
     deep = np.minimum(face.patch.depth_mm * profile / radius_mm, 1.0)
     give = 1.0 + deep * (1.0 / face.patch.softness - 1.0)
-    gap = round_gap + face.curvature_mm * dent_mm / radius_mm**2
-    return line, np.maximum(1.0 - gap, 0.0) / give, sound
-
-
-def _caught(middle_mm: FloatArray, line: FloatArray, *, pitch_mm: float) -> FloatArray:
-    """Return the share of a load at each place of a line that pixels catch, (pixels, places).
-
-    Spread with the density 3/4 (1 - t**2) over |t| < 1, in one direction; pixels are a pitch wide.
-    """
-    edges = middle_mm[:, None, None] + np.array([0.5, -0.5]) * pitch_mm - line[:, None]
-    t = np.clip(edges / (_SPREAD * pitch_mm), -1.0, 1.0)
-    below = 0.25 * (3.0 * t - t**3)
-    return np.asarray(below[..., 0] - below[..., 1])
+    return Contact(along, across, np.maximum(1.0 - gap_mm2 / radius_mm**2, 0.0) / give)
 
 
 @lru_cache(maxsize=256)
-def least_gap_mm(face: Face) -> float:
-    """Return by how much the finger goes further than on a sound face before it touches."""
+def first_touch(face: Face) -> tuple[float, float, float]:
+    """Return how much later than a round fruit a finger touches, and where: mm along and across."""
     if face.patch is None:
-        return 0.0
+        return 0.0, 0.0, 0.0
     reach_mm = face.patch.radius_mm + _BESIDE_MM
     line = np.linspace(-reach_mm, reach_mm, 61)
-    gap_mm = (line[:, None] ** 2 + line**2) / face.curvature_mm
-    return float(np.min(gap_mm + face.patch.dent_mm * face.patch.profile(line[:, None], line)))
+    gap_mm = _round(line, line) / face.curvature_mm
+    gap_mm = gap_mm + face.patch.dent_mm * face.patch.profile(line[:, None], line)
+    along, across = np.unravel_index(np.argmin(gap_mm), gap_mm.shape)
+    return float(gap_mm[along, across]), float(line[along]), float(line[across])
+
+
+def _round(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+    """Return the squared distance of pairs of places from the contact point."""
+    return np.asarray(along_mm[:, None] ** 2 + across_mm**2)
+
+
+def _caught(
+    found: Contact, middle_mm: tuple[FloatArray, FloatArray], *, pitch_mm: float
+) -> FloatArray:
+    """Return the share of a contact's force that each pixel catches, shape (pixels,).
+
+    Each bit is spread with the density 3/4 (1 - t**2) over |t| < 1 in both directions; pixels are a
+    pitch wide.
+    """
+    along, across = (
+        _overlap(middle[:, None] - place, pitch_mm=pitch_mm)
+        for middle, place in zip(middle_mm, (found.along_mm, found.across_mm), strict=True)
+    )
+    return np.asarray(np.sum(along @ found.pressure * across, axis=1) / found.pressure.sum())
+
+
+def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
+    """Return the share of a spread load that a pixel catches whose middle is so far from it."""
+    edges = apart_mm[..., None] + np.array([0.5, -0.5]) * pitch_mm
+    t = np.clip(edges / (_SPREAD * pitch_mm), -1.0, 1.0)
+    below = 0.25 * (3.0 * t - t**3)
+    return np.asarray(below[..., 0] - below[..., 1])
 
 
 @lru_cache(maxsize=256)
