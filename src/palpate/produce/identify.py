@@ -129,9 +129,16 @@ class Identifier:
     Parameters
     ----------
     taught : sequence of TaughtItem
-        Items whose kind is known; each with at least one grasp, all in the same features.
+        Items whose kind is known, all in the same features; those without a grasp are passed over.
     false_reject : float
         Share of items of the taught kinds that may be called unknown.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        What was taught.
+    own_share : ndarray, shape (n_features,)
+        Share of a stated variance by which grasps of one item really differ.
 
     Raises
     ------
@@ -156,7 +163,7 @@ class Identifier:
     def __init__(self, taught: Sequence[TaughtItem], *, false_reject: float = FALSE_REJECT) -> None:
         self._taught = tuple(item for item in taught if item.touches)
         self.false_reject = false_reject
-        counts = {kind: 0 for kind in sorted({item.kind for item in self._taught})}
+        counts = dict.fromkeys(sorted({item.kind for item in self._taught}), 0)
         for item in self._taught:
             counts[item.kind] += 1
         few = [f"{kind} {count}" for kind, count in counts.items() if count < FEWEST_ITEMS]
@@ -166,7 +173,7 @@ class Identifier:
                 f"{', '.join(few) or 'none at all'}; label more"
             )
         self.kinds = tuple(counts)
-        self._own_share = _own_share(self._taught)
+        self.own_share = _own_share(self._taught)
         self._calibrations = {t.calibration for item in self._taught for t in item.touches}
         self._felt = [self._put_together(item.touches) for item in self._taught]
         self._common = self._common_covariance()
@@ -217,8 +224,8 @@ class Identifier:
         """Average grasps; only the errors of their own shrink."""
         variance = np.array([touch.sd**2 for touch in touches])
         foreign = np.array([touch.calibration not in self._calibrations for touch in touches])
-        common = (1.0 - self._own_share) * variance * foreign[:, None]
-        own = self._own_share * variance
+        common = (1.0 - self.own_share) * variance * foreign[:, None]
+        own = self.own_share * variance
         return _Felt(
             value=np.mean([touch.value for touch in touches], axis=0),
             variance=own.mean(axis=0) / len(touches) + common.mean(axis=0),

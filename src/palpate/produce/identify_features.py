@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -13,10 +14,12 @@ from palpate.estimate.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
 
-#: What tells kinds apart for fingers driven by width, and for fingers driven by pressure, which know
+#: What tells kinds apart for fingers driven by width, and for those driven by pressure, which know
 #: neither mm nor N/mm: the pressure at contact, and the force gained per kPa from there on.
 WIDTH_FEATURES = ("size_mm", "stiffness_n_per_mm")
 PRESSURE_FEATURES = ("contact_kpa", "gain_n_per_kpa")
+#: Grip force at which stiffness is compared, N: about where a gentle squeeze ends.
+_COMMON_N = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +62,57 @@ def touch_of(
         sd=np.array([_log_sd(one) for one in given]),
         calibration=calibration,
     )
+
+
+def at_common_force(measured: Mapping[str, Measurement]) -> dict[str, Measurement]:
+    """Return measurements with the stiffness as it would be at a grip force of 2 N.
+
+    Round bodies stiffen as the cube root of the force (Hertz), and no two grasps end at the same
+    one. So two grasps agree better, and the error that force and stiffness share counts less.
+
+    Examples
+    --------
+    >>> felt = Measurement(value=4.0, low=3.0, high=6.0, unit="n_per_mm")
+    >>> force = Measurement(value=16.0, low=12.0, high=20.0, unit="n")
+    >>> at_common_force({"stiffness_n_per_mm": felt, "force_n": force})["stiffness_n_per_mm"].value
+    2.0
+    """
+    found, force = dict(measured), measured.get("force_n")
+    stiffness = found.get("stiffness_n_per_mm")
+    if stiffness is not None and force is not None and force.value > 0:
+        factor = (_COMMON_N / force.value) ** (1 / 3)
+        found["stiffness_n_per_mm"] = replace(
+            stiffness,
+            value=stiffness.value * factor,
+            low=stiffness.low * factor,
+            high=stiffness.high * factor,
+        )
+    return found
+
+
+def put_together(measured: Sequence[Measurement], *, own_share: float) -> Measurement:
+    """Average one quantity over grasps; only the errors of their own shrink.
+
+    Parameters
+    ----------
+    measured : sequence of Measurement
+        The same quantity of one item, grasp by grasp.
+    own_share : float
+        Share of the variance that differs from grasp to grasp.
+
+    Examples
+    --------
+    >>> sizes = [Measurement(value=v, low=v - 1, high=v + 1, unit="mm") for v in (39.0, 41.0)]
+    >>> both = put_together(sizes, own_share=0.5)
+    >>> both.value, round(both.high - both.value, 3)
+    (40.0, 0.866)
+    """
+    count = len(measured)
+    left = math.sqrt(own_share / count + 1.0 - own_share)
+    value = float(np.mean([one.value for one in measured]))
+    down = float(np.sqrt(np.mean([(one.value - one.low) ** 2 for one in measured])))
+    up = float(np.sqrt(np.mean([(one.high - one.value) ** 2 for one in measured])))
+    return replace(measured[0], value=value, low=value - left * down, high=value + left * up)
 
 
 def _log_sd(one: Measurement) -> float:

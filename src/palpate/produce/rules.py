@@ -54,7 +54,9 @@ class Span:
 
 def _below(bound: float, measured: Measurement) -> float:
     far = NormalDist().inv_cdf(0.5 + measured.level / 2)
-    side = measured.value - measured.low if bound < measured.value else measured.high - measured.value
+    side = (
+        measured.value - measured.low if bound < measured.value else measured.high - measured.value
+    )
     return NormalDist().cdf(far * (bound - measured.value) / max(side, 1e-9))
 
 

@@ -116,7 +116,8 @@ class _Reader:
         for key in table:
             if key not in known:
                 raise self._fault(
-                    self._line(key, start, end), f"no key {key!r} here; known are {', '.join(known)}"
+                    self._line(key, start, end),
+                    f"no key {key!r} here; known are {', '.join(known)}",
                 )
 
     def _text(self, table: Mapping[str, Any], key: str, *, start: int, end: int) -> str:
@@ -171,7 +172,9 @@ class _Reader:
         return self._headers[index], end
 
     def _line(self, key: str, start: int, end: int) -> int:
-        wanted = re.compile(rf"""\s*["']?{re.escape(key)}["']?\s*[=.\]]|\s*\[+\s*{re.escape(key)}""")
+        wanted = re.compile(
+            rf"""\s*["']?{re.escape(key)}["']?\s*[=.\]]|\s*\[+\s*{re.escape(key)}"""
+        )
         span = range(start, end + 1)
         return next((n for n in span if wanted.match(self._lines[n - 1])), start)
 

@@ -79,9 +79,9 @@ def decide(book: RuleBook, evidence: Evidence) -> Decision:
         return Decision(bin=book.default_bin, rule=None, probability=None, again=again, why=why)
     probability = sure.probability(evidence)[0]
     why = (
-        f"{sure.bin}: {_reasons(sure, evidence)}, together {probability:.0%} "
+        f"{sure.bin}: {_reasons(sure, evidence)}, together {_percent(probability)} "
         f"(rule of line {sure.line}); {count}"
-    ).replace("%", " %")
+    )
     return Decision(bin=sure.bin, rule=sure, probability=probability, again=again, why=why)
 
 
@@ -112,9 +112,9 @@ def _reasons(rule: Rule, evidence: Evidence) -> str:
         )
     if rule.ripeness is not None:
         best = max(rule.ripeness, key=lambda stage: evidence.ripeness.get(stage, 0.0))
-        parts.append(f"{best} {evidence.ripeness.get(best, 0.0):.0%}")
+        parts.append(f"{best} {_percent(evidence.ripeness.get(best, 0.0))}")
     if rule.bruised is not None and evidence.bruised is not None:
-        parts.append(f"bruised {evidence.bruised:.0%}")
+        parts.append(f"bruised {_percent(evidence.bruised)}")
     return ", ".join(parts)
 
 
@@ -123,9 +123,9 @@ def _kind_words(evidence: Evidence) -> str:
     if identity is None:
         return "not measured"
     if identity.rejected:
-        return f"like no kind taught ({identity.usual:.1%} of the taught items are as unusual)"
+        return f"like no kind taught ({_percent(identity.usual)} of those taught are as unusual)"
     ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
-    return " or ".join(f"{kind} {p:.0%}" for kind, p in ranked[:2] if p >= 0.05)
+    return " or ".join(f"{kind} {_percent(p)}" for kind, p in ranked[:2] if p >= 0.05)
 
 
 def _no_rule(book: RuleBook, evidence: Evidence) -> str:
@@ -134,21 +134,23 @@ def _no_rule(book: RuleBook, evidence: Evidence) -> str:
     low, high = nearest.probability(evidence)
     known = _kind_words(evidence)
     if high <= 1.0 - nearest.confidence:
-        return f"{known}, which no rule takes".replace("%", " %")
+        return f"{known}, which no rule takes"
     lacking = _lacking(nearest, evidence)
     if lacking:
-        return f"{known}; {lacking} is not known, which the rule of line {nearest.line} asks for".replace(
-            "%", " %"
-        )
+        return f"{known}; the rule of line {nearest.line} asks {lacking}, which is not known"
     return (
-        f"{known}; the rule of line {nearest.line} ({nearest.bin}) comes nearest with {low:.0%} "
-        f"of {nearest.confidence:.0%}"
-    ).replace("%", " %")
+        f"{known}; the rule of line {nearest.line} ({nearest.bin}) comes nearest with "
+        f"{_percent(low)} of {_percent(nearest.confidence)}"
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 0.01 else f"{100 * share:.0f} %"
 
 
 def _lacking(rule: Rule, evidence: Evidence) -> str:
     if rule.ripeness is not None and not evidence.ripeness:
-        return "its ripeness"
+        return "how ripe it is"
     if rule.bruised is not None and evidence.bruised is None:
         return "whether it is bruised"
     return ""

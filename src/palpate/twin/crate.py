@@ -1,4 +1,4 @@
-"""A mixed crate on the twin: items of several kinds, taken one by one, each side a little different.
+"""A mixed crate on the twin: items of several kinds, each of their sides a little different.
 
 What is drawn here is the truth that nobody who sorts may see: kind, size and strength of each item.
 """
@@ -153,7 +153,7 @@ def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
     12.2
     """
     plane_mpa = modulus_mpa / (1.0 - CRATE_POISSON**2)
-    return 4.0 / 3.0 * plane_mpa * math.sqrt(size_mm / 2.0) * 0.5**1.5
+    return 4.0 / 3.0 * plane_mpa * math.sqrt(size_mm / 2.0) * math.sqrt(0.125)
 
 
 class CrateTable:

@@ -93,7 +93,7 @@ class CrateKind:
     mass_g: Pair
 
 
-#: Poisson's ratio of the flesh, and scatter (log sd) of the stiffness from side to side of one item.
+#: Poisson's ratio of flesh; scatter (log sd) of the stiffness from side to side of one item.
 CRATE_POISSON, CRATE_SIDE_LOG_SD = 0.35, 0.08
 
 #: Kinds that are taught. Sizes are the trade's usual ones; moduli are orders of magnitude from the

@@ -1,0 +1,120 @@
+"""Kinds learned from the store, and what is said of an item kept there."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+
+from palpate.errors import InputError
+from palpate.grasp.result import Outcome
+from palpate.produce.identify import FALSE_REJECT, Identifier, Identity, TaughtItem
+from palpate.produce.identify_features import (
+    PRESSURE_FEATURES,
+    WIDTH_FEATURES,
+    Touch,
+    at_common_force,
+    touch_of,
+)
+from palpate.produce.records import About, Drive, Grasp, Verdict
+from palpate.produce.store import Store
+
+#: Items looked at, the last met first, and items of one kind that are learned from: what is taught
+#: today should not depend on how much was taught years ago.
+_MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
+
+
+def learn(
+    store: Store, *, drive: Drive = "width", false_reject: float = FALSE_REJECT
+) -> Identifier:
+    """Learn every kind that items of the store are labelled with.
+
+    Parameters
+    ----------
+    store : Store
+        Items whose `kind` a person gave, with their grasps.
+    drive : {"width", "pressure"}
+        Kind of gripper: grasps by the other one tell nothing of these features.
+    false_reject : float
+        Share of items of the taught kinds that may be called unknown.
+
+    Raises
+    ------
+    InputError
+        If there are too few labelled items.
+    """
+    taught: dict[str, list[TaughtItem]] = defaultdict(list)
+    for item in store.items(limit=_MOST_ITEMS):
+        if item.kind is None or len(taught[item.kind]) >= _MOST_OF_A_KIND:
+            continue
+        touches = touches_of(store.grasps_of(item.item_id), drive=drive)
+        if touches:
+            taught[item.kind].append(TaughtItem(kind=item.kind, touches=touches))
+    return Identifier([one for kind in taught.values() for one in kind], false_reject=false_reject)
+
+
+def touches_of(grasps: Iterable[Grasp], *, drive: Drive) -> tuple[Touch, ...]:
+    """Return those grasps that measured what kinds are told by, as points."""
+    found = [touch_of_grasp(grasp) for grasp in grasps if grasp.drive == drive]
+    return tuple(touch for touch in found if touch is not None)
+
+
+def touch_of_grasp(grasp: Grasp) -> Touch | None:
+    """Return a grasp as a point; None if it did not hold the item or did not measure enough."""
+    if grasp.outcome is not Outcome.HELD:
+        return None
+    return touch_of(
+        at_common_force(grasp.measurements),
+        features=WIDTH_FEATURES if grasp.drive == "width" else PRESSURE_FEATURES,
+        calibration=grasp.calibration_id or f"rig {grasp.rig}",
+    )
+
+
+def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
+    """Return the kind of gripper that grasped an item last.
+
+    Raises
+    ------
+    InputError
+        If it was never grasped.
+    """
+    if not grasps:
+        raise InputError(f"item {item_id!r} was never grasped; grasp it first")
+    return grasps[-1].drive
+
+
+def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) -> Verdict:
+    """Put what an item is into the form that the store keeps."""
+    return Verdict(
+        item_id=item_id,
+        about=About.IDENTITY,
+        text=identity.kind,
+        given_at=given_at,
+        probability=identity.confidence,
+        explanation=explained(identity),
+        details={
+            "probabilities": {kind: round(p, 6) for kind, p in identity.probability.items()},
+            "usual": identity.usual,
+            "rejected": identity.rejected,
+            "grasps": identity.grasps,
+        },
+    )
+
+
+def explained(identity: Identity) -> str:
+    """Say in a sentence what an item is and how sure that is.
+
+    Examples
+    --------
+    >>> probability = {"kiwi": 0.9, "tomato": 0.1}
+    >>> one = Identity(kind="kiwi", probability=probability, usual=0.4, rejected=False, grasps=1)
+    >>> explained(one)
+    'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of the taught items are as unusual.'
+    """
+    count = f"{identity.grasps} grasp{'s' if identity.grasps != 1 else ''}"
+    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
+    unusual = f"{100 * identity.usual:.2g} % of the taught items are as unusual"
+    if identity.rejected:
+        return f"Like no kind that was taught: {unusual}; most like {ranked[0][0]}; {count}."
+    named = ", ".join(f"{kind} with {100 * p:.0f} %" for kind, p in ranked[:3] if p >= 0.01)
+    return f"{named}, from {count}; {unusual}."
