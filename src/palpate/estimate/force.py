@@ -125,16 +125,16 @@ def law_from_dict(stored: Mapping[str, Any]) -> PowerForceLaw | LineForceLaw:
         raise CalibrationError(
             f"force law {stored.get('law')!r} is unknown; there are: power, line"
         )
+    numbers = {name: value for name, value in stored.items() if name != "law"}
     try:
-        return _KINDS[stored["law"]](
-            coefficients=tuple(stored["coefficients"]),
-            covariance=tuple(tuple(row) for row in stored["covariance"]),
-            range=(stored["range"][0], stored["range"][1]),
-            residual_sd=stored["residual_sd"],
-            pairs=stored["pairs"],
-        )
+        numbers["coefficients"] = tuple(stored["coefficients"])
+        numbers["covariance"] = tuple(tuple(row) for row in stored["covariance"])
+        numbers["range"] = (stored["range"][0], stored["range"][1])
+        return _KINDS[stored["law"]](**numbers)
     except KeyError as error:
         raise CalibrationError(f"force law {stored['law']!r}: {error} is missing") from error
+    except TypeError as error:
+        raise CalibrationError(f"force law {stored['law']!r}: {error}") from error
 
 
 _KINDS: dict[str, type[PowerForceLaw] | type[LineForceLaw]] = {

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import asdict, dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,3 +62,8 @@ def enough_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
             "use loads over the whole range"
         )
     return x, y
+
+
+def law_as_dict(law: Any) -> dict[str, Any]:
+    """Return a law's name and numbers as plain values for a calibration file."""
+    return {"law": law.name, **asdict(law)}

@@ -14,6 +14,7 @@ from palpate.estimate.force_pairs import (
     ForceEstimate,
     checked_pairs,
     enough_pairs,
+    law_as_dict,
 )
 
 
@@ -93,11 +94,4 @@ class LineForceLaw:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for a calibration file; `law_from_dict` reads them back."""
-        return {
-            "law": self.name,
-            "coefficients": list(self.coefficients),
-            "covariance": [list(row) for row in self.covariance],
-            "range": list(self.range),
-            "residual_sd": self.residual_sd,
-            "pairs": self.pairs,
-        }
+        return law_as_dict(self)

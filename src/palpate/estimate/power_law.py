@@ -18,12 +18,20 @@ from palpate.estimate.force_pairs import (
     ForceEstimate,
     checked_pairs,
     enough_pairs,
+    law_as_dict,
 )
+
+#: Forces below which readings scatter by newtons rather than by percent, as multiples of the
+#: weakest force of the calibration; 0 for a scatter by percent all the way down.
+_FAINT = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerForceLaw:
-    """force = offset + scale * excess ** exponent, with scatter proportional to the force.
+    """force = offset + scale * excess ** exponent.
+
+    Scatter is proportional to the force, and some newtons besides: near its threshold the sheet
+    tells little, and that must not widen the intervals of firm grips.
 
     Attributes
     ----------
@@ -35,9 +43,11 @@ class PowerForceLaw:
     range : tuple of float
         Smallest and largest excess conductance of the calibration.
     residual_sd : float
-        Scatter of ln force about the law.
+        Scatter of ln force about the law, for firm forces.
     pairs : int
         Calibration pairs.
+    floor_n : float
+        Scatter of faint forces, newtons.
     """
 
     name: ClassVar[str] = "power"
@@ -48,6 +58,7 @@ class PowerForceLaw:
     range: tuple[float, float]
     residual_sd: float
     pairs: int
+    floor_n: float = 0.0
 
     @classmethod
     def fit(cls, excess: ArrayLike, *, force_n: ArrayLike) -> PowerForceLaw:
@@ -83,15 +94,24 @@ class PowerForceLaw:
                 "force calibration: the excess conductance falls while the load rises; "
                 "check the wiring, the divider's leg and that the rest was taken unloaded"
             )
-        plain = _fit_log(log_x, log_y, with_offset=False)
-        offset = _fit_log(log_x, log_y, with_offset=True) if len(x) > MIN_PAIRS else plain
-        coefficients, covariance, residual_sd = min(plain, offset, key=lambda fit: fit[3])[:3]
+        weight, residual_sd, floor_n = np.ones_like(log_y), 0.0, 0.0
+        # Two rounds: the scatter is judged by the law, the law weighted by the scatter.
+        for _ in range(2):
+            plain = _fit_log(log_x, log_y, weight, with_offset=False)
+            offset = (
+                _fit_log(log_x, log_y, weight, with_offset=True) if len(x) > MIN_PAIRS else plain
+            )
+            coefficients, covariance, left, _ = min(plain, offset, key=lambda fit: fit[3])
+            weight, residual_sd, floor_n = _scatter(
+                left, y, used=int(np.count_nonzero(coefficients))
+            )
         return cls(
             coefficients=(float(coefficients[0]), float(coefficients[1]), float(coefficients[2])),
             covariance=tuple(map(tuple, covariance.tolist())),
             range=(float(x.min()), float(x.max())),
             residual_sd=residual_sd,
             pairs=len(x),
+            floor_n=floor_n,
         )
 
     def force_n(self, excess: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
@@ -110,36 +130,51 @@ class PowerForceLaw:
         cov = np.array(self.covariance)
         variance = self.residual_sd**2 + np.einsum("...i,ij,...j->...", gradient, cov, gradient)
         freedom = self.pairs - (3 if offset > 0 else 2)
-        spread = np.exp(student_t.ppf(0.5 + level / 2, freedom) * np.sqrt(variance))
+        reach = float(student_t.ppf(0.5 + level / 2, freedom))
+        spread, faint_n = np.exp(reach * np.sqrt(variance)), reach * self.floor_n
+        low = value - np.hypot(value - value / spread, faint_n)
         return ForceEstimate(
             value=np.where(responds, value, 0.0),
-            low=np.where(responds, value / spread, 0.0),
-            high=value * spread,
+            low=np.where(responds, np.maximum(low, 0.0), 0.0),
+            high=value + np.hypot(value * spread - value, faint_n),
             in_range=(x >= self.range[0]) & (x <= self.range[1]),
             level=level,
         )
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for a calibration file; `law_from_dict` reads them back."""
-        return {
-            "law": self.name,
-            "coefficients": list(self.coefficients),
-            "covariance": [list(row) for row in self.covariance],
-            "range": list(self.range),
-            "residual_sd": self.residual_sd,
-            "pairs": self.pairs,
-        }
+        return law_as_dict(self)
+
+
+def _scatter(
+    left: FloatArray, force_n: FloatArray, *, used: int
+) -> tuple[FloatArray, float, float]:
+    """Return weights of ln force, its scatter for firm forces, and the scatter in newtons.
+
+    The variance of ln force is taken as sd**2 (1 + (faint / force)**2); of the candidates for
+    `faint` the likeliest is kept, one above 0 only where it earns its place (BIC).
+    """
+    freedom, best = len(left) - used, (np.inf, np.ones_like(left), 0.0, 0.0)
+    for faint_n in np.array(_FAINT) * float(force_n.min()):
+        factor = 1.0 + (faint_n / force_n) ** 2
+        sd = float(np.sqrt(max(float(np.sum(left**2 / factor)) / freedom, 1e-24)))
+        badness = len(left) * np.log(sd) + 0.5 * float(np.log(factor).sum())
+        badness += 0.5 * np.log(len(left)) * (faint_n > 0)
+        if badness < best[0]:
+            best = (badness, 1.0 / np.sqrt(factor), sd, sd * float(faint_n))
+    return best[1:]
 
 
 def _fit_log(
-    log_x: FloatArray, log_y: FloatArray, *, with_offset: bool
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Return coefficients, covariance, residual sd of ln force, and BIC."""
+    log_x: FloatArray, log_y: FloatArray, weight: FloatArray, *, with_offset: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return coefficients, covariance, residuals of ln force without weights, and BIC."""
     count = 3 if with_offset else 2
 
     def residuals(p: FloatArray) -> FloatArray:
         offset = p[2] if with_offset else 0.0
-        return np.asarray(np.log(offset + np.exp(p[0] + p[1] * log_x)) - log_y)
+        log_force = np.log(offset + np.exp(p[0] + p[1] * log_x))
+        return np.asarray(weight * (log_force - log_y))
 
     slope, intercept = theilslopes(log_y, log_x)[:2]
     weakest = float(np.exp(log_y.min()))
@@ -159,4 +194,4 @@ def _fit_log(
     coefficients = np.zeros(3)
     coefficients[:count] = found.x
     bic = len(log_x) * np.log(max(float(found.cost), 1e-24)) + count * np.log(len(log_x))
-    return coefficients, covariance, float(np.sqrt(squares / freedom)), float(bic)
+    return coefficients, covariance, left / weight, float(bic)

@@ -118,3 +118,26 @@ def test_saturated_line_and_unknown_law_are_refused() -> None:
         law_from_dict({"law": "cubic"})
     with pytest.raises(CalibrationError, match="covariance"):
         law_from_dict({"law": "line", "coefficients": [1, 2]})
+
+
+def test_faint_scatter_does_not_widen_firm_forces() -> None:
+    rng = np.random.default_rng(4)
+    loads = np.geomspace(0.1, 15.0, 60)
+    read = np.maximum(loads + 0.1 * rng.standard_normal(60), 0.02)
+    law = PowerForceLaw.fit(read**1.3, force_n=loads * np.exp(0.03 * rng.standard_normal(60)))
+    firm, faint = law.force_n([10.0**1.3, 0.2**1.3]).high / law.force_n([10.0**1.3, 0.2**1.3]).value
+    assert law.floor_n == pytest.approx(0.1, rel=0.5)
+    assert firm < 1.15
+    assert faint > 1.5
+
+
+def test_law_file_of_before_has_no_floor() -> None:
+    law = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4])
+    stored = {name: value for name, value in law.as_dict().items() if name != "floor_n"}
+    assert law_from_dict(stored).coefficients == law.coefficients
+
+
+def test_law_of_unknown_numbers_is_refused() -> None:
+    stored = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4]).as_dict()
+    with pytest.raises(CalibrationError, match="slope_n"):
+        law_from_dict({**stored, "slope_n": 1.0})
