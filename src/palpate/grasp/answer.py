@@ -32,7 +32,7 @@ class Settled:
     """What the sheet is going to read at the horizon."""
 
     relative_percent: Measurement
-    excess: Measurement
+    reading: Measurement
 
 
 def forecast(belief: Belief, *, plan: Plan) -> Settled:
@@ -44,15 +44,15 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
     """
     time_s = np.array([t.time_s for t in belief.touches]) - belief.moved_s
     values = np.array(
-        [[t.relative_percent for t in belief.touches], [t.excess for t in belief.touches]]
+        [[t.relative_percent for t in belief.touches], [t.reading for t in belief.touches]]
     )
     found = plan.settling.predict(time_s, values, horizon_s=plan.horizon_s, level=plan.level)
-    seen = (belief.now.relative_percent, belief.now.excess)
-    relative, excess = (
+    seen = (belief.now.relative_percent, belief.now.reading)
+    relative, reading = (
         _widened(found.hold(row), by=float(found.hold(row).value) - seen[row], unit=unit)
-        for row, unit in enumerate(("percent", "excess"))
+        for row, unit in enumerate(("percent", "reading"))
     )
-    return Settled(relative_percent=relative, excess=excess)
+    return Settled(relative_percent=relative, reading=reading)
 
 
 def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
@@ -71,9 +71,9 @@ def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 
 def sure_enough(settled: Settled, *, plan: Plan) -> bool:
     """Whether the interval of the settled reading is narrow enough to act on."""
-    excess = settled.excess
-    half = max(excess.high - excess.value, excess.value - excess.low)
-    return excess.status is Status.OK and half <= plan.decide_half_width * abs(excess.value)
+    reading = settled.reading
+    half = max(reading.high - reading.value, reading.value - reading.low)
+    return reading.status is Status.OK and half <= plan.decide_half_width * abs(reading.value)
 
 
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
@@ -99,13 +99,13 @@ def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
 
 
 def settled_force(settled: Settled, *, plan: Plan) -> Measurement:
-    """Convert the settled excess conductance to newtons.
+    """Convert the settled reading to newtons.
 
     Two doubts add in ln force: the law's own scatter, and what the forecast leaves open, carried
     through the law.
     """
-    excess = settled.excess
-    law = plan.settled_law.force_n([excess.value, excess.low, excess.high], level=plan.level)
+    reading = settled.reading
+    law = plan.settled_law.force_n([reading.value, reading.low, reading.high], level=plan.level)
     value = float(law.value[0])
     status = Status.OK if bool(law.in_range[0]) else Status.SATURATED
     if value <= 0:
@@ -120,7 +120,7 @@ def settled_force(settled: Settled, *, plan: Plan) -> Measurement:
         high=value * float(np.exp(up)),
         unit="n",
         level=plan.level,
-        status=excess.status if status is Status.OK else status,
+        status=reading.status if status is Status.OK else status,
     )
 
 
@@ -138,8 +138,8 @@ def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | Non
     first = max(int(np.argmax(hinted)) - 2, 0)
     if felt[first:].sum() < 2 or not hinted.any():
         return None
-    excess = np.array([c.touch.excess for c in belief.staircase])
-    read = plan.early_law.force_n(excess, level=plan.level)
+    reading = np.array([c.touch.reading for c in belief.staircase])
+    read = plan.early_law.force_n(reading, level=plan.level)
     force = np.where(felt, read.value, 0.0)
     # Below the weakest reading of the calibration the law can't tell forces apart.
     floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)

@@ -20,7 +20,6 @@ from palpate.signal.relative import (
     mean_change,
     relative_change_percent,
     rest_baseline,
-    total_excess,
 )
 
 #: Frames whose mean is read as "now".
@@ -47,14 +46,14 @@ class Touch:
         Mean relative change of each finger's pixels.
     relative_percent : float
         Mean relative change of all pixels.
-    excess : float
-        Excess conductance G/G0 - 1 summed over pixels.
+    reading : float
+        What the plan's force laws read: by default the excess conductance summed over pixels.
     """
 
     time_s: float
     finger_percent: tuple[float, ...]
     relative_percent: float
-    excess: float
+    reading: float
 
     @property
     def deepest_percent(self) -> float:
@@ -157,7 +156,7 @@ class Belief:
             time_s=self.now_s,
             finger_percent=tuple(np.mean([t.finger_percent for t in last], axis=0).tolist()),
             relative_percent=float(np.mean([t.relative_percent for t in last])),
-            excess=float(np.mean([t.excess for t in last])),
+            reading=float(np.mean([t.reading for t in last])),
         )
 
     def enter(self, phase: Phase, *, note: str | None = None) -> Belief:
@@ -216,10 +215,10 @@ def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) 
     assert belief.rest_ohm is not None
     change = relative_change_percent(ohm, rest_ohm=belief.rest_ohm)
     fingers = finger_means(change, finger_of_row=plan.layout.finger_of_row)
-    excess = total_excess(excess_conductance(ohm, rest_ohm=belief.rest_ohm))
+    excess = excess_conductance(ohm, rest_ohm=belief.rest_ohm)
     return Touch(
         time_s=time_s,
         finger_percent=tuple(np.nan_to_num(fingers).tolist()),
         relative_percent=float(np.nan_to_num(mean_change(change))),
-        excess=float(np.nan_to_num(excess)),
+        reading=float(plan.reading.reading(excess)),
     )

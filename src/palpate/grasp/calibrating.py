@@ -35,6 +35,8 @@ _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
 _FRAME_TIMEOUT_S = 2.0
 #: Where frames are skipped, the last ones of a wait are read all the same.
 _FRESH_S = 0.2
+#: Pause with the hand open before a placement's rest is taken.
+_FORGETTING_S = 30.0
 #: The sheet may take this long to forget a load before its rest is refused.
 _RECOVERY_S = 120.0
 
@@ -221,8 +223,11 @@ def _climbed(
     readings: list[Reading] = []
     moved_s, room = bench.clock.now_s(), True
     while room and bench.cell.read_n() < level_n:
+        looking = bench.cell.read_n() < _TOUCH_N
         moved_s = bench.clock.now_s()
         room = _close_once(bench)
+        # A slow search for contact takes long; what the sheet answers to is its end.
+        moved_s = bench.clock.now_s() if looking else moved_s
         if room:
             reading = _reading(bench, rest, moved_s, since_move_s=dwell_s, mean_s=_EARLY_MEAN_S)
             if reading.force_n > _TOUCH_N:
@@ -235,8 +240,9 @@ def _open(bench: Bench) -> None:
     """Open just beyond what lies between the fingers."""
     if bench.gripper.limits.closure(bench.gripper.state()) > _before(bench):
         _drive(bench, _before(bench))
-    # The opening's own spike and the sheet's memory of the last load have to fade.
-    _wait(bench, bench.clock.now_s() + 3.0)
+    # The opening's own spike and the sheet's memory of the last load have to fade: after 3 s a
+    # rest may still be off by 3 %, as much as half a newton leaves.
+    _wait(bench, bench.clock.now_s() + _FORGETTING_S)
 
 
 def _close_once(bench: Bench) -> bool:

@@ -187,7 +187,7 @@ def _read(belief: Belief, plan: Plan) -> Belief:
     touch, stairs = belief.now, belief.staircase
     if not stairs or belief.moved_s >= stairs[-1].touch.time_s:
         stairs = (*stairs, Closing(closure=belief.closure, touch=touch))
-    force = plan.early_law.force_n(touch.excess, level=plan.level)
+    force = plan.early_law.force_n(touch.reading, level=plan.level)
     force_n, force_high_n = float(force.value), float(force.high)
     return replace(
         belief,
@@ -224,7 +224,7 @@ def _wanted_step(belief: Belief, plan: Plan) -> float:
 def _slope_high_n(belief: Belief, plan: Plan) -> float:
     """Return how steeply the force rises: as the last steps saw, with room for stiffening."""
     law = plan.early_law
-    curve = [(c.closure, float(law.force_n(c.touch.excess).value)) for c in belief.staircase[-3:]]
+    curve = [(c.closure, float(law.force_n(c.touch.reading).value)) for c in belief.staircase[-3:]]
     slopes = [
         (f1 - f0) / (x1 - x0) for (x0, f0), (x1, f1) in pairwise(curve) if x1 > x0 and f1 > f0
     ]
@@ -235,8 +235,8 @@ def _grip_lost(belief: Belief) -> bool:
     """Whether the sheet no longer feels what it felt since the last movement."""
     if belief.still_s < 0.3 or len(belief.touches) < 6:
         return False
-    strongest = max(t.excess for t in belief.touches)
-    return belief.now.excess < _LOST_SHARE * strongest
+    strongest = max(t.reading for t in belief.touches)
+    return belief.now.reading < _LOST_SHARE * strongest
 
 
 def _release(belief: Belief, plan: Plan, outcome: Outcome) -> Move:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimate.force import ForceLaw
+from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.stiffness import Give
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
@@ -26,8 +27,8 @@ class Plan:
     rest_ohm : ndarray, shape (rows, cols)
         Rest resistances of the calibration.
     settled_law, early_law : ForceLaw
-        Force from excess conductance at the settling horizon, and from that read `dwell_s` after a
-        movement: the sheet lags, so they are two laws.
+        Force from the reading at the settling horizon, and from that `dwell_s` after a movement:
+        the sheet lags, so they are two laws.
     give : Give or None
         How far pads, fingers and servo give way. None for pressure-driven fingers: their pressure
         tells no width, so there is neither size nor stiffness.
@@ -37,6 +38,8 @@ class Plan:
         Drive and range. Steps and rates are in its unit: mm or kPa.
     settling : SettlingMethod
         Predictor of the settled value.
+    reading : PixelReading
+        From the excess conductance of the pixels to what the laws read.
     target_force_n : float or None
         Grip force to reach; None for a gentle squeeze, just enough to measure.
     safety : SafetyLimits
@@ -89,6 +92,7 @@ class Plan:
     steepest_n: float
     gripper: GripperLimits
     settling: SettlingMethod
+    reading: PixelReading = field(default_factory=PixelReading.summed)
     target_force_n: float | None = None
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     epsilon_percent: float = -10.0

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.force import ForceLaw, PowerForceLaw
+from palpate.estimate.pixel_law import PixelReading, Placements, fit_laws
 from palpate.estimate.stiffness import Give
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import Gripper
@@ -36,24 +37,38 @@ def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) ->
     CalibrationError
         If the calibration lacks what the grasp needs.
     """
-    early, settled = (
-        PowerForceLaw.fit(excess, force_n=force_n)
-        for excess, force_n in (
-            pairs_at(calibration.force, since_move_s=since) for since in (DWELL_S, HORIZON_S)
-        )
-    )
+    reading, early, settled = _laws(calibration.force)
     found = _by_width if gripper.limits.drive == "width" else _by_pressure
     return Plan(
         layout=calibration.layout,
         rest_ohm=calibration.rest_ohm,
         settled_law=settled,
         early_law=early,
+        reading=reading,
         gripper=gripper.limits,
         settling=Relaxation(),
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
         **found(calibration.block),
         **options,
+    )
+
+
+def _laws(pairs: ForcePairs) -> tuple[PixelReading, ForceLaw, ForceLaw]:
+    """Return the reading and its two laws; pixel by pixel where the calibration kept them."""
+    read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
+    if not pairs.pixel_excess:
+        early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
+        return PixelReading.summed(), early, settled
+    since_s = np.array(pairs.since_move_s)
+    used = np.isclose(since_s, DWELL_S) | np.isclose(since_s, HORIZON_S)
+    return fit_laws(
+        Placements(
+            run=np.array(pairs.run, dtype=float)[used],
+            pixel_excess=np.array(pairs.pixel_excess)[used],
+            force_n=np.array(pairs.force_n)[used],
+            early=np.isclose(since_s, DWELL_S)[used],
+        )
     )
 
 

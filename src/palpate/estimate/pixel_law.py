@@ -1,0 +1,296 @@
+"""Force as a sum over pixels: what each carries follows from its own excess conductance.
+
+Force adds over pixels; conductance does not, because a pixel's law is no line and begins at a
+threshold. So the same force spread over four pixels or over two gives another summed conductance,
+but the same sum of pixel forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
+from scipy.stats import norm
+
+from palpate.estimate.force_pairs import FloatArray, ForceEstimate, enough_pairs
+
+#: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
+#: rises; the smallest power stands for the threshold.
+EXPONENTS = (0.3, 0.5, 0.75, 1.0, 1.4)
+#: Pixels of one sheet differ in gain by about so much (log sd); more is not believed from one
+#: calibration.
+GAIN_SD = 0.1
+#: Relative error of a pair that the fit takes as usual, and the force below which errors count as
+#: newtons.
+_USUAL, _FAINT_N = 0.06, 0.3
+#: Placements from which on force errors are measured on the one left out.
+_FEWEST_RUNS = 3
+#: Lags hardly change the exponent of the force: prior standard deviation about 1.
+_EXPONENT_SD = 0.15
+_ROUNDS = 3
+#: Below this a reading of a pixel is noise of its rest value.
+_NOISE_EXCESS = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelReading:
+    """From the excess of every pixel to one number that grows with the grip force.
+
+    Attributes
+    ----------
+    exponents, weights : tuple of float
+        A pixel's share is sum_k weights[k] * excess ** exponents[k].
+    gains : tuple of float, length pixels
+        Of each pixel; empty where all count alike.
+
+    Examples
+    --------
+    Without a calibration that kept its pixels, the reading is the summed excess:
+
+    >>> PixelReading.summed().reading([[1.0, 0.0], [float("nan"), 2.5]]).item()
+    3.5
+    """
+
+    exponents: tuple[float, ...]
+    weights: tuple[float, ...]
+    gains: tuple[float, ...] = ()
+
+    @classmethod
+    def summed(cls) -> PixelReading:
+        """Return the plain sum of excess conductances."""
+        return cls(exponents=(1.0,), weights=(1.0,))
+
+    @classmethod
+    def fit(cls, pixel_excess: ArrayLike, *, force_n: ArrayLike) -> PixelReading:
+        """Fit weights and gains to readings beside a load cell.
+
+        Parameters
+        ----------
+        pixel_excess : array_like, shape (n, pixels)
+            Excess conductance of each pixel.
+        force_n : array_like, shape (n,)
+            Reference forces, newtons.
+
+        Raises
+        ------
+        CalibrationError
+            If there are too few pairs.
+
+        Examples
+        --------
+        A sheet whose pixels answer with the square of their load, pressed whole and in parts:
+
+        >>> whole = np.outer(np.arange(1, 6) ** 2 / 4.0, [1, 1, 1, 1])
+        >>> part = np.outer(np.arange(1, 6) ** 2, [1, 0, 0, 1])
+        >>> force_n = 2 * np.arange(1, 6)
+        >>> found = PixelReading.fit([*whole, *part], force_n=[*force_n, *force_n])
+        >>> round(float(found.reading([[9.0, 9.0, 0.0, 0.0]])), 1)
+        6.0
+        """
+        excess = np.asarray(pixel_excess, dtype=float)
+        # Refuses too few pairs, or one load only.
+        enough_pairs(excess.sum(axis=1), np.asarray(force_n, dtype=float))
+        force = np.asarray(force_n, dtype=float)
+        basis = _basis(excess, EXPONENTS)
+        weight = 1.0 / (force + _FAINT_N)
+        gains = np.ones(excess.shape[1])
+        for _ in range(_ROUNDS):
+            design = np.einsum("npk,p->nk", basis, gains)
+            weights = nnls(design * weight[:, None], force * weight)[0]
+            shares = (basis @ weights) * weight[:, None] / _USUAL
+            left = force * weight / _USUAL - shares.sum(axis=1)
+            prior = np.eye(gains.size) / GAIN_SD**2
+            gains = 1.0 + np.linalg.solve(shares.T @ shares + prior, shares.T @ left)
+        return cls(
+            exponents=EXPONENTS,
+            weights=tuple(weights.tolist()),
+            gains=tuple(np.maximum(gains, 0.5).tolist()),
+        )
+
+    def reading(self, excess: ArrayLike) -> FloatArray:
+        """Return the reading of frames, shape (..., rows, cols) to (...); NaN pixels count 0."""
+        grid = np.asarray(excess, dtype=float)
+        flat = grid.reshape(*grid.shape[:-2], -1)
+        if not self.gains:
+            return np.asarray(np.nansum(flat, axis=-1))
+        shares = _basis(flat, self.exponents) @ np.array(self.weights)
+        return np.asarray(shares @ np.array(self.gains))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelForceLaw:
+    """force = scale * reading ** exponent, with scatter in proportion and a floor in newtons.
+
+    Attributes
+    ----------
+    log_scale, exponent : float
+        Of the law.
+    residual_sd, floor_n : float
+        Standard deviations, of ln force and of a faint force, on placements left out of the fit.
+    range : tuple of float
+        Smallest and largest reading of the calibration.
+    """
+
+    name: ClassVar[str] = "pixels"
+    reads: ClassVar[str] = "pixels"
+
+    log_scale: float
+    exponent: float
+    residual_sd: float
+    floor_n: float
+    range: tuple[float, float]
+
+    @classmethod
+    def fit(cls, reading: ArrayLike, *, force_n: ArrayLike) -> PixelForceLaw:
+        """Fit the line in logarithms, its slope held near 1; doubts are `fit_laws`' business.
+
+        Examples
+        --------
+        >>> law = PixelForceLaw.fit([1.0, 2.0, 4.0, 8.0], force_n=[0.9, 1.8, 3.6, 7.2])
+        >>> law.force_n([2.0]).value.round(3).tolist()
+        [1.8]
+        """
+        x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
+        keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
+        x, y = enough_pairs(x[keep], y[keep])
+        log_x, left, weight = np.log(x), np.log(y / x), y / (y + _FAINT_N)
+        middle = float(np.average(log_x, weights=weight))
+        away, offset = log_x - middle, float(np.average(left, weights=weight))
+        precision = (_USUAL / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
+        slope = float((weight * away * (left - offset)).sum() / precision)
+        return cls(
+            log_scale=offset - slope * middle,
+            exponent=1.0 + slope,
+            residual_sd=_USUAL,
+            floor_n=0.1 * _FAINT_N,
+            range=(float(x.min()), float(x.max())),
+        )
+
+    def force_n(self, reading: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
+        """Return the force of each reading, of any shape."""
+        x = np.maximum(np.asarray(reading, dtype=float), 0.0)
+        value = np.exp(self.log_scale) * x**self.exponent
+        half = float(norm.ppf(0.5 + level / 2))
+        # A faint force scatters by newtons, a firm one in proportion.
+        floor_n = half * self.floor_n
+        up = np.hypot(value * np.expm1(half * self.residual_sd), floor_n)
+        down = np.hypot(value * -np.expm1(-half * self.residual_sd), floor_n)
+        return ForceEstimate(
+            value=value,
+            low=np.maximum(value - down, 0.0),
+            high=value + up,
+            in_range=(x >= self.range[0]) & (x <= self.range[1]),
+            level=level,
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "law": self.name,
+            "log_scale": self.log_scale,
+            "exponent": self.exponent,
+            "residual_sd": self.residual_sd,
+            "floor_n": self.floor_n,
+            "range": list(self.range),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placements:
+    """Readings of a sheet beside a load cell, some soon after a movement, some settled."""
+
+    run: FloatArray
+    pixel_excess: FloatArray
+    force_n: FloatArray
+    early: NDArray[np.bool_]
+
+    def without(self, run: float) -> Placements:
+        """Return the readings of all other placements."""
+        return self._where(self.run != run)
+
+    def only(self, run: float) -> Placements:
+        """Return the readings of one placement."""
+        return self._where(self.run == run)
+
+    def _where(self, chosen: NDArray[np.bool_]) -> Placements:
+        return Placements(
+            run=self.run[chosen],
+            pixel_excess=self.pixel_excess[chosen],
+            force_n=self.force_n[chosen],
+            early=self.early[chosen],
+        )
+
+
+def fit_laws(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
+    """Fit the reading, its law soon after a movement, and its law when settled.
+
+    What may be doubted is measured on placements left out of the fit.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few pairs.
+    """
+    reading, early, settled = _fit(placements)
+    runs = np.unique(placements.run)
+    if runs.size < _FEWEST_RUNS:
+        return reading, early, settled
+    left: list[tuple[FloatArray, FloatArray]] = []
+    for run in runs:
+        other, *laws = _fit(placements.without(run))
+        mine = placements.only(run)
+        seen = other.reading(mine.pixel_excess[:, None, :])
+        said = np.where(mine.early, *(law.force_n(seen).value for law in laws))
+        left.append((said, mine.force_n))
+    said, force = (np.concatenate(part) for part in zip(*left, strict=True))
+    is_early = np.concatenate([placements.only(run).early for run in runs])
+    return (
+        reading,
+        _doubted(early, said[is_early], force[is_early]),
+        _doubted(settled, said[~is_early], force[~is_early]),
+    )
+
+
+def _fit(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
+    early, force = placements.early, placements.force_n
+    reading = PixelReading.fit(placements.pixel_excess[early], force_n=force[early])
+    seen = reading.reading(placements.pixel_excess[:, None, :])
+    return (
+        reading,
+        PixelForceLaw.fit(seen[early], force_n=force[early]),
+        PixelForceLaw.fit(seen[~early], force_n=force[~early]),
+    )
+
+
+#: Forces between which doubt is measured in proportion, and below which in newtons.
+_FIRM_N = (1.0, 12.0)
+
+
+def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelForceLaw:
+    """Return the law with its doubts: nine tenths of the errors lie within them at that level."""
+    tenth = float(norm.ppf(0.95))
+    firm = (force > _FIRM_N[0]) & (force < _FIRM_N[1])
+    faint = force <= _FIRM_N[0]
+    log_error = np.abs(np.log(np.maximum(said[firm], 0.05) / force[firm]))
+    error_n = np.abs(said[faint] - force[faint])
+    return replace(
+        law,
+        residual_sd=max(_quantile(log_error, 0.9) / tenth, 0.03),
+        floor_n=max(_quantile(error_n, 0.9) / tenth, 0.02),
+    )
+
+
+def _quantile(errors: FloatArray, share: float) -> float:
+    """Return a quantile of errors, one rank up: few errors show less than there is."""
+    if not errors.size:
+        return 0.0
+    rank = min(int(np.ceil(share * (errors.size + 1))), errors.size)
+    return float(np.sort(errors)[rank - 1])
+
+
+def _basis(excess: FloatArray, exponents: tuple[float, ...]) -> FloatArray:
+    above = np.maximum(np.nan_to_num(excess) - _NOISE_EXCESS, 0.0)
+    return np.asarray(above[..., None] ** np.array(exponents))
