@@ -22,7 +22,7 @@ from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard
 from palpate.twin.firmware_stream import FirmwareStream
-from palpate.twin.objects import draw_object
+from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.regulator_board import RegulatorBoard
 from palpate.twin.servo_bus import ServoBus
 from palpate.twin.world import World
@@ -55,9 +55,14 @@ def on_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, Pneumati
     return array, PneumaticGripper(array, clock=world.clock)
 
 
+def object_of(name: str) -> TwinObject:
+    """Return the object of that name that every world here has."""
+    return draw_object(np.random.default_rng(3), name)
+
+
 def world_of(kind: str, name: str | None = None) -> World:
     """Return a world of rigid or soft fingers, with an object or none."""
-    obj = None if name is None else draw_object(np.random.default_rng(3), name)
+    obj = None if name is None else object_of(name)
     return World(obj, seed=5, gripper="soft" if kind == "soft" else "rigid")
 
 

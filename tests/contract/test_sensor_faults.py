@@ -1,0 +1,252 @@
+"""A sensor, an object or a user that ends a grasp: on rigid and on soft fingers of the twin."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+from tests.contract.faulty import FailingArray, NoisyLine, Witness, reading
+from tests.contract.hands import object_of, world_of
+
+from palpate.clock import ManualClock
+from palpate.grasp.belief import Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+from palpate.recording import RecordingInfo, RecordingWriter, load_recording
+from palpate.rig.simulated import calibrated
+from palpate.sensor.array import PressureArray
+from palpate.sensor.serial_array import SerialArray
+from palpate.twin.devices import TwinGripper
+from palpate.twin.regulator_board import RegulatorBoard
+from palpate.twin.world import World
+
+PERIOD_S = 1 / 15
+#: Stale frames are known after five periods; whatever is seen in a frame, with the next one.
+STALE_S, NEXT_S = 5 * PERIOD_S, PERIOD_S
+#: What the stop may take once the fault is known.
+STOP_S = 0.1
+OBJECTS = {"rigid": "strawberry", "soft": "tomato"}
+#: The rigid hand has 14 mm to go, and begins once it has arrived there.
+GAP_MM, BEGINS_S = 14.0, 1.0
+
+
+@dataclass(kw_only=True)
+class Struck:
+    """A grasp that is struck by a fault when the object is held, or before it is touched."""
+
+    world: World
+    array: FailingArray
+    hand: Witness
+    early: bool
+    struck_s: float = math.nan
+    strike: Callable[[Struck], None]
+
+    def watch(self, _: Observation) -> None:
+        now_s = self.world.clock.now_s()
+        if math.isfinite(self.struck_s):
+            return
+        waited_s = now_s - self.hand.told[-1][0] if self.hand.told else 0.0
+        held = self.world.force_n(now_s) > 1.0 and waited_s > 0.9
+        if (now_s > BEGINS_S + 1.0) if self.early else held:
+            self.struck_s = now_s
+            self.strike(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One row of the table: what happens, how the grasp ends, what is said, when it is known."""
+
+    strike: Callable[[Struck], None]
+    outcome: Outcome
+    words: str
+    known_s: float
+    early: bool = False
+    #: What the rigid hand does; the soft one always vents.
+    opens: bool = False
+
+
+def _removed(grasp: Struck) -> None:
+    grasp.world.place(None)
+
+
+def _kill(number: int) -> Callable[[Struck], None]:
+    return lambda _: os.kill(os.getpid(), number)
+
+
+def _pixel(counts: int | None) -> Callable[[Struck], None]:
+    return lambda grasp: setattr(grasp.array, "spoil", reading(counts))
+
+
+LOST = Outcome.SENSOR_LOST
+ROWS = {
+    "frames stop": Row(
+        strike=lambda grasp: setattr(grasp.array, "silent", True),
+        outcome=LOST,
+        words="no frame in 0.33 s",
+        known_s=STALE_S,
+    ),
+    "port vanishes": Row(
+        strike=lambda grasp: setattr(grasp.array, "gone", True),
+        outcome=LOST,
+        words="vanished",
+        known_s=0.0,
+    ),
+    "pixel open": Row(
+        strike=_pixel(0), outcome=LOST, words="pixel R0 C0 reads open", known_s=2 * NEXT_S
+    ),
+    "pixel shorted": Row(
+        strike=_pixel(1023), outcome=LOST, words="pixel R0 C0 reads short", known_s=2 * NEXT_S
+    ),
+    "pixel shorted while open": Row(
+        strike=_pixel(1023),
+        outcome=LOST,
+        words="pixel R0 C0 reads short",
+        known_s=2 * NEXT_S,
+        early=True,
+    ),
+    "pixel stuck": Row(
+        strike=_pixel(None),
+        outcome=LOST,
+        words="pixel R0 C0 reads stuck",
+        # Eight movements of the fingers, about half a second each.
+        known_s=9 * 0.6,
+        early=True,
+    ),
+    "object removed": Row(
+        strike=_removed, outcome=Outcome.SLIPPED, words="", known_s=1.0, opens=True
+    ),
+    "Ctrl-C": Row(strike=_kill(signal.SIGINT), outcome=Outcome.STOPPED, words="", known_s=0.0),
+    "SIGTERM": Row(strike=_kill(signal.SIGTERM), outcome=Outcome.STOPPED, words="", known_s=0.0),
+}
+
+
+def world_for(kind: str) -> World:
+    world, obj = world_of(kind, OBJECTS[kind]), object_of(OBJECTS[kind])
+    if kind == "rigid":
+        world.drive(obj.size_mm + GAP_MM, rate=60.0)
+    world.clock.sleep_s(BEGINS_S)
+    return world
+
+
+@cache
+def plan_for(kind: str) -> Plan:
+    calibration = calibrated(seed=5, level="paper", apart_from=OBJECTS[kind], kind=kind)
+    return plan_grasp(calibration, gripper=TwinGripper(world_of(kind)))
+
+
+def run(
+    kind: str, world: World, path: Path, array: PressureArray, hand: Witness, *others: object
+) -> GraspResult:
+    """Run a grasp and record it; others subscribe after the recorder."""
+    with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
+
+        def recorder(observation: Observation) -> None:
+            writer.add_observation(observation.frame, gripper=observation.gripper)
+
+        return run_grasp(
+            plan_for(kind),
+            array=array,
+            gripper=hand,
+            clock=world.clock,
+            subscribers=[recorder, *others],
+        )
+
+
+def struck(kind: str, row: Row, path: Path) -> tuple[Struck, GraspResult]:
+    world = world_for(kind)
+    hand = Witness(TwinGripper(world), now_s=world.clock.now_s)
+    grasp = Struck(
+        world=world, array=FailingArray(world), hand=hand, early=row.early, strike=row.strike
+    )
+    return grasp, run(kind, world, path, grasp.array, hand, grasp.watch)
+
+
+@pytest.mark.parametrize("kind", OBJECTS)
+@pytest.mark.parametrize("name", ROWS)
+def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
+    row, path = ROWS[name], tmp_path / "fault.mcap"
+    grasp, result = struck(kind, row, path)
+    world, limits = grasp.world, grasp.hand.limits
+    assert result.outcome is row.outcome
+    assert row.words in " ".join(result.faults)
+    opens = kind == "soft" or row.opens
+    open_at = limits.target(0.0)
+    first_s = min(
+        time_s
+        for time_s, told in grasp.hand.told
+        if time_s >= grasp.struck_s and (told is None or (told.target == open_at and opens))
+    )
+    assert first_s - grasp.struck_s <= row.known_s + STOP_S
+    assert len(load_recording(path).time_s) == result.frames
+    world.clock.sleep_s(1.0)
+    assert not world.moving(world.clock.now_s())
+    if opens:
+        assert limits.closure(grasp.hand.state()) == pytest.approx(0.0, abs=0.3)
+    elif not row.early:
+        assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
+
+
+@pytest.mark.parametrize("kind", OBJECTS)
+def test_a_failing_subscriber_does_not_touch_the_grasp(kind: str, tmp_path: Path) -> None:
+    def view(_: Observation) -> None:
+        raise RuntimeError("no display")
+
+    world, path = world_for(kind), tmp_path / "view.mcap"
+    hand = Witness(TwinGripper(world), now_s=world.clock.now_s)
+    result = run(kind, world, path, FailingArray(world), hand, view)
+    assert result.outcome is Outcome.HELD
+    assert result.faults == ("view failed and was left out from then on: no display",)
+    assert len(load_recording(path).time_s) == result.frames
+
+
+# -- damaged packets ---------------------------------------------------------------------------
+
+
+@pytest.fixture
+def line() -> tuple[World, NoisyLine, SerialArray]:
+    """A sensor board behind a line that damages packets, and rigid fingers beside it."""
+    world = world_for("rigid")
+    noisy = NoisyLine(RegulatorBoard(world))
+    clock: ManualClock = world.clock
+    return world, noisy, SerialArray(noisy, clock=clock, layout=world.layout, rate_hz=15.0)
+
+
+def test_some_damaged_frames_are_counted_and_no_more(
+    line: tuple[World, NoisyLine, SerialArray], tmp_path: Path
+) -> None:
+    world, noisy, array = line
+    noisy.every = 7
+    hand = Witness(TwinGripper(world), now_s=world.clock.now_s)
+    result = run("rigid", world, tmp_path / "line.mcap", array, hand)
+    assert result.outcome is Outcome.HELD
+    assert result.frames_lost > 10
+    assert array.counters.corrupt >= result.frames_lost
+    assert result.force_n is not None
+    assert result.force_n.low <= world.truth().force_n <= result.force_n.high
+
+
+def test_nothing_but_damaged_frames_is_a_lost_sensor(
+    line: tuple[World, NoisyLine, SerialArray], tmp_path: Path
+) -> None:
+    world, noisy, array = line
+    hand, struck_s = Witness(TwinGripper(world), now_s=world.clock.now_s), list[float]()
+
+    def spoil(_: Observation) -> None:
+        if world.force_n(world.clock.now_s()) > 1.0 and not struck_s:
+            struck_s.append(world.clock.now_s())
+            noisy.every = 1
+
+    path = tmp_path / "line.mcap"
+    result = run("rigid", world, path, array, hand, spoil)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert world.clock.now_s() - struck_s[0] <= STALE_S + PERIOD_S + STOP_S
+    assert world.force_n(world.clock.now_s()) > 0.0
+    assert len(load_recording(path).time_s) == result.frames

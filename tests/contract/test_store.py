@@ -1,0 +1,285 @@
+"""What every store does alike: SQLite, and a real PostgreSQL server."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, date, datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from palpate.errors import InputError, StoreError
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce import store_migrations
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.store import Store
+from palpate.produce.store_engine import make_engine, store_url
+from palpate.settling.result import Status
+
+MORNING = datetime(2026, 5, 1, 8, 30, 0, 123456, tzinfo=UTC)
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    if request.param == "sqlite":
+        return f"sqlite:///{tmp_path / 'items.sqlite'}"
+    named: str = request.getfixturevalue("postgresql_url")
+    return named
+
+
+@pytest.fixture
+def store(url: str) -> Iterator[Store]:
+    with Store.open(url) as opened:
+        yield opened
+
+
+def stiffness(value: float) -> Measurement:
+    return Measurement(
+        value=value, low=value - 0.5, high=value + 0.75, unit="n_per_mm", status=Status.SATURATED
+    )
+
+
+def grasp(item_id: str = "A17", *, hours: float = 0.0, value: float = 3.0) -> Grasp:
+    settled = Measurement(value=-41.5, low=-43.0, high=-40.0, unit="percent", level=0.95)
+    return Grasp(
+        item_id=item_id,
+        taken_at=MORNING + timedelta(hours=hours),
+        rig="sim-rigid",
+        drive="width",
+        origin="twin",
+        outcome=Outcome.HELD,
+        measurements={"stiffness_n_per_mm": stiffness(value), "settled_percent": settled},
+        pixel_settled_percent=((-40.0, None), (-43.25, -41.0)),
+        decision_time_s=1.25,
+        peak_force_n=4.5,
+        angle_deg=90.0,
+        height_mm=-3.0,
+        temperature_c=21.5,
+        humidity_percent=45.0,
+        recording="runs/17.mcap",
+    )
+
+
+def verdict(item_id: str = "A17", *, text: str = "ripe", **others: object) -> Verdict:
+    fixed: dict[str, object] = {"about": About.RIPENESS, "given_at": MORNING}
+    return Verdict(item_id=item_id, text=text, **{**fixed, **others})  # type: ignore[arg-type]
+
+
+def test_a_grasp_comes_back_as_it_went_in(store: Store) -> None:
+    calibration_id = store.add_calibration('{"format": "a calibration"}')
+    taken = replace(grasp(), calibration_id=calibration_id)
+    assert store.add_grasp(taken)
+    assert store.grasps_of("A17") == (taken,)
+    assert store.calibration(calibration_id) == '{"format": "a calibration"}'
+
+
+def test_a_grasp_with_nothing_measured_comes_back(store: Store) -> None:
+    bare = Grasp(
+        item_id="A17",
+        taken_at=MORNING,
+        rig="hall.toml",
+        drive="pressure",
+        origin="hardware",
+        outcome=Outcome.NOTHING_THERE,
+    )
+    store.add_grasp(bare)
+    assert store.grasps_of("A17") == (bare,)
+
+
+def test_the_same_grasp_twice_is_kept_once(store: Store) -> None:
+    taken = grasp()
+    assert store.add_grasps([taken, taken]) == 1
+    assert not store.add_grasp(taken)
+    assert store.grasps_of("A17") == (taken,)
+
+
+def test_an_item_is_added_with_its_first_grasp_and_seen_no_later(store: Store) -> None:
+    store.add_grasp(grasp())
+    assert store.item("A17") == Item(item_id="A17", first_seen=MORNING)
+    store.add_grasp(grasp(hours=-5))
+    store.add_grasp(grasp(hours=5))
+    assert store.item("A17").first_seen == MORNING - timedelta(hours=5)
+
+
+def test_what_is_newly_known_of_an_item_is_filled_in(store: Store) -> None:
+    store.add_grasp(grasp())
+    store.add_item(Item(item_id="A17", kind="avocado", batch="Monday"))
+    store.add_item(Item(item_id="A17", label="the dark one"))
+    assert store.item("A17") == Item(
+        item_id="A17", kind="avocado", batch="Monday", label="the dark one", first_seen=MORNING
+    )
+
+
+def test_items_are_found_by_kind_batch_and_time(store: Store) -> None:
+    for number, (kind, batch) in enumerate([("kiwi", "M"), ("kiwi", "T"), ("lime", "M")]):
+        seen = MORNING + timedelta(days=number)
+        store.add_item(Item(item_id=f"i{number}", kind=kind, batch=batch, first_seen=seen))
+
+    def names(**filters: object) -> list[str]:
+        return [item.item_id for item in store.items(**filters)]  # type: ignore[arg-type]
+
+    assert names() == ["i2", "i1", "i0"]
+    assert names(limit=1) == ["i2"]
+    assert names(kind="kiwi") == ["i1", "i0"]
+    assert names(kind="kiwi", batch="M") == ["i0"]
+    assert names(since=MORNING + timedelta(days=1)) == ["i2", "i1"]
+    assert names(until=MORNING + timedelta(days=1)) == ["i0"]
+    assert [item.item_id for item in store.of_batch("M")] == ["i0", "i2"]
+
+
+def test_history_is_one_measurement_oldest_first(store: Store) -> None:
+    late, early = grasp(hours=48, value=2.0), grasp(hours=0, value=3.0)
+    store.add_grasps([late, early, grasp("B2", hours=1)])
+    found = store.history("A17", "stiffness_n_per_mm")
+    assert [reading.measurement for reading in found] == [stiffness(3.0), stiffness(2.0)]
+    assert [reading.grasp_id for reading in found] == [early.grasp_id, late.grasp_id]
+    assert found[0].taken_at == MORNING
+    assert found[0].angle_deg == 90.0
+    assert store.history("A17", "size_mm") == ()
+    with pytest.raises(InputError, match="measurement 'weight_g': must be one of"):
+        store.history("A17", "weight_g")
+
+
+def test_verdicts_come_back_as_they_went_in(store: Store) -> None:
+    taken = grasp()
+    store.add_grasp(taken)
+    said = verdict(
+        probability=0.9,
+        explanation="3.0 N/mm, and 5.1 on Monday",
+        details={"days_to_ripe": 0.5, "stages": ["hard", "ripe"]},
+        grasp_id=taken.grasp_id,
+    )
+    label = verdict(text="overripe", source=Source.PERSON, given_at=MORNING + timedelta(days=1))
+    soft = verdict(text="bruised", about=About.BRUISE, given_at=MORNING + timedelta(days=2))
+    for one in (soft, label, said):
+        assert store.add_verdict(one)
+    assert not store.add_verdict(said)
+    assert store.verdicts_of("A17") == (said, label, soft)
+    assert store.verdicts_of("A17", about=About.RIPENESS) == (said, label)
+    assert store.verdicts_of("A17", source=Source.PERSON) == (label,)
+
+
+def test_labels_of_a_kind_are_found_over_all_items(store: Store) -> None:
+    for name, kind in (("a", "avocado"), ("k", "kiwi")):
+        store.add_item(Item(item_id=name, kind=kind))
+        store.add_verdict(verdict(name, source=Source.PERSON))
+        store.add_verdict(verdict(name))
+    found = store.verdicts(About.RIPENESS, source=Source.PERSON, kind="avocado")
+    assert [one.item_id for one in found] == ["a"]
+    assert len(store.verdicts(About.RIPENESS)) == 4
+    assert store.verdicts(About.BIN) == ()
+
+
+@pytest.mark.parametrize(
+    "homeless",
+    [
+        lambda store: store.add_verdict(verdict("nobody")),
+        lambda store: store.add_grasp(replace(grasp(), calibration_id="0000")),
+    ],
+    ids=["verdict", "grasp"],
+)
+def test_what_refers_to_nothing_is_refused_whole(store: Store, homeless: object) -> None:
+    with pytest.raises(InputError, match="refers to an item, grasp or calibration that it does"):
+        homeless(store)  # type: ignore[operator]
+    assert store.items() == ()
+
+
+def test_a_day_is_a_day_of_the_time_zone(store: Store) -> None:
+    store.add_grasps([grasp(hours=hours) for hours in (-8.6, -8.5, 0, 14, 15.4, 15.5)])
+    assert len(store.of_day(date(2026, 5, 1))) == 4
+    east = timezone(timedelta(hours=9))
+    assert len(store.of_day(date(2026, 5, 1), zone=east)) == 3
+
+
+def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.produce.store._BATCH", 3)
+    taken = [grasp(f"i{n % 4}", hours=n) for n in range(10)]
+    store.add_grasps(taken)
+    store.add_item(Item(item_id="i1", kind="lime"))
+    assert list(store.grasps()) == taken
+    assert list(store.grasps(kind="lime")) == taken[1::4]
+    since, until = MORNING + timedelta(hours=2), MORNING + timedelta(hours=4)
+    assert list(store.grasps(since=since, until=until)) == taken[2:4]
+
+
+def test_unknown_names_are_said(store: Store) -> None:
+    with pytest.raises(InputError, match="no item 'A18'; `palpate items` lists them"):
+        store.item("A18")
+    with pytest.raises(InputError, match="no calibration 'x'"):
+        store.calibration("x")
+    assert store.grasps_of("A18") == ()
+    with pytest.raises(InputError, match="has no time zone"):
+        store.items(since=datetime(2026, 5, 1))
+
+
+def test_a_store_opens_again_with_what_it_held(url: str) -> None:
+    taken = grasp()
+    with Store.open(url) as first:
+        first.add_grasp(taken)
+    with Store.open(url, create=False) as second:
+        assert second.grasps_of("A17") == (taken,)
+
+
+def test_a_newer_store_is_refused(url: str, store: Store) -> None:
+    engine = make_engine(store_url(url))
+    with engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE palpate_schema SET version = 99")
+    engine.dispose()
+    with pytest.raises(StoreError, match=r"written by a newer palpate \(schema 99, this one"):
+        Store.open(url)
+
+
+def test_a_database_of_something_else_is_left_alone(url: str) -> None:
+    engine = make_engine(store_url(url))
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TABLE invoices (number INTEGER)")
+    with pytest.raises(StoreError, match=r"of something else .*'invoices'"):
+        Store.open(url)
+    assert sa.inspect(engine).get_table_names() == ["invoices"]
+    engine.dispose()
+
+
+def test_a_later_step_keeps_what_is_there(url: str, store: Store) -> None:
+    taken = grasp()
+    store.add_grasp(taken)
+    steps = (*store_migrations.STEPS, "ALTER TABLE items ADD COLUMN grower TEXT")
+    engine = make_engine(store_url(url)).execution_options(writes=True)
+    for missing in (1, 0):
+        with engine.begin() as connection:
+            assert store_migrations.migrate(connection, where="it", steps=steps) == missing
+    with engine.connect() as connection:
+        assert store_migrations.found_version(connection, where="it", newest=99) == len(steps)
+    assert "grower" in {column["name"] for column in sa.inspect(engine).get_columns("items")}
+    assert store.grasps_of("A17") == (taken,)
+    engine.dispose()
+
+
+def test_a_step_that_fails_leaves_the_version_before(url: str, store: Store) -> None:
+    steps = (*store_migrations.STEPS, "ALTER TABLE items ADD COLUMN grower TEXT; CREATE NONSENSE")
+    engine = make_engine(store_url(url)).execution_options(writes=True)
+    with pytest.raises(sa.exc.DBAPIError), engine.begin() as connection:
+        store_migrations.migrate(connection, where="it", steps=steps)
+    assert "grower" not in {column["name"] for column in sa.inspect(engine).get_columns("items")}
+    store.add_grasp(grasp())
+    engine.dispose()
+
+
+def test_the_tables_are_as_the_code_thinks(url: str, store: Store) -> None:
+    engine = make_engine(store_url(url))
+    inspector = sa.inspect(engine)
+    tables = store_migrations.VERSIONS.metadata.tables
+    assert set(inspector.get_table_names()) == set(tables)
+    for name, table in tables.items():
+        found = [column["name"] for column in inspector.get_columns(name)]
+        assert found == [column.name for column in table.columns]
+    engine.dispose()
+
+
+def test_ids_are_uuids() -> None:
+    with pytest.raises(InputError, match="not a UUID"):
+        replace(grasp(), grasp_id="17")
+    assert uuid.UUID(grasp().grasp_id).version == 4
