@@ -1,11 +1,13 @@
-"""What every test may use: the folder of real recordings, and skips that turn into failures."""
+"""What every test may use: the folder of real recordings, a PostgreSQL server, strict skips."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.postgresql import programs, running_server
 
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE_ALL") == "1"
 
@@ -25,3 +27,27 @@ def real_data() -> Path:
     if not folder.is_dir():
         skip(f"no real recordings at {folder}; set PALPATE_REAL_DATA to their folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def postgresql_server() -> Iterator[str]:
+    """Start a private PostgreSQL server; return the folder of its socket."""
+    found = programs()
+    if found is None:
+        skip("no PostgreSQL server; install it (Debian: postgresql)")
+    else:
+        with running_server(found) as socket:
+            yield socket
+
+
+@pytest.fixture
+def postgresql_url(postgresql_server: str) -> Iterator[str]:
+    """Make an empty schema on the private server; return a URL that leads into it."""
+    import psycopg
+
+    name = f"store_{os.urandom(6).hex()}"
+    server = f"postgresql://postgres@/postgres?host={postgresql_server}"
+    with psycopg.connect(server, autocommit=True) as connection:
+        connection.execute(f"CREATE SCHEMA {name}".encode())
+        yield f"{server}&options=-csearch_path%3D{name}"
+        connection.execute(f"DROP SCHEMA {name} CASCADE".encode())
