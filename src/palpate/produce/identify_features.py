@@ -18,8 +18,6 @@ FloatArray = NDArray[np.float64]
 #: neither mm nor N/mm: the pressure at contact, and the force gained per kPa from there on.
 WIDTH_FEATURES = ("size_mm", "stiffness_n_per_mm")
 PRESSURE_FEATURES = ("contact_kpa", "gain_n_per_kpa")
-#: Grip force at which stiffness is compared, N: about where a gentle squeeze ends.
-_COMMON_N = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,32 +60,6 @@ def touch_of(
         sd=np.array([_log_sd(one) for one in given]),
         calibration=calibration,
     )
-
-
-def at_common_force(measured: Mapping[str, Measurement]) -> dict[str, Measurement]:
-    """Return measurements with the stiffness as it would be at a grip force of 2 N.
-
-    Round bodies stiffen as the cube root of the force (Hertz), and no two grasps end at the same
-    one. So two grasps agree better, and the error that force and stiffness share counts less.
-
-    Examples
-    --------
-    >>> felt = Measurement(value=4.0, low=3.0, high=6.0, unit="n_per_mm")
-    >>> force = Measurement(value=16.0, low=12.0, high=20.0, unit="n")
-    >>> at_common_force({"stiffness_n_per_mm": felt, "force_n": force})["stiffness_n_per_mm"].value
-    2.0
-    """
-    found, force = dict(measured), measured.get("force_n")
-    stiffness = found.get("stiffness_n_per_mm")
-    if stiffness is not None and force is not None and force.value > 0:
-        factor = (_COMMON_N / force.value) ** (1 / 3)
-        found["stiffness_n_per_mm"] = replace(
-            stiffness,
-            value=stiffness.value * factor,
-            low=stiffness.low * factor,
-            high=stiffness.high * factor,
-        )
-    return found
 
 
 def put_together(measured: Sequence[Measurement], *, own_share: float) -> Measurement:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
@@ -13,11 +14,12 @@ from palpate.produce.identify_features import (
     PRESSURE_FEATURES,
     WIDTH_FEATURES,
     Touch,
-    at_common_force,
     touch_of,
 )
 from palpate.produce.records import About, Drive, Grasp, Verdict
-from palpate.produce.store import Store
+
+if TYPE_CHECKING:
+    from palpate.produce.store import Store
 
 #: Items looked at, the last met first, and items of one kind that are learned from: what is taught
 #: today should not depend on how much was taught years ago.
@@ -64,7 +66,7 @@ def touch_of_grasp(grasp: Grasp) -> Touch | None:
     if grasp.outcome is not Outcome.HELD:
         return None
     return touch_of(
-        at_common_force(grasp.measurements),
+        grasp.measurements,
         features=WIDTH_FEATURES if grasp.drive == "width" else PRESSURE_FEATURES,
         calibration=grasp.calibration_id or f"rig {grasp.rig}",
     )

@@ -6,44 +6,31 @@ opening fully. Another side of it may be thicker, so they stay well clear.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 
 from palpate.clock import Clock
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.plan import Plan
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.produce.records import Grasp
+from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
 
 #: How wide the fingers wait for an item whose size is known: more than produce is out of round.
 _CLEAR_SHARE, _CLEAR_MM = 0.15, 4.0
-#: A fast movement shakes the sheet; its rest values are taken after it has calmed down.
+#: A long movement shakes the sheet; its rest values are taken after it has calmed down.
 _CALM_S, _FRAME_S = 0.8, 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ItemGrasp:
-    """One grasp of one item.
+class TimedGrasp:
+    """One grasp, and the time from its first movement until the hand was open again."""
 
-    Attributes
-    ----------
-    outcome : Outcome
-        How it ended.
-    measured : mapping of str to Measurement
-        What was measured, by name.
-    lasted_s : float
-        From the first movement until the hand was open again.
-    decision_time_s, peak_force_n : float or None
-        As in `GraspResult`.
-    """
-
-    outcome: Outcome
-    measured: Mapping[str, Measurement]
+    grasp: Grasp
     lasted_s: float
-    decision_time_s: float | None = None
-    peak_force_n: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,15 +43,23 @@ class SortingHand:
         The devices.
     plan : Plan
         A gentle squeeze.
+    rig, origin, calibration_id
+        As they stand in the records of grasps.
+    began_at : datetime
+        What the time was when the clock stood at 0.
     """
 
     array: PressureArray
     gripper: Gripper
     clock: Clock
     plan: Plan
+    rig: str
+    origin: Origin
+    calibration_id: str
+    began_at: datetime
 
-    def grasp(self, *, expected_mm: float | None = None) -> ItemGrasp:
-        """Grasp what lies there; `expected_mm` is its size, where an earlier grasp knows it.
+    def grasp(self, item_id: str, *, expected: Measurement | None = None) -> TimedGrasp:
+        """Grasp what lies there; `expected` is its size, where an earlier grasp knows it.
 
         Raises
         ------
@@ -72,27 +67,38 @@ class SortingHand:
             If a device fails before the grasp begins; later failures are outcomes.
         """
         began_s = self.clock.now_s()
+        taken_at = self.now()
         result = run_grasp(
-            self._near(expected_mm), array=self.array, gripper=self.gripper, clock=self.clock
+            self._near(expected), array=self.array, gripper=self.gripper, clock=self.clock
         )
-        return ItemGrasp(
+        grasp = Grasp(
+            item_id=item_id,
+            taken_at=taken_at,
+            rig=self.rig,
+            drive=self.plan.gripper.drive,
+            origin=self.origin,
             outcome=result.outcome,
-            measured=_measured(result),
-            lasted_s=self.clock.now_s() - began_s,
+            measurements=_measured(result),
             decision_time_s=result.decision_time_s,
             peak_force_n=result.peak_force_n,
+            calibration_id=self.calibration_id,
         )
+        return TimedGrasp(grasp=grasp, lasted_s=self.clock.now_s() - began_s)
 
-    def _near(self, expected_mm: float | None) -> Plan:
+    def now(self) -> datetime:
+        """Return the time, by this rig's clock."""
+        return self.began_at + timedelta(seconds=self.clock.now_s())
+
+    def _near(self, expected: Measurement | None) -> Plan:
         """Bring the fingers near an item of known size; return the plan that starts from there."""
         limits = self.plan.gripper
-        if expected_mm is None or limits.drive != "width":
+        if expected is None or limits.drive != "width":
             return self.plan
-        wait_mm = expected_mm * (1.0 + _CLEAR_SHARE) + _CLEAR_MM
+        wait_mm = expected.high * (1.0 + _CLEAR_SHARE) + _CLEAR_MM
         if wait_mm >= limits.highest:
             return self.plan
-        self.gripper.command(GripperCommand(target=wait_mm, rate=self.plan.rate))
         way_mm = abs(limits.reported(self.gripper.state()) - wait_mm)
+        self.gripper.command(GripperCommand(target=wait_mm, rate=self.plan.rate))
         until_s = self.clock.now_s() + way_mm / self.plan.rate + _CALM_S
         while self.clock.now_s() < until_s:
             # Read and let go, so that no old frame waits for the grasp.

@@ -14,6 +14,7 @@ from palpate.produce.identify_store import touches_of
 from palpate.produce.records import About, Drive, Grasp, Verdict
 from palpate.produce.rules import Evidence, RuleBook
 from palpate.produce.sorting import Decision, decide
+from palpate.produce.sorting_hand import TimedGrasp
 
 #: Until repeated grasps of taught items tell how much of a size's error differs between grasps.
 _OWN_SHARE = 0.5
@@ -35,6 +36,8 @@ class Sorted:
         Its size, from all grasps.
     grasps : tuple of Grasp
         In order, those that failed included.
+    grasping_s : float
+        Time that the hand spent on it.
     """
 
     item_id: str
@@ -42,6 +45,7 @@ class Sorted:
     identity: Identity | None
     size_mm: Measurement | None
     grasps: tuple[Grasp, ...]
+    grasping_s: float
 
 
 def sort_item(
@@ -49,7 +53,7 @@ def sort_item(
     *,
     book: RuleBook,
     identifier: Identifier | None,
-    grasp: Callable[[int, Measurement | None], Grasp],
+    grasp: Callable[[int, Measurement | None], TimedGrasp],
     verdicts: Sequence[Verdict] = (),
 ) -> Sorted:
     """Grasp an item until the rules are sure, or grasps are used up.
@@ -68,8 +72,9 @@ def sort_item(
     verdicts : sequence of Verdict
         What is known already: the last ones on ripeness and bruises count.
     """
-    grasps: list[Grasp] = []
+    done: list[TimedGrasp] = []
     while True:
+        grasps = [one.grasp for one in done]
         evidence = evidence_of(grasps, identifier=identifier, verdicts=verdicts)
         decision = decide(book, evidence)
         if not decision.again:
@@ -79,8 +84,9 @@ def sort_item(
                 identity=evidence.identity,
                 size_mm=evidence.size_mm,
                 grasps=tuple(grasps),
+                grasping_s=sum(one.lasted_s for one in done),
             )
-        grasps.append(grasp(len(grasps), evidence.size_mm))
+        done.append(grasp(len(done), evidence.size_mm))
 
 
 def evidence_of(
