@@ -5,6 +5,7 @@ Plain values; `Store` keeps them. Times are aware and in UTC.
 
 from __future__ import annotations
 
+import json
 import math
 import uuid
 from collections.abc import Mapping, Sequence
@@ -32,6 +33,15 @@ MEASURED = MappingProxyType(
 PixelPercent = tuple[tuple[float | None, ...], ...]
 Drive = Literal["width", "pressure"]
 _LONGEST = 200
+#: Optional numbers of a grasp.
+_NUMBERS = (
+    "decision_time_s",
+    "peak_force_n",
+    "angle_deg",
+    "height_mm",
+    "temperature_c",
+    "humidity_percent",
+)
 
 
 class About(StrEnum):
@@ -182,10 +192,10 @@ class Grasp:
                 )
         for name, measurement in self.measurements.items():
             _check_measurement(name, measurement)
-        for name in ("decision_time_s", "peak_force_n", "angle_deg", "height_mm"):
-            _finite(getattr(self, name), what=name)
-        _finite(self.temperature_c, what="temperature_c")
-        _finite(self.humidity_percent, what="humidity_percent")
+        for name in _NUMBERS:
+            if (value := getattr(self, name)) is not None:
+                _finite(value, what=name)
+                object.__setattr__(self, name, float(value))
         if self.pixel_settled_percent is not None:
             pixels = _pixels(self.pixel_settled_percent)
             object.__setattr__(self, "pixel_settled_percent", pixels)
@@ -227,7 +237,7 @@ class Verdict:
     Raises
     ------
     InputError
-        If a value is out of its kind or a time has no zone.
+        If a value is out of its kind, a detail is no JSON, or a time has no zone.
 
     Examples
     --------
@@ -259,11 +269,13 @@ class Verdict:
         object.__setattr__(self, "source", Source(self.source))
         object.__setattr__(self, "given_at", _utc(self.given_at, what="given_at"))
         object.__setattr__(self, "verdict_id", _uuid(self.verdict_id, what="verdict_id"))
-        object.__setattr__(self, "details", MappingProxyType(dict(self.details)))
+        object.__setattr__(self, "details", MappingProxyType(_json(self.details)))
         if self.grasp_id is not None:
             object.__setattr__(self, "grasp_id", _uuid(self.grasp_id, what="grasp_id"))
-        if self.probability is not None and not 0 <= self.probability <= 1:
-            raise InputError(f"probability {self.probability:g}: must be within 0 and 1")
+        if self.probability is not None:
+            if not 0 <= self.probability <= 1:
+                raise InputError(f"probability {self.probability:g}: must be within 0 and 1")
+            object.__setattr__(self, "probability", float(self.probability))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -311,8 +323,17 @@ def _uuid(text: str, *, what: str) -> str:
         raise InputError(f"{what} {text[:40]!r}: not a UUID") from error
 
 
-def _finite(value: float | None, *, what: str) -> None:
-    if value is not None and not math.isfinite(value):
+def _json(details: Mapping[str, object]) -> dict[str, object]:
+    try:
+        # As it will come back: tuples are lists in JSON, keys are text.
+        found: dict[str, object] = json.loads(json.dumps(dict(details), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"details can't be kept as JSON: {error}") from error
+    return found
+
+
+def _finite(value: float, *, what: str) -> None:
+    if not math.isfinite(value):
         raise InputError(f"{what} is {value}: must be finite; leave it out if it is not known")
 
 
@@ -330,5 +351,6 @@ def _pixels(rows: Sequence[Sequence[float | None]]) -> PixelPercent:
         raise InputError("pixel_settled_percent: every row needs the same number of pixels")
     for row in rows:
         for value in row:
-            _finite(value, what="pixel_settled_percent")
+            if value is not None:
+                _finite(value, what="pixel_settled_percent")
     return tuple(tuple(None if v is None else float(v) for v in row) for row in rows)

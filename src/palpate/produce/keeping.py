@@ -1,0 +1,124 @@
+"""Nothing is lost while the store is away: records go to the spool, and to the store later."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+from palpate.errors import StoreAwayError, StoreError
+from palpate.produce.records import Grasp, Item, Verdict
+from palpate.produce.records_json import CalibrationText, Record
+from palpate.produce.spool import Spool, spool_path
+from palpate.produce.store import Store
+from palpate.produce.store_engine import lasting_name, store_url
+
+
+class Keeper:
+    """Writes to a store, or to its spool for as long as the store does not answer.
+
+    Opening it refuses what no waiting would mend: a file that is no store, a newer schema. What
+    waits from earlier is written as soon as the store answers, before what is new.
+
+    Parameters
+    ----------
+    where : str or path, optional
+        The store, as `Store.open` takes it.
+    spool : Spool, optional
+        Where records wait; by default a file of this store's own, see `spool_path`.
+
+    Attributes
+    ----------
+    away : StoreError or None
+        Why records go to the spool; None while the store takes them.
+
+    Raises
+    ------
+    InputError, StoreError
+        If the store can't be used as it is.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with Keeper(folder / "items.sqlite", spool=Spool(folder / "waiting.jsonl")) as keeper:
+    ...     keeper.keep(Item(item_id="A17"))
+    True
+    """
+
+    def __init__(self, where: str | Path | None = None, *, spool: Spool | None = None) -> None:
+        self._where = where
+        self.spool = spool or Spool(spool_path(lasting_name(store_url(where))))
+        self._store: Store | None = None
+        self.away: StoreError | None = None
+        try:
+            self._arrived()
+        except StoreAwayError as error:
+            self.away = error
+
+    def keep(self, *records: Record) -> bool:
+        """Write records in order; True where the store has them, False where they wait.
+
+        Raises
+        ------
+        OSError
+            If the spool can't be written either.
+        """
+        try:
+            store = self._arrived()
+            for record in records:
+                _write(store, record)
+        except StoreError as error:
+            self.away = error
+            self.spool.add(*records)
+            return False
+        self.away = None
+        return True
+
+    def drain(self) -> int:
+        """Write what waits to the store; return how many records were taken.
+
+        Raises
+        ------
+        StoreError
+            If the store still does not take them; they go on waiting.
+        """
+        store = self._opened()
+        return self.spool.drain(lambda record: _write(store, record))
+
+    def close(self) -> None:
+        """Let go of the store. May be called twice."""
+        if self._store is not None:
+            self._store.close()
+            self._store = None
+
+    def __enter__(self) -> Keeper:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _opened(self) -> Store:
+        if self._store is None:
+            self._store = Store.open(self._where)
+        return self._store
+
+    def _arrived(self) -> Store:
+        self.drain()
+        return self._opened()
+
+
+def _write(store: Store, record: Record) -> None:
+    match record:
+        case Item():
+            store.add_item(record)
+        case CalibrationText():
+            store.add_calibration(record.content)
+        case Grasp():
+            store.add_grasp(record)
+        case Verdict():
+            store.add_verdict(record)

@@ -1,0 +1,165 @@
+"""What the store could not take yet: one append-only file, drained when the store is back.
+
+Each record is a line with its checksum, on the disk before it is acknowledged. A line that a crash
+has cut was never acknowledged; it is told from whole ones and passed over. Records carry their own
+ids, so draining twice does no harm.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from palpate.errors import InputError
+from palpate.produce.records_json import Record, record_from_json, record_to_json
+
+#: Environment variable that names the folder of spools.
+SPOOL_VARIABLE = "PALPATE_SPOOL"
+
+
+def spool_path(store: str) -> Path:
+    """Return where records wait for a store.
+
+    In ``$PALPATE_SPOOL``, else in ``$XDG_STATE_HOME/palpate``, else ``~/.local/state/palpate``: not
+    beside the store, whose disk may be the one that is full or away.
+
+    Parameters
+    ----------
+    store : str
+        Name of the store, the same each time.
+    """
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    folder = Path(os.environ.get(SPOOL_VARIABLE) or Path(state) / "palpate")
+    return folder / f"spool-{hashlib.sha256(store.encode()).hexdigest()[:12]}.jsonl"
+
+
+class Spool:
+    """Records that wait, in the order they came; several processes may add.
+
+    Parameters
+    ----------
+    path : path
+        The file; made with its folder when the first record is added.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from palpate.produce.records import Item
+    >>> spool = Spool(Path(tempfile.mkdtemp()) / "waiting.jsonl")
+    >>> spool.add(Item(item_id="A17"))
+    >>> spool.drain(lambda record: print(record.item_id))
+    A17
+    1
+    >>> spool.drain(print)
+    0
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+
+    def add(self, *records: Record) -> None:
+        """Append records; they are on the disk when it returns, all or, after a crash, the first.
+
+        Raises
+        ------
+        OSError
+            If the file can't be written; it is then as it was.
+        """
+        lines = b"".join(_line(record) for record in records)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with self._locked() as descriptor:
+            end = os.fstat(descriptor).st_size
+            try:
+                # A cut line must not swallow the next one.
+                _write(descriptor, lines if _ends_whole(descriptor, end) else b"\n" + lines)
+                os.fsync(descriptor)
+            except OSError:
+                os.ftruncate(descriptor, end)
+                raise
+        _sync_folder(self.path.parent)
+
+    def waiting(self) -> tuple[Record, ...]:
+        """Return the records that wait, oldest first."""
+        found = []
+        for line in self._lines():
+            with suppress(InputError):
+                found.append(_record(line))
+        return tuple(found)
+
+    def drain(self, write: Callable[[Record], object]) -> int:
+        """Hand every waiting record to `write`, then forget them; return how many were taken.
+
+        A line that is cut, or a record that `write` refuses for what it says (`InputError`), goes
+        to a file beside the spool that ends in ``.refused``. Whatever else `write` raises ends the
+        draining: nothing is forgotten, and the next one begins anew.
+        """
+        if not self.path.exists():
+            return 0
+        taken, refused = 0, b""
+        with self._locked() as descriptor:
+            for line in self._lines():
+                try:
+                    write(_record(line))
+                    taken += 1
+                except InputError:
+                    refused += line + b"\n"
+            if refused:
+                with self.path.with_suffix(".refused").open("ab") as stream:
+                    stream.write(refused)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+            os.ftruncate(descriptor, 0)
+            os.fsync(descriptor)
+        return taken
+
+    def _lines(self) -> list[bytes]:
+        try:
+            return [line for line in self.path.read_bytes().split(b"\n") if line]
+        except FileNotFoundError:
+            return []
+
+    @contextmanager
+    def _locked(self) -> Iterator[int]:
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
+        descriptor = os.open(self.path, flags, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield descriptor
+        finally:
+            os.close(descriptor)
+
+
+def _line(record: Record) -> bytes:
+    text = record_to_json(record).encode()
+    return b"%08x %s\n" % (zlib.crc32(text), text)
+
+
+def _record(line: bytes) -> Record:
+    checksum, _, text = line.partition(b" ")
+    if checksum != b"%08x" % zlib.crc32(text):
+        raise InputError(f"a line of the spool is cut: {line[:40]!r}")
+    return record_from_json(text.decode())
+
+
+def _ends_whole(descriptor: int, end: int) -> bool:
+    return end == 0 or os.pread(descriptor, 1, end - 1) == b"\n"
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(descriptor, rest) :]
+
+
+def _sync_folder(folder: Path) -> None:
+    # A new file is safe only once its folder's entry is.
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
