@@ -17,7 +17,7 @@ LINEAR_BELOW_S = 0.1
 MOST_NOISE_SAMPLES = 12.0
 #: Scatter this much larger (variance) over the whole than over the later half is no noise: contact
 #: was being made. The later half alone then tells the noise.
-CONTACT_SCATTER = 100.0
+CONTACT_SCATTER = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,8 @@ contact, a slow random walk in log time and noise. Three families of such holds 
 possible, and each hold's samples choose between them:
 
 - *plain*: the decays are spread evenly beyond some shortest time constant and hardly deviate from
-  that. Their sum is a smoothed -ln(t + t0). Carbon-black silicone is mostly like that.
+  that. Their sum is a smoothed -ln(t + t0). Carbon-black silicone is mostly like that; now and then
+  a jump of the hold's own size comes first.
 - *structured*: the even spread is tilted (a power law), single decays deviate freely, one decay
   near two seconds may stand out (the paper's sensor: Table 1 asks for it), and a large fast process
   that says nothing of the rest may come first. It takes more samples to be sure of it.
@@ -20,7 +21,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,12 +86,12 @@ class _Family:
 
 
 PLAIN = _Family(
-    odds=5.0,
+    odds=10.0,
     amplitude=1.5,
     shortest_s=(0.3, 0.6, 1.2),
     tilts=(0.0,),
     spread=0.02,
-    walks=(0.035, 0.14),
+    walks=(0.025, 0.14),
     fast=0.2,
     mode=0.0,
     mode_s=1.0,
@@ -103,7 +104,7 @@ STRUCTURED = _Family(
     shortest_s=(0.07,),
     tilts=(0.0, -0.15, -0.3),
     spread=0.05,
-    walks=(0.002, 0.008),
+    walks=(0.006, 0.024),
     fast=1.5,
     mode=1.5,
     mode_s=1.0,
@@ -119,7 +120,7 @@ CONTACTS = tuple(
         shortest_s=(0.07,),
         tilts=(0.0, -0.2),
         spread=0.05,
-        walks=(0.005,),
+        walks=(0.015,),
         fast=1.5,
         mode=1.5,
         mode_s=2.0,
@@ -128,6 +129,8 @@ CONTACTS = tuple(
     )
     for contact in (3.0, 10.0, 30.0)
 )
+#: Plain material too may begin with a jump, by about what it will relax by: grips slip into place.
+PLAIN_AFTER_JUMP = replace(PLAIN, odds=1.0, contact=1.0)
 #: The fast process at contact is over by then; the paper waits 0.5 s for it (t_a).
 FAST_S = 0.1
 #: Contact is over by then, but for decays of shorter time constants than this.
@@ -171,4 +174,5 @@ def _mixture(priors: Sequence[Prior]) -> Prior:
     )
 
 
-DEFAULT_PRIOR = _mixture([_components(family) for family in (PLAIN, STRUCTURED, *CONTACTS)])
+FAMILIES = (PLAIN, PLAIN_AFTER_JUMP, STRUCTURED, *CONTACTS)
+DEFAULT_PRIOR = _mixture([_components(family) for family in FAMILIES])

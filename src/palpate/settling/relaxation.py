@@ -31,7 +31,7 @@ TURNED_BACK = 0.3
 #: Per e-fold of time a hold may speed up, where a decay is just setting in, but hardly by more.
 FASTEST_PACE = 2.0
 #: While contact may still be bouncing, a prediction that much above the recent pace is too short.
-HURRIED_PACE = 1.5
+HURRIED_PACE = 1.4
 #: No prior holds every shape: the standard deviation is at least this share of the change to come
 #: if the recent pace per e-fold of time went on.
 SHAPE_DOUBT = 0.1
