@@ -46,6 +46,8 @@ class TwinObject:
         Forces at which damage begins and at which it bursts; infinite for what doesn't.
     mass_g : float
         Mass, grams.
+    friction : float
+        Coefficient between pads and object.
     faces : Faces, optional
         How it loads the pixels, where its sides are not those of a flat or round thing.
     """
@@ -60,6 +62,7 @@ class TwinObject:
     yield_n: float = float("inf")
     rupture_n: float = float("inf")
     mass_g: float = 50.0
+    friction: float = 0.6
     faces: Faces | None = None
 
     @property
@@ -143,6 +146,8 @@ OBJECTS: dict[str, ObjectRange] = {
     ),
 }
 
+#: Coefficient of tape or silicone on skins dry and damp; plausible, not measured.
+FRICTION: Pair = (0.35, 0.9)
 #: Damage begins at this share of the rupture force (in recorded grasps the curve bends just there).
 _YIELD_SHARE: Pair = (0.75, 0.95)
 
@@ -187,4 +192,6 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
         yield_n=rupture_n * uniform(rng, _YIELD_SHARE),
         rupture_n=rupture_n,
         mass_g=uniform(rng, kind.mass_g),
+        # A stream of its own: what was drawn of a seed before friction was, stays.
+        friction=uniform(rng.spawn(1)[0], FRICTION),
     )

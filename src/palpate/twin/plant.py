@@ -16,15 +16,20 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.twin.friction import AT_REST, N_PER_G, Slide
 from palpate.twin.mechanics import Compliance, Motion, PixelGrid, pixel_shares, series_force_n
 from palpate.twin.objects import TwinObject
-from palpate.twin.ranges import Ranges
+from palpate.twin.ranges import Ranges, uniform
 from palpate.twin.velostat import Creep, Environment, Sheet
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
 #: How far off its centre an object in a fixture lies, as a share of the pitch of the pixels.
 _FIXTURE_OFF_CENTRE = 0.1
+#: Friction of what the object stands on before it is lifted: the finger that comes first feels it.
+_TABLE_FRICTION = 0.4
+#: Node spacing while the object is pulled, and while it slides, seconds.
+_PULLED_S, _SLIDING_S = 0.02, 0.005
 #: Node spacing: at least, and at most, seconds; travel of the fingers from node to node, mm; share
 #: of the time at rest.
 _SHORTEST_S, _LONGEST_S, _TRAVEL_MM, _GROWTH = 0.005, 0.5, 0.1, 0.1
@@ -49,16 +54,22 @@ class State:
     spike: FloatArray
     peak_force_n: float
     ruptured: bool
+    finger_mm: float
+    pull_n: float = 0.0
+    slide: Slide = AT_REST
+    touch_n: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """What differs from grasp to grasp: where the object lies, gains there, creep, width error."""
+    """What differs from grasp to grasp: place, gains there, creep, width error, first finger."""
 
     off_centre_mm: tuple[float, float]
     gain: FloatArray
     creep: Creep
     width_error_mm: float
+    lead_mm: float
+    first_finger: int
 
 
 def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -113,6 +124,8 @@ class Plant:
         Surroundings and earlier use.
     lock_force_n : float
         Force at which the servo locks.
+    backlash_mm : float
+        How far the servo goes back before a finger follows.
     """
 
     def __init__(
@@ -125,7 +138,9 @@ class Plant:
         seed: int,
         environment: Environment,
         lock_force_n: float,
+        backlash_mm: float = 0.0,
     ) -> None:
+        self._backlash_mm = backlash_mm
         self.sheet, self.compliance, self.grid = sheet, compliance, grid
         self.environment = environment
         self._ranges, self._seed, self._lock_force_n = ranges, seed, lock_force_n
@@ -143,7 +158,8 @@ class Plant:
             obj=obj,
             placed=0,
             contacts=0,
-            closure_mm=self._closure_mm(obj, width_mm, error_mm=0.0),
+            closure_mm=self._closure_mm(obj, width_mm + self._backlash_mm, error_mm=0.0),
+            finger_mm=width_mm + self._backlash_mm,
             elastic_n=0.0,
             relaxing_n=np.zeros(len(obj.relaxing_share) if obj else 0),
             force_n=0.0,
@@ -174,11 +190,15 @@ class Plant:
         own = ranges.place_pixel_log_sd * rng.standard_normal(pixels)
         used = replace(self.environment, cycles=self.environment.cycles + contacts)
         gain = self.sheet.gain * self.sheet.gain_factor(used) * np.exp(common + own)
+        aside = np.random.default_rng([self._seed, 3, placed])
+        off_middle_mm = 0.0 if placed in self.fixtures else uniform(aside, ranges.off_middle_mm)
         return Placement(
             off_centre_mm=(float(spot[0]), float(spot[1])),
             gain=gain,
             creep=self.sheet.family.draw(rng),
             width_error_mm=ranges.width_repeat_sd_mm * float(rng.standard_normal()),
+            lead_mm=2.0 * off_middle_mm,
+            first_finger=int(aside.integers(2)),
         )
 
     def next_node(self, state: State) -> State:
@@ -189,18 +209,20 @@ class Plant:
         contacts = state.contacts + begins
         placement = self.placement(state.placed, contacts)
         width_mm = state.motion.width_mm(time_s)
-        closure_mm = self._closure_mm(state.obj, width_mm, error_mm=placement.width_error_mm)
+        finger_mm = self._finger_mm(state, width_mm)
+        closure_mm = self._closure_mm(state.obj, finger_mm, error_mm=placement.width_error_mm)
         if begins:
             closure_mm = max(closure_mm, 0.0)
         elif state.closure_mm < 0:
             closure_mm = min(closure_mm, -1e-9)
         elastic_n, relaxing_n, force_n = self._force(state, closure_mm, time_s - state.time_s)
+        slide = self._slide(state, force_n, time_s - state.time_s)
         felt_n, target = self._target(state, closure_mm, force_n, placement)
         motion = state.motion
         if force_n > self._lock_force_n and motion.to_mm < width_mm:
             motion = replace(motion, to_mm=width_mm)
         bursts = state.obj is not None and elastic_n >= state.obj.rupture_n
-        return replace(
+        following = replace(
             self._relaxed(state, time_s, target, width_mm, placement.creep),
             motion=motion,
             contacts=contacts,
@@ -211,6 +233,16 @@ class Plant:
             felt_n=felt_n,
             peak_force_n=max(state.peak_force_n, force_n),
             ruptured=state.ruptured or bursts,
+            finger_mm=finger_mm,
+            slide=slide,
+        )
+        return self._without_object(following) if slide.lost else following
+
+    def _without_object(self, state: State) -> State:
+        """Return the state once the object has slid off the pads."""
+        nothing = np.zeros(0)
+        return replace(
+            state, obj=None, closure_mm=-np.inf, elastic_n=0.0, relaxing_n=nothing, force_n=0.0
         )
 
     def between(self, state: State, following: State, time_s: float) -> State:
@@ -256,8 +288,23 @@ class Plant:
         """What every pixel would read without load, shape (pixels,)."""
         return self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
 
-    def _closure_mm(self, obj: TwinObject | None, width_mm: float, *, error_mm: float) -> float:
-        return -np.inf if obj is None else obj.size_mm - width_mm + error_mm
+    def _finger_mm(self, state: State, width_mm: float) -> float:
+        """Return the fingers' own opening: the servo's, behind by the play when it goes back."""
+        return min(max(state.finger_mm, width_mm), width_mm + self._backlash_mm)
+
+    def _slide(self, state: State, force_n: float, step_s: float) -> Slide:
+        if state.obj is None or state.pull_n <= 0:
+            return state.slide
+        return state.slide.after(
+            step_s,
+            pull_n=state.pull_n,
+            grip_n=force_n,
+            friction=state.obj.friction,
+            mass_g=state.obj.mass_g,
+        )
+
+    def _closure_mm(self, obj: TwinObject | None, finger_mm: float, *, error_mm: float) -> float:
+        return -np.inf if obj is None else obj.size_mm - finger_mm + error_mm
 
     def _contact_s(self, state: State) -> float:
         """Return when the fingers will first touch, infinite if they won't on this way."""
@@ -265,12 +312,14 @@ class Plant:
         if state.obj is None or state.closure_mm >= 0 or motion.to_mm > motion.from_mm:
             return np.inf
         error_mm = self.placement(state.placed, state.contacts + 1).width_error_mm
-        touching_mm = state.obj.size_mm + error_mm
+        touching_mm = state.obj.size_mm + error_mm - self._backlash_mm
         if motion.to_mm >= touching_mm:
             return np.inf
         return motion.start_s + max(motion.from_mm - touching_mm, 0.0) / motion.rate_mm_per_s
 
     def _next_time_s(self, state: State, contact_s: float) -> float:
+        if state.pull_n > 0:
+            return state.time_s + (_SLIDING_S if state.slide.speed_mm_per_s > 0 else _PULLED_S)
         still_s = state.time_s - state.motion.end_s
         if still_s >= 0:
             return state.time_s + min(max(_GROWTH * still_s, _SHORTEST_S), _LONGEST_S)
@@ -305,16 +354,43 @@ class Plant:
         self, state: State, closure_mm: float, force_n: float, placement: Placement
     ) -> tuple[FloatArray, FloatArray]:
         """Return the load that each pixel feels and the creep coordinate that it leads to."""
-        if state.obj is None or force_n <= 0:
+        load_n = self._load_n(state, closure_mm, force_n, placement)
+        if not load_n.any():
             nothing = np.zeros_like(state.felt_n)
             return nothing, nothing
-        deformation_mm = closure_mm - self.compliance.deflection_mm(force_n)
-        share = pixel_shares(
-            state.obj, deformation_mm, grid=self.grid, off_centre_mm=placement.off_centre_mm
-        )
-        felt_n = self.sheet.follow(state.felt_n, force_n * share)
+        felt_n = self.sheet.follow(state.felt_n, load_n)
         excess = self.sheet.static_excess(felt_n, gain=placement.gain)
         return felt_n, self.sheet.family.coordinate(excess)
+
+    def _load_n(
+        self, state: State, closure_mm: float, force_n: float, placement: Placement
+    ) -> FloatArray:
+        """Return the load of every pixel: of the object, and of a hand that touches a finger."""
+        load_n = np.zeros_like(state.felt_n)
+        for finger, touch_n in enumerate(state.touch_n):
+            mine = self.grid.finger == finger
+            load_n[mine] += touch_n / mine.sum()
+        pushed_n = self._pushed_n(state, closure_mm, placement)
+        if state.obj is None or max(force_n, pushed_n) <= 0:
+            return load_n
+        along_mm, across_mm = placement.off_centre_mm
+        share = pixel_shares(
+            state.obj,
+            closure_mm - self.compliance.deflection_mm(force_n),
+            grid=self.grid,
+            off_centre_mm=(along_mm + state.slide.slid_mm, across_mm),
+        )
+        if force_n <= 0:
+            return load_n + np.where(
+                self.grid.finger == placement.first_finger, pushed_n * share, 0.0
+            )
+        return load_n + force_n * share
+
+    def _pushed_n(self, state: State, closure_mm: float, placement: Placement) -> float:
+        """Return what the first finger feels of an object that it pushes to the middle."""
+        if state.obj is None or state.pull_n > 0 or not -placement.lead_mm < closure_mm <= 0:
+            return 0.0
+        return _TABLE_FRICTION * N_PER_G * state.obj.mass_g
 
     def _relaxed(
         self, state: State, time_s: float, target: FloatArray, width_mm: float, creep: Creep

@@ -63,6 +63,10 @@ class Ranges:
     pad_force_n: Pair
     width_repeat_sd_mm: float
     off_centre: float
+    # How far the object lies off the middle between the fingers, and how far the rails and gears
+    # let the servo go back before a finger follows.
+    off_middle_mm: Pair
+    backlash_mm: Pair
     # Servo current: friction of the gears, in mA and as a share of the grip; change of the torque
     # of an ampere from session to session, and while the motor warms up.
     servo_friction_ma: Pair
@@ -112,6 +116,8 @@ PAPER = Ranges(
     pad_force_n=(1.5, 4.0),
     width_repeat_sd_mm=0.02,
     off_centre=0.6,
+    off_middle_mm=(0.0, 1.0),
+    backlash_mm=(0.03, 0.12),
     servo_friction_ma=(20.0, 60.0),
     servo_friction_share=(0.05, 0.25),
     servo_warm_share=(-0.06, 0.02),
@@ -150,6 +156,8 @@ FIELD = replace(
     white_noise=(0.001, 0.004),
     slow_noise=(0.001, 0.004),
     width_repeat_sd_mm=0.04,
+    off_middle_mm=(0.0, 2.5),
+    backlash_mm=(0.05, 0.3),
     rest_per_kelvin=(-0.025, -0.004),
     rest_per_humidity_percent=(-0.008, 0.002),
     gain_per_kelvin=(-0.015, 0.015),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
+from palpate.twin.friction import AT_REST, N_PER_G
 from palpate.twin.mechanics import Compliance, Motion, PixelGrid
 from palpate.twin.objects import TwinObject
 from palpate.twin.plant import Plant, State
@@ -111,6 +112,10 @@ class World:
             pad_travel_mm=uniform(rng, ranges.pad_travel_mm),
             pad_force_n=uniform(rng, ranges.pad_force_n),
         )
+        #: How far the servo goes back before a finger follows; fingers that bend have no such play.
+        self.backlash_mm = 0.0
+        if gripper == "rigid":
+            self.backlash_mm = uniform(rng.spawn(1)[0], ranges.backlash_mm)
         self._plant = Plant(
             sheet=self.sheet,
             compliance=self.compliance,
@@ -119,6 +124,7 @@ class World:
             seed=seed,
             environment=environment or Environment(),
             lock_force_n=LOCK_FORCE_N if gripper == "rigid" else np.inf,
+            backlash_mm=self.backlash_mm,
         )
         start_s = self.clock.now_s()
         self._node: State
@@ -168,12 +174,18 @@ class World:
         return self._at(time_s).motion.end_s > time_s
 
     def place(
-        self, obj: TwinObject | None, *, time_s: float | None = None, fixture: bool = False
+        self,
+        obj: TwinObject | None,
+        *,
+        time_s: float | None = None,
+        fixture: bool = False,
+        pushed_in: bool = False,
     ) -> None:
         """Take the object away and put another (or none) between the fingers.
 
-        Taking away works at any time; a new object needs fingers open beyond it. In a fixture it
-        lies near the centre of the pixels, otherwise anywhere.
+        Taking away works at any time; a new object needs fingers open beyond it, unless it is
+        pushed in between them by force. In a fixture it lies near the centre of the pixels and
+        between the fingers, otherwise anywhere.
 
         Raises
         ------
@@ -182,7 +194,7 @@ class World:
         """
         now = self._at(self.clock.now_s() if time_s is None else time_s)
         width_mm = now.motion.width_mm(now.time_s)
-        if obj is not None and obj.size_mm >= width_mm:
+        if obj is not None and obj.size_mm >= width_mm and not pushed_in:
             raise ValueError(
                 f"{obj.name} is {obj.size_mm:.1f} mm and the fingers are at {width_mm:.1f} mm; "
                 "open them first"
@@ -198,14 +210,38 @@ class World:
                 motion=now.motion if moving else still,
                 obj=obj,
                 placed=now.placed + 1,
-                closure_mm=-np.inf if obj is None else obj.size_mm - width_mm,
+                closure_mm=-np.inf if obj is None else obj.size_mm - now.finger_mm,
                 elastic_n=0.0,
                 relaxing_n=np.zeros(len(obj.relaxing_share) if obj else 0),
                 force_n=0.0,
                 peak_force_n=0.0,
                 ruptured=False,
+                pull_n=0.0,
+                slide=AT_REST,
             )
         )
+
+    def lift(self, *, more_n: float = 0.0, time_s: float | None = None) -> None:
+        """Lift the object off what it stands on: from now on only friction holds it.
+
+        `more_n` pulls on top of its weight: a stem that has to tear, a hand that takes it.
+        Opening the fingers puts it down again first.
+        """
+        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        if now.obj is not None:
+            self._restart(replace(now, pull_n=N_PER_G * now.obj.mass_g + more_n))
+
+    def touch(self, force_n: float, *, finger: int = 0, time_s: float | None = None) -> None:
+        """Press a hand on the sheet of one finger, from now on; 0 takes it away."""
+        now = self._at(self.clock.now_s() if time_s is None else time_s)
+        touches = list(now.touch_n or (0.0,) * (1 + max(self.layout.finger_of_row)))
+        touches[finger] = force_n
+        self._restart(replace(now, touch_n=tuple(touches)))
+
+    @property
+    def dropped(self) -> bool:
+        """Whether the object has slid out of the fingers since it was placed."""
+        return self._latest.slide.lost
 
     def surround(self, environment: Environment, *, time_s: float | None = None) -> None:
         """Change the climate, the suction or the use made so far, at once.
@@ -300,6 +336,7 @@ class World:
             to_mm=to_mm,
             rate_mm_per_s=rate_mm_per_s,
         )
-        self._restart(replace(now, motion=motion))
+        opens = to_mm > now.motion.width_mm(now.time_s)
+        self._restart(replace(now, motion=motion, pull_n=0.0 if opens else now.pull_n))
         if now.obj is not None and to_mm < now.obj.size_mm:
             self._hold = self._node

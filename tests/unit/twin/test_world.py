@@ -98,7 +98,7 @@ def test_a_hold_creeps_down_for_long() -> None:
 def test_unloading_is_not_loading_backwards() -> None:
     up, down = held(2.0), held(3.0)
     down.force_n(2.0)
-    down.drive(made().size_mm - 2.0, rate=40.0, time_s=2.0)
+    down.drive(made().size_mm - 2.0 + down.backlash_mm, rate=40.0, time_s=2.0)
     assert down.force_n(20.0) == pytest.approx(up.force_n(20.0), rel=0.02)
     assert change(down, 20.0) < change(up, 20.0) - 0.5
 

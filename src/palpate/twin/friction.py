@@ -1,0 +1,72 @@
+"""What holds an object against a pull along the pads: friction of both fingers, until it slides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: Standard gravity, N per gram.
+N_PER_G = 9.80665e-3
+#: Once it slides, friction is less by this share (plausible for rubber-like tape, not measured).
+_SLIDING_SHARE = 0.8
+#: Sliding so far, mm, the object has left the pads: half the length of a finger's pixels.
+PAD_MM = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slide:
+    """How far an object has slid along the pads.
+
+    Attributes
+    ----------
+    slid_mm : float
+        Way since it was pulled first.
+    speed_mm_per_s : float
+        0 while friction holds it.
+    """
+
+    slid_mm: float = 0.0
+    speed_mm_per_s: float = 0.0
+
+    @property
+    def lost(self) -> bool:
+        """Whether it has left the pads."""
+        return self.slid_mm >= PAD_MM
+
+    def after(
+        self, step_s: float, *, pull_n: float, grip_n: float, friction: float, mass_g: float
+    ) -> Slide:
+        """Return the slide one step later.
+
+        Parameters
+        ----------
+        step_s : float
+            Short against the time that it takes to slide off.
+        pull_n : float
+            Pull along the pads, its weight included.
+        grip_n : float
+            Normal force of each finger.
+        friction : float
+            Coefficient between pads and object; both fingers carry.
+        mass_g : float
+            Mass that is pulled.
+
+        Examples
+        --------
+        >>> held = Slide().after(0.1, pull_n=1.0, grip_n=1.0, friction=0.6, mass_g=100.0)
+        >>> slipping = Slide().after(0.1, pull_n=1.0, grip_n=0.5, friction=0.6, mass_g=100.0)
+        >>> held.speed_mm_per_s, round(slipping.speed_mm_per_s)
+        (0.0, 520)
+        """
+        moving = self.speed_mm_per_s > 0
+        holds_n = 2.0 * friction * grip_n * (_SLIDING_SHARE if moving else 1.0)
+        if not moving and pull_n <= holds_n:
+            return self
+        sliding_n = 2.0 * friction * grip_n * _SLIDING_SHARE
+        pace_mm_per_s2 = 1e6 * (pull_n - sliding_n) / mass_g
+        speed = max(self.speed_mm_per_s + pace_mm_per_s2 * step_s, 0.0)
+        way_mm = 0.5 * (self.speed_mm_per_s + speed) * step_s
+        return Slide(slid_mm=self.slid_mm + way_mm, speed_mm_per_s=speed)
+
+
+#: Nothing has slid yet.
+AT_REST = Slide()

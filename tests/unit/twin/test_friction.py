@@ -1,0 +1,125 @@
+"""Lifting, slipping, pushing in, touching, and the play of the fingers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.twin.friction import N_PER_G, Slide
+from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.world import World
+
+
+def fruit(**changes: float) -> TwinObject:
+    drawn = draw_object(np.random.default_rng(1), "tomato")
+    return replace(drawn, friction=0.5, mass_g=100.0, **changes)
+
+
+def gripped(closure_mm: float, **changes: float) -> World:
+    obj = fruit(**changes)
+    world = World(obj, seed=1)
+    world.drive(obj.size_mm - closure_mm, rate=20.0)
+    world.clock.sleep_s(3.0)
+    return world
+
+
+def test_friction_of_both_fingers_carries_the_weight() -> None:
+    world = gripped(1.5)
+    assert 2 * 0.5 * world.force_n(3.0) > 100.0 * N_PER_G
+    world.lift()
+    assert world.force_n(6.0) > 1.0
+    assert not world.dropped
+
+
+def test_too_weak_a_grip_drops_it() -> None:
+    world = gripped(0.8)
+    weight_n = 100.0 * N_PER_G
+    assert 2 * 0.5 * world.force_n(3.0) < weight_n
+    world.lift()
+    assert world.force_n(4.0) == 0.0
+    assert world.dropped
+    # What it was about stays known: how it was held, and that nothing was damaged.
+    assert world.truth().size_mm == fruit().size_mm
+
+
+def test_more_pull_tears_it_out() -> None:
+    world = gripped(1.5)
+    world.lift(more_n=5.0)
+    world.force_n(4.0)
+    assert world.dropped
+
+
+def test_opening_puts_it_down_first() -> None:
+    world = gripped(1.5)
+    world.lift()
+    world.clock.sleep_s(1.0)
+    world.drive(74.0, rate=20.0)
+    world.force_n(6.0)
+    assert not world.dropped
+
+
+def test_sliding_moves_the_load_over_the_pixels() -> None:
+    world = gripped(1.5)
+    before = world.pixel_resistance_ohm(3.0)
+    world.lift(more_n=0.7)
+    after = world.pixel_resistance_ohm(3.0 + 0.06)
+    assert world.force_n(3.061) > 0
+    assert np.abs(after / before - 1).max() > 0.01
+
+
+@pytest.mark.parametrize("pull_n", [0.5, 0.99])
+def test_friction_holds_up_to_its_limit(pull_n: float) -> None:
+    assert Slide().after(1.0, pull_n=pull_n, grip_n=1.0, friction=0.5, mass_g=50.0) == Slide()
+
+
+def test_what_slides_holds_less() -> None:
+    sliding = Slide(slid_mm=1.0, speed_mm_per_s=10.0)
+    later = sliding.after(0.01, pull_n=0.9, grip_n=1.0, friction=0.5, mass_g=50.0)
+    assert later.speed_mm_per_s > 10.0
+
+
+def test_pushed_in_between_closed_fingers() -> None:
+    world = World(None, seed=2)
+    world.drive(50.0, rate=30.0)
+    world.clock.sleep_s(3.0)
+    with pytest.raises(ValueError, match="open them first"):
+        world.place(fruit())
+    world.place(fruit(), pushed_in=True)
+    assert world.force_n(3.5) > 1.0
+
+
+def test_a_hand_touches_one_finger_alone() -> None:
+    world = World(None, seed=2)
+    rest = world.pixel_resistance_ohm(0.5)
+    world.touch(3.0, finger=1, time_s=0.5)
+    pressed = world.pixel_resistance_ohm(1.5) / rest
+    assert (pressed[:2] == 1.0).all()
+    assert (pressed[2:] < 0.9).all()
+    world.touch(0.0, finger=1, time_s=1.5)
+    assert np.abs(world.pixel_resistance_ohm(60.0) / rest - 1).max() < 0.02
+
+
+def test_one_finger_comes_first_and_feels_what_it_pushes() -> None:
+    heavy = fruit(size_mm=50.0)
+    heavy = replace(heavy, mass_g=300.0)
+    world = World(heavy, seed=3, level="field")
+    rest = world.pixel_resistance_ohm(0.5)
+    placement = world._plant.placement(0, 0)
+    assert placement.lead_mm > 0.5
+    world.drive(50.0 + placement.lead_mm / 2, rate=20.0, time_s=0.5)
+    felt = (world.pixel_resistance_ohm(4.0) / rest).reshape(2, -1).min(axis=1)
+    first = placement.first_finger
+    assert world.force_n(4.0) == 0.0
+    assert felt[first] < 0.95
+    assert felt[1 - first] > 0.99
+
+
+def test_the_play_must_be_taken_up_before_a_finger_opens() -> None:
+    world = gripped(2.0)
+    held_n = world.force_n(30.0)
+    world.drive(world.drive_value(30.0) + 0.9 * world.backlash_mm, rate=20.0, time_s=30.0)
+    assert world.force_n(31.0) == pytest.approx(held_n, rel=0.01)
+    world.drive(world.drive_value(31.0) + 0.5, rate=20.0, time_s=31.0)
+    assert world.force_n(32.0) < 0.9 * held_n
