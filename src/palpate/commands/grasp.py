@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands.grasp_store import open_keeper, remember
+from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,6 +30,8 @@ _EXIT_STATUS = {
     "gripper_fault": 3,
     "stopped": 130,
 }
+#: Neither the store nor its spool could be written.
+_NOT_KEPT = 3
 
 
 def grasp(
@@ -45,6 +49,17 @@ def grasp(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     record: Annotated[
         Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
+    ] = None,
+    item: Annotated[
+        str | None,
+        typer.Option(help="Keep the grasp in the store, as one of this item.", metavar="NAME"),
+    ] = None,
+    store: Annotated[
+        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
+    ] = None,
+    angle_deg: Annotated[
+        float | None,
+        typer.Option(help="With --item: which side of it faces the first finger, degrees."),
     ] = None,
 ) -> None:
     """Close on an unknown object: size, force, stiffness, verdict. Then give it back.
@@ -64,6 +79,7 @@ def grasp(
             f"{FORCE_CEILING_N:g} N, the force ceiling"
         )
     with ExitStack() as stack:
+        keeper = open_keeper(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed)
         stack.callback(devices.close)
         plan = plan_grasp(
@@ -84,9 +100,19 @@ def grasp(
             subscribers=subscribers,
         )
         truth = None if devices.truth is None else dict(devices.truth())
+        kept: dict[str, object] = {}
+        if keeper is not None and item is not None:
+            kept = remember(
+                result,
+                keeper=keeper,
+                item_id=item,
+                angle_deg=angle_deg,
+                rig=devices,
+                recording=record,
+            )
     said = verdict(result, target_force_n=target_force_n)
     if as_json:
-        document = {**result.as_json(), "verdict": said}
+        document = {**result.as_json(), "verdict": said, **kept}
         if truth is not None:
             document |= {"simulated": True, "object": devices.subject, "truth": truth}
         print(json.dumps(document, allow_nan=False, indent=1))
@@ -96,6 +122,8 @@ def grasp(
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
         print(f"palpate grasp: {why}", file=sys.stderr)
+    if kept and kept["stored"] is None:
+        status = max(status, _NOT_KEPT)
     if status:
         raise typer.Exit(status)
 

@@ -47,7 +47,7 @@ class Keeper:
 
     def __init__(self, where: str | Path | None = None, *, spool: Spool | None = None) -> None:
         self._where = where
-        self.spool = spool or Spool(spool_path(lasting_name(store_url(where))))
+        self.spool = spool or spool_of(where)
         self._store: Store | None = None
         self.away: StoreError | None = None
         try:
@@ -82,8 +82,7 @@ class Keeper:
         StoreError
             If the store still does not take them; they go on waiting.
         """
-        store = self._opened()
-        return self.spool.drain(lambda record: _write(store, record))
+        return drain(self.spool, into=self._opened())
 
     def close(self) -> None:
         """Let go of the store. May be called twice."""
@@ -110,6 +109,22 @@ class Keeper:
     def _arrived(self) -> Store:
         self.drain()
         return self._opened()
+
+
+def drain(spool: Spool, *, into: Store) -> int:
+    """Write what waits to a store that is open; return how many records were taken.
+
+    Raises
+    ------
+    StoreError
+        If the store does not take them; they go on waiting.
+    """
+    return spool.drain(lambda record: _write(into, record))
+
+
+def spool_of(where: str | Path | None) -> Spool:
+    """Return where records wait for a store that the user names so."""
+    return Spool(spool_path(lasting_name(store_url(where))))
 
 
 def _write(store: Store, record: Record) -> None:

@@ -1,0 +1,160 @@
+"""The store as Parquet: one row per grasp, and one per verdict, for pandas, DuckDB and the like."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from palpate.errors import MissingExtraError
+from palpate.files import atomic_path
+from palpate.produce.records import MEASURED, Grasp, Item, Verdict
+
+_BATCH = 10_000
+_TEXT = {
+    "item_id",
+    "kind",
+    "batch",
+    "label",
+    "grasp_id",
+    "rig",
+    "drive",
+    "origin",
+    "outcome",
+    "calibration_id",
+    "recording",
+    "verdict_id",
+    "about",
+    "source",
+    "text",
+    "explanation",
+    "details",
+}
+_ITEM_COLUMNS = ("item_id", "kind", "batch", "label")
+_GRASP_COLUMNS = (
+    "grasp_id",
+    "taken_at",
+    "rig",
+    "drive",
+    "origin",
+    "outcome",
+    "decision_time_s",
+    "peak_force_n",
+    "angle_deg",
+    "height_mm",
+    "temperature_c",
+    "humidity_percent",
+    "calibration_id",
+    "recording",
+    "pixel_settled_percent",
+)
+_VERDICT_COLUMNS = (
+    "verdict_id",
+    "item_id",
+    "grasp_id",
+    "about",
+    "source",
+    "text",
+    "probability",
+    "explanation",
+    "given_at",
+)
+
+
+def export_grasps(
+    path: str | os.PathLike[str], grasps: Iterable[Grasp], *, items: Iterable[Item]
+) -> int:
+    """Write grasps beside what is known of their items; return the number of rows.
+
+    Parameters
+    ----------
+    path : path
+        Written whole or not at all.
+    grasps : iterable of Grasp
+        One row each, in this order. A measurement is four columns: its value under its name, and
+        ``..._low``, ``..._high``, ``..._status``.
+    items : iterable of Item
+        Those that the grasps belong to.
+
+    Raises
+    ------
+    MissingExtraError
+        If pyarrow is not installed.
+    """
+    known = {item.item_id: item for item in items}
+    return _write(path, (_grasp_row(g, known.get(g.item_id)) for g in grasps), _grasp_names())
+
+
+def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -> int:
+    """Write verdicts, details as JSON text; return the number of rows.
+
+    Raises
+    ------
+    MissingExtraError
+        If pyarrow is not installed.
+    """
+    rows = (
+        {name: getattr(verdict, name) for name in _VERDICT_COLUMNS}
+        | {"about": str(verdict.about), "source": str(verdict.source)}
+        | {"details": json.dumps(dict(verdict.details))}
+        for verdict in verdicts
+    )
+    return _write(path, rows, [*_VERDICT_COLUMNS, "details"])
+
+
+def require_parquet() -> Any:
+    """Return pyarrow with its Parquet part.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise MissingExtraError(
+            "Parquet needs pyarrow: run `pip install 'palpate[data]'`, or use --json"
+        ) from error
+    return pyarrow
+
+
+def _grasp_names() -> list[str]:
+    measured = [f"{name}{end}" for name in MEASURED for end in ("", "_low", "_high", "_status")]
+    return [*_ITEM_COLUMNS, *_GRASP_COLUMNS, *measured]
+
+
+def _grasp_row(grasp: Grasp, item: Item | None) -> dict[str, Any]:
+    row = {name: getattr(item, name, None) for name in _ITEM_COLUMNS}
+    row |= {name: getattr(grasp, name) for name in _GRASP_COLUMNS}
+    row |= {"item_id": grasp.item_id, "outcome": str(grasp.outcome)}
+    for name, measured in grasp.measurements.items():
+        row |= {name: measured.value, f"{name}_low": measured.low, f"{name}_high": measured.high}
+        row[f"{name}_status"] = str(measured.status)
+    return row
+
+
+def _write(path: str | os.PathLike[str], rows: Iterable[dict[str, Any]], names: list[str]) -> int:
+    arrow = require_parquet()
+    schema = arrow.schema([(name, _kind(name, arrow)) for name in names])
+    left = iter(rows)
+    written = 0
+    with atomic_path(Path(path)) as partial, arrow.parquet.ParquetWriter(partial, schema) as file:
+        while batch := list(islice(left, _BATCH)):
+            file.write_table(arrow.Table.from_pylist(batch, schema=schema))
+            written += len(batch)
+    return written
+
+
+def _kind(column: str, arrow: Any) -> Any:
+    if column in _TEXT or column.endswith("_status"):
+        return arrow.string()
+    if column in ("taken_at", "given_at"):
+        return arrow.timestamp("us", tz="UTC")
+    if column == "pixel_settled_percent":
+        return arrow.list_(arrow.list_(arrow.float64()))
+    return arrow.float64()

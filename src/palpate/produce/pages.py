@@ -1,0 +1,68 @@
+"""Everything that is known of one item, as a page to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from palpate.estimate.measurement import Measurement
+from palpate.produce.records import About, Grasp, Item, Verdict
+from palpate.produce.store import Store
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemPage:
+    """One item with its history, oldest first.
+
+    Attributes
+    ----------
+    item : Item
+        Which.
+    grasps : tuple of Grasp
+        With their measurements.
+    verdicts : tuple of Verdict
+        By palpate and by people.
+    """
+
+    item: Item
+    grasps: tuple[Grasp, ...]
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any of its grasps is simulated."""
+        return any(grasp.simulated for grasp in self.grasps)
+
+    def latest(self, name: str) -> Measurement | None:
+        """Return a measurement of the last grasp that has it."""
+        found = (grasp.measurements.get(name) for grasp in reversed(self.grasps))
+        return next((measured for measured in found if measured is not None), None)
+
+    def said(self, about: About) -> Verdict | None:
+        """Return the last thing said about it."""
+        found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
+        return next(found, None)
+
+
+def item_page(store: Store, item_id: str) -> ItemPage:
+    """Gather the page of an item.
+
+    Raises
+    ------
+    InputError
+        If there is no such item.
+    """
+    return _page(store, store.item(item_id))
+
+
+def item_pages(store: Store, items: Iterable[Item]) -> tuple[ItemPage, ...]:
+    """Gather the pages of several items, in their order."""
+    return tuple(_page(store, item) for item in items)
+
+
+def _page(store: Store, item: Item) -> ItemPage:
+    return ItemPage(
+        item=item,
+        grasps=store.grasps_of(item.item_id),
+        verdicts=store.verdicts_of(item.item_id),
+    )
