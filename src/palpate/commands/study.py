@@ -30,6 +30,9 @@ STUDIES: dict[str, tuple[str, str]] = {
     "table5": ("table5", "Table 5: force estimated early, simulated"),
     "stiffness": ("stiffness", "Stiffness in N/mm over two decades, simulated"),
     "staircases": ("staircases", "Force now during staircases of closing and opening, simulated"),
+    "settling-limits": ("settling_limits", "How well any predictor could do, real and drawn"),
+    "identify": ("identify", "What each item of a mixed crate is, strangers among them, simulated"),
+    "sorting": ("sorting", "Purity and items per hour of sorting by rules, simulated"),
     "real-holds": ("real_holds", "Table 1 on real recordings, specimens held out"),
 }
 

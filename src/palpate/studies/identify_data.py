@@ -1,0 +1,193 @@
+"""Simulated crates, grasped: what both studies of a mixed crate start from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
+from palpate.files import atomic_path
+from palpate.grasp.planning import plan_grasp
+from palpate.produce.records import MEASURED, Grasp
+from palpate.produce.sorting_hand import SortingHand, TimedGrasp
+from palpate.rig.simulated import calibrated
+from palpate.settling.result import Status
+from palpate.twin.crate import CrateItem, CrateTable, draw_crate
+from palpate.twin.produce_ranges import CRATE_STRANGERS, CRATE_TAUGHT
+
+LEVELS = ("paper", "field")
+#: Grasps of each item that is taught, and of each that is sorted.
+TAUGHT_GRASPS, SORTED_GRASPS = 2, 3
+#: A simulated clock starts here.
+_BEGAN_AT = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CrateItemGrasps:
+    """One item of a crate with its grasps, and what is true of it.
+
+    Attributes
+    ----------
+    level, sensor
+        Level of the twin, and the seed of sensor and gripper.
+    item_id, kind : str
+        Name, and what it truly is.
+    teaches : bool
+        Whether it is one of those that are taught; the others are sorted.
+    known : bool
+        Whether its kind is taught.
+    size_mm : float
+        Its true mean diameter.
+    stiffness_n_per_mm : float
+        Its true secant stiffness at 2 N, of its mean side.
+    damaged : bool
+        Whether any grasp pressed it beyond its yield.
+    grasps : tuple of TimedGrasp
+        In order.
+    """
+
+    level: str
+    sensor: int
+    item_id: str
+    kind: str
+    teaches: bool
+    known: bool
+    size_mm: float
+    stiffness_n_per_mm: float
+    damaged: bool
+    grasps: tuple[TimedGrasp, ...]
+
+
+def measured_crates(
+    *, level: str, sensor: int, taught: int, sorted_items: int
+) -> list[CrateItemGrasps]:
+    """Calibrate a sensor, grasp so many items of each kind to teach it, then a crate to sort.
+
+    A stranger of each kind comes with every second sorted item of a taught kind (rounded up), so
+    that a quarter of the crate is strange.
+    """
+    calibration = calibrated(seed=sensor, level=level, apart_from="")
+    table = CrateTable(sensor=sensor, seed=sensor + 500_009, level=level)
+    hand = SortingHand(
+        array=table.array,
+        gripper=table.gripper,
+        clock=table.clock,
+        plan=plan_grasp(calibration, gripper=table.gripper),
+        rig="sim-rigid",
+        origin="twin",
+        calibration_id=calibration.sensor_id,
+        began_at=_BEGAN_AT,
+    )
+    teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=sensor, prefix="taught")
+    sorting = [*CRATE_TAUGHT] * sorted_items + [*CRATE_STRANGERS] * ((sorted_items + 1) // 2)
+    crate = draw_crate(sorting, seed=sensor + 250_007)
+    return [
+        _grasped(item, hand=hand, table=table, level=level, sensor=sensor, grasps=grasps)
+        for items, grasps in ((teaching, TAUGHT_GRASPS), (crate, SORTED_GRASPS))
+        for item in items
+    ]
+
+
+def _grasped(
+    item: CrateItem,
+    *,
+    hand: SortingHand,
+    table: CrateTable,
+    level: str,
+    sensor: int,
+    grasps: int,
+) -> CrateItemGrasps:
+    found: list[TimedGrasp] = []
+    damaged = False
+    for turn in range(grasps):
+        table.bring(item, turn=turn)
+        size = found[-1].grasp.measurements.get("size_mm") if found else None
+        found.append(hand.grasp(item.item_id, expected=size))
+        damaged = damaged or table.damaged()
+    stiffness = 2.0 / (2.0 / item.mean.force_at_1mm_n) ** (1.0 / item.mean.exponent)
+    return CrateItemGrasps(
+        level=level,
+        sensor=sensor,
+        item_id=item.item_id,
+        kind=item.kind,
+        teaches=item.item_id.startswith("taught"),
+        known=item.taught,
+        size_mm=item.mean.size_mm,
+        stiffness_n_per_mm=stiffness,
+        damaged=damaged,
+        grasps=tuple(found),
+    )
+
+
+def write_crates(items: Sequence[CrateItemGrasps], path: Path) -> None:
+    """Write what was grasped, to be studied again without grasping again."""
+    document = {"origin": "twin", "simulated": True, "items": [_as_json(item) for item in items]}
+    with atomic_path(path) as partial:
+        partial.write_text(json.dumps(document, allow_nan=False) + "\n")
+
+
+def read_crates(path: Path) -> list[CrateItemGrasps]:
+    """Read what `write_crates` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read or is something else.
+    """
+    try:
+        document = json.loads(path.read_text())
+        return [_from_json(row) for row in document["items"]]
+    except OSError as error:
+        raise InputError(f"crates {path}: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"crates {path}: not crates.json of `palpate study identify --out`"
+        ) from error
+
+
+def _as_json(item: CrateItemGrasps) -> dict[str, Any]:
+    plain = {name: getattr(item, name) for name in CrateItemGrasps.__slots__ if name != "grasps"}
+    return plain | {"grasps": [_grasp_json(one) for one in item.grasps]}
+
+
+def _grasp_json(one: TimedGrasp) -> dict[str, Any]:
+    measured = {
+        name: [m.value, m.low, m.high, str(m.status)] for name, m in one.grasp.measurements.items()
+    }
+    return {
+        "lasted_s": round(one.lasted_s, 3),
+        "outcome": str(one.grasp.outcome),
+        "calibration_id": one.grasp.calibration_id,
+        "taken_at": one.grasp.taken_at.isoformat(),
+        "measured": measured,
+    }
+
+
+def _from_json(row: Mapping[str, Any]) -> CrateItemGrasps:
+    grasps = tuple(
+        TimedGrasp(
+            lasted_s=one["lasted_s"],
+            grasp=Grasp(
+                item_id=row["item_id"],
+                taken_at=datetime.fromisoformat(one["taken_at"]),
+                rig="sim-rigid",
+                drive="width",
+                origin="twin",
+                outcome=one["outcome"],
+                calibration_id=one["calibration_id"],
+                measurements={
+                    name: Measurement(
+                        value=value, low=low, high=high, unit=MEASURED[name], status=Status(status)
+                    )
+                    for name, (value, low, high, status) in one["measured"].items()
+                },
+            ),
+        )
+        for one in row["grasps"]
+    )
+    return CrateItemGrasps(**{**row, "grasps": grasps})
