@@ -23,10 +23,12 @@ VERBS = (
     "bench",
     "doctor",
     "live",
+    "serve",
     "calibrate",
     "flash",
     "init",
     "pattern",
+    "items",
 )
 
 

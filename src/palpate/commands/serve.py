@@ -1,0 +1,71 @@
+"""`palpate serve`: the dashboard in a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from palpate.dashboard.station import CellBench
+
+
+def serve(
+    rig: Annotated[
+        str, typer.Option(help="Rig to open first: a name, or a rig file.", metavar="NAME_OR_TOML")
+    ] = "sim-rigid",
+    object_name: Annotated[
+        str | None, typer.Option("--object", help="Simulated rigs: what lies between the fingers.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
+    speed: Annotated[
+        float, typer.Option(help="Simulated rigs: so many times real time.", min=0.1, max=20.0)
+    ] = 1.0,
+    folder: Annotated[
+        Path, typer.Option(help="Where recordings go, and calibrations of simulated rigs.")
+    ] = Path("palpate-data"),
+    store: Annotated[
+        str | None,
+        typer.Option(help="Store of items, path or URL. [default: $PALPATE_STORE, or as items]"),
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; beyond the loopback --token is needed.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 8080,
+    token: Annotated[
+        str | None,
+        typer.Option(help="What a visitor must know.", envvar="PALPATE_TOKEN", show_envvar=True),
+    ] = None,
+) -> None:
+    """Show pixels, prediction and verdict in a browser; grasp, calibrate, examine, replay.
+
+    Example: palpate serve --rig sim-rigid --object avocado-day-3
+    """
+    from palpate.dashboard.desk import Settings
+    from palpate.dashboard.server import serve as serve_page
+    from palpate.rig import rig_names
+    from palpate.twin.objects import OBJECTS
+
+    settings = Settings(
+        rigs=tuple(dict.fromkeys((rig, *rig_names()))),
+        objects=tuple(OBJECTS),
+        folder=folder,
+        store=store,
+        object_name=object_name,
+        seed=seed,
+        speed=speed,
+        benches={"sim-rigid": open_simulated_bench},
+    )
+    serve_page(settings, host=host, port=port, token=token, announce=_announce)
+
+
+def _announce(address: str) -> None:
+    print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True)
+
+
+def open_simulated_bench(rig: str, seed: int) -> CellBench:
+    """Open the bench with a load cell of a simulated rig."""
+    from palpate.commands.calibrate_bench import open_twin_bench
+
+    return open_twin_bench(rig, seed=seed)

@@ -1,0 +1,139 @@
+"""Guided calibration on the page: rest, and newtons by a load cell or by dead weights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
+from palpate.dashboard.station import FRAME_TIMEOUT_S, CellBench, Station
+from palpate.errors import DeviceError
+from palpate.estimate.force import choose_law
+from palpate.estimate.weights_check import held_out_of_pairs
+from palpate.grasp.calibrating import Bench, measure_force, measure_rest
+from palpate.grasp.planning import DWELL_S, HORIZON_S
+from palpate.sensor.calibration import Calibration, ForcePairs
+from palpate.sensor.dead_weights import checked_loads, weigh
+
+#: Settled holds beside the load cell, newtons, one list for each placement: small and large mixed.
+_HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
+
+
+class _NoCell:
+    """What stands for the load cell where none is needed."""
+
+    def read_n(self) -> float:
+        """Raise `DeviceError`: there is none."""
+        raise DeviceError("this rig has no load cell that palpate can read")
+
+
+def calibrate_rest(order: CalibrateRest, *, station: Station) -> Calibrated:
+    """Open the hand and take the rest values; refused when something presses or moves.
+
+    Raises
+    ------
+    DeviceError
+        If the sensor does not come to rest, or a pixel gives no signal.
+    """
+    rig = station.rig
+    station.guide("The hand opens. Leave the sensor alone")
+    bench = Bench(
+        array=station.watched(),
+        gripper=rig.gripper,
+        cell=_NoCell(),
+        clock=rig.clock,
+        start=rig.gripper.limits.target(0.0),
+    )
+    rest = measure_rest(bench, duration_s=3.0)
+    # The date is what its age is judged by: that of the force readings, where there are any.
+    made_at = rig.calibration.made_at if rig.calibration.force.force_n else _now()
+    made = replace(rig.calibration, rest=rest, made_at=made_at)
+    return _renewed(made, file=order.file, station=station)
+
+
+def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
+    """Pair readings with newtons and fit the law; what error to expect is told with it.
+
+    Raises
+    ------
+    InputError
+        If the loads can't carry a calibration.
+    CalibrationError
+        If the readings can't.
+    DeviceError
+        If the rig has no load cell and no loads were given.
+    """
+    if order.loads_n:
+        pairs = _weighed(checked_loads(order.loads_n, where="the loads"), station)
+        settled = np.ones(len(pairs.force_n), dtype=bool)
+    elif station.open_bench is not None:
+        pairs = _by_cell(station.open_bench(station.rig.name, station.seed), station)
+        settled = np.isclose(pairs.since_move_s, HORIZON_S)
+    else:
+        raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
+    excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
+    relative = np.array(pairs.relative_percent)[settled]
+    law = choose_law(excess=excess, relative_percent=relative, force_n=force_n).law
+    held_out = held_out_of_pairs(excess, force_n=force_n)
+    made = replace(
+        station.rig.calibration,
+        force=pairs,
+        force_law=law.as_dict(),
+        traces=None,
+        observer={},
+        held_out={"error_percent": held_out, "of": "settled force"},
+        made_at=_now(),
+    )
+    return _renewed(made, file=order.file, station=station)
+
+
+def _by_cell(on: CellBench, station: Station) -> ForcePairs:
+    """Close on a load cell, placement after placement; simulated, so as fast as it goes."""
+    bench = replace(on.bench, array=station.watched(on.bench.array))
+
+    def reseat(run: int) -> None:
+        share = run / len(_HOLDS_N)
+        station.guide(f"The load cell is placed anew: {run + 1} of {len(_HOLDS_N)}", share=share)
+        on.reseat(run)
+
+    return measure_force(
+        bench, holds_n=_HOLDS_N, reseat=reseat, dwell_s=DWELL_S, horizon_s=HORIZON_S
+    )
+
+
+def _weighed(loads_n: list[float], station: Station) -> ForcePairs:
+    """Ask for one weight after the other; each is read once the user says that it lies there."""
+    array, done = station.watched(), iter(range(len(loads_n)))
+
+    def place(load_n: float) -> None:
+        share = next(done) / len(loads_n)
+        what = f"Lay {load_n:g} N on the pad" if load_n else "Take every weight away"
+        station.confirmed.clear()
+        station.guide(what, share=share, asks=True)
+        while not station.confirmed.is_set():
+            array.read(timeout_s=FRAME_TIMEOUT_S)
+        station.guide(f"{load_n:g} N settles: leave it alone for 20 s", share=share)
+
+    station.guide("The rest is read. Leave the sensor alone")
+    return weigh(array, loads_n=loads_n, place=place, clock=station.rig.clock).pairs
+
+
+def _renewed(made: Calibration, *, file: Path, station: Station) -> Calibrated:
+    """Keep the calibration in its file, and work with it from now on."""
+    before_ohm = station.rig.calibration.rest_ohm
+    file.parent.mkdir(parents=True, exist_ok=True)
+    made.save(file)
+    station.rig = replace(station.rig, calibration=made)
+    return Calibrated(
+        file=file,
+        rest_ohm=made.rest_ohm,
+        change_percent=100.0 * (made.rest_ohm / before_ohm - 1.0),
+        held_out=made.held_out.get("error_percent", {}),
+    )
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

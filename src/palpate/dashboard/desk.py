@@ -1,0 +1,118 @@
+"""What every page shares: the session, the process behind it, and the folder it works in."""
+
+from __future__ import annotations
+
+import asyncio
+import tomllib
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+
+from palpate.dashboard.handle import DeviceProcess
+from palpate.dashboard.ledger import Ledger
+from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Source, Update, Urgent
+from palpate.dashboard.session import Session
+from palpate.dashboard.station import BenchOpener
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What `palpate serve` was asked for.
+
+    Attributes
+    ----------
+    rigs : tuple of str
+        Rigs that can be chosen; the first is opened at the start.
+    objects : tuple of str
+        What can lie between the fingers of simulated rigs.
+    folder : Path
+        Where recordings go, and calibrations of simulated rigs.
+    store : str or None
+        Path or URL of the store of items; None for the default one.
+    object_name, seed, speed
+        Of the rig that is opened at the start, where it is simulated.
+    benches : dict
+        Opens the bench with a load cell, by the rig's name.
+    """
+
+    rigs: tuple[str, ...]
+    objects: tuple[str, ...]
+    folder: Path
+    store: str | None
+    object_name: str | None
+    seed: int
+    speed: float
+    benches: dict[str, BenchOpener]
+
+
+class Desk:
+    """Connects the session to the devices' process. Everything runs on the server's event loop."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.ledger = Ledger(settings.store)
+        self.session = Session(send=self._send, on_grasped=self._keep)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._process: DeviceProcess | None = None
+
+    def open(self) -> None:
+        """Start the devices' process and open the first rig."""
+        self._loop = asyncio.get_running_loop()
+        self._process = DeviceProcess(self._arrived, benches=self.settings.benches)
+        settings = self.settings
+        first = OpenRig(
+            name=settings.rigs[0],
+            object_name=settings.object_name,
+            seed=settings.seed,
+            speed=settings.speed,
+        )
+        self.session.open_first(first)
+
+    def close(self) -> None:
+        """Stop what runs and end the process."""
+        if self._process is not None:
+            self._process.close()
+
+    def recordings(self) -> list[Path]:
+        """Return the recordings in the folder, newest first."""
+        files = list(self.settings.folder.glob("*.mcap"))
+        return sorted(files, key=lambda file: (file.stat().st_mtime, file.name), reverse=True)
+
+    def new_recording(self, what: str) -> Path:
+        """Return the name of a recording that does not exist yet."""
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+        file = self.settings.folder / f"{what}-{stamp}.mcap"
+        number = 1
+        while file.exists():
+            number += 1
+            file = self.settings.folder / f"{what}-{stamp}-{number}.mcap"
+        return file
+
+    def calibration_file(self) -> Path:
+        """Return where the calibration of the rig is kept: the rig file says, or the folder."""
+        rig = self.session.rig
+        if rig is not None and rig.name.endswith(".toml"):
+            path = Path(rig.name)
+            stated = tomllib.loads(path.read_text())
+            if "calibration" in stated:
+                return path.parent / str(stated["calibration"])
+        name = "rig" if rig is None else f"{Path(rig.name).stem}-{rig.seed}"
+        return self.settings.folder / f"calibration-{name}.json"
+
+    def _keep(self, grasped: Grasped, source: Source) -> None:
+        """Remember a grasp of a named item; the database may take its time."""
+        item_id = self.session.item_id
+        if item_id and self._loop is not None:
+            self._loop.run_in_executor(
+                None, partial(self.ledger.keep, grasped, source=source, item_id=item_id)
+            )
+
+    def _send(self, message: Order | Urgent) -> None:
+        if self._process is not None:
+            self._process.send(message)
+
+    def _arrived(self, update: Update | Lost) -> None:
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self.session.take, update)

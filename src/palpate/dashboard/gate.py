@@ -1,0 +1,145 @@
+"""Who may come in: no web page from elsewhere, and beyond the loopback only with the token."""
+
+from __future__ import annotations
+
+import hmac
+import html
+from http.cookies import CookieError, SimpleCookie
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from palpate.errors import InputError
+
+COOKIE = "palpate-token"
+SHORTEST_TOKEN = 8
+_LOOPBACK_NAMES = ("localhost",)
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host name or address is this machine's own loopback.
+
+    Examples
+    --------
+    >>> is_loopback("127.0.0.1"), is_loopback("localhost"), is_loopback("0.0.0.0")
+    (True, True, False)
+    """
+    if host in _LOOPBACK_NAMES:
+        return True
+    try:
+        return ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def check_token(host: str, token: str | None) -> None:
+    """Refuse to serve beyond the loopback without a token worth the name.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is too short.
+    """
+    if token is not None and len(token) < SHORTEST_TOKEN:
+        raise InputError(f"the token has {len(token)} characters; give at least {SHORTEST_TOKEN}")
+    if token is None and not is_loopback(host):
+        raise InputError(
+            f"--host {host} can be reached from other machines, and whoever reaches it can move "
+            "the gripper: give a --token (or PALPATE_TOKEN), or leave --host out"
+        )
+
+
+class Gate:
+    """Lets requests through to the application, or answers them itself.
+
+    A page of another site, open in the same browser, could otherwise press the buttons here: so a
+    request that names an origin must name ours, and on the loopback the host must be the loopback's
+    name (else a foreign name could be made to point at it).
+
+    Parameters
+    ----------
+    app : ASGI application
+        What is behind the gate; kept under the name by which servers look for it.
+    token : str or None
+        What a visitor must have told once; a cookie remembers it.
+    loopback : bool
+        Whether it is served on the loopback alone.
+    """
+
+    def __init__(self, app: ASGIApp, *, token: str | None, loopback: bool) -> None:
+        self.app, self._token, self._loopback = app, token, loopback
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request, or hand it on."""
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        answer: Response | None = None
+        if not self._ours(headers):
+            answer = _page(403, "This address is not for other sites.")
+        elif self._token is not None and not self._knows(headers, self._token):
+            answer = await self._ask(scope, receive, self._token)
+        if answer is None:
+            await self.app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})
+        else:
+            await answer(scope, receive, send)
+
+    def _ours(self, headers: Headers) -> bool:
+        host = urlsplit(f"//{headers.get('host', '')}")
+        if self._loopback and not is_loopback(host.hostname or ""):
+            return False
+        origin = headers.get("origin")
+        return origin is None or urlsplit(origin).netloc == headers.get("host")
+
+    def _knows(self, headers: Headers, token: str) -> bool:
+        try:
+            cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            return False
+        return cookie is not None and _same(cookie.value, token)
+
+    async def _ask(self, scope: Scope, receive: Receive, token: str) -> Response:
+        """Take the token from the form or the address, or ask for it."""
+        told = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        if scope["type"] == "http" and scope["method"] == "POST" and scope["path"] == "/":
+            body = (await Request(scope, receive).body())[:1000]
+            told = parse_qs(body.decode("latin-1")).get("token", [""])[0]
+        if not told:
+            return _page(401, "Whoever started this dashboard knows its token.", form=True)
+        if not _same(told, token):
+            return _page(403, "That is not the token.", form=True)
+        welcome = RedirectResponse("/", status_code=303)
+        welcome.set_cookie(COOKIE, token, httponly=True, samesite="lax")
+        return welcome
+
+
+def _same(told: str, token: str) -> bool:
+    return hmac.compare_digest(told.encode(), token.encode())
+
+
+_FORM = """<form method="post" action="/"><label>Token
+<input name="token" type="password" autofocus autocomplete="off"></label><button>Enter</button>
+</form>"""
+_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>palpate</title>
+<meta name="viewport" content="width=device-width, initial-scale=1"><style>
+:root {{ color-scheme: light dark }}
+body {{ font: 17px/1.5 system-ui, sans-serif; display: grid; place-content: center; gap: 16px;
+  min-height: 90vh; margin: 0 24px }}
+h1 {{ font-size: 22px; margin: 0 }} p {{ margin: 0 }}
+form {{ display: flex; gap: 12px; align-items: end; flex-wrap: wrap }}
+label {{ display: grid; gap: 4px }}
+input, button {{ font: inherit; padding: 10px 14px; border-radius: 8px; border: 1px solid #8a94a6 }}
+</style><h1>palpate</h1><p>{text}</p>{form}</html>"""
+
+
+def _page(status: int, text: str, *, form: bool = False) -> Response:
+    page: dict[str, Any] = {"text": html.escape(text), "form": _FORM if form else ""}
+    return HTMLResponse(_PAGE.format(**page), status_code=status)

@@ -1,0 +1,62 @@
+"""Grasping and opening the hand: the runner, with a view."""
+
+from __future__ import annotations
+
+from palpate.dashboard.messages import Grasp, Grasped, OpenHand
+from palpate.dashboard.recorder import open_recording
+from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
+from palpate.grasp.belief import Observation
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.runner import run_grasp
+
+#: The object is held until its release is asked for, but not for longer than this: sheet, object
+#: and servo suffer. Approach and squeeze have their own time.
+HOLD_S, LONGEST_S = 60.0, 240.0
+#: An opening hand is watched for so long.
+_OPENING_S = 10.0
+
+
+def grasp(order: Grasp, *, station: Station) -> Grasped:
+    """Run one grasp; every frame of it is recorded."""
+    rig, outlet = station.rig, station.outlet
+    plan = plan_grasp(
+        rig.calibration,
+        gripper=rig.gripper,
+        target_force_n=order.target_force_n,
+        hold_s=HOLD_S,
+        longest_s=LONGEST_S,
+    )
+    station.catch_up()
+    with open_recording(
+        order.recording, rig=rig, seed=station.seed, target_force_n=order.target_force_n
+    ) as writer:
+
+        def recorder(observation: Observation) -> None:
+            writer.add_observation(observation.frame, gripper=observation.gripper)
+
+        outlet.think(plan)
+        result = run_grasp(
+            plan,
+            array=station.array,
+            gripper=rig.gripper,
+            clock=rig.clock,
+            subscribers=[recorder, outlet.observe],
+            watchers=[outlet.believe],
+            requests=station.requests,
+        )
+    truth = None if rig.truth is None else dict(rig.truth())
+    return Grasped(result=result, truth=truth, recording=order.recording)
+
+
+def open_hand(order: OpenHand, *, station: Station) -> None:
+    """Open the hand and watch it arrive; a stop request stops it where it is."""
+    gripper, clock, array = station.rig.gripper, station.rig.clock, station.watched()
+    gripper.release()
+    until_s = clock.now_s() + _OPENING_S
+    try:
+        array.read(timeout_s=FRAME_TIMEOUT_S)
+        while gripper.state().moving and clock.now_s() < until_s:
+            array.read(timeout_s=FRAME_TIMEOUT_S)
+    finally:
+        if station.requests.stop.is_set():
+            gripper.stop()

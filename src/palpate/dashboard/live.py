@@ -1,0 +1,154 @@
+"""What the page draws: the newest pixels, and a bounded stretch of curve, movements and band."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.dashboard.messages import Frames, Pulse, Source, Thought
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import finger_means, mean_change, relative_change_percent
+
+FloatArray = NDArray[np.float64]
+
+#: A screen shows no more points than this in a second, and no longer a stretch.
+POINTS_PER_S, CURVE_S = 50, 90.0
+_MOST_MOVES, _MOST_BANDS = 200, 900
+#: Without rest values, those of the first frames are taken.
+_REST_FRAMES = 15
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """The aggregate at one time."""
+
+    time_s: float
+    percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """The forecast of the settled value as it stood at one time."""
+
+    time_s: float
+    low: float
+    value: float
+    high: float
+
+
+class Live:
+    """Takes what the devices send; keeps what a page needs to draw.
+
+    Attributes
+    ----------
+    generation : int
+        Grows when the curve begins anew: another source, another grasp.
+    curve, band : deque
+        Aggregate, and the band of its forecast, oldest first.
+    moves : deque of [start, end]
+        When the fingers moved; the end is None while they do.
+    percent, ohm : ndarray or None, shape (rows, cols)
+        The newest frame.
+    reported, moving
+        What the gripper last told of itself: mm or kPa.
+    thought : Thought or None
+        What the controller makes of it.
+    """
+
+    def __init__(self) -> None:
+        self.generation = 0
+        self.pulse = Pulse()
+        self.source: Source | None = None
+        self.begin(None)
+
+    def begin(self, source: Source | None) -> None:
+        """Frames are another source's from now on."""
+        self.source = source
+        self.percent: FloatArray | None = None
+        self.ohm: FloatArray | None = None
+        self.reported, self.moving = math.nan, False
+        self.pulse = Pulse()
+        self._rest_ohm = None if source is None else source.rest_ohm
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin the curve anew."""
+        self.generation += 1
+        self.curve: deque[Point] = deque(maxlen=int(POINTS_PER_S * CURVE_S))
+        self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
+        self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
+        self.thought: Thought | None = None
+        self._slot = -math.inf
+
+    def think(self, thought: Thought) -> None:
+        """Take what the controller makes of the frames."""
+        if thought.rest_ohm is not None:
+            self._rest_ohm = thought.rest_ohm
+        before, settled = self.thought, thought.settled
+        fresh = before is None or settled != before.settled
+        if settled is not None and fresh and math.isfinite(settled.low + settled.high):
+            self.band.append(Band(thought.time_s, settled.low, settled.value, settled.high))
+        self.thought = thought
+
+    def add(self, frames: Frames) -> None:
+        """Take frames: all count for the curve's movements, a share of them for its points."""
+        source = self.source
+        if source is None:
+            return
+        ohm = pixel_resistance_ohm(
+            frames.counts, layout=source.layout, oversampling=frames.oversampling
+        )
+        if self._rest_ohm is None:
+            self._rest_ohm = np.asarray(np.median(ohm[:_REST_FRAMES], axis=0))
+        percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
+        self.ohm, self.percent = ohm[-1], percent[-1]
+        self.reported = float(frames.reported[-1])
+        self._extend(frames.time_s, np.nan_to_num(mean_change(percent)))
+        for time_s, moving in zip(frames.time_s, frames.moving, strict=True):
+            self._move(float(time_s), moving=bool(moving))
+
+    def finger_percent(self) -> list[float]:
+        """Return the mean change of each finger's pixels; empty before the first frame."""
+        if self.source is None or self.percent is None:
+            return []
+        fingers = self.source.layout.finger_of_row
+        return [float(mean) for mean in finger_means(self.percent, finger_of_row=fingers)]
+
+    @property
+    def open_hand(self) -> bool | None:
+        """Whether the hand is open and still; None where its opening is not known."""
+        limits = None if self.source is None else self.source.gripper
+        if limits is None or math.isnan(self.reported):
+            return None
+        closure = abs(self.reported - limits.target(0.0))
+        return not self.moving and closure < 0.02 * limits.span
+
+    def since(self, time_s: float) -> list[Point]:
+        """Return the points of the curve after a time."""
+        if not self.curve or self.curve[-1].time_s <= time_s:
+            return []
+        return [point for point in self.curve if point.time_s > time_s]
+
+    def _extend(self, time_s: FloatArray, percent: FloatArray) -> None:
+        for time, value in zip(time_s, percent, strict=True):
+            slot = math.floor(time * POINTS_PER_S)
+            if slot > self._slot:
+                self._slot = slot
+                self.curve.append(Point(float(time), float(value)))
+
+    def _move(self, time_s: float, *, moving: bool) -> None:
+        if moving and not self.moving:
+            self.moves.append([time_s, None])
+        elif self.moving and not moving and self.moves:
+            self.moves[-1][1] = time_s
+        self.moving = moving
+
+
+def finite(values: Sequence[float] | FloatArray) -> list[float | None]:
+    """Return numbers as JSON can say them: None for what is not finite."""
+    return [float(value) if math.isfinite(value) else None for value in values]

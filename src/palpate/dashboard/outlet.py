@@ -1,0 +1,194 @@
+"""Everything comes in at the pace of the loop; the newest goes out at the pace of a screen.
+
+The loop only appends to a bounded queue: a page that hangs, or three of them, can't hold it up.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.dashboard.messages import Frames, Note, Pulse, Source, Thought, Update
+from palpate.dashboard.thinking import thought_of
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.safety import SafetyLimits
+from palpate.gripper.interface import GripperState
+from palpate.sensor.array import Frame
+from palpate.sensor.health_link import LinkEvents
+
+SEND_S = 0.05
+#: Two seconds at 500 frames/s: what comes faster than it is sent is not drawn.
+_MOST_FRAMES = 1000
+#: The rate is that of the frames of the last seconds.
+_RATE_S = 2.0
+_FORECAST_S = 0.2
+_STALE = SafetyLimits()
+
+
+@dataclass(slots=True)
+class _Tally:
+    """Counts since the source was opened."""
+
+    frames: int = 0
+    lost: int = 0
+    undrawn: int = 0
+    sequence: int | None = None
+    arrived_s: float = math.nan
+    period_s: float = math.nan
+
+
+class Outlet:
+    """Takes observations and beliefs from the loop; sends updates from a thread of its own.
+
+    Parameters
+    ----------
+    send : callable
+        Takes an update; may block, and raises `OSError` when nobody is there any more.
+    on_lost : callable
+        Called once if so.
+    """
+
+    def __init__(self, send: Callable[[Update], None], *, on_lost: Callable[[], None]) -> None:
+        self._send, self._on_lost = send, on_lost
+        self._lock = threading.Lock()
+        self._frames: deque[tuple[Frame, GripperState | None]] = deque(maxlen=_MOST_FRAMES)
+        self._notes: list[Note] = []
+        self._source: Source | None = None
+        self._events: Callable[[], LinkEvents] = LinkEvents
+        self._tally = _Tally()
+        self._recent: deque[tuple[float, int]] = deque()
+        self._plan: Plan | None = None
+        self._belief: Belief | None = None
+        self._thought: Thought | None = None
+        self._forecast_s = -math.inf
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="outlet", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Send what there is, and end."""
+        self._closed.set()
+        self._thread.join()
+
+    def note(self, note: Note) -> None:
+        """Send this; notes are never dropped, and come before later frames."""
+        with self._lock:
+            self._notes.append(note)
+
+    def begin(self, source: Source, *, events: Callable[[], LinkEvents] = LinkEvents) -> None:
+        """Frames are another source's from now on; `events` tells what its link counted."""
+        with self._lock:
+            self._frames.clear()
+            self._recent.clear()
+            self._tally, self._source, self._events = _Tally(), source, events
+            self._notes.append(source)
+
+    def think(self, plan: Plan | None) -> None:
+        """Beliefs are about this plan from now on; None: there are none."""
+        with self._lock:
+            self._plan, self._belief, self._thought = plan, None, None
+
+    def believe(self, belief: Belief) -> None:
+        """Take what the controller makes of the last frame."""
+        self._belief = belief
+
+    def observe(self, observation: Observation) -> None:
+        """Take a frame and the gripper's state."""
+        self.see(observation.frame, observation.gripper)
+
+    def see(self, frame: Frame, gripper: GripperState | None) -> None:
+        """Take a frame, with the gripper's state where there is one."""
+        now_s = time.monotonic()
+        with self._lock:
+            tally = self._tally
+            if tally.sequence is not None:
+                tally.lost += max(0, frame.sequence - tally.sequence - 1)
+                wall_s = now_s - tally.arrived_s
+                old_s = tally.period_s
+                tally.period_s = wall_s if math.isnan(old_s) else 0.9 * old_s + 0.1 * wall_s
+            tally.frames += 1
+            tally.sequence, tally.arrived_s = frame.sequence, now_s
+            tally.undrawn += len(self._frames) == self._frames.maxlen
+            self._frames.append((frame, gripper))
+            self._recent.append((frame.time_s, frame.sequence))
+            while frame.time_s - self._recent[0][0] > _RATE_S:
+                self._recent.popleft()
+
+    def _run(self) -> None:
+        last = False
+        while not last:
+            last = self._closed.wait(SEND_S)
+            try:
+                self._send(self._update())
+            except OSError:
+                self._on_lost()
+                return
+
+    def _update(self) -> Update:
+        with self._lock:
+            notes, self._notes = tuple(self._notes), []
+            frames = list(self._frames)
+            self._frames.clear()
+            source, plan, belief = self._source, self._plan, self._belief
+            pulse = self._pulse()
+        with suppress(OSError):  # a port that was just pulled out
+            events = self._events()
+            pulse = replace(pulse, corrupt=events.corrupt, late=events.late)
+        thought = None
+        if plan is not None and belief is not None and belief.frames:
+            thought = self._thought = self._thinking(belief, plan)
+        return Update(
+            notes=notes,
+            pulse=pulse,
+            frames=None if source is None or not frames else columns(frames, source),
+            thought=thought,
+        )
+
+    def _thinking(self, belief: Belief, plan: Plan) -> Thought:
+        """Forecasts are made a few times a second: nobody reads faster."""
+        now_s = time.monotonic()
+        fresh = now_s - self._forecast_s >= _FORECAST_S
+        if fresh:
+            self._forecast_s = now_s
+        return thought_of(belief, plan=plan, before=self._thought, forecasts=fresh)
+
+    def _pulse(self) -> Pulse:
+        tally, recent = self._tally, self._recent
+        age_s = time.monotonic() - tally.arrived_s
+        span_s = recent[-1][0] - recent[0][0] if recent else 0.0
+        period_s = 0.0 if math.isnan(tally.period_s) else tally.period_s
+        return Pulse(
+            frames=tally.frames,
+            lost=tally.lost,
+            rate_hz=(recent[-1][1] - recent[0][1]) / span_s if span_s > 0 else math.nan,
+            age_s=age_s,
+            stale=not age_s <= _STALE.stale_after_s(period_s),
+            undrawn=tally.undrawn,
+        )
+
+
+def columns(frames: list[tuple[Frame, GripperState | None]], source: Source) -> Frames:
+    """Return frames as columns; the gripper's are what its commands set, mm or kPa."""
+    states = [state for _, state in frames]
+    limits = source.gripper
+    reported = [
+        math.nan if state is None or limits is None else limits.reported(state) for state in states
+    ]
+    return Frames(
+        time_s=np.array([frame.time_s for frame, _ in frames]),
+        counts=np.array([frame.counts for frame, _ in frames]),
+        oversampling=frames[-1][0].oversampling,
+        reported=np.array(reported),
+        moving=np.array([state is not None and state.moving for state in states]),
+    )

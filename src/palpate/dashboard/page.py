@@ -1,0 +1,113 @@
+"""The page: what must never leave the eye on top, the stage that shows, the panel that acts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import Client, ui
+
+from palpate.dashboard.desk import Desk
+from palpate.dashboard.panel_calibrate import calibrate_panel
+from palpate.dashboard.panel_doctor import doctor_panel
+from palpate.dashboard.panel_grasp import grasp_panel
+from palpate.dashboard.panel_items import items_panel
+from palpate.dashboard.panel_recordings import recordings_panel
+from palpate.dashboard.pressing import Hands
+from palpate.dashboard.session import Action
+
+_STAGE = (Path(__file__).parent / "static" / "stage.html").read_text(encoding="utf-8")
+_TABS = ("Grasp", "Calibrate", "Doctor", "Recordings", "Items")
+_REFRESH_S = 0.2
+
+
+def build_page(desk: Desk, client: Client) -> None:
+    """Fill the page of one viewer."""
+    ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
+    ui.add_body_html('<script type="module" src="/static/live.js"></script>')
+    hands = Hands(desk.session, viewer=client.id)
+    desk.session.join(client.id)
+    client.on_delete(lambda: desk.session.leave(client.id))
+    _header(desk, hands)
+    _alerts(desk, hands)
+    with ui.element("main").classes("page"):
+        ui.html(_STAGE, sanitize=False).classes("stage")
+        with ui.element("aside").classes("card panel"):
+            _panel(desk, hands)
+    ui.timer(_REFRESH_S, hands.refresh)
+
+
+def _header(desk: Desk, hands: Hands) -> None:
+    dark = ui.dark_mode(None)
+    with ui.element("header").classes("bar"):
+        ui.html('<span class="brand">palpate<small id="rig-name"></small></span>', sanitize=False)
+        ui.html('<span id="simulated" class="badge-sim hidden">SIMULATED</span>', sanitize=False)
+        ui.element("div").classes("grow")
+        ui.html(
+            '<span id="link" class="pill num" role="status" data-state="waiting">'
+            '<span class="dot"></span><span id="link-text">connecting</span></span>',
+            sanitize=False,
+        )
+        who = ui.label().classes("pill").props("id=who")
+        take = ui.button("Take over", on_click=hands.take_over, color=None)
+        take.classes("btn plain small").props("flat no-caps id=take-over")
+        ui.button(icon="contrast", on_click=dark.toggle, color=None).classes(
+            "btn plain small"
+        ).props('flat aria-label="Light or dark"')
+
+    def drives() -> None:
+        mine = hands.drives
+        others = len(desk.session.viewers) - 1
+        beside = f", {others} watching" if mine and others else ""
+        nobody = "nobody drives" if desk.session.driver is None else "you watch, someone drives"
+        who.set_text(f"you drive{beside}" if mine else nobody)
+        take.set_visibility(not mine)
+
+    hands.on_refresh(drives)
+
+
+def _alerts(desk: Desk, hands: Hands) -> None:
+    ui.html(
+        '<div id="trouble" class="alert bad hidden" role="alert">'
+        '<span id="trouble-text"></span></div>',
+        sanitize=False,
+    )
+    with ui.element("div").classes("alert guide").props("id=guide role=status") as box:
+        text = ui.label()
+        bar = ui.linear_progress(value=0.0, show_value=False)
+        done = ui.button("Done, go on", on_click=hands.confirm, color=None)
+        done.classes("btn main small").props("flat no-caps id=confirm")
+
+    def guides() -> None:
+        guide = desk.session.guide
+        box.set_visibility(guide is not None)
+        if guide is None:
+            return
+        text.set_text(guide.text)
+        bar.set_visibility(guide.share is not None)
+        bar.set_value(guide.share or 0.0)
+        done.set_visibility(guide.asks)
+        back = desk.session.live.source is not None and desk.session.live.source.replayed
+        done.set_text("Back to the rig" if back else "Done, go on")
+
+    hands.on_refresh(guides)
+    hands.gate(done, Action.CONFIRM)
+
+
+def _panel(desk: Desk, hands: Hands) -> None:
+    with ui.tabs().classes("w-full").props("dense no-caps align=justify") as tabs:
+        pages = {name: ui.tab(name) for name in _TABS}
+    builders = {
+        "Grasp": grasp_panel,
+        "Calibrate": calibrate_panel,
+        "Doctor": doctor_panel,
+        "Recordings": recordings_panel,
+        "Items": items_panel,
+    }
+    with ui.tab_panels(tabs, value=pages["Grasp"], animated=False).classes("panel-body"):
+        for name, tab in pages.items():
+            with ui.tab_panel(tab):
+                builders[name](desk, hands)
+    ui.html(
+        '<button id="stop" class="stop" type="button">STOP<kbd>or press Esc</kbd></button>',
+        sanitize=False,
+    ).classes("panel-foot")

@@ -1,0 +1,125 @@
+"""The panel that calibrates: rest values, then newtons."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from palpate.dashboard.desk import Desk
+from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
+from palpate.dashboard.pressing import Hands
+from palpate.dashboard.session import Action
+from palpate.errors import InputError
+from palpate.sensor.dead_weights import checked_loads
+from palpate.sensor.findings import pixel_name
+
+_LOADS = "0.5 1 2 4 8 4 2 1"
+
+
+def calibrate_panel(desk: Desk, hands: Hands) -> None:
+    """Fill the panel."""
+    with ui.element("div").classes("form"):
+        ui.html("<h3>1. Rest</h3>", sanitize=False)
+        ui.html(
+            "<p>What each pixel reads with nothing on it. Take everything off the fingers; the "
+            "hand opens, and the sensor is left alone for some seconds.</p>",
+            sanitize=False,
+        )
+        rest = ui.button(
+            "Take the rest values",
+            on_click=lambda: hands.order(CalibrateRest(file=desk.calibration_file())),
+            color=None,
+        )
+        rest.classes("btn plain").props("flat no-caps id=calibrate-rest")
+        hands.gate(rest, Action.CALIBRATE)
+        ui.html("<h3>2. Force</h3>", sanitize=False)
+        _force(desk, hands)
+        _result(desk, hands)
+
+
+def _force(desk: Desk, hands: Hands) -> None:
+    how = ui.html("", sanitize=False)
+    loads = ui.input("Loads in newtons, in order, up and down", value=_LOADS)
+    loads.props("outlined dense")
+
+    def start() -> None:
+        weights: tuple[float, ...] = ()
+        source = desk.session.live.source
+        if source is None or not source.has_load_cell:
+            try:
+                weights = tuple(checked_loads(_numbers(loads.value), where="loads"))
+            except InputError as error:
+                ui.notify(str(error), type="warning")
+                return
+        hands.order(CalibrateForce(file=desk.calibration_file(), loads_n=weights))
+
+    button = ui.button("Calibrate the force", on_click=start, color=None)
+    button.classes("btn plain").props("flat no-caps id=calibrate-force")
+    hands.gate(button, Action.CALIBRATE)
+
+    def explain() -> None:
+        source = desk.session.live.source
+        cell = source is not None and source.has_load_cell
+        simulated = source is not None and source.simulated
+        loads.set_visibility(not cell and not simulated)
+        how.set_content(f"<p>{_how(cell=cell, simulated=simulated)}</p>")
+
+    hands.on_refresh(explain)
+
+
+def _how(*, cell: bool, simulated: bool) -> str:
+    if cell:
+        return (
+            "A simulated load cell is put between the fingers six times, and the hand closes on it "
+            "in steps. Its minutes run as fast as this machine can."
+        )
+    if simulated:
+        return "This simulated rig has no load cell, and nobody can lay weights on it."
+    return (
+        "Lay dead weights on one pad as you are asked to, up and down again; each settles for "
+        "20 s. Newtons are grams × 0.00981."
+    )
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise InputError(f"loads {text!r}: numbers with spaces between them") from error
+
+
+def _result(desk: Desk, hands: Hands) -> None:
+    box = ui.html("", sanitize=False).props("id=calibrated")
+    shown: list[Calibrated | None] = [None]
+
+    def show() -> None:
+        made = desk.session.calibrated
+        if made is shown[0] or made is None:
+            return
+        shown[0] = made
+        box.set_content(_table(made))
+
+    hands.on_refresh(show)
+
+
+def _table(made: Calibrated) -> str:
+    rows = "".join(
+        f"<tr><td>{pixel_name(row, col)}</td><td class='r num'>{made.rest_ohm[row, col]:.0f}</td>"
+        f"<td class='r num'>{made.change_percent[row, col]:+.1f} %</td></tr>"
+        for row in range(made.rest_ohm.shape[0])
+        for col in range(made.rest_ohm.shape[1])
+    )
+    errors = "".join(
+        f"<tr><td>{force.removesuffix('_n')} N</td><td class='r num'>"
+        f"{'not reached' if error is None else f'{error:.0f} %'}</td></tr>"
+        for force, error in made.held_out.items()
+    )
+    force = (
+        "<p>Expected error of the settled force, loads left out of the fit:</p>"
+        f"<table class='plain'>{errors}</table>"
+    )
+    return (
+        f"<p class='said good'>Calibrated</p><p class='muted'>{made.file.name} is renewed.</p>"
+        + (force if errors else "")
+        + "<table class='plain'><tr><th>pixel</th><th class='r'>rest, ohm</th>"
+        + f"<th class='r'>since before</th></tr>{rows}</table>"
+    )

@@ -1,0 +1,74 @@
+"""The panel that examines the sensor."""
+
+from __future__ import annotations
+
+import html
+import math
+
+from nicegui import ui
+
+from palpate.dashboard.desk import Desk
+from palpate.dashboard.messages import Examine
+from palpate.dashboard.pressing import Hands
+from palpate.dashboard.session import Action
+from palpate.sensor.array import ArrayLayout
+from palpate.sensor.findings import Severity, pixel_name
+from palpate.sensor.health import Health
+
+
+def doctor_panel(desk: Desk, hands: Hands) -> None:
+    """Fill the panel."""
+    with ui.element("div").classes("form"):
+        ui.html("<h3>Is the sensor well?</h3>", sanitize=False)
+        ui.html(
+            "<p>Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference resistor "
+            "that does not fit. Nothing may touch the sensor for 10 s.</p>",
+            sanitize=False,
+        )
+        button = ui.button("Examine", on_click=lambda: hands.order(Examine()), color=None)
+        button.classes("btn plain").props("flat no-caps id=examine")
+        hands.gate(button, Action.EXAMINE)
+        box = ui.html("", sanitize=False).props("id=health")
+    shown: list[Health | None] = [None]
+
+    def show() -> None:
+        health, source = desk.session.health, desk.session.live.source
+        if health is None or health is shown[0] or source is None:
+            return
+        shown[0] = health
+        box.set_content(report(health, layout=source.layout))
+
+    hands.on_refresh(show)
+
+
+def report(health: Health, *, layout: ArrayLayout) -> str:
+    """Return what was found as HTML."""
+    faults = sum(found.severity is Severity.FAULT for found in health.findings)
+    said = "Healthy" if health.healthy else f"{faults} fault{'s' if faults > 1 else ''}"
+    findings = "".join(
+        f"<p class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
+        f"<b>{html.escape(found.where)}</b>: {html.escape(found.text)}. "
+        f"{html.escape(found.check[:1].upper() + found.check[1:])}.</p>"
+        for found in health.findings
+    )
+    link = health.link
+    pixels = "".join(
+        f"<tr><td>{pixel_name(row, col)}</td>"
+        f"<td class='r num'>{_said(health.pixels.rest_ohm[row, col], ' ohm', 0)}</td>"
+        f"<td class='r num'>{_said(health.pixels.noise_percent[row, col], ' %', 2)}</td>"
+        f"<td class='r num'>{_said(health.pixels.drift_percent[row, col], ' %', 2)}</td></tr>"
+        for row in range(layout.rows)
+        for col in range(layout.cols)
+    )
+    return (
+        f"<p class='said {'good' if health.healthy else 'bad'}'>{said}</p>{findings}"
+        f"<p class='muted num'>{link.frames} frames in {link.duration_s:.1f} s, "
+        f"{link.rate_hz:.1f} Hz, {link.lost} lost, {link.events.corrupt} corrupt, "
+        f"jitter {link.jitter_percent:.1f} %</p>"
+        "<table class='plain'><tr><th>pixel</th><th class='r'>at rest</th><th class='r'>noise</th>"
+        f"<th class='r'>drift</th></tr>{pixels}</table>"
+    )
+
+
+def _said(value: float, unit: str, digits: int) -> str:
+    return f"{value:.{digits}f}{unit}" if math.isfinite(value) else "open"

@@ -1,0 +1,83 @@
+"""One viewer's hands: presses go to the session, refusals come back as words beside the button."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from nicegui import ui
+
+from palpate.dashboard.messages import Order
+from palpate.dashboard.session import Action, Session
+from palpate.errors import InputError
+
+
+class Hands:
+    """What one viewer presses.
+
+    Parameters
+    ----------
+    session : Session
+        The one that all share.
+    viewer : str
+        Who it is.
+    """
+
+    def __init__(self, session: Session, *, viewer: str) -> None:
+        self._session, self._viewer = session, viewer
+        self._refreshers: list[Callable[[], None]] = []
+
+    @property
+    def drives(self) -> bool:
+        """Whether this viewer drives."""
+        return self._session.driver == self._viewer
+
+    def order(self, order: Order) -> None:
+        """Order something; a refusal is shown."""
+        self._try(lambda: self._session.order(self._viewer, order))
+
+    def release(self) -> None:
+        """Give the object back."""
+        self._try(lambda: self._session.release(self._viewer))
+
+    def confirm(self) -> None:
+        """Say that what was asked for is done."""
+        self._try(lambda: self._session.confirm(self._viewer))
+
+    def set_speed(self, speed: float) -> None:
+        """Let simulated time run so fast."""
+        self._try(lambda: self._session.set_speed(self._viewer, speed))
+
+    def take_over(self) -> None:
+        """Drive from now on."""
+        self._session.take_over(self._viewer)
+        self.refresh()
+
+    def gate(self, button: ui.button | ui.switch, action: Action) -> None:
+        """Enable a button only while it may be pressed; else its tooltip says why not."""
+        with button:
+            hint = ui.tooltip("")
+
+        def gated() -> None:
+            why = self._session.refusal(action, viewer=self._viewer)
+            button.set_enabled(not why)
+            hint.set_text(why)
+            hint.set_visibility(bool(why))
+
+        self.on_refresh(gated)
+
+    def on_refresh(self, refresher: Callable[[], None]) -> None:
+        """Call this now and a few times a second."""
+        self._refreshers.append(refresher)
+        refresher()
+
+    def refresh(self) -> None:
+        """Bring what this viewer sees up to date."""
+        for refresher in self._refreshers:
+            refresher()
+
+    def _try(self, press: Callable[[], None]) -> None:
+        try:
+            press()
+        except InputError as error:
+            ui.notify(str(error), type="warning")
+        self.refresh()

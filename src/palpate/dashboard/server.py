@@ -1,0 +1,124 @@
+"""The server: one page, one document to poll, one address to stop at. Nothing from elsewhere."""
+
+from __future__ import annotations
+
+import os
+import socket
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from palpate.dashboard.desk import Desk, Settings
+from palpate.dashboard.gate import Gate, check_token, is_loopback
+from palpate.dashboard.view import document
+from palpate.errors import DeviceError, MissingExtraError
+
+_STATIC = Path(__file__).parent / "static"
+#: A viewer whose connection breaks keeps the wheel for so long.
+_RECONNECT_S = 3.0
+
+
+def serve(
+    settings: Settings,
+    *,
+    host: str,
+    port: int,
+    token: str | None,
+    announce: Callable[[str], None],
+) -> None:
+    """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
+
+    `announce` gets the address once the port is taken.
+
+    Raises
+    ------
+    InputError
+        If others could reach it without a token.
+    DeviceError
+        If the port is taken.
+    MissingExtraError
+        If NiceGUI is not installed.
+    """
+    check_token(host, token)
+    # NiceGUI wants a folder for what this page does not store.
+    os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir(), "palpate-page")))
+    try:
+        import uvicorn
+        from fastapi import FastAPI
+        from nicegui import ui
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"{error.name} is not installed: pip install 'palpate[dashboard]'"
+        ) from error
+    listening = _listen(host, port)
+    desk = Desk(settings)
+    app = FastAPI(openapi_url=None)
+    _routes(desk)
+    app.router.on_startup.append(desk.open)
+    app.router.on_shutdown.append(desk.close)
+    ui.run_with(
+        app,
+        title="palpate",
+        favicon="🤏",
+        dark=None,
+        reconnect_timeout=_RECONNECT_S,
+        message_history_length=100,
+        tailwind=False,
+        gzip_middleware_factory=None,
+        show_welcome_message=False,
+    )
+    gate = Gate(app, token=token, loopback=is_loopback(host))
+    config = uvicorn.Config(
+        gate, log_level="warning", access_log=False, timeout_graceful_shutdown=2
+    )
+    shown = f"[{host}]" if ":" in host else host
+    announce(f"http://{shown}:{listening.getsockname()[1]}/")
+    with listening:
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def _routes(desk: Desk) -> None:
+    """Add the page and its two addresses."""
+    from fastapi.responses import JSONResponse
+    from nicegui import Client, app, ui
+
+    from palpate.dashboard.page import build_page
+
+    app.add_static_files("/static", _STATIC)
+
+    @ui.page("/")
+    def page(client: Client) -> None:
+        build_page(desk, client)
+
+    @app.get("/live")
+    async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
+        found: dict[str, Any] = document(desk.session, generation=generation, after_s=after_s)
+        return JSONResponse(found)
+
+    @app.post("/stop")
+    async def stop() -> JSONResponse:
+        desk.session.stop()
+        return JSONResponse({"stopped": True})
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Take the port before anything is opened.
+
+    Raises
+    ------
+    DeviceError
+        If it can't be had.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listening = socket.socket(family)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((host, port))
+    except OSError as error:
+        listening.close()
+        raise DeviceError(
+            f"{host}:{port}: {error.strerror}; is palpate serve running already? "
+            "Give another --port"
+        ) from error
+    return listening

@@ -1,0 +1,342 @@
+"""The rules of the page: who drives, what runs, and what may be pressed when. No browser, no I/O.
+
+Anyone may look, and anyone may press stop. Everything else is for the one who drives; another
+becomes the driver only by taking over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+
+from palpate.dashboard.live import Live
+from palpate.dashboard.messages import (
+    Began,
+    Calibrated,
+    CalibrateForce,
+    CalibrateRest,
+    Confirm,
+    Ended,
+    Examine,
+    Grasp,
+    Grasped,
+    Guide,
+    Lost,
+    Note,
+    OpenHand,
+    OpenRig,
+    Order,
+    Play,
+    Record,
+    Recording,
+    ReleaseNow,
+    SetSpeed,
+    Source,
+    StopNow,
+    Trouble,
+    Update,
+    Urgent,
+)
+from palpate.errors import InputError
+from palpate.sensor.health import Health
+
+
+class Activity(StrEnum):
+    """What the devices are doing."""
+
+    IDLE = "no rig"
+    OPENING = "opening the rig"
+    WATCHING = "watching"
+    GRASPING = "grasping"
+    RELEASING = "opening the hand"
+    RESTING = "calibrating rest"
+    WEIGHING = "calibrating force"
+    EXAMINING = "examining"
+    REPLAYING = "replaying"
+    GONE = "gone"
+
+
+class Action(StrEnum):
+    """What can be pressed, apart from stop."""
+
+    OPEN = "open a rig"
+    GRASP = "grasp"
+    RELEASE = "release"
+    CALIBRATE = "calibrate"
+    EXAMINE = "examine"
+    PLAY = "replay"
+    RECORD = "record"
+    CONFIRM = "confirm"
+    SPEED = "change the speed"
+
+
+_ACTIVITIES: dict[type[Order], Activity] = {
+    OpenRig: Activity.OPENING,
+    Grasp: Activity.GRASPING,
+    OpenHand: Activity.RELEASING,
+    CalibrateRest: Activity.RESTING,
+    CalibrateForce: Activity.WEIGHING,
+    Examine: Activity.EXAMINING,
+    Play: Activity.REPLAYING,
+}
+_ACTIONS: dict[type[Order], Action] = {
+    OpenRig: Action.OPEN,
+    Grasp: Action.GRASP,
+    OpenHand: Action.RELEASE,
+    CalibrateRest: Action.CALIBRATE,
+    CalibrateForce: Action.CALIBRATE,
+    Examine: Action.EXAMINE,
+    Play: Action.PLAY,
+    Record: Action.RECORD,
+}
+_NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
+
+
+class Session:
+    """One rig, many viewers, one driver.
+
+    Parameters
+    ----------
+    send : callable
+        Takes an order, or a request that is heard at once.
+    on_grasped : callable, optional
+        Called with each finished grasp of the rig (not with replays).
+
+    Attributes
+    ----------
+    driver : str or None
+        Who drives.
+    activity : Activity
+        What runs.
+    live : Live
+        What is to be drawn.
+    guide : Guide or None
+        What the user is to do now.
+    trouble : str
+        What went wrong last; empty once something went well.
+    item_id : str
+        Which item the next grasp is of; empty if it is not to be remembered.
+    grasped, calibrated, health
+        What came of the last grasp or replay, calibration and examination.
+    stopped_after_s : float or None
+        How long the last stop took, on the rig's clock.
+    recording : Path or None
+        What is watched goes there.
+    rig : OpenRig or None
+        The rig asked for last.
+
+    Examples
+    --------
+    >>> session = Session(send=print)
+    >>> session.join("a"), session.join("b"), session.driver
+    (True, False, 'a')
+    >>> session.order("b", OpenRig(name="sim-rigid"))
+    Traceback (most recent call last):
+    palpate.errors.InputError: someone else drives: take over first
+    """
+
+    def __init__(
+        self,
+        *,
+        send: Callable[[Order | Urgent], None],
+        on_grasped: Callable[[Grasped, Source], None] = lambda grasped, source: None,
+    ) -> None:
+        self._send, self._on_grasped = send, on_grasped
+        self.viewers: set[str] = set()
+        self.driver: str | None = None
+        self.activity = Activity.IDLE
+        self.live = Live()
+        self.guide: Guide | None = None
+        self.trouble = ""
+        self.target_force_n: float | None = None
+        self.item_id = ""
+        self.grasped: Grasped | None = None
+        self.calibrated: Calibrated | None = None
+        self.health: Health | None = None
+        self.stopped_after_s: float | None = None
+        self.recording: Path | None = None
+        self.rig: OpenRig | None = None
+        self._opened = False
+
+    # -- who drives -----------------------------------------------------------------------------
+
+    def join(self, viewer: str) -> bool:
+        """Let someone in; return whether they drive: the first does."""
+        self.viewers.add(viewer)
+        if self.driver is None:
+            self.driver = viewer
+        return self.driver == viewer
+
+    def take_over(self, viewer: str) -> None:
+        """Let this viewer drive, whoever did before."""
+        self.join(viewer)
+        self.driver = viewer
+
+    def leave(self, viewer: str) -> None:
+        """Let someone go; nobody drives then until somebody takes over or comes in."""
+        self.viewers.discard(viewer)
+        if self.driver == viewer:
+            self.driver = None
+
+    # -- what may be pressed --------------------------------------------------------------------
+
+    def refusal(self, action: Action, *, viewer: str) -> str:
+        """Return why this can't be pressed now; empty if it can."""
+        if self.activity is Activity.GONE:
+            return "the devices are gone: start palpate serve again"
+        if viewer != self.driver:
+            taken = "nobody drives" if self.driver is None else "someone else drives"
+            return f"{taken}: take over first"
+        if action is Action.CONFIRM:
+            return "" if self.guide is not None and self.guide.asks else "nothing is asked"
+        if action is Action.SPEED:
+            return ""
+        if action is Action.RELEASE and self.activity is Activity.GRASPING:
+            return ""
+        if self.activity not in (Activity.WATCHING, Activity.IDLE):
+            return f"{self.activity}: wait, or press stop"
+        if action in (Action.OPEN, Action.PLAY):
+            return ""
+        if not self._opened:
+            return "no rig is open: choose one"
+        return self._not_ready(action)
+
+    def _not_ready(self, action: Action) -> str:
+        if action in (Action.GRASP, Action.CALIBRATE, Action.EXAMINE) and self.live.pulse.stale:
+            return "no fresh frames: look at the link"
+        if action in _NEEDS_OPEN_HAND and self.live.open_hand is False:
+            return "the hand is not open: release first"
+        return ""
+
+    # -- what is pressed ------------------------------------------------------------------------
+
+    def order(self, viewer: str, order: Order) -> None:
+        """Carry out an order of a viewer.
+
+        Raises
+        ------
+        InputError
+            If it can't be carried out now; says why.
+        """
+        self._check(_ACTIONS[type(order)], viewer)
+        if isinstance(order, Grasp):
+            self.target_force_n = order.target_force_n
+        if isinstance(order, OpenRig):
+            self.rig = order
+        if not isinstance(order, Record):
+            # Before the devices answer: a second press must not order it twice.
+            self.activity, self.guide = _ACTIVITIES[type(order)], None
+        self._send(order)
+
+    def open_first(self, order: OpenRig) -> None:
+        """Open a rig before anyone is there to order it."""
+        self.rig, self.activity = order, Activity.OPENING
+        self._send(order)
+
+    def release(self, viewer: str) -> None:
+        """Give the object back, or open the hand.
+
+        Raises
+        ------
+        InputError
+            If that is not possible now; says why.
+        """
+        if self.activity is Activity.GRASPING:
+            self._check(Action.RELEASE, viewer)
+            self._send(ReleaseNow())
+        else:
+            self.order(viewer, OpenHand())
+
+    def confirm(self, viewer: str) -> None:
+        """Say that what a guided step asked for is done.
+
+        Raises
+        ------
+        InputError
+            If nothing was asked of this viewer.
+        """
+        self._check(Action.CONFIRM, viewer)
+        self._send(Confirm())
+
+    def set_speed(self, viewer: str, speed: float) -> None:
+        """Let simulated time run so many times as fast as the clock on the wall.
+
+        Raises
+        ------
+        InputError
+            If this viewer doesn't drive.
+        """
+        self._check(Action.SPEED, viewer)
+        if self.rig is not None:
+            self.rig = replace(self.rig, speed=speed)
+        self._send(SetSpeed(speed))
+
+    def stop(self) -> None:
+        """Stop what runs, at once, whoever asks."""
+        self._send(StopNow())
+
+    def _check(self, action: Action, viewer: str) -> None:
+        why = self.refusal(action, viewer=viewer)
+        if why:
+            raise InputError(why)
+
+    # -- what comes from the devices ------------------------------------------------------------
+
+    def take(self, update: Update | Lost) -> None:
+        """Take an update of the devices."""
+        if isinstance(update, Lost):
+            self.activity, self.trouble = Activity.GONE, update.text
+            return
+        for note in update.notes:
+            self._take_note(note)
+        self.live.pulse = update.pulse
+        if update.thought is not None:
+            self.live.think(update.thought)
+        if update.frames is not None:
+            self.live.add(update.frames)
+
+    def _take_note(self, note: Note) -> None:
+        match note:
+            case Source():
+                self.live.begin(note)
+                self._opened = self._opened or not note.replayed
+            case Began():
+                self._begin(note.order)
+            case Guide():
+                self.guide = note
+            case Grasped():
+                self.grasped = note
+            case Recording():
+                self.recording = note.file
+            case Trouble():
+                self.trouble = note.text
+            case Ended():
+                self._end(note)
+
+    def _begin(self, order: Order) -> None:
+        self.activity = _ACTIVITIES[type(order)]
+        self.guide, self.trouble, self.stopped_after_s = None, "", None
+        if isinstance(order, OpenRig):
+            self._opened = False
+        if isinstance(order, OpenRig | Grasp | Play):
+            self.grasped = None
+            self.live.clear()
+
+    def _end(self, note: Ended) -> None:
+        self.activity = Activity.WATCHING if self._opened else Activity.IDLE
+        self.guide, self.trouble = None, note.trouble
+        self.stopped_after_s = note.stopped_after_s
+        if isinstance(note.order, Play):
+            self.grasped = None
+        match note.found:
+            case Grasped():
+                self.grasped = note.found
+                source = self.live.source
+                if isinstance(note.order, Grasp) and source is not None:
+                    self._on_grasped(note.found, source)
+            case Calibrated():
+                self.calibrated = note.found
+            case Health():
+                self.health = note.found

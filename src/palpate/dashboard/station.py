@@ -1,0 +1,152 @@
+"""What every job works with: a rig, and the ways in and out."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from palpate.clock import Clock
+from palpate.dashboard.messages import Guide, Source
+from palpate.dashboard.outlet import Outlet
+from palpate.errors import DeviceError, PalpateError
+from palpate.grasp.calibrating import Bench
+from palpate.grasp.requests import Requests
+from palpate.gripper.interface import Gripper, GripperState
+from palpate.rig import Rig
+from palpate.sensor.array import ArrayLayout, Frame, PressureArray
+from palpate.sensor.health_link import LinkEvents
+from palpate.sensor.serial_array import SerialArray
+
+FRAME_TIMEOUT_S = 2.0
+
+
+class StoppedByUserError(PalpateError):
+    """A guided step was stopped."""
+
+
+class CellBench(Protocol):
+    """A bench with a load cell, and the hands that put it between the fingers."""
+
+    @property
+    def bench(self) -> Bench:
+        """The devices."""
+        ...
+
+    @property
+    def reseat(self) -> Callable[[int], None]:
+        """Puts the load cell between the fingers for a run."""
+        ...
+
+
+#: Opens the bench of a rig by name and seed; raises `DeviceError` where there is none.
+BenchOpener = Callable[[str, int], CellBench]
+
+
+@dataclass(slots=True, kw_only=True)
+class Station:
+    """A rig at work.
+
+    Attributes
+    ----------
+    rig : Rig
+        Its devices; `calibration` is replaced when it is renewed.
+    array : PressureArray
+        The rig's, held back to the pace of the wall's clock where it is simulated.
+    seed : int
+        Of a simulated rig.
+    outlet : Outlet
+        Where everything that is to be seen goes.
+    confirmed : Event
+        Set when the user did what was asked for.
+    open_bench : callable or None
+        Opens the bench with a load cell of this rig; None where it has none.
+    requests : Requests
+        What the user asks of the job that runs.
+    """
+
+    rig: Rig
+    array: PressureArray
+    seed: int
+    outlet: Outlet
+    confirmed: threading.Event
+    open_bench: BenchOpener | None = None
+    requests: Requests = field(default_factory=Requests)
+
+    def source(self) -> Source:
+        """Return what the page is to know about the rig."""
+        return Source(
+            name=self.rig.name,
+            layout=self.rig.array.layout,
+            rest_ohm=self.rig.calibration.rest_ohm,
+            gripper=self.rig.gripper.limits,
+            origin=self.rig.origin,
+            subject=self.rig.subject,
+            has_load_cell=self.open_bench is not None,
+        )
+
+    def link_events(self) -> LinkEvents:
+        """Return what the link has counted, where there is one."""
+        array = self.rig.array
+        if not isinstance(array, SerialArray):
+            return LinkEvents()
+        count = array.counters
+        return LinkEvents(
+            corrupt=count.corrupt,
+            late=count.late,
+            restarts=count.restarts + count.reconnects,
+            drift_ppm=array.drift_ppm,
+        )
+
+    def watched(self, array: PressureArray | None = None) -> Watched:
+        """Return the array with every frame shown; a stop request ends its reading."""
+        return Watched(array or self.array, gripper=self.rig.gripper, station=self)
+
+    def guide(self, text: str, *, share: float | None = None, asks: bool = False) -> None:
+        """Tell the user what goes on, or what to do."""
+        self.outlet.note(Guide(text=text, share=share, asks=asks))
+
+    def catch_up(self) -> None:
+        """Drop frames that waited while nobody read: nothing is decided on old ones."""
+        clock: Clock = self.rig.clock
+        frame = self.array.read(timeout_s=FRAME_TIMEOUT_S)
+        while clock.now_s() - frame.time_s > 0.5 * FRAME_TIMEOUT_S:
+            frame = self.array.read(timeout_s=FRAME_TIMEOUT_S)
+
+
+class Watched:
+    """An array whose every frame is shown, until the user stops what reads it."""
+
+    def __init__(self, array: PressureArray, *, gripper: Gripper, station: Station) -> None:
+        self._array, self._gripper, self._station = array, gripper, station
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Layout of the frames."""
+        return self._array.layout
+
+    def read(self, *, timeout_s: float) -> Frame:
+        """Return the next frame.
+
+        Raises
+        ------
+        StoppedByUserError
+            If the user asked for a stop.
+        """
+        if self._station.requests.stop.is_set():
+            raise StoppedByUserError("stopped on request")
+        frame = self._array.read(timeout_s=timeout_s)
+        self._station.outlet.see(frame, state_of(self._gripper))
+        return frame
+
+    def close(self) -> None:
+        """Leave the array open: it is the rig's."""
+
+
+def state_of(gripper: Gripper) -> GripperState | None:
+    """Return the gripper's state, None while it does not answer."""
+    try:
+        return gripper.state()
+    except DeviceError:
+        return None
