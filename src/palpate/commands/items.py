@@ -1,0 +1,250 @@
+"""`palpate items`: what the store remembers, as a list, as the page of one item, as a file."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import contextmanager
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.commands.store_option import STORE_HELP
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from palpate.produce.pages import ItemPage
+    from palpate.produce.records import Item
+    from palpate.produce.store import Store
+
+_SETTABLE = ("kind", "batch", "label")
+
+
+def items(
+    item: Annotated[str | None, typer.Argument(help="One item's page.", metavar="[ITEM]")] = None,
+    store: Annotated[str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL")] = None,
+    kind: Annotated[str | None, typer.Option(help="Only items of this kind.")] = None,
+    batch: Annotated[str | None, typer.Option(help="Only items of this batch.")] = None,
+    day: Annotated[
+        str | None,
+        typer.Option(help="Only items grasped on this day, here: 2026-05-01.", metavar="DATE"),
+    ] = None,
+    limit: Annotated[int, typer.Option(help="List at most this many.", min=1)] = 50,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Say kind, batch or label of ITEM.", metavar="NAME=TEXT"),
+    ] = None,
+    labels: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--say",
+            help="Say what ITEM is today: ripeness, bruise, identity or bin; palpate learns from "
+            "it.",
+            metavar="ABOUT=TEXT",
+        ),
+    ] = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write the grasps to FILE.parquet, and what was said to FILE.verdicts.parquet.",
+            metavar="FILE",
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """List items, show one, label one, or write them to Parquet.
+
+    Example: palpate items A17 --set kind=avocado --say ripeness=ripe
+    """
+    if item is None and (changes or labels):
+        raise InputError("--set and --say tell something of one item: palpate items ITEM --set ...")
+    with opened(store, create=bool(changes or labels)) as known:
+        if item is not None and (changes or labels):
+            _tell(known, item, changes=changes or [], labels=labels or [])
+        pages, more = _find(known, item=item, kind=kind, batch=batch, day=day, limit=limit)
+        if export is not None:
+            _export(known, export, item=item, kind=kind, batch=batch, day=day)
+        elif as_json:
+            print(json.dumps(_document(pages, one=item is not None), allow_nan=False, indent=1))
+        else:
+            from palpate.commands.items_tables import print_list, print_page
+
+            if item is not None:
+                print_page(pages[0])
+            else:
+                print_list(pages, more=more)
+
+
+@contextmanager
+def opened(where: str | None, *, create: bool = False) -> Iterator[Store]:
+    """Yield the store; grasps that waited for it are written first."""
+    from palpate.errors import StoreError
+    from palpate.produce.keeping import drain, spool_of
+    from palpate.produce.store import Store
+
+    with Store.open(where, create=create) as store:
+        spool = spool_of(where)
+        try:
+            taken = drain(spool, into=store)
+        except (StoreError, OSError) as error:
+            print(f"palpate: {spool.path} still waits: {error}", file=sys.stderr)
+        else:
+            if taken:
+                print(f"palpate: {taken} records that waited are now in the store", file=sys.stderr)
+        yield store
+
+
+def day_bounds(text: str) -> tuple[date, datetime, datetime]:
+    """Return a day, and its start and end in the time zone of this machine.
+
+    Raises
+    ------
+    InputError
+        If it is no date.
+    """
+    try:
+        day = date.fromisoformat(text)
+    except ValueError as error:
+        raise InputError(f"--day {text}: not a date; write it as 2026-05-01") from error
+    start, end = (
+        datetime(d.year, d.month, d.day).astimezone() for d in (day, day + timedelta(days=1))
+    )
+    return day, start, end
+
+
+def _find(
+    store: Store,
+    *,
+    item: str | None,
+    kind: str | None,
+    batch: str | None,
+    day: str | None,
+    limit: int,
+) -> tuple[tuple[ItemPage, ...], bool]:
+    """Return the pages asked for, and whether there are more items than the limit."""
+    from palpate.produce.pages import item_page, item_pages
+
+    if item is not None:
+        return (item_page(store, item),), False
+    if day is None:
+        found = store.items(kind=kind, batch=batch, limit=limit + 1)
+    else:
+        _, since, until = day_bounds(day)
+        grasps = store.grasps(kind=kind, batch=batch, since=since, until=until)
+        names = dict.fromkeys(grasp.item_id for grasp in grasps)
+        found = tuple(store.item(name) for name in list(names)[: limit + 1])
+    return item_pages(store, found[:limit]), len(found) > limit
+
+
+def _tell(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
+    from palpate.produce.records import About, Item, Source, Verdict
+
+    told = dict(_pair(text, option="--set", known=_SETTABLE) for text in changes)
+    said = [_pair(text, option="--say", known=tuple(map(str, About))) for text in labels]
+    store.add_item(
+        Item(
+            item_id=item_id,
+            kind=told.get("kind"),
+            batch=told.get("batch"),
+            label=told.get("label"),
+        )
+    )
+    grasps = store.grasps_of(item_id)
+    for about, text in said:
+        store.add_verdict(
+            Verdict(
+                item_id=item_id,
+                about=About(about),
+                text=text,
+                given_at=datetime.now(UTC),
+                source=Source.PERSON,
+                grasp_id=grasps[-1].grasp_id if grasps else None,
+            )
+        )
+
+
+def _pair(text: str, *, option: str, known: tuple[str, ...]) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or name not in known or not value.strip():
+        raise InputError(
+            f"{option} {text}: must be NAME=TEXT where NAME is one of {', '.join(known)}"
+        )
+    return name, value.strip()
+
+
+def _export(
+    store: Store,
+    path: Path,
+    *,
+    item: str | None,
+    kind: str | None,
+    batch: str | None,
+    day: str | None,
+) -> None:
+    from palpate.produce.export import export_grasps, export_verdicts, require_parquet
+    from palpate.produce.records import About
+
+    if path.suffix != ".parquet":
+        raise InputError(f"--export {path}: the file must end in .parquet")
+    if not path.parent.is_dir():
+        raise InputError(f"--export {path}: there is no folder {path.parent}; make it first")
+    require_parquet()
+    items: tuple[Item, ...]
+    if item is not None:
+        items, grasps = (store.item(item),), iter(store.grasps_of(item))
+        verdicts = store.verdicts_of(item)
+    else:
+        _, since, until = (None, None, None) if day is None else day_bounds(day)
+        items = store.items(kind=kind, batch=batch)
+        grasps = store.grasps(kind=kind, batch=batch, since=since, until=until)
+        wanted = {one.item_id for one in items}
+        verdicts = tuple(
+            said
+            for about in About
+            for said in store.verdicts(about, kind=kind)
+            if said.item_id in wanted
+            and (since is None or until is None or since <= said.given_at < until)
+        )
+    beside = path.with_suffix(".verdicts.parquet")
+    rows = export_grasps(path, grasps, items=items)
+    said_rows = export_verdicts(beside, verdicts)
+    print(f"{path}: {rows} grasps; {beside}: {said_rows} verdicts", file=sys.stderr)
+
+
+def _document(pages: tuple[ItemPage, ...], *, one: bool) -> dict[str, Any]:
+    from palpate.produce.records_json import record_as_dict
+
+    if one:
+        page = pages[0]
+        return {
+            "item": record_as_dict(page.item),
+            "simulated": page.simulated,
+            "grasps": [record_as_dict(grasp) for grasp in page.grasps],
+            "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
+        }
+    return {"items": [_line(page) for page in pages]}
+
+
+def _line(page: ItemPage) -> dict[str, Any]:
+    from palpate.produce.records import MEASURED, About
+    from palpate.produce.records_json import record_as_dict
+
+    latest = {name: page.latest(name) for name in MEASURED}
+    said = {about: page.said(about) for about in About}
+    return {
+        **record_as_dict(page.item),
+        "simulated": page.simulated,
+        "grasps": len(page.grasps),
+        "last_taken_at": page.grasps[-1].taken_at.isoformat() if page.grasps else None,
+        **{name: None if value is None else value.as_json() for name, value in latest.items()},
+        "verdicts": {
+            str(about): None
+            if one is None
+            else {"text": one.text, "probability": one.probability, "source": str(one.source)}
+            for about, one in said.items()
+        },
+    }
