@@ -1,0 +1,205 @@
+"""How items of one kind soften over days, and where on that course one item is.
+
+Firmness (a logarithm, see `palpate.produce.firmness`) falls along a logistic curve from a hard to a
+soft level. Items differ in when they are halfway, how fast they go and how firm they began; what a
+day's grasps say scatters about the curve. Nothing is fitted to one item: all its possible courses
+are weighed by how well they agree with what was felt so far (Bayes over a grid), so one day is
+enough to begin with, and an early day tells of a later one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
+
+from palpate.errors import InputError
+from palpate.produce.firmness import DayFelt
+
+FloatArray = NDArray[np.float64]
+
+#: Fewest items and days that a course can be learned from.
+FEWEST_ITEMS, FEWEST_DAYS = 4, 3
+#: Grid of possible courses: halfway days about their mean and paces about theirs, in standard
+#: deviations; and how much firmer an item began (Gauss-Hermite).
+_HALFWAY = np.linspace(-2.6, 2.6, 41)
+_PACE = np.linspace(-2.0, 2.0, 7)
+_START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(5)
+#: Paces of one kind differ by about this (log sd). A few items can't tell it.
+_PACE_LOG_SD = 0.3
+#: Weak beliefs before any item was felt: halfway after a few days (give or take a week), at a pace
+#: of a day (e-fold), scatter of a tenth of the whole fall.
+_USUAL_PACE_DAYS, _USUAL_NOISE_SHARE = 1.0, 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """How one kind softens, as felt by one rig.
+
+    Attributes
+    ----------
+    hard, soft : float
+        Mean levels of firmness between which it falls.
+    start_sd : float
+        By how much items differ in firmness before they soften.
+    halfway_day, halfway_sd : float
+        When items are halfway, in days from their first grasp.
+    pace_days : float
+        Median time scale of the logistic curve.
+    noise_sd : float
+        Scatter of one day's mean firmness about an item's course.
+    items : int
+        How many it was learned from.
+    """
+
+    hard: float
+    soft: float
+    start_sd: float
+    halfway_day: float
+    halfway_sd: float
+    pace_days: float
+    noise_sd: float
+    items: int
+
+    @classmethod
+    def learn(cls, items: Sequence[Sequence[DayFelt]]) -> Course:
+        """Learn from items that were felt on several days (maximum of the marginal likelihood).
+
+        Raises
+        ------
+        InputError
+            If there are too few, or none of them softened.
+        """
+        useful = [item for item in items if len(item) >= FEWEST_DAYS]
+        if len(useful) < FEWEST_ITEMS:
+            raise InputError(
+                f"the course of ripening: {len(useful)} items were felt on {FEWEST_DAYS} days or "
+                f"more, {FEWEST_ITEMS} are needed; grasp some items every day until they are soft"
+            )
+        felt = np.concatenate([[day.firmness for day in item] for item in useful])
+        last_day = max(day.day for item in useful for day in item)
+        begin = _beginning(felt, last_day)
+
+        def loss(offset: FloatArray) -> float:
+            course = _course(begin, offset, items=len(useful))
+            gained = sum(course.courses_of(item).log_evidence for item in useful)
+            return float(0.5 * offset @ offset - gained)
+
+        best = minimize(
+            loss, np.zeros(7), method="Nelder-Mead", options={"maxfev": 500, "xatol": 0.02}
+        )
+        found = _course(begin, best.x, items=len(useful))
+        if found.hard - found.soft < 2 * found.noise_sd:
+            raise InputError(
+                "the course of ripening: no item softened by more than the scatter of its grasps; "
+                "grasp on more days, or more often on each"
+            )
+        return found
+
+    def courses_of(self, days: Sequence[DayFelt]) -> Courses:
+        """Return the possible courses of an item, weighed by what was felt of it."""
+        halfway, pace, start = (
+            one.ravel()
+            for one in np.meshgrid(
+                self.halfway_day + self.halfway_sd * _HALFWAY,
+                self.pace_days * np.exp(_PACE_LOG_SD * _PACE),
+                self.hard + self.start_sd * _START,
+                indexing="ij",
+            )
+        )
+        prior = _normal_weights(_HALFWAY)[:, None, None] * _normal_weights(_PACE)[:, None]
+        weight = (prior * (_START_WEIGHT / _START_WEIGHT.sum())).ravel()
+        courses = Courses(
+            halfway_day=halfway,
+            pace_days=pace,
+            hard=start,
+            soft=self.soft,
+            weight=weight,
+            log_evidence=0.0,
+        )
+        at = np.array([day.day for day in days])
+        felt = np.array([day.firmness for day in days])
+        off = (courses.firmness(at) - felt) / self.noise_sd
+        # Tails of a t distribution with 5 degrees: a bad grasp must not outweigh all the others.
+        log_like = -3.0 * np.log1p(off**2 / 5.0).sum(axis=1) - at.size * np.log(self.noise_sd)
+        log_weight = np.log(weight) + log_like
+        top = float(log_weight.max())
+        posterior = np.exp(log_weight - top)
+        total = float(posterior.sum())
+        return Courses(
+            halfway_day=halfway,
+            pace_days=pace,
+            hard=start,
+            soft=self.soft,
+            weight=posterior / total,
+            log_evidence=top + float(np.log(total)),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Courses:
+    """Possible courses of one item with their probabilities; arrays of shape (courses,)."""
+
+    halfway_day: FloatArray
+    pace_days: FloatArray
+    hard: FloatArray
+    soft: float
+    weight: FloatArray
+    log_evidence: float
+
+    def firmness(self, day: ArrayLike) -> FloatArray:
+        """Return the firmness of every course on days, shape (courses, days)."""
+        since = np.atleast_1d(np.asarray(day, dtype=float)) - self.halfway_day[:, None]
+        left = 0.5 * (1.0 - np.tanh(0.5 * since / self.pace_days[:, None]))
+        return np.asarray(self.soft + (self.hard[:, None] - self.soft) * left)
+
+    def mean_firmness(self, day: float) -> float:
+        """Return the expected firmness on a day."""
+        return float(self.weight @ self.firmness(day)[:, 0])
+
+    def day_below(self, firmness: float) -> FloatArray:
+        """Return for every course the day on which it falls below a firmness, shape (courses,).
+
+        Infinite where it never does, minus infinity where it was never above.
+        """
+        share = (firmness - self.soft) / (self.hard - self.soft)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            day = self.halfway_day + self.pace_days * np.log(1.0 / share - 1.0)
+        return np.where(share <= 0, np.inf, np.where(share >= 1, -np.inf, day))
+
+    def quantile(self, values: FloatArray, q: ArrayLike) -> FloatArray:
+        """Return weighted quantiles of one value per course."""
+        order = np.argsort(values)
+        reached = np.cumsum(self.weight[order])
+        index = np.searchsorted(reached, np.asarray(q) * reached[-1])
+        return np.asarray(values[order][np.minimum(index, values.size - 1)])
+
+
+def _normal_weights(steps: FloatArray) -> FloatArray:
+    density = np.exp(-0.5 * steps**2)
+    return np.asarray(density / density.sum())
+
+
+def _beginning(felt: FloatArray, last_day: float) -> dict[str, float]:
+    """Return beliefs before learning, from the range of all that was felt."""
+    low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
+    fall = max(high - low, 1e-3)
+    return {"low": low, "high": high, "fall": fall, "last_day": max(last_day, 1.0)}
+
+
+def _course(begin: dict[str, float], offset: FloatArray, *, items: int) -> Course:
+    """Return the course at offsets, in standard deviations, from the beliefs before learning."""
+    fall, days = begin["fall"], begin["last_day"]
+    return Course(
+        hard=begin["high"] + 0.25 * fall * float(offset[0]),
+        soft=begin["low"] + 0.25 * fall * float(offset[1]),
+        start_sd=0.1 * fall * float(np.exp(0.5 * offset[2])),
+        halfway_day=days * (0.5 + 0.5 * float(offset[3])),
+        halfway_sd=0.4 * days * float(np.exp(0.4 * offset[4])),
+        pace_days=_USUAL_PACE_DAYS * float(np.exp(0.5 * offset[5])),
+        noise_sd=_USUAL_NOISE_SHARE * fall * float(np.exp(0.7 * offset[6])),
+        items=items,
+    )

@@ -1,0 +1,222 @@
+"""A bench at which avocados of the twin are felt on some mornings, by a sensor that also ages.
+
+Each fruit lies in a nest that centres it, as does the reference object, a rubber ball that is felt
+first every morning. Between mornings the same hand grasps other things all day. Everything goes
+through devices, controller and a calibration made by a user's steps; what is handed on is what a
+store would keep, with the twin's truth beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from uuid import UUID
+
+import numpy as np
+
+from palpate.grasp.belief import Observation
+from palpate.grasp.planning import HORIZON_S, plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.interface import GripperCommand
+from palpate.produce.felt_pixels import felt_pixels
+from palpate.produce.firmness import RIPENESS_N
+from palpate.produce.records import Grasp
+from palpate.rig.simulated import calibrated
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.settling.result import FloatArray
+from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.avocado import Avocado, draw_avocado
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.produce_ranges import STATION
+from palpate.twin.ranges import uniform
+from palpate.twin.velostat import Environment
+from palpate.twin.world import GripperKind, World
+
+DAYS, GRASPS_PER_DAY, REFERENCE_GRASPS = 5, 2, 5
+REFERENCE, REFERENCE_ID = "ball-44lbs", "reference"
+#: The labelled fruits are felt first; the others come a week later, when the sensor is older.
+LATER_DAYS = 7
+_FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
+#: A fruit is laid into the nest, and the sheet forgets the last one.
+_PAUSE_S = 5.0
+#: Steps of the squeeze, newtons: five to the grip force.
+_FORCE_STEP_N = 1.2
+#: The paper's way: closure beyond a caliper's size, or pressure, the same on all days; and the time
+#: over which readings are averaged.
+_CLOSED_BY_MM, _PRESSURE_KPA, _MEAN_S = 3.0, 28.0, 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Felt:
+    """What one station kept.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        Made before the first day.
+    labelled, others : tuple of Avocado
+        The fruits; items `labelled-N` and `fruit-N`.
+    grasps : tuple of Grasp
+        All of them, also of the reference object.
+    damaged : int
+        Grasps in which a fruit was pressed beyond its yield.
+    as_published : dict of (str, int) to float
+        Item and its day -> settled change in percent as the paper takes it: fingers closed to one
+        width for this fruit (3 mm less than a caliper says) or to one pressure for all, held for
+        20 s, mean of pixels and of as many grasps as ours.
+    """
+
+    calibration: Calibration
+    labelled: tuple[Avocado, ...]
+    others: tuple[Avocado, ...]
+    grasps: tuple[Grasp, ...]
+    damaged: int
+    as_published: dict[tuple[str, int], float]
+
+
+def run_station(
+    sensor: int, *, level: str, gripper: GripperKind, aging: bool, labelled: int, others: int
+) -> Felt:
+    """Feel some fruits on five mornings each; `aging` switches wear and weather on."""
+    rng = np.random.default_rng([sensor, 31])
+    bench = _Bench(sensor, level=level, gripper=gripper)
+    first = tuple(draw_avocado(rng) for _ in range(labelled))
+    second = tuple(draw_avocado(rng) for _ in range(others))
+    weather = np.random.default_rng([sensor, 32])
+    # A new sheet was pressed some sixty times for its calibration.
+    cycles = 60.0
+    for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
+        for day in range(DAYS):
+            surroundings = Environment()
+            if aging:
+                surroundings = Environment(
+                    temperature_c=uniform(weather, STATION.temperature_c),
+                    humidity_percent=uniform(weather, STATION.humidity_percent),
+                    cycles=int(cycles),
+                )
+                cycles += uniform(weather, STATION.cycles_per_day)
+            bench.morning(begins + day, surroundings=surroundings)
+            bench.feel_reference()
+            bench.feel_fruits(fruits, name=name, day=day)
+        cycles += (LATER_DAYS - DAYS) * uniform(weather, STATION.cycles_per_day)
+    return Felt(
+        calibration=bench.calibration,
+        labelled=first,
+        others=second,
+        grasps=tuple(bench.grasps),
+        damaged=bench.damaged,
+        as_published=bench.as_published,
+    )
+
+
+class _Bench:
+    """One sensor on one gripper; a new world every morning."""
+
+    def __init__(self, sensor: int, *, level: str, gripper: GripperKind) -> None:
+        self._sensor, self._level, self._gripper = sensor, level, gripper
+        self.calibration = calibrated(seed=sensor, level=level, apart_from=REFERENCE, kind=gripper)
+        self.grasps: list[Grasp] = []
+        self.damaged = 0
+        self.as_published: dict[tuple[str, int], float] = {}
+        self._ids = np.random.default_rng([sensor, 33])
+        self._reference = draw_object(np.random.default_rng([sensor, 34]), REFERENCE)
+
+    def morning(self, day: int, *, surroundings: Environment) -> None:
+        self._day, self._surroundings = day, surroundings
+        self._rng = np.random.default_rng([self._sensor, 35, day])
+        self._world = World(
+            None,
+            seed=self._sensor * 1000 + day + 500_000_000,
+            sheet_seed=self._sensor,
+            level=self._level,
+            gripper=self._gripper,
+            environment=surroundings,
+        )
+        self._array, self._hand = TwinArray(self._world), TwinGripper(self._world)
+        self._plan = plan_grasp(
+            self.calibration,
+            gripper=self._hand,
+            target_force_n=RIPENESS_N,
+            force_step_n=_FORCE_STEP_N,
+            hold_s=0.0,
+        )
+
+    def feel_reference(self) -> None:
+        for _ in range(REFERENCE_GRASPS):
+            self._feel(self._reference, item_id=REFERENCE_ID)
+
+    def feel_fruits(self, fruits: Sequence[Avocado], *, name: str, day: int) -> None:
+        for number, fruit in enumerate(fruits):
+            for _ in range(GRASPS_PER_DAY):
+                spot = fruit.spot(day, rng=self._rng, follows=self._gripper == "soft")
+                self._feel(spot, item_id=f"{name}-{number}")
+            spots = [
+                fruit.spot(day, rng=self._rng, follows=self._gripper == "soft")
+                for _ in range(GRASPS_PER_DAY)
+            ]
+            self.as_published[f"{name}-{number}", day] = float(
+                np.mean([self._settled_percent(spot, fruit=fruit) for spot in spots])
+            )
+
+    def _settled_percent(self, spot: TwinObject, *, fruit: Avocado) -> float:
+        """Close on a fruit as the paper does, and return what has settled after 20 s."""
+        target = _PRESSURE_KPA
+        if self._gripper == "rigid":
+            target = round(fruit.size_mm) - _CLOSED_BY_MM
+        self._world.place(spot, fixture=True)
+        rest_ohm = self._mean_ohm(after_s=_PAUSE_S)
+        self._hand.command(GripperCommand(target=target, rate=40.0))
+        held_ohm = self._mean_ohm(after_s=HORIZON_S - _MEAN_S)
+        self._hand.release()
+        self._world.clock.sleep_s(_PAUSE_S)
+        return float(mean_change(relative_change_percent(held_ohm, rest_ohm=rest_ohm)))
+
+    def _mean_ohm(self, *, after_s: float) -> FloatArray:
+        self._array.skip_until(self._world.clock.now_s() + after_s)
+        until_s = self._world.clock.now_s() + _MEAN_S
+        counts = []
+        while self._world.clock.now_s() < until_s:
+            counts.append(self._array.read(timeout_s=1.0).counts)
+        layout = self._plan.layout
+        return np.asarray(pixel_resistance_ohm(np.stack(counts), layout=layout).mean(axis=0))
+
+    def _feel(self, obj: TwinObject, *, item_id: str) -> None:
+        world, observations = self._world, list[Observation]()
+        world.place(obj, fixture=True)
+        self._array.skip_until(world.clock.now_s() + _PAUSE_S)
+        result = run_grasp(
+            self._plan,
+            array=self._array,
+            gripper=self._hand,
+            clock=world.clock,
+            subscribers=[observations.append],
+        )
+        self.damaged += world.truth(horizon_s=0.0).damaged
+        measured = {
+            name: value
+            for name in ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
+            if (value := getattr(result, name)) is not None
+        }
+        taken_at = _FIRST + timedelta(days=self._day, seconds=world.clock.now_s())
+        self.grasps.append(
+            Grasp(
+                grasp_id=str(UUID(bytes=self._ids.bytes(16), version=4)),
+                item_id=item_id,
+                taken_at=taken_at,
+                rig=f"sim-{self._gripper}",
+                drive="width" if self._gripper == "rigid" else "pressure",
+                origin="twin",
+                outcome=result.outcome,
+                measurements=measured,
+                pixel_settled_percent=felt_pixels(
+                    observations, result=result, layout=self._plan.layout
+                ),
+                decision_time_s=result.decision_time_s,
+                peak_force_n=result.peak_force_n,
+                temperature_c=self._surroundings.temperature_c,
+                humidity_percent=self._surroundings.humidity_percent,
+            )
+        )
