@@ -19,6 +19,8 @@ FloatArray = NDArray[np.float64]
 #: A screen shows no more points than this in a second, and no longer a stretch.
 POINTS_PER_S, CURVE_S = 50, 90.0
 _MOST_MOVES, _MOST_BANDS = 200, 900
+#: Reported widths (mm) and pressures (kPa) scatter by less than this.
+_SMALLEST_MOVE = {"width": 0.1, "pressure": 0.4}
 #: Without rest values, those of the first frames are taken.
 _REST_FRAMES = 15
 
@@ -84,6 +86,7 @@ class Live:
         self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
         self.thought: Thought | None = None
         self._slot = -math.inf
+        self._moved_s = 0.0
 
     def think(self, thought: Thought) -> None:
         """Take what the controller makes of the frames."""
@@ -107,10 +110,10 @@ class Live:
             self._rest_ohm = np.asarray(np.median(ohm[:_REST_FRAMES], axis=0))
         percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         self.ohm, self.percent = ohm[-1], percent[-1]
-        self.reported = float(frames.reported[-1])
         self._extend(frames.time_s, np.nan_to_num(mean_change(percent)))
-        for time_s, moving in zip(frames.time_s, frames.moving, strict=True):
-            self._move(float(time_s), moving=bool(moving))
+        columns = zip(frames.time_s, frames.reported, frames.moving, strict=True)
+        for time_s, reported, moving in columns:
+            self._move(float(time_s), reported=float(reported), moving=bool(moving))
 
     def finger_percent(self) -> list[float]:
         """Return the mean change of each finger's pixels; empty before the first frame."""
@@ -141,9 +144,17 @@ class Live:
                 self._slot = slot
                 self.curve.append(Point(float(time), float(value)))
 
-    def _move(self, time_s: float, *, moving: bool) -> None:
+    def _move(self, time_s: float, *, reported: float, moving: bool) -> None:
+        """Note when the fingers moved; a step between two frames shows in what they report."""
+        limits = None if self.source is None else self.source.gripper
+        smallest = math.inf if limits is None else _SMALLEST_MOVE[limits.drive]
+        since_s, self._moved_s = self._moved_s, time_s
+        stepped = abs(reported - self.reported) > smallest
+        self.reported = reported
         if moving and not self.moving:
             self.moves.append([time_s, None])
+        elif stepped and not moving and not self.moving:
+            self.moves.append([since_s, time_s])
         elif self.moving and not moving and self.moves:
             self.moves[-1][1] = time_s
         self.moving = moving

@@ -9,14 +9,19 @@ from nicegui import Client, ui
 from palpate.dashboard.desk import Desk
 from palpate.dashboard.panel_calibrate import calibrate_panel
 from palpate.dashboard.panel_doctor import doctor_panel
-from palpate.dashboard.panel_grasp import grasp_panel
+from palpate.dashboard.panel_grasp import Wishes, grasp_buttons, set_up_panel
 from palpate.dashboard.panel_items import items_panel
 from palpate.dashboard.panel_recordings import recordings_panel
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
 
 _STAGE = (Path(__file__).parent / "static" / "stage.html").read_text(encoding="utf-8")
-_TABS = ("Grasp", "Calibrate", "Doctor", "Recordings", "Items")
+_PANELS = {
+    "Calibrate": calibrate_panel,
+    "Doctor": doctor_panel,
+    "Recordings": recordings_panel,
+    "Items": items_panel,
+}
 _REFRESH_S = 0.2
 
 
@@ -57,8 +62,8 @@ def _header(desk: Desk, hands: Hands) -> None:
     def drives() -> None:
         mine = hands.drives
         others = len(desk.session.viewers) - 1
-        beside = f", {others} watching" if mine and others else ""
-        nobody = "nobody drives" if desk.session.driver is None else "you watch, someone drives"
+        beside = f" · {others} watch{'es' if others == 1 else ''}" if others else ""
+        nobody = "nobody drives" if desk.session.driver is None else "you watch"
         who.set_text(f"you drive{beside}" if mine else nobody)
         take.set_visibility(not mine)
 
@@ -95,19 +100,17 @@ def _alerts(desk: Desk, hands: Hands) -> None:
 
 def _panel(desk: Desk, hands: Hands) -> None:
     with ui.tabs().classes("w-full").props("dense no-caps align=justify") as tabs:
-        pages = {name: ui.tab(name) for name in _TABS}
-    builders = {
-        "Grasp": grasp_panel,
-        "Calibrate": calibrate_panel,
-        "Doctor": doctor_panel,
-        "Recordings": recordings_panel,
-        "Items": items_panel,
-    }
-    with ui.tab_panels(tabs, value=pages["Grasp"], animated=False).classes("panel-body"):
-        for name, tab in pages.items():
-            with ui.tab_panel(tab):
-                builders[name](desk, hands)
-    ui.html(
-        '<button id="stop" class="stop" type="button">STOP<kbd>or press Esc</kbd></button>',
-        sanitize=False,
-    ).classes("panel-foot")
+        pages = {name: ui.tab(name) for name in ("Set up", *_PANELS)}
+    wishes = Wishes()
+    with ui.tab_panels(tabs, value="Set up", animated=False).classes("panel-body"):
+        with ui.tab_panel(pages["Set up"]):
+            set_up_panel(desk, hands, wishes)
+        for name, build in _PANELS.items():
+            with ui.tab_panel(pages[name]):
+                build(desk, hands)
+    with ui.element("div").classes("panel-foot"):
+        grasp_buttons(desk, hands, wishes)
+        ui.html(
+            '<button id="stop" class="stop" type="button">STOP<kbd>or press Esc</kbd></button>',
+            sanitize=False,
+        ).classes("stop-box")

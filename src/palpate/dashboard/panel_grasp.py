@@ -1,6 +1,8 @@
-"""The panel that grasps: which rig, what object, how hard; grasp and release."""
+"""What to grasp, how hard, with which rig; and the buttons that grasp and release."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from nicegui import ui
 
@@ -14,50 +16,76 @@ SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 _DRAWN = "drawn by the seed"
 
 
-def grasp_panel(desk: Desk, hands: Hands) -> None:
+@dataclass(slots=True)
+class Wishes:
+    """What one viewer wants of the next grasp, as it stands in the form."""
+
+    target_force_n: float | None = None
+    item_id: str | None = None
+
+
+def set_up_panel(desk: Desk, hands: Hands, wishes: Wishes) -> None:
     """Fill the panel."""
     with ui.element("div").classes("form"):
-        _pressing(desk, hands)
+
+        def want(force_n: float | None) -> None:
+            wishes.target_force_n = force_n
+
+        def name(item_id: str | None) -> None:
+            wishes.item_id = item_id
+
+        ui.number(
+            "Target force, N (empty: a gentle squeeze)",
+            min=0.1,
+            step=0.5,
+            on_change=lambda event: want(event.value),
+        ).props("outlined dense clearable")
+        ui.input("Item (empty: not remembered)", on_change=lambda event: name(event.value)).props(
+            "outlined dense clearable maxlength=80"
+        )
+        ui.label("Grasps of an item are kept in the store; the page Items shows them.").classes(
+            "muted"
+        )
         ui.separator()
         _rig(desk, hands)
+        ui.separator()
+        _recording(desk, hands)
 
 
-def _pressing(desk: Desk, hands: Hands) -> None:
-    target = ui.number(
-        "Target force, N (empty: a gentle squeeze)", min=0.1, max=FORCE_CEILING_N, step=0.5
-    ).props("outlined dense clearable")
-    item = ui.input("Item (empty: not remembered)").props("outlined dense clearable maxlength=80")
-    item.tooltip("Its grasps are kept in the store, and its history is on the page Items")
+def grasp_buttons(desk: Desk, hands: Hands, wishes: Wishes) -> None:
+    """Add the two buttons that are always in reach."""
 
     def grasp() -> None:
-        wanted = None if target.value in (None, "") else float(target.value)
+        wanted = wishes.target_force_n
         if wanted is not None and not 0 < wanted <= FORCE_CEILING_N:
             ui.notify(f"target force: above 0 and at most {FORCE_CEILING_N:g} N", type="warning")
             return
-        desk.session.item_id = (item.value or "").strip()
-        recording = desk.new_recording(desk.session.item_id or "grasp")
-        hands.order(Grasp(target_force_n=wanted, recording=recording))
+        desk.session.item_id = (wishes.item_id or "").strip()
+        hands.order(Grasp(target_force_n=wanted, recording=desk.new_recording("grasp")))
 
-    with ui.element("div").classes("two"):
-        go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
-        back = ui.button("Release", on_click=hands.release, color=None).classes("btn plain")
+    go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
     go.props("flat no-caps id=grasp")
-    back.props("flat no-caps id=release").style("min-height: 64px; font-size: 20px")
+    back = ui.button("Release", on_click=hands.release, color=None).classes("btn plain")
+    back.props("flat no-caps id=release").style("font-size: 19px")
     hands.gate(go, Action.GRASP)
     hands.gate(back, Action.RELEASE)
-    recording = ui.switch("Record what is watched", on_change=lambda event: record(event.value))
 
+
+def _recording(desk: Desk, hands: Hands) -> None:
     def record(wanted: bool) -> None:
         if wanted != (desk.session.recording is not None):
             hands.order(Record(desk.new_recording("watched") if wanted else None))
 
+    recording = ui.switch("Record what is watched", on_change=lambda event: record(event.value))
     hands.gate(recording, Action.RECORD)
 
     def show() -> None:
         recording.set_value(desk.session.recording is not None)
 
     hands.on_refresh(show)
-    ui.label("Every grasp is recorded. It holds until Release, at most 60 s.").classes("muted")
+    ui.label("Every grasp is recorded anyway. It holds until Release, for 60 s at most.").classes(
+        "muted"
+    )
 
 
 def _rig(desk: Desk, hands: Hands) -> None:

@@ -62,6 +62,7 @@ def serve(
         title="palpate",
         favicon="🤏",
         dark=None,
+        binding_refresh_interval=None,
         reconnect_timeout=_RECONNECT_S,
         message_history_length=100,
         tailwind=False,

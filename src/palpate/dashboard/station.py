@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from palpate.clock import Clock
 from palpate.dashboard.messages import Guide, Source
 from palpate.dashboard.outlet import Outlet
 from palpate.errors import DeviceError, PalpateError
@@ -20,6 +19,8 @@ from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
 FRAME_TIMEOUT_S = 2.0
+#: A frame older than this waited somewhere.
+_OLD_S = 0.05
 
 
 class StoppedByUserError(PalpateError):
@@ -108,11 +109,10 @@ class Station:
         self.outlet.note(Guide(text=text, share=share, asks=asks))
 
     def catch_up(self) -> None:
-        """Drop frames that waited while nobody read: nothing is decided on old ones."""
-        clock: Clock = self.rig.clock
-        frame = self.array.read(timeout_s=FRAME_TIMEOUT_S)
-        while clock.now_s() - frame.time_s > 0.5 * FRAME_TIMEOUT_S:
-            frame = self.array.read(timeout_s=FRAME_TIMEOUT_S)
+        """Read what waited while nobody did: nothing is decided on old frames."""
+        array, clock = self.watched(), self.rig.clock
+        while clock.now_s() - array.read(timeout_s=FRAME_TIMEOUT_S).time_s > _OLD_S:
+            pass
 
 
 class Watched:

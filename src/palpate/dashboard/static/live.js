@@ -20,11 +20,11 @@ function color(percent) {
 function pad(x, finger, pixels, touching) {
   const rows = pixels.finger_of_row.map((f, row) => [f, row]).filter(([f]) => f === finger).map(([, row]) => row);
   const cols = pixels.percent[0].length, gap = rows.length > 6 ? 1 : 4;
-  const width = (138 - gap * (cols - 1)) / cols, height = (176 - gap * (rows.length - 1)) / rows.length;
-  let out = `<rect x="${x}" y="44" width="158" height="196" rx="16" fill="var(--pad)" stroke="${touching ? "var(--accent)" : "var(--metal)"}" stroke-width="${touching ? 5 : 2}"/>`;
+  const width = (138 - gap * (cols - 1)) / cols, height = (164 - gap * (rows.length - 1)) / rows.length;
+  let out = `<rect x="${x}" y="26" width="158" height="184" rx="16" fill="var(--pad)" stroke="${touching ? "var(--accent)" : "var(--metal)"}" stroke-width="${touching ? 5 : 2}"/>`;
   rows.forEach((row, i) => {
     for (let col = 0; col < cols; col += 1) {
-      const value = pixels.percent[row][col], left = x + 10 + col * (width + gap), top = 54 + i * (height + gap);
+      const value = pixels.percent[row][col], left = x + 10 + col * (width + gap), top = 36 + i * (height + gap);
       const [fill, ink] = value === null ? ["none", "#fff"] : color(value);
       const words = value === null ? (pixels.ohm[row][col] === null ? "open" : "dead") : `${fixed(value, 0)}`;
       out += `<g><title>R${row} C${col}: ${pixels.ohm[row][col] === null ? "open" : `${fixed(pixels.ohm[row][col], 0)} ohm`}</title>
@@ -41,26 +41,26 @@ function object(middle, gap, scale, doc) {
   const known = size && size.value > 0 && scale > 0;
   const across = known ? size.value * scale : Math.min(gap * 0.62, 120);
   const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : "unknown";
-  return `<ellipse cx="${middle}" cy="142" rx="${across / 2}" ry="${Math.min(across / 2, 92)}" fill="var(--accent)" fill-opacity="${known ? 0.22 : 0.08}" stroke="var(--accent)" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
-    ${across > 70 ? `<text x="${middle}" y="139" text-anchor="middle" font-size="16" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
-    <text class="soft" x="${middle}" y="160" text-anchor="middle" font-size="${name.length > 14 ? 11 : 13}">${esc(name)}</text>` : ""}`;
+  return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="var(--accent)" fill-opacity="${known ? 0.22 : 0.08}" stroke="var(--accent)" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
+    ${across > 70 ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
+    <text class="soft" x="${middle}" y="136" text-anchor="middle" font-size="${name.length > 14 ? 11 : 13}">${esc(name)}</text>` : ""}`;
 }
 
 function drawFingers(doc) {
   const svg = $("fingers");
   if (!svg) return;
-  if (!doc.pixels) { svg.innerHTML = `<text class="soft" x="400" y="150" text-anchor="middle" font-size="17">${esc(doc.activity)} …</text>`; return; }
+  if (!doc.pixels) { svg.innerHTML = `<text class="soft" x="400" y="120" text-anchor="middle" font-size="17">${esc(doc.activity)} …</text>`; return; }
   const hand = doc.hand, fingers = [...new Set(doc.pixels.finger_of_row)], scale = hand && hand.drive === "width" ? 4.1 : 0;
   const gap = !hand || hand.value === null ? 220 : scale ? hand.value * scale : 300 * (1 - 0.75 * hand.closed);
   const label = !hand || hand.value === null ? "" : `${fixed(hand.value, 1)} ${scale ? "mm apart" : "kPa"}${hand.moving ? ", moving" : ""}`;
-  let out = `<rect x="60" y="14" width="680" height="14" rx="7" fill="var(--metal)"/>`;
+  let out = `<rect x="60" y="4" width="680" height="10" rx="5" fill="var(--metal)"/>`;
   fingers.slice(0, 2).forEach((finger, i) => {
     const x = i === 0 ? 400 - gap / 2 - 158 : 400 + gap / 2, mean = doc.pixels.finger_percent[i], touching = mean !== null && mean <= -10;
-    out += `<rect x="${x + 59}" y="8" width="40" height="40" rx="6" fill="var(--metal)"/>` + pad(x, finger, doc.pixels, touching);
-    out += `<text x="${x + 79}" y="262" text-anchor="middle" font-size="15">finger ${finger} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touching ? " · contact" : ""}</text>`;
+    out += `<rect x="${x + 59}" y="0" width="40" height="30" rx="5" fill="var(--metal)"/>` + pad(x, finger, doc.pixels, touching);
+    out += `<text x="${x + 79}" y="231" text-anchor="middle" font-size="14">finger ${finger} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touching ? " · contact" : ""}</text>`;
   });
   if (fingers.length > 1) out += object(400, gap, scale, doc);
-  out += `<text class="soft" x="400" y="286" text-anchor="middle" font-size="14">${label}</text>`;
+  out += `<text class="soft" x="400" y="222" text-anchor="middle" font-size="13">${label}</text>`;
   svg.innerHTML = out;
 }
 
@@ -82,7 +82,7 @@ function drawCurve(doc) {
   const zero = doc.began_s ?? (seen.curve.length ? seen.curve[0][0] : 0);
   const start = Math.max(zero, last - WINDOW_S), end = Math.max(last, start + WINDOW_S);
   const curve = seen.curve.filter(([t]) => t >= start), band = seen.band.filter(([t]) => t >= start);
-  const low = Math.min(-12, ...curve.map((p) => p[1]), ...band.map((b) => b[1])) * 1.06, high = Math.max(4, ...curve.map((p) => p[1]));
+  const low = Math.min(-12, ...curve.map((p) => p[1]), ...band.map((b) => b[1])) * 1.06, high = Math.max(4, ...curve.map((p) => p[1])) - 0.05 * low;
   const x = (t) => box.l + ((t - start) / (end - start)) * (width - box.l - box.r);
   const y = (v) => box.t + ((high - v) / (high - low)) * (height - box.t - box.b);
   const line = (points) => points.map((p) => `${x(p[0]).toFixed(1)},${y(p[1]).toFixed(1)}`).join(" ");
@@ -99,8 +99,8 @@ function drawCurve(doc) {
     const outline = [...shown.map((b) => [b[0], b[3]]), ...shown.reverse().map((b) => [b[0], b[1]])];
     out += `<polygon id="band" data-half-width="${(now[3] - now[1]) / 2}" data-count="${band.length}" points="${line(outline)}" fill="var(--band)" opacity="0.28"/>`;
     out += `<polyline points="${line(shown.map((b) => [b[0], b[2]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/>`;
-    const right = Math.min(x(last) + 10, width - 190);
-    out += `<text x="${right}" y="${y(now[2]) - 8}" font-size="14" font-weight="700" style="fill:var(--band);paint-order:stroke;stroke:var(--surface);stroke-width:4px">settles at ${fixed(now[2], 1)} % [${fixed(now[1], 1)}, ${fixed(now[3], 1)}]</text>`;
+    const right = x(last) > width - 240, at = right ? width - box.r : x(last) + 12;
+    out += `<text id="settles" x="${at}" y="${y(now[3]) - 10}" text-anchor="${right ? "end" : "start"}" font-size="14" font-weight="700" style="fill:var(--band);paint-order:stroke;stroke:var(--surface);stroke-width:4px">settles at ${fixed(now[2], 1)} % [${fixed(now[1], 1)}, ${fixed(now[3], 1)}]</text>`;
   }
   out += `<polyline points="${line(curve)}" fill="none" stroke="var(--curve)" stroke-width="2" stroke-linejoin="round"/>`;
   if (curve.length) out += `<circle cx="${x(last)}" cy="${y(curve[curve.length - 1][1])}" r="4" fill="var(--curve)"/>`;

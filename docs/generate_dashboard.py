@@ -1,0 +1,82 @@
+"""Screenshots of the dashboard for docs/images: `python docs/generate_dashboard.py`.
+
+A simulated strawberry is grasped and held; the page is pictured wide and on a tablet, light and
+dark. Needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+CHROMIUM = "/usr/bin/chromium"
+SIZES = {"wide": {"width": 1280, "height": 800}, "tablet": {"width": 820, "height": 1180}}
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """Serve a simulated rig; yield the address."""
+    command = [
+        sys.executable,
+        "-c",
+        "from palpate.cli import main; main()",
+        "serve",
+        "--port",
+        "0",
+        "--object",
+    ]
+    command += ["strawberry", "--seed", "3", "--speed", "5", "--folder", str(folder)]
+    command += ["--store", str(folder / "items.sqlite")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found is not None, "palpate serve did not start"
+            yield found[0]
+        finally:
+            process.terminate()
+
+
+def pictures(browser: Browser, address: str, out: Path) -> None:
+    """Grasp once, then picture the page in both sizes and shades."""
+    pages: dict[str, Page] = {}
+    for size, viewport in SIZES.items():
+        for shade in ("light", "dark"):
+            context = browser.new_context(viewport=viewport, color_scheme=shade)
+            page = pages[f"{size}-{shade}"] = context.new_page()
+            page.goto(address)
+            expect(page.locator("#link")).to_have_attribute("data-state", "fresh", timeout=30_000)
+    driver = pages["wide-light"]
+    driver.get_by_label("Item").first.fill("berry-7")
+    driver.locator("#grasp").click()
+    expect(driver.locator("#verdict-text")).to_have_text("holding", timeout=60_000)
+    driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 18")
+    for name, page in pages.items():
+        page.screenshot(path=out / f"dashboard-{name}.png")
+    driver.locator("#release").click()
+    expect(driver.locator("#verdict-text")).to_contain_text("held", timeout=30_000)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "images")
+    out = parser.parse_args().out
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        served(Path(folder)) as address,
+        sync_playwright() as play,
+        play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
+    ):
+        pictures(browser, address, out)
+
+
+if __name__ == "__main__":
+    main()
