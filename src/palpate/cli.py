@@ -29,6 +29,9 @@ VERBS = (
     "init",
     "pattern",
     "items",
+    "report",
+    "identify",
+    "sort",
 )
 
 

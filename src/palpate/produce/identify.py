@@ -10,6 +10,10 @@ taught with several grasps tell how large the other part is; only that part shri
 averaged. Under the calibration of the taught items the common part shifted those alike, and drops
 out; under another one it counts in full.
 
+Beside the kinds stands "something else": as probable beforehand as any of them, and spread wide
+over all that was taught. So an item at the edge of a kind, where no other kind is, is not taken for
+certain.
+
 "Unknown" is a conformal test (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World,
 2005): an item's statistic is how usual it is for the kind that it fits best, and it is rejected if
 too few taught items, each left out of its own kind in turn, are as unusual. Of items like those
@@ -18,8 +22,9 @@ taught, it rejects no more than the stated share, whatever their distribution.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,6 +45,8 @@ _COMMON_ITEMS = 6.0
 _OWN_SHARE, _OWN_GRASPS, _LEAST_OWN_SHARE = 0.5, 4.0, 0.01
 #: A kind needs so many items, or its scatter means nothing.
 FEWEST_ITEMS = 3
+#: "Something else" has so many times the covariance of all taught items together.
+_WIDE = 2.0
 #: Spread that is left to a kind whose items differ less than their measurements, log sd.
 _LEAST_SD = 0.01
 
@@ -59,9 +66,9 @@ class Identity:
     Attributes
     ----------
     kind : str
-        The most probable kind, or `UNKNOWN`.
-    probability : dict of str to float
-        Of each kind that was taught, if it is one of them; the sum is 1.
+        The most probable kind, or `UNKNOWN` if it is rejected.
+    probability : mapping of str to float
+        Of each kind that was taught, and of something else under `UNKNOWN`; the sum is 1.
     usual : float
         Share of the taught items that are at most as usual as this one: small for strangers.
     rejected : bool
@@ -78,8 +85,14 @@ class Identity:
 
     @property
     def confidence(self) -> float:
-        """Probability of the kind that is named; of being no taught kind, for what is unknown."""
+        """Probability of the kind that is named; for what is unknown, the level of the test."""
         return 1.0 - self.usual if self.rejected else self.probability[self.kind]
+
+    @property
+    def best_guess(self) -> str:
+        """The most probable kind, whether it is rejected or not."""
+        kinds = [kind for kind in self.probability if kind != UNKNOWN]
+        return max(kinds, key=self.probability.__getitem__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,11 +191,12 @@ class Identifier:
         self._felt = [self._put_together(item.touches) for item in self._taught]
         self._common = self._common_covariance()
         self._model = {kind: self._kind(kind) for kind in self.kinds}
+        self._else = self._something_else()
 
     @property
-    def enough_to_reject(self) -> bool:
-        """Whether so few false rejections can be told at all: 5 % needs 19 items."""
-        return (len(self._taught) + 1) * self.false_reject >= 1.0
+    def items_missing(self) -> int:
+        """Labelled items still missing before anything can be called unknown; 5 % needs 19."""
+        return max(math.ceil(1.0 / self.false_reject - 1e-9) - 1 - len(self._taught), 0)
 
     def identify(self, touches: Sequence[Touch]) -> Identity:
         """Say what an item is, from all its grasps.
@@ -195,21 +209,22 @@ class Identifier:
         if not touches:
             raise ValueError("an item that was never grasped can't be identified")
         felt = self._put_together(touches)
-        log_density = np.array([self._model[kind].log_density(felt) for kind in self.kinds])
+        models = [*self._model.values(), self._else]
+        log_density = np.array([model.log_density(felt) for model in models])
         weight = np.exp(log_density - log_density.max())
-        probability = dict(zip(self.kinds, (weight / weight.sum()).tolist(), strict=True))
+        share = (weight / weight.sum()).tolist()
+        probability = dict(zip((*self.kinds, UNKNOWN), share, strict=True))
         statistic = max(self._model[kind].usual(felt) for kind in self.kinds)
         as_unusual = int(np.count_nonzero(self._left_out <= statistic))
         usual = (1 + as_unusual) / (len(self._taught) + 1)
-        rejected = usual <= self.false_reject
-        best = max(probability, key=probability.__getitem__)
-        return Identity(
-            kind=UNKNOWN if rejected else best,
+        found = Identity(
+            kind=UNKNOWN,
             probability=probability,
             usual=usual,
-            rejected=rejected,
+            rejected=usual <= self.false_reject,
             grasps=len(touches),
         )
+        return found if found.rejected else replace(found, kind=found.best_guess)
 
     @cached_property
     def _left_out(self) -> FloatArray:
@@ -250,6 +265,15 @@ class Identifier:
             mean=np.mean([felt.value for felt in members], axis=0),
             scale=_positive(scatter / freedom) * (1.0 + 1.0 / count),
             freedom=freedom,
+        )
+
+    def _something_else(self) -> _Kind:
+        """Return what stands for everything that nobody taught."""
+        value = np.array([felt.value for felt in self._felt])
+        return _Kind(
+            mean=value.mean(axis=0),
+            scale=_positive(_WIDE * np.atleast_2d(np.cov(value.T))),
+            freedom=len(value) - 1.0,
         )
 
 

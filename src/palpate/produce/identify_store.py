@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
-from palpate.produce.identify import FALSE_REJECT, Identifier, Identity, TaughtItem
+from palpate.produce.identify import FALSE_REJECT, UNKNOWN, Identifier, Identity, TaughtItem
 from palpate.produce.identify_features import (
     PRESSURE_FEATURES,
     WIDTH_FEATURES,
     Touch,
     touch_of,
 )
-from palpate.produce.records import About, Drive, Grasp, Verdict
+from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 
 if TYPE_CHECKING:
     from palpate.produce.store import Store
@@ -27,18 +27,24 @@ _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
 
 
 def learn(
-    store: Store, *, drive: Drive = "width", false_reject: float = FALSE_REJECT
+    store: Store,
+    *,
+    drive: Drive = "width",
+    false_reject: float = FALSE_REJECT,
+    without: str | None = None,
 ) -> Identifier:
     """Learn every kind that items of the store are labelled with.
 
     Parameters
     ----------
     store : Store
-        Items whose `kind` a person gave, with their grasps.
+        Items whose `kind`, or identity, a person gave, with their grasps.
     drive : {"width", "pressure"}
         Kind of gripper: grasps by the other one tell nothing of these features.
     false_reject : float
         Share of items of the taught kinds that may be called unknown.
+    without : str, optional
+        Item that is to be identified: it must not teach what it is itself.
 
     Raises
     ------
@@ -46,12 +52,17 @@ def learn(
         If there are too few labelled items.
     """
     taught: dict[str, list[TaughtItem]] = defaultdict(list)
+    said = {
+        verdict.item_id: verdict.text
+        for verdict in store.verdicts(About.IDENTITY, source=Source.PERSON)
+    }
     for item in store.items(limit=_MOST_ITEMS):
-        if item.kind is None or len(taught[item.kind]) >= _MOST_OF_A_KIND:
+        kind = said.get(item.item_id, item.kind)
+        if kind is None or item.item_id == without or len(taught[kind]) >= _MOST_OF_A_KIND:
             continue
         touches = touches_of(store.grasps_of(item.item_id), drive=drive)
         if touches:
-            taught[item.kind].append(TaughtItem(kind=item.kind, touches=touches))
+            taught[kind].append(TaughtItem(kind=kind, touches=touches))
     return Identifier([one for kind in taught.values() for one in kind], false_reject=false_reject)
 
 
@@ -114,9 +125,13 @@ def explained(identity: Identity) -> str:
     'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of the taught items are as unusual.'
     """
     count = f"{identity.grasps} grasp{'s' if identity.grasps != 1 else ''}"
-    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
     unusual = f"{100 * identity.usual:.2g} % of the taught items are as unusual"
     if identity.rejected:
-        return f"Like no kind that was taught: {unusual}; most like {ranked[0][0]}; {count}."
-    named = ", ".join(f"{kind} with {100 * p:.0f} %" for kind, p in ranked[:3] if p >= 0.01)
+        return f"Like no kind that was taught: {unusual}; most like {identity.best_guess}; {count}."
+    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
+    named = ", ".join(
+        f"{'something else' if kind == UNKNOWN else kind} with {100 * p:.0f} %"
+        for kind, p in ranked[:3]
+        if p >= 0.01
+    )
     return f"{named}, from {count}; {unusual}."

@@ -13,7 +13,7 @@ from statistics import NormalDist
 from types import MappingProxyType
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify import Identity
+from palpate.produce.identify import UNKNOWN, Identity
 
 #: Conditions that a rule may state, as they are named in a rules file.
 CONDITIONS = ("class", "size_mm", "ripeness", "bruised")
@@ -154,7 +154,8 @@ def _of_kinds(kinds: frozenset[str], identity: Identity | None) -> float | None:
         return None
     if identity.rejected:
         return identity.confidence if identity.kind in kinds else 0.0
-    return sum(identity.probability.get(kind, 0.0) for kind in kinds)
+    # Short of a rejection, "something else" is a doubt and no finding.
+    return sum(identity.probability.get(kind, 0.0) for kind in kinds - {UNKNOWN})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

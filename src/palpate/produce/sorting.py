@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from palpate.produce.identify import UNKNOWN
 from palpate.produce.rules import Evidence, Rule, RuleBook
 
 Says = Literal["yes", "no", "unsure"]
@@ -125,7 +126,12 @@ def _kind_words(evidence: Evidence) -> str:
     if identity.rejected:
         return f"like no kind taught ({_percent(identity.usual)} of those taught are as unusual)"
     ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
-    return " or ".join(f"{kind} {_percent(p)}" for kind, p in ranked[:2] if p >= 0.05)
+    named = [
+        (f"something else {_percent(p)}" if kind == UNKNOWN else f"{kind} {_percent(p)}")
+        for kind, p in ranked[:2]
+        if p >= 0.05
+    ]
+    return " or ".join(named)
 
 
 def _no_rule(book: RuleBook, evidence: Evidence) -> str:

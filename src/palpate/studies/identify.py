@@ -222,9 +222,7 @@ def _summary(said: Sequence[Answer]) -> dict[str, Any]:
 
 
 def _best_guess(one: Answer) -> str:
-    if one.identity is None:
-        return one.said
-    return max(one.identity.probability, key=one.identity.probability.__getitem__)
+    return one.said if one.identity is None else one.identity.best_guess
 
 
 def _given(one: Answer) -> float:
@@ -307,9 +305,9 @@ def _confusion_table(best: Sequence[Answer], level: str) -> Table:
 def _reliability(best: Sequence[Answer], level: str) -> list[dict[str, Any]]:
     """Return how often the best guess was right, by the probability that was stated for it."""
     pairs = [
-        (max(one.identity.probability.values()), _best_guess(one) == one.item.kind)
+        (one.identity.probability[one.identity.best_guess], _best_guess(one) == one.item.kind)
         for one in best
-        if one.level == level and one.item.known and one.identity is not None
+        if one.level == level and one.identity is not None
     ]
     found = []
     for low, high in pairwise(_RELIABILITY_EDGES):
@@ -348,7 +346,9 @@ def _row(one: Answer) -> dict[str, Any]:
         "kind": one.item.kind,
         "taught": one.item.known,
         "said": one.said,
-        "probability": None if identity is None else round(max(identity.probability.values()), 4),
+        "probability": None
+        if identity is None
+        else round(identity.probability[identity.best_guess], 4),
         "usual": None if identity is None else round(identity.usual, 4),
         "damaged": one.item.damaged,
     }

@@ -1,0 +1,92 @@
+"""`palpate identify ITEM`: what an item of the store is, by what its grasps measured."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.commands.store_option import STORE_HELP
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.produce.identify import Identifier, Identity
+
+
+def identify(
+    item: Annotated[str, typer.Argument(help="Which item; grasped before.", metavar="ITEM")],
+    store: Annotated[
+        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
+    ] = None,
+    false_reject: Annotated[
+        float,
+        typer.Option(help="Share of items of known kinds that may be called unknown.", min=0.001),
+    ] = 0.05,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Say what an item is, by size and stiffness, or that it is like nothing that was taught.
+
+    Kinds are taught by labelled items: palpate items NAME --set kind=kiwi, three of a kind at
+    least. The answer is kept with the item. Exits with 1 where it is unknown.
+
+    Example: palpate identify A17
+    """
+    from palpate.produce.identify_store import drive_of, identity_verdict, learn, touches_of
+    from palpate.produce.store import Store
+
+    with Store.open(store, create=False) as kept:
+        kept.item(item)
+        grasps = kept.grasps_of(item)
+        drive = drive_of(grasps, item_id=item)
+        touches = touches_of(grasps, drive=drive)
+        if not touches:
+            raise InputError(
+                f"item {item!r}: no grasp of it measured size and stiffness; grasp it again with "
+                "fingers driven by width"
+            )
+        known = learn(kept, drive=drive, false_reject=false_reject, without=item)
+        identity = known.identify(touches)
+        verdict = identity_verdict(item, identity, given_at=datetime.now(UTC))
+        kept.add_verdict(verdict)
+    simulated = any(grasp.simulated for grasp in grasps)
+    if as_json:
+        document = {
+            "item_id": item,
+            "kind": identity.kind,
+            "confidence": identity.confidence,
+            "rejected": identity.rejected,
+            "usual": identity.usual,
+            "probability": dict(identity.probability),
+            "grasps": identity.grasps,
+            "explanation": verdict.explanation,
+            "simulated": simulated,
+        }
+        print(json.dumps(document, allow_nan=False, indent=1))
+    else:
+        _show(item, identity, known, why=verdict.explanation, simulated=simulated)
+    if identity.rejected:
+        raise typer.Exit(1)
+
+
+def _show(item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from palpate.produce.identify import UNKNOWN
+
+    console = Console()
+    note = " (simulated)" if simulated else ""
+    console.print(f"[bold]{item}: {identity.kind}[/bold]{note}", highlight=False)
+    table = Table("kind", "probability, %")
+    for kind, probability in sorted(identity.probability.items(), key=lambda pair: -pair[1]):
+        table.add_row("something else" if kind == UNKNOWN else kind, f"{100 * probability:.1f}")
+    console.print(table)
+    console.print(why, highlight=False)
+    if known.items_missing:
+        console.print(
+            f"To call anything unknown at {100 * known.false_reject:g} %, label "
+            f"{known.items_missing} more items.",
+            highlight=False,
+        )

@@ -1,0 +1,64 @@
+"""`palpate sort --rules FILE`: which bin each item goes to, and why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.commands.store_option import STORE_HELP
+
+
+def sort(
+    rules: Annotated[Path, typer.Option(help="The rules, a TOML file.", metavar="FILE")],
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help="Grasp with this rig: sim-rigid brings a simulated crate, any other takes the "
+            "names of items from standard input, one a line. Without it: items of the store, by "
+            "the grasps they had; nothing is written.",
+            metavar="NAME_OR_TOML",
+        ),
+    ] = None,
+    store: Annotated[
+        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
+    ] = None,
+    batch: Annotated[
+        str | None,
+        typer.Option(help="Only items of this batch; with --rig, the batch that items come with."),
+    ] = None,
+    items: Annotated[int, typer.Option(help="Size of the simulated crate.", min=1)] = 12,
+    taught: Annotated[
+        int,
+        typer.Option(
+            help="Simulated items of each kind to teach, where the store is empty.", min=3
+        ),
+    ] = 6,
+    seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Sort items into bins by readable rules; say why, how purely and how fast.
+
+    What is unsure is grasped again, as often as the rules allow. With a rig, items, grasps and
+    verdicts go to the store; a simulated crate goes there only with --store.
+
+    Example: palpate sort --rules rules.toml --rig sim-rigid --items 12 --seed 1
+    """
+    from palpate.commands.sort_report import SortReport
+    from palpate.commands.sort_run import sort_from_store, sort_with_rig
+    from palpate.commands.sort_supply import open_supply
+    from palpate.produce.rules_file import read_rules
+
+    book = read_rules(rules)
+    if rig is None:
+        report = SortReport(book=book, dry=True)
+        sort_from_store(report, rules=rules, store=store, batch=batch)
+    else:
+        supply = open_supply(rig, seed=seed, items=items, taught=taught)
+        try:
+            report = SortReport(book=book, dry=False)
+            sort_with_rig(report, supply, rules=rules, store=store, batch=batch)
+        finally:
+            supply.close()
+    report.emit(as_json=as_json)

@@ -1,0 +1,133 @@
+"""What `palpate sort` says: each item's bin with the reason, then purity and throughput."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from palpate.produce.rules import RuleBook
+from palpate.produce.sorting_score import CARRY_S, TURN_S, Placed, Score, score
+
+if TYPE_CHECKING:
+    from palpate.produce.sorting_run import Sorted
+
+
+@dataclass(kw_only=True)
+class SortReport:
+    """Collects decisions.
+
+    Attributes
+    ----------
+    book : RuleBook
+        The rules.
+    dry : bool
+        Whether items were only looked up, not grasped.
+    done : list of Sorted
+        In order.
+    """
+
+    book: RuleBook
+    dry: bool
+    done: list[Sorted] = field(default_factory=list)
+    _placed: list[Placed] = field(default_factory=list)
+
+    def add(self, done: Sorted, *, belongs: str | None) -> None:
+        """Take in one item; `belongs` is its true bin, where a simulation knows it."""
+        self.done.append(done)
+        self._placed.append(
+            Placed(
+                bin=done.decision.bin,
+                belongs=belongs,
+                grasps=len(done.grasps),
+                grasping_s=done.grasping_s,
+            )
+        )
+
+    def emit(self, *, as_json: bool) -> None:
+        """Print all of it."""
+        found = score(self._placed, book=self.book) if self._placed else None
+        if as_json:
+            print(json.dumps(self._document(found), allow_nan=False, indent=1))
+        else:
+            self._show(found)
+
+    @property
+    def _simulated(self) -> bool:
+        return any(grasp.simulated for one in self.done for grasp in one.grasps)
+
+    def _document(self, found: Score | None) -> dict[str, Any]:
+        rows = [_row(one, placed) for one, placed in zip(self.done, self._placed, strict=True)]
+        summary: dict[str, Any] | None = None
+        if found is not None:
+            summary = {
+                "items": found.items,
+                "left_over": found.left_over,
+                "purity": found.purity,
+                "bins": {
+                    name: {"items": count, "right": None if found.purity is None else right}
+                    for name, (count, right) in found.bins.items()
+                },
+                "grasps_per_item": found.grasps_per_item,
+                "items_per_hour": None if self.dry else found.items_per_hour,
+            }
+        return {
+            "simulated": self._simulated,
+            "dry_run": self.dry,
+            "rows": rows,
+            "summary": summary,
+            "assumed": None if self.dry else {"carry_s": CARRY_S, "turn_s": TURN_S},
+        }
+
+    def _show(self, found: Score | None) -> None:
+        from rich.console import Console
+        from rich.table import Table
+
+        console = Console()
+        if found is None:
+            console.print("no item came")
+            return
+        for one, placed in zip(self.done, self._placed, strict=True):
+            wrong = placed.belongs is not None and placed.belongs != placed.bin
+            note = f" [red](truly: {placed.belongs})[/red]" if wrong else ""
+            console.print(
+                f"[bold]{one.item_id}[/bold] -> {one.decision.why}{note}", highlight=False
+            )
+        table = Table("bin", "items", *(["right"] if found.purity is not None else []))
+        for name, (count, right) in found.bins.items():
+            table.add_row(name, str(count), *([str(right)] if found.purity is not None else []))
+        console.print(table)
+        console.print(self._last_line(found), highlight=False)
+
+    def _last_line(self, found: Score) -> str:
+        said = [f"{100 * found.left_over:.0f} % left for {self.book.default_bin!r}"]
+        if found.purity is not None:
+            said.insert(0, f"{100 * found.purity:.0f} % of what went to a bin belongs there")
+        if self.dry:
+            said.append("dry run: nothing was grasped or written")
+        else:
+            said.append(f"{found.grasps_per_item:.1f} grasps per item")
+            said.append(
+                f"{found.items_per_hour:.0f} items per hour, with {CARRY_S:g} s to bring and carry "
+                f"away and {TURN_S:g} s to turn an item taken for granted"
+            )
+        if self._simulated:
+            said.append("simulated")
+        return "; ".join(said)
+
+
+def _row(one: Sorted, placed: Placed) -> dict[str, Any]:
+    identity, size = one.identity, one.size_mm
+    return {
+        "item_id": one.item_id,
+        "bin": one.decision.bin,
+        "belongs": placed.belongs,
+        "rule_line": None if one.decision.rule is None else one.decision.rule.line,
+        "probability": one.decision.probability,
+        "why": one.decision.why,
+        "kind": None if identity is None else identity.kind,
+        "kind_probability": None if identity is None else dict(identity.probability),
+        "size_mm": None if size is None else size.as_json(),
+        "grasps": placed.grasps,
+        "grasping_s": round(placed.grasping_s, 3),
+    }

@@ -1,0 +1,209 @@
+"""The two ways of sorting: items that the store holds, and items before a hand."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.commands.sort_supply import SimulatedCrate, Supply
+from palpate.errors import DeviceError, InputError
+
+if TYPE_CHECKING:
+    from palpate.commands.sort_report import SortReport
+    from palpate.estimate.measurement import Measurement
+    from palpate.produce.identify import Identifier
+    from palpate.produce.records import Verdict
+    from palpate.produce.records_json import Record
+    from palpate.produce.rules import RuleBook
+    from palpate.produce.sorting_hand import TimedGrasp
+    from palpate.produce.sorting_run import Sorted
+    from palpate.produce.store import Store
+
+#: Grasps of each item that teaches: two tell how far grasps of one item differ.
+_TAUGHT_GRASPS = 2
+_BROKEN = {"sensor_lost": "the sensor was lost", "gripper_fault": "the gripper failed"}
+#: Writes records to the store, where there is one.
+Keep = Callable[..., object]
+
+
+def sort_from_store(
+    report: SortReport, *, rules: Path, store: str | None, batch: str | None
+) -> None:
+    """Decide on items of the store by the grasps and verdicts that they have.
+
+    Raises
+    ------
+    InputError
+        If there is no such batch, or no item with a grasp.
+    """
+    from palpate.produce.sorting import decide
+    from palpate.produce.sorting_run import Sorted, evidence_of
+    from palpate.produce.store import Store
+
+    with Store.open(store, create=False) as kept:
+        found = kept.items() if batch is None else kept.of_batch(batch)
+        identifier = _learned(kept, report.book, rules=rules)
+        for item in found:
+            grasps = kept.grasps_of(item.item_id)
+            if not grasps:
+                continue
+            verdicts = kept.verdicts_of(item.item_id)
+            evidence = evidence_of(grasps, identifier=identifier, verdicts=verdicts)
+            done = Sorted(
+                item_id=item.item_id,
+                decision=decide(report.book, evidence),
+                identity=evidence.identity,
+                size_mm=evidence.size_mm,
+                grasps=tuple(grasps),
+                grasping_s=0.0,
+            )
+            report.add(done, belongs=None)
+    if not report.done:
+        which = "the store" if batch is None else f"batch {batch!r}"
+        raise InputError(f"{which} holds no item that was grasped; grasp some, or name a --rig")
+
+
+def sort_with_rig(
+    report: SortReport, supply: Supply, *, rules: Path, store: str | None, batch: str | None
+) -> None:
+    """Grasp what comes and decide; keep all of it where there is a store.
+
+    Raises
+    ------
+    InputError
+        If the rules ask for what this hand can't measure, or kinds were not taught.
+    DeviceError
+        If a device fails.
+    """
+    simulated = isinstance(supply, SimulatedCrate)
+    _refuse_blind(report.book, supply, rules=rules)
+    with ExitStack() as stack:
+        kept, keep = _opened(stack, store, simulated=simulated)
+        identifier = None
+        if any(rule.kinds is not None for rule in report.book.rules):
+            if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
+                identifier = _taught(supply, keep)
+                _check(report.book, identifier, rules=rules)
+            elif kept is not None:
+                identifier = _learned(kept, report.book, rules=rules)
+        for name in supply.names():
+            verdicts = () if kept is None else _known(kept, name)
+            done = _sorted(name, supply, report.book, identifier, verdicts, keep, batch)
+            report.add(done, belongs=supply.belongs(name, book=report.book))
+
+
+def _opened(stack: ExitStack, store: str | None, *, simulated: bool) -> tuple[Store | None, Keep]:
+    """Open the store to learn from, and what writes to it even while it is away for a moment."""
+    from palpate.produce.keeping import Keeper
+    from palpate.produce.store import Store
+
+    if simulated and store is None:
+        return None, lambda *records: None
+    kept = stack.enter_context(Store.open(store))
+    return kept, stack.enter_context(Keeper(store)).keep
+
+
+def _learned(kept: Store, book: RuleBook, *, rules: Path) -> Identifier | None:
+    from palpate.produce.identify_store import learn
+
+    if all(rule.kinds is None for rule in book.rules):
+        return None
+    identifier = learn(kept)
+    _check(book, identifier, rules=rules)
+    return identifier
+
+
+def _check(book: RuleBook, identifier: Identifier, *, rules: Path) -> None:
+    from palpate.produce.rules_file import check_kinds
+
+    check_kinds(book, taught=identifier.kinds, path=rules)
+
+
+def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
+    """Refuse rules that fingers driven by pressure can never decide."""
+    if supply.hand.plan.gripper.drive == "width":
+        return
+    for rule in book.rules:
+        if rule.kinds is not None or rule.size_mm is not None:
+            raise InputError(
+                f"rules file {rules} line {rule.line}: asks for class or size, and fingers driven "
+                "by pressure measure neither size nor stiffness; use fingers driven by width"
+            )
+
+
+def _taught(supply: SimulatedCrate, keep: Keep) -> Identifier:
+    """Grasp labelled items of each kind, so that there is something to go by."""
+    from palpate.produce.identify import Identifier, TaughtItem
+    from palpate.produce.identify_store import touches_of
+
+    count = len(supply.teaching)
+    print(f"teaching with {count} labelled items (simulated) ...", file=sys.stderr)
+    found = []
+    for item in supply.labelled():
+        timed: list[TimedGrasp] = []
+        for turn in range(_TAUGHT_GRASPS):
+            size = timed[-1].grasp.measurements.get("size_mm") if timed else None
+            timed.append(_grasped(item.item_id, supply, turn=turn, size=size))
+        grasps = [one.grasp for one in timed]
+        keep(item, _calibration(supply), *grasps)
+        touches = touches_of(grasps, drive="width")
+        found.append(TaughtItem(kind=str(item.kind), touches=touches))
+    return Identifier(found)
+
+
+def _known(kept: Store, name: str) -> Sequence[Verdict]:
+    """Return what was said of an item earlier; nothing of one that was never met."""
+    try:
+        return kept.verdicts_of(name)
+    except InputError:
+        return ()
+
+
+def _sorted(
+    name: str,
+    supply: Supply,
+    book: RuleBook,
+    identifier: Identifier | None,
+    verdicts: Sequence[Verdict],
+    keep: Keep,
+    batch: str | None,
+) -> Sorted:
+    """Grasp one item until the rules are sure, and keep every grasp as it is made."""
+    from palpate.produce.identify_store import identity_verdict
+    from palpate.produce.records import Item
+    from palpate.produce.sorting_run import bin_verdict, sort_item
+
+    keep(Item(item_id=name, batch=batch), _calibration(supply))
+
+    def grasp(turn: int, size: Measurement | None) -> TimedGrasp:
+        timed = _grasped(name, supply, turn=turn, size=size)
+        keep(timed.grasp)
+        return timed
+
+    done = sort_item(name, book=book, identifier=identifier, grasp=grasp, verdicts=verdicts)
+    said: list[Record] = [bin_verdict(done, given_at=supply.hand.now())]
+    if done.identity is not None:
+        said.insert(0, identity_verdict(name, done.identity, given_at=supply.hand.now()))
+    keep(*said)
+    return done
+
+
+def _grasped(name: str, supply: Supply, *, turn: int, size: Measurement | None) -> TimedGrasp:
+    """Lay an item and grasp it; equipment that fails, or a person who stops it, ends it all."""
+    supply.lay(name, turn=turn)
+    timed = supply.hand.grasp(name, expected=size)
+    outcome = str(timed.grasp.outcome)
+    if outcome == "stopped":
+        raise KeyboardInterrupt
+    if outcome in _BROKEN:
+        raise DeviceError(f"while grasping {name} {_BROKEN[outcome]}; run `palpate doctor`")
+    return timed
+
+
+def _calibration(supply: Supply) -> Record:
+    from palpate.produce.records_json import CalibrationText
+
+    return CalibrationText(content=supply.calibration)

@@ -1,0 +1,201 @@
+"""What comes before the hand of `palpate sort`: a simulated crate, or items named line by line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from palpate.produce.records import Item
+    from palpate.produce.rules import RuleBook
+    from palpate.produce.sorting_hand import SortingHand
+    from palpate.rig import Rig
+    from palpate.twin.crate import CrateItem, CrateTable
+
+#: Share of a simulated crate that is of kinds nobody taught.
+_STRANGERS_SHARE = 1 / 6
+#: The rig that comes with a crate of the twin.
+_SIMULATED = "sim-rigid"
+
+
+class Supply(Protocol):
+    """Items, one after the other, and the hand that grasps them."""
+
+    @property
+    def hand(self) -> SortingHand:
+        """The hand."""
+        ...
+
+    @property
+    def calibration(self) -> str:
+        """The calibration's text."""
+        ...
+
+    def names(self) -> Iterator[str]:
+        """Yield the items as they come."""
+        ...
+
+    def lay(self, name: str, *, turn: int) -> None:
+        """Have an item between the open fingers, turned so often."""
+        ...
+
+    def belongs(self, name: str, *, book: RuleBook) -> str | None:
+        """Return the bin that an item truly belongs to; None where nobody knows."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the devices."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedCrate:
+    """A mixed crate of the twin.
+
+    Attributes
+    ----------
+    table : CrateTable
+        The simulated world.
+    crate : mapping of str to CrateItem
+        What is to be sorted.
+    teaching : mapping of str to CrateItem
+        Labelled items of each kind, to teach from.
+    """
+
+    hand: SortingHand
+    calibration: str
+    table: CrateTable
+    crate: Mapping[str, CrateItem]
+    teaching: Mapping[str, CrateItem]
+
+    @classmethod
+    def open(cls, *, seed: int, items: int, taught: int) -> SimulatedCrate:
+        """Calibrate a sensor of the twin as a user would, and draw a crate."""
+        from palpate.rig import Rig
+        from palpate.rig.simulated import calibrated
+        from palpate.twin.crate import CrateTable, draw_crate, mixed_crate
+        from palpate.twin.produce_ranges import CRATE_TAUGHT
+
+        table = CrateTable(sensor=seed, seed=seed + 500_009)
+        rig = Rig(
+            name=_SIMULATED,
+            array=table.array,
+            gripper=table.gripper,
+            clock=table.clock,
+            calibration=calibrated(seed=seed, level="paper", apart_from=""),
+            origin="twin",
+        )
+        crate = mixed_crate(
+            items, seed=seed, strangers_share=_STRANGERS_SHARE, prefix=f"crate-{seed}"
+        )
+        teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
+        return cls(
+            hand=_hand(rig),
+            calibration=rig.calibration.as_text(),
+            table=table,
+            crate={item.item_id: item for item in crate},
+            teaching={item.item_id: item for item in teaching},
+        )
+
+    def names(self) -> Iterator[str]:
+        """Yield the items of the crate."""
+        yield from self.crate
+
+    def labelled(self) -> Iterator[Item]:
+        """Yield what teaches, as a person would label it."""
+        from palpate.produce.records import Item
+
+        for item in self.teaching.values():
+            yield Item(item_id=item.item_id, kind=item.kind, batch="taught")
+
+    def lay(self, name: str, *, turn: int) -> None:
+        """Lay an item between the fingers."""
+        item = self.crate[name] if name in self.crate else self.teaching[name]
+        self.table.bring(item, turn=turn)
+
+    def belongs(self, name: str, *, book: RuleBook) -> str | None:
+        """Return where the rules would send the item if all of it were known."""
+        from palpate.produce.sorting_score import where_it_belongs
+
+        item = self.crate[name]
+        return where_it_belongs(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
+
+    def close(self) -> None:
+        """Let go of the devices."""
+        self.table.array.close()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedByLine:
+    """Items before real fingers: each line of standard input is the name of one that lies there.
+
+    A bar-code reader that types what it reads will do.
+    """
+
+    hand: SortingHand
+    calibration: str
+    rig: Rig
+
+    @classmethod
+    def open(cls, name: str) -> NamedByLine:
+        """Open a rig."""
+        from palpate.rig import open_rig
+
+        rig = open_rig(name)
+        return cls(hand=_hand(rig), calibration=rig.calibration.as_text(), rig=rig)
+
+    def names(self) -> Iterator[str]:
+        """Yield names until the input ends or a line is empty."""
+        while True:
+            print("lay an item between the fingers, then its name (none: end):", file=sys.stderr)
+            name = sys.stdin.readline().strip()
+            if not name:
+                return
+            yield name
+
+    def lay(self, name: str, *, turn: int) -> None:
+        """Ask for the item to be turned, where it was grasped already."""
+        if turn:
+            print(f"{name}: unsure; turn it, then press Enter:", file=sys.stderr)
+            sys.stdin.readline()
+
+    def belongs(self, name: str, *, book: RuleBook) -> str | None:
+        """Nobody knows."""
+        return None
+
+    def close(self) -> None:
+        """Let go of the devices."""
+        self.rig.close()
+
+
+def open_supply(rig: str, *, seed: int, items: int, taught: int) -> Supply:
+    """Open what a rig's name stands for.
+
+    Raises
+    ------
+    InputError, DeviceError
+        If there is no such rig, or it does not open.
+    """
+    if rig == _SIMULATED:
+        return SimulatedCrate.open(seed=seed, items=items, taught=taught)
+    return NamedByLine.open(rig)
+
+
+def _hand(rig: Rig) -> SortingHand:
+    from palpate.grasp.planning import plan_grasp
+    from palpate.produce.sorting_hand import SortingHand
+    from palpate.produce.store_writing import calibration_id_of
+
+    return SortingHand(
+        array=rig.array,
+        gripper=rig.gripper,
+        clock=rig.clock,
+        plan=plan_grasp(rig.calibration, gripper=rig.gripper),
+        rig=rig.name,
+        origin=rig.origin,
+        calibration_id=calibration_id_of(rig.calibration.as_text()),
+        began_at=datetime.now(UTC) - timedelta(seconds=rig.clock.now_s()),
+    )
