@@ -9,15 +9,23 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.errors import InputError
+
 
 def inspect(
     file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
+    ] = None,
 ) -> None:
     """Say what a recording holds, and whether it is whole. Example: palpate inspect run.mcap"""
     from palpate.recording import FileState, RecordingReader
     from palpate.recording.summary import summarise
 
+    if plot is not None:
+        _draw(file, plot)
     state = FileState()
     with RecordingReader(file) as reader:
         summary = summarise(reader, state=state)
@@ -37,6 +45,19 @@ def inspect(
         **asdict(state),
     }
     print(json.dumps(document, indent=1) if as_json else _text(document))
+
+
+def _draw(file: Path, plot: Path) -> None:
+    from palpate.plots.recording import recording_figure
+    from palpate.plots.style import check_plot_path, require_plots, save_figure
+    from palpate.recording import load_recording
+
+    require_plots()
+    check_plot_path(plot)
+    recording = load_recording(file)
+    if recording.time_s.size == 0:
+        raise InputError(f"{file}: no frame in it, so there is nothing to draw")
+    save_figure(recording_figure(recording, title=file.name), plot)
 
 
 def _text(found: dict[str, Any]) -> str:

@@ -196,7 +196,8 @@ def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> No
     with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as recorder:
         assert recorder.stderr is not None
         assert "Ctrl-C ends it" in recorder.stderr.readline()
-        while path.stat().st_size < 20_000:
+        # Well beyond the head of the file, which carries the whole calibration.
+        while path.stat().st_size < 200_000:
             os.sched_yield()
         recorder.send_signal(signal.SIGINT)
         assert recorder.wait() == 130
@@ -226,3 +227,19 @@ def test_ports_is_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
 def test_help_shows_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert palpate(verb, "--help") == 0
     assert "Example: palpate" in capsys.readouterr().out
+
+
+def test_inspect_draws_a_plot(recorded: Path, tmp_path: Path) -> None:
+    assert palpate("inspect", recorded, "--plot", tmp_path / "run.png") == 0
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_inspect_refuses_to_draw_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "empty.mcap"
+    with RecordingWriter(path, info=RecordingInfo(layout=RIGID_LAYOUT, origin="twin")):
+        pass
+    assert palpate("inspect", path, "--plot", tmp_path / "run.png") == 2
+    assert "no frame in it" in capsys.readouterr().err
+    assert not (tmp_path / "run.png").exists()

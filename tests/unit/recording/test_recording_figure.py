@@ -1,0 +1,59 @@
+"""The picture of a recording shows every pixel, the gripper, the load cells and the events."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from palpate.plots.recording import recording_figure
+from palpate.recording import load_recording
+from palpate.recording.holds import recorded_resistance_ohm
+
+
+@pytest.fixture
+def recording(recorded):
+    return load_recording(recorded)
+
+
+def _labels(figure):
+    return [axes.get_ylabel() for axes in figure.axes]
+
+
+def test_each_pixel_has_a_line_in_kilohm(recording):
+    pixels = recording_figure(recording, title="run").axes[0]
+    lines = {line.get_label(): line for line in pixels.lines}
+    assert {f"r{row}c{col}" for row in range(4) for col in range(2)} <= set(lines)
+    first = lines["r0c0"].get_ydata()
+    assert first == pytest.approx(recorded_resistance_ohm(recording)[:, 0, 0] / 1000)
+
+
+def test_gripper_cells_and_events_are_drawn_where_recorded(recording):
+    figure = recording_figure(recording, title="run")
+    assert "width (mm)" in _labels(figure)
+    assert any("load cell" in label or label == "force (N)" for label in _labels(figure))
+    assert [text.get_text() for text in figure.axes[0].texts] == ["note"]
+
+
+def test_what_was_not_recorded_has_no_panel(recording):
+    nothing = np.empty(0)
+    track = dataclasses.replace(
+        recording.gripper,
+        time_s=nothing,
+        width_mm=nothing,
+        pressure_kpa=nothing,
+        current_ma=nothing,
+        moving=np.empty(0, dtype=bool),
+    )
+    bare = dataclasses.replace(recording, gripper=track, load_cells=(), events=())
+    assert len(recording_figure(bare, title="run").axes) == 1
+
+
+def test_the_title_says_simulated_unless_it_was_hardware(recording):
+    def title(shown):
+        return recording_figure(shown, title="run").get_suptitle()
+
+    real = dataclasses.replace(
+        recording, info=dataclasses.replace(recording.info, origin="hardware")
+    )
+    assert title(recording) == "run (twin, simulated)"
+    assert title(real) == "run (hardware)"
