@@ -1,0 +1,246 @@
+"""The devices' side of the pipe, on the twin: orders, requests, and what is left behind."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.commands.serve import open_simulated_bench
+from palpate.dashboard.devices import Devices
+from palpate.dashboard.messages import (
+    Began,
+    Calibrated,
+    CalibrateForce,
+    CalibrateRest,
+    Confirm,
+    Ended,
+    Examine,
+    Goodbye,
+    Grasp,
+    Grasped,
+    Guide,
+    OpenHand,
+    OpenRig,
+    Order,
+    Play,
+    Record,
+    Recording,
+    ReleaseNow,
+    StopNow,
+    Update,
+)
+from palpate.grasp.result import Outcome
+from palpate.recording import load_recording
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.health import Health
+
+#: Faster than anything here needs: the pace of the wall must not make the tests slow.
+FAST = 500.0
+RIG = OpenRig(name="sim-rigid", object_name="strawberry", seed=3, speed=FAST)
+
+
+class Page:
+    """The other end of the pipe, with everything that came through it."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self.updates: list[Update] = []
+
+    def send(self, message: Any) -> None:
+        self.connection.send(message)
+
+    def until(self, wanted: Callable[[Update], bool]) -> Update:
+        while True:
+            assert self.connection.poll(60), "the devices say nothing more"
+            update = self.connection.recv()
+            self.updates.append(update)
+            if wanted(update):
+                return update
+
+    def ended(self, order: Order) -> Ended:
+        found: list[Ended] = []
+
+        def wanted(update: Update) -> bool:
+            found.extend(n for n in update.notes if isinstance(n, Ended) and n.order == order)
+            return bool(found)
+
+        self.until(wanted)
+        return found[0]
+
+    def done(self, order: Order) -> Ended:
+        self.send(order)
+        return self.ended(order)
+
+
+@contextmanager
+def devices_at_work() -> Iterator[Page]:
+    ours, theirs = Pipe()
+    devices = Devices(theirs, benches={"sim-rigid": open_simulated_bench})
+    thread = threading.Thread(target=devices.run)
+    thread.start()
+    page = Page(ours)
+    yield page
+    page.send(Goodbye())
+    thread.join(30)
+    assert not thread.is_alive()
+    theirs.close()
+    ours.close()
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    with devices_at_work() as page:
+        yield page
+
+
+@pytest.fixture(scope="module")
+def opened() -> Iterator[Page]:
+    """One rig for all: opening it calibrates it. Every test leaves its hand open."""
+    with devices_at_work() as page:
+        assert not page.done(RIG).trouble
+        yield page
+
+
+def test_a_grasp_from_order_to_release_with_every_frame_recorded(
+    opened: Page, tmp_path: Path
+) -> None:
+    order = Grasp(target_force_n=None, recording=tmp_path / "grasp.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+    opened.send(ReleaseNow())
+    ended = opened.ended(order)
+    assert isinstance(ended.found, Grasped)
+    result = ended.found.result
+    assert (result.outcome, ended.trouble) == (Outcome.HELD, "")
+    assert ended.found.truth is not None
+    recorded = load_recording(order.recording)
+    assert len(recorded.time_s) == result.frames
+    assert np.all(np.diff(recorded.sequence) == 1)
+    assert opened.updates[-1].pulse.lost == 0
+    decided = [u.thought.decided for u in opened.updates if u.thought is not None]
+    assert decided == sorted(decided)
+
+
+def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: Path) -> None:
+    order = Grasp(target_force_n=None, recording=tmp_path / "stopped.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.frames is not None and update.frames.reported[-1] < 60.0)
+    opened.send(StopNow())
+    ended = opened.ended(order)
+    assert isinstance(ended.found, Grasped)
+    assert ended.found.result.outcome is Outcome.STOPPED
+    assert ended.stopped_after_s is not None
+    assert ended.stopped_after_s <= 0.1
+    # What the twin's fingers do afterwards: nothing.
+    at_mm = opened.until(lambda update: update.frames is not None).frames
+    later = opened.until(
+        lambda u: (
+            u.frames is not None
+            and at_mm is not None
+            and u.frames.time_s[-1] > at_mm.time_s[-1] + 5.0
+        )
+    ).frames
+    assert at_mm is not None
+    assert later is not None
+    assert np.ptp(later.reported) == 0.0
+    assert later.reported[-1] == at_mm.reported[-1] < 74.0
+    assert not opened.done(OpenHand()).trouble
+
+
+def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
+    first = Grasp(target_force_n=None, recording=tmp_path / "first.mcap")
+    second = Grasp(target_force_n=None, recording=tmp_path / "second.mcap")
+    opened.send(first)
+    opened.until(lambda update: Began(order=first) in update.notes)
+    opened.send(second)
+    opened.send(StopNow())
+    assert opened.ended(second).trouble == "stopped before it began"
+    assert not second.recording.exists()
+    assert not opened.done(OpenHand()).trouble
+
+
+def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path) -> None:
+    ended = opened.done(CalibrateRest(file=tmp_path / "pad" / "calibration.json"))
+    assert isinstance(ended.found, Calibrated)
+    made = Calibration.load(ended.found.file)
+    assert np.allclose(made.rest_ohm, ended.found.rest_ohm)
+    assert np.abs(ended.found.change_percent).max() < 20
+    assert made.force.force_n, "the force readings stay"
+
+
+def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path: Path) -> None:
+    order = CalibrateForce(file=tmp_path / "calibration.json")
+    opened.send(order)
+    opened.until(
+        lambda update: any(isinstance(n, Guide) and "placed anew" in n.text for n in update.notes)
+    )
+    opened.send(StopNow())
+    assert opened.ended(order).trouble == "stopped on request"
+    assert not order.file.exists()
+
+
+def test_the_doctor_finds_a_sound_twin_healthy(opened: Page) -> None:
+    ended = opened.done(Examine(duration_s=4.0))
+    assert isinstance(ended.found, Health)
+    assert ended.found.link.lost == 0
+    assert ended.found.pixels.rest_ohm.shape == (4, 2)
+
+
+def test_what_is_watched_is_recorded_without_a_gap(opened: Page, tmp_path: Path) -> None:
+    file = tmp_path / "watched.mcap"
+    opened.send(Record(file))
+    opened.until(lambda update: Recording(file) in update.notes)
+    for _ in range(5):
+        opened.until(lambda update: update.frames is not None)
+    opened.send(Record(None))
+    opened.until(lambda update: Recording(None) in update.notes)
+    recorded = load_recording(file)
+    assert len(recorded.sequence) > 10
+    assert np.all(np.diff(recorded.sequence) == 1)
+
+
+def test_a_recording_that_exists_is_refused_in_words(opened: Page, tmp_path: Path) -> None:
+    taken = tmp_path / "taken.mcap"
+    taken.write_bytes(b"something else")
+    ended = opened.done(Grasp(target_force_n=None, recording=taken))
+    assert "exists already" in ended.trouble
+    assert taken.read_bytes() == b"something else"
+
+
+def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path: Path) -> None:
+    order = Grasp(target_force_n=None, recording=tmp_path / "grasp.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+    opened.send(ReleaseNow())
+    live = opened.ended(order).found
+    play = Play(file=order.recording, speed=FAST)
+    opened.send(play)
+    update = opened.until(lambda update: any(isinstance(n, Grasped) for n in update.notes))
+    again = next(n for n in update.notes if isinstance(n, Grasped))
+    assert isinstance(live, Grasped)
+    assert again.result.outcome is Outcome.HELD
+    for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
+        assert getattr(again.result, name) == getattr(live.result, name)
+    opened.send(Confirm())
+    assert not opened.ended(play).trouble
+
+
+@pytest.mark.parametrize(
+    ("order", "said"),
+    [
+        (OpenRig(name="nowhere.toml"), "nowhere.toml: No such file"),
+        (OpenRig(name="sim-rigid", object_name="moon"), "no simulated object 'moon'"),
+        (Play(file=Path("nothing.mcap")), "nothing.mcap: can't be opened"),
+        (OpenHand(), "no rig is open"),
+    ],
+)
+def test_what_cannot_be_done_is_said(page: Page, order: Order, said: str) -> None:
+    assert said in page.done(order).trouble

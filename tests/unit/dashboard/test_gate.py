@@ -1,0 +1,131 @@
+"""Who may come in."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+from starlette.responses import PlainTextResponse
+
+from palpate.dashboard.gate import COOKIE, Gate, check_token, is_loopback
+from palpate.errors import InputError
+
+TOKEN = "correct-horse"
+
+
+class Answer:
+    def __init__(self, messages: list[dict[str, Any]]) -> None:
+        start = messages[0]
+        self.status = start.get("status", start.get("code"))
+        self.headers = {key.decode(): value.decode() for key, value in start.get("headers", [])}
+        self.body = b"".join(message.get("body", b"") for message in messages[1:]).decode()
+
+
+def ask(
+    *,
+    token: str | None = None,
+    loopback: bool = True,
+    method: str = "GET",
+    path: str = "/",
+    query: str = "",
+    body: str = "",
+    kind: str = "http",
+    **headers: str,
+) -> Answer:
+    """Send one request through a gate to an application that says yes to everything."""
+    headers = {"host": "127.0.0.1:8080", **headers}
+    scope = {
+        "type": kind,
+        "method": method,
+        "path": path,
+        "query_string": query.encode(),
+        "headers": [(key.encode(), value.encode()) for key, value in headers.items()],
+    }
+    messages: list[dict[str, Any]] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": body.encode(), "more_body": False}
+
+    async def send(message: Any) -> None:
+        messages.append(message)
+
+    async def application(scope: Any, receive: Any, send: Any) -> None:
+        if kind == "websocket":
+            await send({"type": "websocket.accept"})
+        else:
+            await PlainTextResponse("in")(scope, receive, send)
+
+    asyncio.run(Gate(application, token=token, loopback=loopback)(scope, receive, send))
+    return Answer(messages)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "::", "robot.local"])
+def test_beyond_the_loopback_needs_a_token(host: str) -> None:
+    assert not is_loopback(host)
+    with pytest.raises(InputError, match="give a --token"):
+        check_token(host, None)
+    check_token(host, TOKEN)
+
+
+def test_the_loopback_needs_none_and_a_short_one_is_refused_anywhere() -> None:
+    check_token("127.0.0.1", None)
+    check_token("::1", None)
+    with pytest.raises(InputError, match="has 3 characters; give at least 8"):
+        check_token("127.0.0.1", "abc")
+
+
+def test_a_visitor_without_the_token_is_asked_for_it() -> None:
+    answer = ask(token=TOKEN, loopback=False, host="robot:8080")
+    assert answer.status == 401
+    assert '<input name="token"' in answer.body
+
+
+@pytest.mark.parametrize("path", ["/live", "/stop", "/_nicegui/anything", "/static/live.js"])
+def test_nothing_behind_the_gate_is_had_without_the_token(path: str) -> None:
+    assert ask(token=TOKEN, loopback=False, host="robot:8080", path=path).status == 401
+
+
+def test_a_wrong_token_is_refused() -> None:
+    for told in ({"query": "token=wrong-horse"}, {"method": "POST", "body": "token=wrong-horse"}):
+        answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)  # type: ignore[arg-type]
+        assert answer.status == 403
+        assert "not the token" in answer.body
+
+
+@pytest.mark.parametrize(
+    "told", [{"query": f"token={TOKEN}"}, {"method": "POST", "body": f"token={TOKEN}"}]
+)
+def test_the_right_token_is_remembered_by_a_cookie_that_scripts_cannot_read(
+    told: dict[str, Any],
+) -> None:
+    answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)
+    assert answer.status == 303
+    cookie = answer.headers["set-cookie"]
+    assert cookie.startswith(f"{COOKIE}={TOKEN}")
+    assert "HttpOnly" in cookie
+    assert "samesite=lax" in cookie.lower()
+    inside = ask(token=TOKEN, loopback=False, host="robot:8080", cookie=f"{COOKIE}={TOKEN}")
+    assert (inside.status, inside.body) == (200, "in")
+
+
+def test_a_page_of_another_site_gets_nothing() -> None:
+    assert ask(origin="http://127.0.0.1:8080").status == 200
+    assert ask(origin="https://evil.example", method="POST", path="/stop").status == 403
+    assert ask(origin="null", method="POST", path="/stop").status == 403
+
+
+def test_a_socket_from_another_site_is_closed() -> None:
+    assert ask(kind="websocket", origin="https://evil.example").status == 1008
+    assert ask(kind="websocket", token=TOKEN, loopback=False).status == 1008
+    assert ask(kind="websocket", origin="http://127.0.0.1:8080").status is None
+
+
+def test_a_foreign_name_that_points_at_the_loopback_gets_nothing() -> None:
+    assert ask(host="evil.example:8080").status == 403
+    assert ask(host="localhost:8080").status == 200
+    assert ask(host="[::1]:8080").status == 200
+
+
+def test_a_broken_cookie_is_no_token() -> None:
+    assert ask(token=TOKEN, loopback=False, host="robot:8080", cookie="\x00=;;").status == 401

@@ -1,0 +1,133 @@
+"""What the page draws: bounded, and true to the frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
+from palpate.dashboard.messages import Frames, Source, Thought
+from palpate.dashboard.session import Session
+from palpate.dashboard.view import document
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.gripper.interface import GripperLimits
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+
+LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+REST = np.full((4, 2), 300, dtype=np.int32)
+SOURCE = Source(
+    name="sim-rigid",
+    layout=RIGID_LAYOUT,
+    rest_ohm=pixel_resistance_ohm(REST, layout=RIGID_LAYOUT),
+    gripper=LIMITS,
+    origin="twin",
+)
+
+
+def frames(count: int, *, from_s: float = 0.0, rate_hz: float = 500.0, counts: int = 300) -> Frames:
+    return Frames(
+        time_s=from_s + np.arange(count) / rate_hz,
+        counts=np.full((count, 4, 2), counts, dtype=np.int32),
+        oversampling=1,
+        reported=np.full(count, 74.0),
+        moving=np.zeros(count, dtype=bool),
+    )
+
+
+@pytest.fixture
+def live() -> Live:
+    live = Live()
+    live.begin(SOURCE)
+    return live
+
+
+def thought(time_s: float, half: float) -> Thought:
+    settled = Measurement(value=-40.0, low=-40.0 - half, high=-40.0 + half, unit="percent")
+    return Thought(
+        time_s=time_s,
+        phase="settle",
+        rest_ohm=None,
+        began_s=0.0,
+        force_n=1.0,
+        settled=settled,
+        answer=GraspResult(outcome=Outcome.STOPPED),
+        decided=False,
+    )
+
+
+def test_memory_is_bounded_whatever_the_rate(live: Live) -> None:
+    for second in range(300):
+        live.add(frames(500, from_s=float(second)))
+    assert len(live.curve) == POINTS_PER_S * CURVE_S
+    assert live.curve[-1].time_s == pytest.approx(299.98)
+
+
+def test_change_is_against_the_rest_values(live: Live) -> None:
+    live.add(frames(1, counts=450))
+    assert live.percent is not None
+    # 4700 ohm below: R goes as 1024 / counts - 1.
+    assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
+    assert live.finger_percent() == pytest.approx([live.percent[0, 0]] * 2)
+
+
+def test_a_step_between_two_frames_is_marked_as_a_movement(live: Live) -> None:
+    live.add(frames(2, rate_hz=15.0))
+    live.add(replace(frames(1, from_s=0.2), reported=np.array([73.0])))
+    assert list(live.moves) == [[pytest.approx(1 / 15), pytest.approx(0.2)]]
+
+
+def test_a_movement_over_frames_is_one_mark(live: Live) -> None:
+    for time_s, moving in ((0.0, False), (0.1, True), (0.2, True), (0.3, False)):
+        live.add(replace(frames(1, from_s=time_s), moving=np.array([moving])))
+    assert [list(move) for move in live.moves] == [[pytest.approx(0.1), pytest.approx(0.3)]]
+
+
+def test_the_hand_counts_as_open_only_where_it_says_so(live: Live) -> None:
+    assert live.open_hand is None
+    live.add(frames(1))
+    assert live.open_hand is True
+    live.add(replace(frames(1, from_s=1.0), reported=np.array([40.0])))
+    assert live.open_hand is False
+    live.add(replace(frames(1, from_s=2.0), reported=np.array([math.nan])))
+    assert live.open_hand is None
+
+
+def test_a_forecast_that_did_not_change_is_one_point_of_the_band(live: Live) -> None:
+    for time_s, half in ((1.0, 5.0), (1.1, 5.0), (1.2, 3.0)):
+        live.think(thought(time_s, half))
+    assert [round(band.high - band.low, 6) for band in live.band] == [10.0, 6.0]
+
+
+def test_without_rest_values_the_first_frames_are_taken() -> None:
+    live = Live()
+    live.begin(replace(SOURCE, rest_ohm=None))
+    live.add(frames(15))
+    live.add(frames(1, from_s=1.0, counts=450))
+    assert live.percent is not None
+    assert live.percent[0, 0] < -40
+
+
+def test_the_document_sends_what_the_page_lacks() -> None:
+    session = Session(send=lambda message: None)
+    session.live.begin(SOURCE)
+    session.live.add(frames(40, rate_hz=40.0))
+    generation = session.live.generation
+    whole = document(session, generation=-1, after_s=0.5)
+    rest = document(session, generation=generation, after_s=0.5)
+    assert len(whole["curve"]) == 40
+    assert [point[0] for point in rest["curve"]] == pytest.approx(np.arange(21, 40) / 40)
+    assert whole["source"]["simulated"] is True
+
+
+def test_an_open_pixel_is_null_in_the_document() -> None:
+    session = Session(send=lambda message: None)
+    session.live.begin(SOURCE)
+    session.live.add(frames(1, counts=0))
+    pixels = document(session, generation=-1, after_s=0.0)["pixels"]
+    assert pixels["percent"][0] == [None, None]
+    assert pixels["ohm"][0] == [None, None]
