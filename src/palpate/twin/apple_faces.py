@@ -9,7 +9,7 @@ gap to the finger would be g goes as
 In the bruise the springs are softer: flesh of depth h and modulus E' on sound flesh of modulus E,
 strained down to about a, gives way as 1/c = 1 + (h / a) (E / E' - 1). Depth and dent fall from the
 middle of the bruise to its rim as a paraboloid does. Pad and sheet spread every bit of the contact
-over 0.8 of a pitch, as far as in `mechanics.pixel_shares`.
+over 8 mm.
 
 Both fingers carry the same force; what soft flesh doesn't carry its surroundings do, on the pixels
 or beside them. So a bruise moves load more than it takes any away.
@@ -33,8 +33,9 @@ FloatArray: TypeAlias = NDArray[np.float64]
 #: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one
 #: with a dent of 0.8 of the flattening is 2.2 times as wide.
 _PLACES, _REACH = 21, 2.4
-#: How far pad and sheet spread a load, in pitches.
-_SPREAD = 0.8
+#: How far pad and sheet spread a load, mm: as `mechanics.pixel_shares` has it for the paper's
+#: pixels. Finer pixels see no sharper for being fine.
+_SPREAD_MM = 8.0
 #: Half of what pads give way by in the middle of their range: they follow a surface by so much.
 _PAD_MM = 0.15
 #: By how much a side gives way, mm, where stiffnesses are compared: the middle of what grasps use.
@@ -206,7 +207,7 @@ def _caught(
 def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
     """Return the share of a spread load that a pixel catches whose middle is so far from it."""
     edges = apart_mm[..., None] + np.array([0.5, -0.5]) * pitch_mm
-    t = np.clip(edges / (_SPREAD * pitch_mm), -1.0, 1.0)
+    t = np.clip(edges / _SPREAD_MM, -1.0, 1.0)
     below = 0.25 * (3.0 * t - t**3)
     return np.asarray(below[..., 0] - below[..., 1])
 

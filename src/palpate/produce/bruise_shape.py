@@ -1,0 +1,186 @@
+"""How load lies on two facing fingers, in eight numbers, and how it differs from a reference.
+
+A sound, round side spreads its load over the pixels of a finger nearly as a product of one factor
+along and one across: where it lies moves load, but both fingers alike. A bruise moves it on one
+finger only, and not as a product. So of the logarithm of each pixel's excess conductance we take
+mean, slope along, slope across and the crossed term on each finger, and judge the differences and
+means of the two fingers' numbers, after taking those of a reference away: gains of pixels and
+fingers go with it.
+
+Nothing may depend on which finger, or which end of it, the bruise lies at. What the judge is given
+is therefore even: it stays as it is when the fingers change places, and under both mirrors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.errors import InputError
+from palpate.signal.relative import CONTACT_PERCENT
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Excess conductance at the paper's contact threshold: what is well below it is no load.
+_TOUCH = 100.0 / (100.0 + CONTACT_PERCENT) - 1.0
+#: Number of what a finger's pattern is described by: mean, along, across, crossed.
+MODES = 4
+#: Change of sign of the eight numbers (four differences, four means) when the fingers change places
+#: and under the mirrors along and across.
+_SIGNS = np.array(
+    [
+        (swap, along, across)
+        for swap in (-1, 1)
+        for along, across in ((1, 1), (-1, 1), (1, -1), (-1, -1))
+    ]
+)
+#: Index of the mean load: the only number that is even by itself.
+_MEAN = MODES
+
+
+def _products(sign: tuple[int, int, int], sizes: Sequence[int]) -> tuple[tuple[int, ...], ...]:
+    """Return the sets of numbers, the mean load apart, whose product changes sign so."""
+    others = [index for index in range(2 * MODES) if index != _MEAN]
+    return tuple(
+        chosen
+        for size in sizes
+        for chosen in combinations(others, size)
+        if tuple(np.prod(_SIGNS[list(chosen)], axis=0)) == sign
+    )
+
+
+#: Triples whose product is even, and what changes sign with the fingers alone.
+_EVEN = _products((1, 1, 1), (3,))
+_FINGER = _products((-1, 1, 1), (1, 2, 3))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """How load lay in one grasp.
+
+    Attributes
+    ----------
+    modes : ndarray, shape (2, 4)
+        Mean, slope along, slope across and crossed term of log load on each finger.
+    width_mm : float or None
+        Width at contact; None if not known.
+    """
+
+    modes: FloatArray
+    width_mm: float | None = None
+
+    @property
+    def numbers(self) -> FloatArray:
+        """Return differences and means of the two fingers' modes, shape (8,)."""
+        first, second = self.modes
+        return np.concatenate([first - second, (first + second) / 2.0])
+
+
+def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Shape:
+    """Describe one grasp.
+
+    Parameters
+    ----------
+    change_percent : array_like, shape (rows, cols)
+        Relative change of each pixel; the first half of the rows is on one finger, the second half
+        on the other, facing it row by row and column by column. NaN where a pixel is out of use.
+    width_mm : float, optional
+        Width at contact.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than 2 x 2 pixels on a finger, or too many are out of use.
+
+    Examples
+    --------
+    >>> even = shape_of([[-50.0, -50.0]] * 4)
+    >>> np.abs(even.modes[0]).round(3).tolist()
+    [0.105, 0.0, 0.0, 0.0]
+    """
+    change = np.asarray(change_percent, dtype=np.float64)
+    rows = change.shape[0] // 2
+    if change.ndim != 2 or change.shape[0] % 2 or min(rows, change.shape[1]) < 2:
+        raise InputError(
+            f"pixels of shape {change.shape}: bruises need two fingers with at least 2 x 2 pixels"
+        )
+    along, across = np.meshgrid(
+        np.linspace(-1, 1, rows), np.linspace(-1, 1, change.shape[1]), indexing="ij"
+    )
+    basis = np.stack([np.ones_like(along), along, across, along * across]).reshape(MODES, -1)
+    ratio = np.maximum(100.0 + change, 0.1) / 100.0
+    load = np.log(np.maximum(1.0 / ratio - 1.0, 0.0) + _TOUCH).reshape(2, -1)
+    modes = np.empty((2, MODES))
+    for finger, values in enumerate(load):
+        known = np.isfinite(values)
+        if np.linalg.matrix_rank(basis[:, known]) < MODES:
+            raise InputError(
+                f"finger {finger + 1}: only {known.sum()} of {known.size} pixels read; a bruise "
+                "can't be told from where the fruit lies"
+            )
+        modes[finger] = np.linalg.lstsq(basis[:, known].T, values[known], rcond=None)[0]
+    return Shape(modes=modes, width_mm=width_mm)
+
+
+def middle_of(shapes: Sequence[Shape], *, with_width: bool) -> Shape:
+    """Return the median of several grasps, as a reference.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        At least one.
+    with_width : bool
+        Whether their widths are of one item, so that its width may be compared with them.
+    """
+    widths_mm = [shape.width_mm for shape in shapes if shape.width_mm is not None]
+    return Shape(
+        modes=np.median([shape.modes for shape in shapes], axis=0),
+        width_mm=float(np.median(widths_mm)) if with_width and widths_mm else None,
+    )
+
+
+def contrast(shape: Shape, reference: Shape) -> FloatArray:
+    """Return what is judged of a grasp against a reference, shape (17,).
+
+    Mean load; the sizes of the eight numbers; cube roots of their even products of three; and by
+    how much wider the item was at contact (0 where that is not known).
+
+    Examples
+    --------
+    >>> even = shape_of([[-50.0, -50.0]] * 4, width_mm=66.0)
+    >>> contrast(even, even).tolist() == [0.0] * 17
+    True
+    """
+    numbers = shape.numbers - reference.numbers
+    triples = [np.cbrt(np.prod(numbers[list(chosen)])) for chosen in _EVEN]
+    wider_mm = 0.0
+    if shape.width_mm is not None and reference.width_mm is not None:
+        wider_mm = shape.width_mm - reference.width_mm
+    return np.concatenate([[numbers[_MEAN]], np.abs(numbers), triples, [wider_mm]])
+
+
+def finger_contrast(shape: Shape, reference: Shape) -> FloatArray:
+    """Return what tells the fingers apart, shape (8,): it changes sign when they change places."""
+    numbers = shape.numbers - reference.numbers
+    products = [(np.prod(numbers[list(chosen)]), len(chosen)) for chosen in _FINGER]
+    return np.array([np.sign(value) * abs(value) ** (1.0 / size) for value, size in products])
+
+
+def slopes(shape: Shape, reference: Shape) -> FloatArray:
+    """Return how load slopes, along and across, on the first finger against the second."""
+    return np.asarray((shape.numbers - reference.numbers)[1:3])
+
+
+def pixel_contrast(shape: Shape, reference: Shape, *, rows: int, cols: int) -> FloatArray:
+    """Return log load of each pixel against the one that it faces, shape (rows, cols)."""
+    along, across = np.meshgrid(
+        np.linspace(-1, 1, rows // 2), np.linspace(-1, 1, cols), indexing="ij"
+    )
+    basis = np.stack([np.ones_like(along), along, across, along * across])
+    first = np.tensordot((shape.numbers - reference.numbers)[:MODES], basis, axes=1)
+    return np.concatenate([first, -first])
