@@ -25,6 +25,7 @@ EXECUTED = (
     "index",
     "first-grasp",
     "build-a-sensor",
+    "wire-and-flash",
     "calibrate",
     "own-gripper-or-sensor",
     "architecture",
