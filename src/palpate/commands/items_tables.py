@@ -12,7 +12,7 @@ from rich.text import Text
 
 from palpate.estimate.measurement import Measurement
 from palpate.produce.pages import ItemPage
-from palpate.produce.records import About, Source, Verdict
+from palpate.produce.records import About, Source
 
 #: Grasps and verdicts shown on a page: the last ones.
 _SHOWN = 20
@@ -37,7 +37,7 @@ def print_list(pages: Sequence[ItemPage], *, more: bool) -> None:
             f"{len(page.grasps)}{f' {_SIMULATED}' if page.simulated else '  '}",
             _value(size, 1),
             _value(stiffness, 2),
-            Text(", ".join(_short(one) for one in said) or "-"),
+            Text(", ".join(one.text for one in said) or "-"),
         )
     console.print(table)
     if any(page.simulated for page in pages):
@@ -104,7 +104,12 @@ def _table(*columns: str) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
     for column in columns:
         right = column.startswith(">")
-        table.add_column(column.lstrip(">"), justify="right" if right else "left", overflow="fold")
+        table.add_column(
+            column.lstrip(">"),
+            justify="right" if right else "left",
+            overflow="fold",
+            no_wrap=column == "last grasp",
+        )
     return table
 
 
@@ -121,9 +126,3 @@ def _band(measured: Measurement | None, digits: int) -> str:
         return "-"
     low, high = f"{measured.low:.{digits}f}", f"{measured.high:.{digits}f}"
     return f"[bold]{measured.value:.{digits}f}[/]\n[dim]{low}…{high}[/]"
-
-
-def _short(verdict: Verdict) -> str:
-    if verdict.probability is None:
-        return verdict.text
-    return f"{verdict.text} {verdict.probability:.0%}"

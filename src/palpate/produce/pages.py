@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import datetime
 
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import About, Grasp, Item, Verdict
@@ -42,6 +43,14 @@ class ItemPage:
         """Return the last thing said about it."""
         found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
         return next(found, None)
+
+    def within(self, since: datetime, until: datetime) -> ItemPage:
+        """Return what was felt and said at or after `since`, and before `until`."""
+        return replace(
+            self,
+            grasps=tuple(g for g in self.grasps if since <= g.taken_at < until),
+            verdicts=tuple(v for v in self.verdicts if since <= v.given_at < until),
+        )
 
 
 def item_page(store: Store, item_id: str) -> ItemPage:

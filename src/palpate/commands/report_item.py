@@ -1,0 +1,135 @@
+"""The report of one item: what it is like now, how it got there, and what was said of it."""
+
+from __future__ import annotations
+
+from datetime import datetime, tzinfo
+
+from palpate.commands.report_html import Tile, document, figures, table, tiles
+from palpate.estimate.measurement import Measurement
+from palpate.plots.inline_svg import inline_svg
+from palpate.plots.item_history import history_figure, pixels_figure
+from palpate.produce.pages import ItemPage
+from palpate.produce.records import About, Grasp, Source, Verdict
+from palpate.settling.result import Status
+
+#: Name, caption, axis, unit in text, digits.
+QUANTITIES = (
+    ("stiffness_n_per_mm", "Stiffness", "stiffness (N/mm)", "N/mm", 2),
+    ("settled_percent", "Settled change", "settled change (%)", "%", 1),
+    ("size_mm", "Size", "size (mm)", "mm", 1),
+    ("force_n", "Grip force", "grip force (N)", "N", 2),
+)
+#: In this many grasps and verdicts a reader still finds something.
+_MOST_ROWS = 100
+
+
+def item_report(page: ItemPage, *, store: str, zone: tzinfo | None = None) -> str:
+    """Return the report of an item as HTML.
+
+    Parameters
+    ----------
+    page : ItemPage
+        The item with its history.
+    store : str
+        Where it came from.
+    zone : tzinfo, optional
+        Time zone of every time shown; this machine's by default.
+    """
+    item = page.item
+    chips = [*filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label))]
+    if item.first_seen is not None:
+        chips.append(f"first seen {when(item.first_seen, zone)}")
+    chips.append(f"{len(page.grasps)} grasp{'s' if len(page.grasps) != 1 else ''}")
+    body = [tiles(_tiles(page))]
+    if shown := _figures(page, zone):
+        body.append(figures(shown))
+    if page.verdicts:
+        body.append(_verdicts(page, zone))
+    if page.grasps:
+        body.append(_grasps(page, zone))
+    return document(
+        title=item.item_id,
+        chips=chips,
+        simulated=page.simulated,
+        body=body,
+        foot=f"From the {store}. Intervals are at level 0.9; hollow marks and * are readings that "
+        "promise less than that. Times are local.",
+    )
+
+
+def verdict_tile(verdict: Verdict) -> Tile:
+    """Return what was said, large."""
+    below = "said by a person"
+    if verdict.source is Source.PALPATE:
+        below = "" if verdict.probability is None else f"{verdict.probability:.0%} sure"
+    return Tile(name=str(verdict.about).capitalize(), value=verdict.text, below=below)
+
+
+def when(moment: datetime, zone: tzinfo | None) -> str:
+    """Return a time as people write it."""
+    return moment.astimezone(zone).strftime("%Y-%m-%d %H:%M")
+
+
+def number(measured: Measurement | None, digits: int) -> str:
+    """Return a value, marked where its interval does not hold its full promise."""
+    if measured is None:
+        return "-"
+    return f"{measured.value:.{digits}f}{'' if measured.status is Status.OK else ' *'}"
+
+
+def _tiles(page: ItemPage) -> list[Tile]:
+    shown = []
+    for name, caption, _, unit, digits in QUANTITIES[:3]:
+        measured = page.latest(name)
+        if measured is not None:
+            ends = f"{measured.low:.{digits}f} to {measured.high:.{digits}f}"
+            value = number(measured, digits)
+            shown.append(Tile(name=caption, value=value, unit=unit, below=ends))
+    said = (page.said(about) for about in About)
+    return [*shown, *(verdict_tile(verdict) for verdict in said if verdict is not None)]
+
+
+def _figures(page: ItemPage, zone: tzinfo | None) -> list[tuple[str, str]]:
+    shown = []
+    for name, caption, label, _, _ in QUANTITIES[:3]:
+        if page.latest(name) is not None:
+            figure = history_figure(page, name, label=label, zone=zone)
+            shown.append((caption, inline_svg(figure, label=f"{caption} over time")))
+    pixels = pixels_figure(page.grasps)
+    if pixels is not None:
+        caption = "Settled change by pixel, %, on each side"
+        shown.append((caption, inline_svg(pixels, label=caption)))
+    return shown
+
+
+def _verdicts(page: ItemPage, zone: tzinfo | None) -> str:
+    rows = [
+        (
+            when(one.given_at, zone),
+            str(one.about),
+            one.text,
+            "-" if one.probability is None else f"{one.probability:.0%}",
+            one.explanation or ("said by a person" if one.source is Source.PERSON else ""),
+        )
+        for one in reversed(page.verdicts[-_MOST_ROWS:])
+    ]
+    return table("What was said", ["when", "about", "verdict", ">sure", "why"], rows)
+
+
+def _grasps(page: ItemPage, zone: tzinfo | None) -> str:
+    columns = ["taken", "outcome", "rig", ">side"]
+    columns += [f">{caption.lower()}, {unit}" for _, caption, _, unit, _ in QUANTITIES]
+    rows = [_row(grasp, zone) for grasp in reversed(page.grasps[-_MOST_ROWS:])]
+    more = len(page.grasps) - len(rows)
+    caption = f"Grasps (the last {len(rows)} of {len(page.grasps)})" if more else "Grasps"
+    return table(caption, columns, rows)
+
+
+def _row(grasp: Grasp, zone: tzinfo | None) -> list[str]:
+    return [
+        when(grasp.taken_at, zone),
+        str(grasp.outcome).replace("_", " "),
+        grasp.rig,
+        "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",
+        *(number(grasp.measurements.get(name), digits) for name, _, _, _, digits in QUANTITIES),
+    ]

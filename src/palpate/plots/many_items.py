@@ -1,0 +1,159 @@
+"""A batch or a day at a glance: size against stiffness, softening, how many of each, and when."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from datetime import timedelta, tzinfo
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.grasp.result import Outcome
+from palpate.plots.inline_svg import page_figure
+from palpate.plots.item_history import date_axis, local
+from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY
+from palpate.produce.pages import ItemPage
+from palpate.produce.records import About, Grasp
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Kinds beyond these share one grey.
+_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
+_MARKERS = "osD^vP"
+#: Of the minor ticks of a logarithmic axis, these leading digits are written out.
+_LABELLED_DIGITS = "25"
+
+
+def size_stiffness_figure(pages: Sequence[ItemPage]) -> Figure | None:
+    """Draw every item by its last size and stiffness, by kind; None if none has both."""
+    points = [
+        (kind_of(page), size.value, stiffness.value)
+        for page in pages
+        if (size := page.latest("size_mm")) and (stiffness := page.latest("stiffness_n_per_mm"))
+    ]
+    if not points:
+        return None
+    looks = _looks(pages)
+    with page_figure() as (figure, (axis,)):
+        for kind, (colour, marker) in looks.items():
+            mine = np.array([(s, k) for name, s, k in points if name == kind]).reshape(-1, 2)
+            axis.plot(
+                mine[:, 0],
+                mine[:, 1],
+                marker,
+                color=colour,
+                ms=4.5 if len(points) < 200 else 2.5,
+                alpha=0.85,
+                mew=0,
+                label=None if colour == GREY else kind,
+            )
+        _log_axis(axis)
+        axis.set_xlabel("size (mm)")
+        axis.set_ylabel("stiffness (N/mm)")
+        if len(looks) > 1:
+            figure.legend(loc="outside upper left", ncols=6, fontsize=8, columnspacing=1.2)
+    return figure
+
+
+def softening_figure(pages: Sequence[ItemPage], *, zone: tzinfo | None = None) -> Figure | None:
+    """Draw the stiffness of each item over its days; None if none was grasped on two."""
+    tracks = []
+    for page in pages:
+        name = "stiffness_n_per_mm"
+        track = [
+            (local(g.taken_at, zone), g.measurements[name].value)
+            for g in page.grasps
+            if name in g.measurements
+        ]
+        if track and track[-1][0] - track[0][0] >= timedelta(hours=12):
+            tracks.append((kind_of(page), track))
+    if not tracks:
+        return None
+    looks = _looks(pages)
+    with page_figure() as (figure, (axis,)):
+        for kind, track in tracks:
+            times, values = zip(*track, strict=True)
+            colour, _ = looks[kind]
+            axis.plot(times, values, "-o", color=colour, ms=2.5, lw=0.9, alpha=_faint(len(tracks)))
+        _log_axis(axis)
+        axis.set_ylabel("stiffness (N/mm)")
+        date_axis(axis, [time for _, track in tracks for time, _ in track])
+    return figure
+
+
+def counts_figure(counts: Sequence[tuple[str, int]]) -> Figure:
+    """Draw how many there are of each, the most on top."""
+    names = [name if len(name) <= 24 else f"{name[:23]}…" for name, _ in counts]
+    numbers = [number for _, number in counts]
+    height_in = min(2.9, 0.7 + 0.36 * max(len(counts), 3))
+    with page_figure(height_in=height_in) as (figure, (axis,)):
+        bars = axis.barh(range(len(counts)), numbers, color=BLUE, height=0.62)
+        axis.bar_label(bars, padding=3, color=INK, fontsize=9)
+        axis.set_yticks(range(len(counts)), names)
+        axis.set_xticks([])
+        axis.grid(visible=False)
+        axis.tick_params(axis="y", length=0)
+        axis.spines[["bottom", "left"]].set_visible(False)
+        axis.margins(x=0.12)
+        # One bar alone is no block.
+        axis.set_ylim(max(len(counts), 3) - 0.5, -0.5)
+    return figure
+
+
+def hours_figure(grasps: Sequence[Grasp], *, zone: tzinfo | None = None) -> Figure:
+    """Draw how many grasps each hour had, those that did not hold apart."""
+    held, other = [0] * 24, [0] * 24
+    for grasp in grasps:
+        where = held if grasp.outcome is Outcome.HELD else other
+        where[local(grasp.taken_at, zone).hour] += 1
+    used = [hour for hour in range(24) if held[hour] + other[hour]]
+    first, last = max(0, used[0] - 1), min(23, used[-1] + 1)
+    hours = range(first, last + 1)
+    with page_figure() as (figure, (axis,)):
+        axis.bar(hours, [held[h] for h in hours], color=BLUE, width=0.8, label="held")
+        if any(other):
+            axis.bar(
+                hours,
+                [other[h] for h in hours],
+                bottom=[held[h] for h in hours],
+                color=ORANGE,
+                width=0.8,
+                label="not held",
+            )
+            figure.legend(loc="outside upper left", ncols=2, fontsize=8)
+        axis.set_xticks(
+            [h for h in hours if last - first < 12 or h % 3 == 0],
+            [f"{h:02d}:00" for h in hours if last - first < 12 or h % 3 == 0],
+        )
+        axis.grid(visible=False, axis="x")
+        axis.yaxis.get_major_locator().set_params(integer=True)
+        axis.set_ylabel("grasps per hour")
+        axis.set_ylim(0, 1.08 * max(a + b for a, b in zip(held, other, strict=True)))
+    return figure
+
+
+def kind_of(page: ItemPage) -> str:
+    """Return what an item is: as a person said, else as it was identified."""
+    if page.item.kind is not None:
+        return page.item.kind
+    said = page.said(About.IDENTITY)
+    return "not named" if said is None else said.text
+
+
+def _looks(pages: Sequence[ItemPage]) -> dict[str, tuple[str, str]]:
+    """Return the colour and marker of each kind, the most frequent first."""
+    kinds = [kind for kind, _ in Counter(map(kind_of, pages)).most_common()]
+    own = list(zip(_COLOURS, _MARKERS, strict=True))
+    return {kind: own[k] if k < len(own) else (GREY, ".") for k, kind in enumerate(kinds)}
+
+
+def _log_axis(axis: Any) -> None:
+    axis.set_yscale("log")
+    axis.yaxis.set_major_formatter("{x:g}")
+    axis.yaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in _LABELLED_DIGITS else "")
+
+
+def _faint(tracks: int) -> float:
+    return float(np.clip(6 / tracks, 0.08, 0.9))
