@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -197,5 +198,5 @@ def _hand(rig: Rig) -> SortingHand:
         rig=rig.name,
         origin=rig.origin,
         calibration_id=calibration_id_of(rig.calibration.as_text()),
-        began_at=datetime.now(UTC) - timedelta(seconds=rig.clock.now_s()),
+        now=partial(datetime.now, UTC),
     )

@@ -1,13 +1,21 @@
 """One item in the hand, and again: measured, and how long it took.
 
+A sheet remembers a load for seconds, a bad one for half a minute. What it still gives back while
+the fingers come near would hide the first touch, or look like one; so each grasp waits until the
+sheet stands still.
+
 The second grasp of an item knows about how large it is, so the fingers wait near it instead of
 opening fully. Another side of it may be thicker, so they stay well clear.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.clock import Clock
 from palpate.estimate.measurement import Measurement
@@ -18,11 +26,15 @@ from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import mean_change, relative_change_percent
 
 #: How wide the fingers wait for an item whose size is known: more than produce is out of round.
 _CLEAR_SHARE, _CLEAR_MM = 0.15, 4.0
-#: A long movement shakes the sheet; its rest values are taken after it has calmed down.
-_CALM_S, _FRAME_S = 0.8, 2.0
+#: The sheet stands still where two averages of so long differ by so little (as for re-zeroing); it
+#: is given so much time.
+_AVERAGE_S, _STILL_PERCENT, _LONGEST_S = 1.0, 0.3, 20.0
+_FRAME_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,8 +57,8 @@ class SortingHand:
         A gentle squeeze.
     rig, origin, calibration_id
         As they stand in the records of grasps.
-    began_at : datetime
-        What the time was when the clock stood at 0.
+    now : callable
+        Returns the time that records get, aware.
     """
 
     array: PressureArray
@@ -56,7 +68,7 @@ class SortingHand:
     rig: str
     origin: Origin
     calibration_id: str
-    began_at: datetime
+    now: Callable[[], datetime]
 
     def grasp(self, item_id: str, *, expected: Measurement | None = None) -> TimedGrasp:
         """Grasp what lies there; `expected` is its size, where an earlier grasp knows it.
@@ -66,11 +78,10 @@ class SortingHand:
         DeviceError
             If a device fails before the grasp begins; later failures are outcomes.
         """
-        began_s = self.clock.now_s()
-        taken_at = self.now()
-        result = run_grasp(
-            self._near(expected), array=self.array, gripper=self.gripper, clock=self.clock
-        )
+        began_s, taken_at = self.clock.now_s(), self.now()
+        plan = self._near(expected)
+        self._wait_for_rest()
+        result = run_grasp(plan, array=self.array, gripper=self.gripper, clock=self.clock)
         grasp = Grasp(
             item_id=item_id,
             taken_at=taken_at,
@@ -85,10 +96,6 @@ class SortingHand:
         )
         return TimedGrasp(grasp=grasp, lasted_s=self.clock.now_s() - began_s)
 
-    def now(self) -> datetime:
-        """Return the time, by this rig's clock."""
-        return self.began_at + timedelta(seconds=self.clock.now_s())
-
     def _near(self, expected: Measurement | None) -> Plan:
         """Bring the fingers near an item of known size; return the plan that starts from there."""
         limits = self.plan.gripper
@@ -99,11 +106,32 @@ class SortingHand:
             return self.plan
         way_mm = abs(limits.reported(self.gripper.state()) - wait_mm)
         self.gripper.command(GripperCommand(target=wait_mm, rate=self.plan.rate))
-        until_s = self.clock.now_s() + way_mm / self.plan.rate + _CALM_S
-        while self.clock.now_s() < until_s:
-            # Read and let go, so that no old frame waits for the grasp.
-            self.array.read(timeout_s=_FRAME_S)
+        self._mean_ohm(way_mm / self.plan.rate)
         return replace(self.plan, gripper=replace(limits, highest=wait_mm))
+
+    def _wait_for_rest(self) -> None:
+        """Wait until the sheet no longer gives back what it remembers, or time is up."""
+        give_up_s = self.clock.now_s() + _LONGEST_S
+        before = self._mean_ohm(_AVERAGE_S)
+        while self.clock.now_s() < give_up_s:
+            now = self._mean_ohm(_AVERAGE_S)
+            change = mean_change(relative_change_percent(now, rest_ohm=before))
+            if not abs(float(change)) > _STILL_PERCENT:
+                return
+            before = now
+
+    def _mean_ohm(self, duration_s: float) -> NDArray[np.float64]:
+        """Read frames for so long, so that none waits for the grasp; return their mean."""
+        until_s = self.clock.now_s() + duration_s
+        found: list[NDArray[np.float64]] = []
+        while self.clock.now_s() < until_s or not found:
+            frame = self.array.read(timeout_s=_FRAME_S)
+            found.append(
+                pixel_resistance_ohm(
+                    frame.counts, layout=self.array.layout, oversampling=frame.oversampling
+                )
+            )
+        return np.asarray(np.mean(found, axis=0))
 
 
 def _measured(result: GraspResult) -> dict[str, Measurement]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +81,7 @@ def measured_crates(
         rig="sim-rigid",
         origin="twin",
         calibration_id=calibration.sensor_id,
-        began_at=_BEGAN_AT,
+        now=lambda: _BEGAN_AT + timedelta(seconds=table.clock.now_s()),
     )
     teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=sensor, prefix="taught")
     sorting = [*CRATE_TAUGHT] * sorted_items + [*CRATE_STRANGERS] * ((sorted_items + 1) // 2)
