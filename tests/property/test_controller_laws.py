@@ -70,18 +70,31 @@ def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObjec
         assert 0 < command.rate <= LIMITS.fastest
         closing = width - command.target
         if closing > 0:
-            upper_n = belief.force_high_n + closing * plan.steepest_n
+            overrun = command.rate * plan.safety.latency_s
+            upper_n = belief.force_high_n + (closing + overrun) * plan.steepest_n
             assert upper_n <= plan.safety.force_ceiling_n * (1 + 1e-9)
             assert belief.phase is not Phase.RELEASE
         width = width if sticks else command.target
     assert belief.ended
 
 
-@given(force=st.floats(0, 100), stiffness=st.floats(0.01, 100), ceiling=st.floats(0.1, 100))
-def test_largest_step_keeps_the_invariant(force: float, stiffness: float, ceiling: float) -> None:
-    found = largest_step(force_high_n=force, steepest_n=stiffness, ceiling_n=ceiling)
+@given(
+    force=st.floats(0, 100),
+    stiffness=st.floats(0.01, 100),
+    ceiling=st.floats(0.1, 100),
+    damage=st.floats(0.1, 100) | st.just(float("inf")),
+    rate=st.floats(0.1, 60),
+)
+def test_largest_step_keeps_the_invariant(
+    force: float, stiffness: float, ceiling: float, damage: float, rate: float
+) -> None:
+    limits = SafetyLimits(force_ceiling_n=ceiling)
+    found = largest_step(
+        force_high_n=force, steepest_n=stiffness, rate=rate, damage_low_n=damage, limits=limits
+    )
     assert found >= 0
-    assert found == 0 or force + stiffness * found <= ceiling * (1 + 1e-12)
+    reached_n = force + stiffness * (found + rate * limits.latency_s)
+    assert found == 0 or reached_n <= min(ceiling, damage) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("field", ["force_ceiling_n", "stale_periods", "stale_floor_s"])

@@ -24,6 +24,7 @@ _EXIT_STATUS = {
     "held": 0,
     "nothing_there": 1,
     "slipped": 1,
+    "too_weak": 1,
     "force_limit": 1,
     "timed_out": 1,
     "sensor_lost": 3,

@@ -265,20 +265,23 @@ def _fit(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForc
     )
 
 
-#: Forces between which doubt is measured in proportion, and below which in newtons.
-_FIRM_N = (1.0, 12.0)
+#: No sheet that can be calibrated at all is doubted more.
+_MOST_DOUBT = 0.7
+#: Said forces from which on doubt is measured in proportion; below, in newtons.
+_FIRM_N = 1.0
 
 
 def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelForceLaw:
-    """Return the law with its doubts: nine tenths of the errors lie within them at that level."""
-    tenth = float(norm.ppf(0.95))
-    firm = (force > _FIRM_N[0]) & (force < _FIRM_N[1])
-    faint = force <= _FIRM_N[0]
-    log_error = np.abs(np.log(np.maximum(said[firm], 0.05) / force[firm]))
-    error_n = np.abs(said[faint] - force[faint])
+    """Return the law with its doubts: nine tenths of the errors lie within them at that level.
+
+    Sorted by what is said, for that is all that a grasp will know.
+    """
+    tenth, firm = float(norm.ppf(0.95)), said > _FIRM_N
+    log_error = np.abs(np.log(said[firm] / np.maximum(force[firm], 0.1)))
+    error_n = np.abs(said[~firm] - force[~firm])
     return replace(
         law,
-        residual_sd=max(_quantile(log_error, 0.9) / tenth, 0.03),
+        residual_sd=min(max(_quantile(log_error, 0.9) / tenth, 0.03), _MOST_DOUBT),
         floor_n=max(_quantile(error_n, 0.9) / tenth, 0.02),
     )
 

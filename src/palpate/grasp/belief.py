@@ -14,6 +14,7 @@ from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.events import ContactState, EventKind, watch_contact
 from palpate.signal.relative import (
     excess_conductance,
     finger_means,
@@ -22,6 +23,12 @@ from palpate.signal.relative import (
     rest_baseline,
 )
 
+#: Errors of a reported width (mm) or pressure (kPa) that are the report's own.
+_REPORT = {"width": 0.06, "pressure": 0.3}
+#: A movement's spike, and the sheet's first answer to it, are over after so long.
+_QUIET_S = 0.3
+#: Phases of an open hand: what is felt then is somebody's touch.
+_OPEN = (Phase.WAIT,)
 #: Frames whose mean is read as "now".
 _NOW_FRAMES = 3
 
@@ -54,6 +61,11 @@ class Touch:
     finger_percent: tuple[float, ...]
     relative_percent: float
     reading: float
+
+    @property
+    def shared_percent(self) -> float:
+        """The fall of the finger that feels less: one alone may only push the object."""
+        return max(self.finger_percent)
 
     @property
     def deepest_percent(self) -> float:
@@ -97,6 +109,14 @@ class Belief:
         Grip force now and its upper bound, from the last step read.
     peak_force_n : float
         Largest grip force so far.
+    damage_low_n : float
+        Lower bound of the force that damages the object, as the closing so far tells it.
+    sent : float
+        Closure last commanded.
+    fingers : tuple of ContactState
+        What each finger has felt while the hand stood still.
+    tries : int
+        Closings that found nothing.
     adjustments : int
         Corrections made towards the target.
     next_forecast_s : float
@@ -123,6 +143,10 @@ class Belief:
     force_n: float = 0.0
     force_high_n: float = 0.0
     peak_force_n: float = 0.0
+    damage_low_n: float = float("inf")
+    sent: float = float("nan")
+    fingers: tuple[ContactState, ...] = ()
+    tries: int = 0
     adjustments: int = 0
     next_forecast_s: float = 0.0
     result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
@@ -161,12 +185,14 @@ class Belief:
 
     def enter(self, phase: Phase, *, note: str | None = None) -> Belief:
         """Begin a phase, and note the moment in the result if it is worth telling."""
-        moments = self.result.moments
-        if note is not None:
-            moments = (*moments, Moment(time_s=self.now_s, name=note))
-        return replace(
-            self, phase=phase, since_s=self.now_s, result=replace(self.result, moments=moments)
-        )
+        belief = self if note is None else self.noted(note)
+        return replace(belief, phase=phase, since_s=self.now_s)
+
+    def noted(self, name: str, *, finger: int | None = None) -> Belief:
+        """Note a moment in the result."""
+        moment = Moment(time_s=self.now_s, name=name, finger=finger)
+        moments = (*self.result.moments, moment)
+        return replace(self, result=replace(self.result, moments=moments))
 
 
 def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
@@ -182,7 +208,7 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         belief,
         began_s=frame.time_s if belief.began_s is None else belief.began_s,
         now_s=frame.time_s,
-        closure=plan.gripper.closure(gripper),
+        closure=_closure(belief, gripper, plan),
         still_since_s=still_since,
         frames=belief.frames + 1,
         lost=belief.lost + max(gap, 0),
@@ -191,8 +217,17 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     ohm = pixel_resistance_ohm(frame.counts, layout=plan.layout, oversampling=frame.oversampling)
     if belief.rest_ohm is None:
         return replace(belief, rest_frames=(*belief.rest_frames, ohm))
-    touches = () if gripper.moving else (*belief.touches, _touch(frame.time_s, ohm, belief, plan))
-    return replace(belief, touches=touches)
+    if gripper.moving:
+        return replace(belief, touches=())
+    touch = _touch(frame.time_s, ohm, belief, plan)
+    return noticed(replace(belief, touches=(*belief.touches, touch)))
+
+
+def _closure(belief: Belief, gripper: GripperState, plan: Plan) -> float:
+    """Return the closure: as sent where the report agrees, because reports are rounded."""
+    reported = plan.gripper.closure(gripper)
+    agrees = not gripper.moving and abs(reported - belief.sent) <= _REPORT[plan.gripper.drive]
+    return belief.sent if agrees else reported
 
 
 def rezeroed(belief: Belief, *, plan: Plan) -> Belief:
@@ -222,3 +257,24 @@ def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) 
         relative_percent=float(np.nan_to_num(mean_change(change))),
         reading=float(plan.reading.reading(excess)),
     )
+
+
+def noticed(belief: Belief) -> Belief:
+    """Note what single fingers feel while the hand stands still."""
+    if belief.still_s < _QUIET_S:
+        return belief
+    felt = belief.now.finger_percent
+    states = belief.fingers or (ContactState(),) * len(felt)
+    fingers = []
+    for finger, (state, change) in enumerate(zip(states, felt, strict=True)):
+        state, kind = watch_contact(state, change)
+        fingers.append(state)
+        if kind is not None:
+            belief = belief.noted(_event_name(belief, kind), finger=finger)
+    return replace(belief, fingers=tuple(fingers))
+
+
+def _event_name(belief: Belief, kind: EventKind) -> str:
+    if kind is EventKind.CONTACT and belief.phase in _OPEN:
+        return "touch"
+    return f"finger_{kind}"

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
 from palpate.grasp.answer import answered, forecast, sure_enough
-from palpate.grasp.belief import Belief, Closing, Observation, observed, rezeroed
+from palpate.grasp.belief import Belief, Observation, observed, rezeroed
+from palpate.grasp.closing import (
+    approach_dwell_s,
+    approach_step,
+    closed_by,
+    read,
+    slope_high_n,
+    wanted_step,
+)
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
-from palpate.grasp.safety import Danger, Reaction, largest_step, reaction
+from palpate.grasp.safety import Danger, Reaction, reaction
 from palpate.gripper.interface import GripperCommand
 
 #: A handler's answer: what it believes now, and what it wants of the gripper (None: nothing).
@@ -20,6 +27,10 @@ Move = tuple[Belief, GripperCommand | None]
 _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.HOLD)
 #: Less than this share of the strongest touch of this hold means that the object is gone.
 _LOST_SHARE = 0.35
+#: The squeeze ends a little below the target: what is left is corrected by settled forces.
+_NEAR = 0.85
+#: Missing this share of the target, there is no need to be sure before pressing on.
+_FAR = 0.06
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
 
@@ -68,37 +79,51 @@ def released(belief: Belief, *, plan: Plan) -> Move:
     return _release(belief, plan, Outcome.HELD if answered else Outcome.STOPPED)
 
 
+def _wait(belief: Belief, plan: Plan) -> Move:
+    """Stand open until it is time to try again, or somebody touches a finger."""
+    opened = belief.closure <= plan.step / 2
+    if not opened or belief.now_s - belief.since_s < plan.dwell_s:
+        return belief, None
+    touched = any(moment.name == "touch" for moment in belief.result.moments[-1:])
+    if belief.still_s < plan.wait_s and not touched:
+        return belief, None
+    again = replace(belief, rest_ohm=None, staircase=(), touches=(), fingers=())
+    return again.enter(Phase.APPROACH), None
+
+
 def _approach(belief: Belief, plan: Plan) -> Move:
-    """Take the rest values, then close step by step until something is felt."""
+    """Take the rest values, then close step by step until both fingers feel something."""
     if belief.rest_ohm is None:
         if belief.still_s < plan.rest_s:
             return belief, None
-        return _closed_by(rezeroed(belief, plan=plan), plan.step, plan)
-    if belief.still_s < plan.dwell_s:
+        return closed_by(rezeroed(belief, plan=plan), approach_step(plan), plan)
+    if belief.still_s < approach_dwell_s(belief, plan):
         return belief, None
     before = belief.staircase[-1].closure if belief.staircase else 0.0
-    belief = _read(belief, plan)
-    if belief.now.deepest_percent <= plan.epsilon_percent:
+    belief = read(belief, plan)
+    if belief.now.shared_percent <= plan.epsilon_percent or _pressed(belief, plan):
         width_mm = plan.gripper.target(before) if plan.gripper.drive == "width" else None
         result = replace(belief.result, previous_width_mm=width_mm)
         contact_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
         return replace(belief, result=result, contact_s=contact_s).enter(Phase.CONTACT), None
     if belief.closure >= plan.gripper.span - 2 * plan.smallest_step:
-        return _release(belief, plan, Outcome.NOTHING_THERE)
-    if belief.now.deepest_percent > plan.hint_percent:
-        return _closed_by(replace(belief, contact_s=None), plan.step, plan)
-    if belief.contact_s is None:
-        belief = replace(belief, contact_s=belief.moved_s)
-    belief, command = _closed_by(belief, _wanted_step(belief, plan), plan)
+        return _nothing_there(belief, plan)
+    if belief.now.shared_percent > plan.hint_percent:
+        belief, command = closed_by(replace(belief, contact_s=None), approach_step(plan), plan)
+    else:
+        if belief.contact_s is None:
+            belief = replace(belief, contact_s=belief.moved_s)
+        belief, command = closed_by(belief, wanted_step(belief, plan, goal_n=0.0), plan)
     # A touch too weak to be contact, and no room to press harder: measure what there is.
-    return (belief, command) if command else (belief.enter(Phase.CONTACT), None)
+    return (belief, command) if command else (belief.enter(Phase.SETTLE, note="contact"), None)
 
 
 def _contact(belief: Belief, plan: Plan) -> Move:
     """Confirm the touch on fresh frames: noise may look like one for a moment."""
     if belief.now_s - belief.since_s < plan.confirm_s:
         return belief, None
-    if belief.now.deepest_percent > 0.5 * plan.epsilon_percent:
+    faint = belief.now.deepest_percent > 0.5 * plan.epsilon_percent
+    if faint and not _pressed(belief, plan):
         return belief.enter(Phase.APPROACH), None
     return belief.enter(Phase.SQUEEZE, note="contact"), None
 
@@ -107,43 +132,47 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     """Close further until the force is near the target, or enough to measure."""
     if belief.still_s < plan.dwell_s:
         return belief, None
-    belief = _read(belief, plan)
-    goal_n = plan.gentle_force_n if plan.target_force_n is None else 0.9 * plan.target_force_n
-    felt = [c for c in belief.staircase if c.touch.deepest_percent < plan.hint_percent]
-    enough = belief.force_n >= goal_n and len(felt) >= plan.fewest_steps
-    if not enough:
-        belief, command = _closed_by(belief, _wanted_step(belief, plan), plan)
+    belief = read(belief, plan)
+    felt = [c for c in belief.staircase if c.touch.shared_percent < plan.hint_percent]
+    # A gentle squeeze is not corrected afterwards, and may pass its force to learn the stiffness.
+    aimed = plan.target_force_n is not None
+    goal_n = _goal_n(plan) * (_NEAR if aimed else 1.0)
+    if belief.force_n < goal_n or (not aimed and len(felt) < plan.fewest_steps):
+        belief, command = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
         if command is not None:
             return belief, command
     return belief.enter(Phase.SETTLE), None
 
 
 def _settle(belief: Belief, plan: Plan) -> Move:
-    """Stand still until the settled value can be told well enough, or time is up."""
+    """Stand still until the settled force can be told well enough, or is surely too little."""
     if belief.still_s < plan.decide_after_s or belief.still_s < belief.next_forecast_s:
         return belief, None
     belief = replace(belief, next_forecast_s=belief.still_s + _FORECAST_EVERY_S)
     settled = forecast(belief, plan=plan)
-    if not sure_enough(settled, plan=plan) and belief.still_s < plan.decide_by_s:
-        return belief, None
-    return answered(belief, settled, plan=plan).enter(Phase.ADJUST), None
+    belief = answered(belief, settled, plan=plan)
+    if _far(belief, plan) or sure_enough(settled, plan=plan) or belief.still_s >= plan.decide_by_s:
+        return belief.enter(Phase.ADJUST), None
+    return belief, None
 
 
 def _adjust(belief: Belief, plan: Plan) -> Move:
-    """Press a little more if the settled force falls short of the target; never less.
+    """Press a little more if the settled force falls short; never less.
 
     One-sided, because the sheet's answer to unloading was not calibrated.
     """
-    force = belief.result.force_n
-    if force is not None and plan.target_force_n is not None:
-        missing_n = plan.target_force_n - force.value
-        short = missing_n > plan.target_tolerance * plan.target_force_n
-        if short and belief.adjustments < plan.most_adjustments:
-            step = missing_n / _slope_high_n(belief, plan)
-            moved, command = _closed_by(_read(belief, plan), step, plan)
-            if command is not None:
-                moved = replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0)
-                return moved.enter(Phase.SETTLE, note="adjusted"), command
+    missing_n = _missing_n(belief, plan)
+    short = missing_n > plan.target_tolerance * _goal_n(plan)
+    if short and belief.adjustments < plan.most_adjustments:
+        step = missing_n / slope_high_n(belief, plan)
+        moved, command = closed_by(read(belief, plan), step, plan)
+        if command is not None:
+            moved = replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0)
+            return moved.enter(Phase.SETTLE, note="adjusted"), command
+        if step >= plan.smallest_step and belief.damage_low_n < plan.safety.force_ceiling_n:
+            belief = belief.noted("damage_limit")
+    if plan.lift_force_n is not None and not _lifts(belief, plan.lift_force_n):
+        return _release(belief, plan, Outcome.TOO_WEAK)
     return belief.enter(Phase.HOLD, note="answer"), None
 
 
@@ -168,6 +197,7 @@ def _nothing(belief: Belief, plan: Plan) -> Move:
 
 
 HANDLERS: dict[Phase, Callable[[Belief, Plan], Move]] = {
+    Phase.WAIT: _wait,
     Phase.APPROACH: _approach,
     Phase.CONTACT: _contact,
     Phase.SQUEEZE: _squeeze,
@@ -179,56 +209,48 @@ HANDLERS: dict[Phase, Callable[[Belief, Plan], Move]] = {
 }
 
 
-def _read(belief: Belief, plan: Plan) -> Belief:
-    """Read the force now and its upper bound; a step that is read for the first time is a stair.
+def _pressed(belief: Belief, plan: Plan) -> bool:
+    """Whether there is force enough for a grip, though a finger feels little.
 
-    Read again later, the sheet has crept: the early law would call that force.
+    One finger alone may only push the object to the middle; with that much force it does not.
     """
-    touch, stairs = belief.now, belief.staircase
-    if not stairs or belief.moved_s >= stairs[-1].touch.time_s:
-        stairs = (*stairs, Closing(closure=belief.closure, touch=touch))
-    force = plan.early_law.force_n(touch.reading, level=plan.level)
-    force_n, force_high_n = float(force.value), float(force.high)
-    return replace(
-        belief,
-        staircase=stairs,
-        force_n=force_n,
-        force_high_n=force_high_n,
-        peak_force_n=max(belief.peak_force_n, force_n),
-    )
+    return belief.force_n > 0.5 * plan.gentle_force_n
 
 
-def _closed_by(belief: Belief, step: float, plan: Plan) -> Move:
-    """Close by a step, cut to what is safe; no command if that is not worth a movement."""
-    safe = largest_step(
-        force_high_n=belief.force_high_n,
-        steepest_n=plan.steepest_n,
-        ceiling_n=plan.safety.force_ceiling_n,
-    )
-    step = min(step, safe, plan.gripper.span - belief.closure)
-    if step < plan.smallest_step:
-        return belief, None
-    belief = replace(belief, still_since_s=None, touches=(), moved_s=belief.now_s)
-    return belief, GripperCommand(target=plan.gripper.target(belief.closure + step), rate=plan.rate)
+def _goal_n(plan: Plan) -> float:
+    """Return the force that the plan is after."""
+    target_n = plan.gentle_force_n if plan.target_force_n is None else plan.target_force_n
+    return max(target_n, plan.lift_force_n or 0.0)
 
 
-def _wanted_step(belief: Belief, plan: Plan) -> float:
-    """Return the step that should raise the force by a fixed amount, or less near the target."""
-    rise_n = plan.force_step_n
-    if plan.target_force_n is not None:
-        rise_n = max(rise_n, 0.4 * (plan.target_force_n - belief.force_n))
-    steepest = max(_slope_high_n(belief, plan), rise_n / plan.step)
-    return max(rise_n / steepest, plan.smallest_step)
+def _missing_n(belief: Belief, plan: Plan) -> float:
+    """Return by how much the settled force falls short of the target, or of being sure to lift."""
+    force = belief.result.force_n
+    if force is None:
+        return 0.0
+    missing_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.value
+    if plan.lift_force_n is None:
+        return missing_n
+    return max(missing_n, plan.lift_force_n - force.low)
 
 
-def _slope_high_n(belief: Belief, plan: Plan) -> float:
-    """Return how steeply the force rises: as the last steps saw, with room for stiffening."""
-    law = plan.early_law
-    curve = [(c.closure, float(law.force_n(c.touch.reading).value)) for c in belief.staircase[-3:]]
-    slopes = [
-        (f1 - f0) / (x1 - x0) for (x0, f0), (x1, f1) in pairwise(curve) if x1 > x0 and f1 > f0
-    ]
-    return min(1.3 * max(slopes), plan.steepest_n) if slopes else plan.steepest_n
+def _far(belief: Belief, plan: Plan) -> bool:
+    """Whether the target is missed by so much that there is no need to be sure by how much."""
+    force, target_n = belief.result.force_n, plan.target_force_n
+    return force is not None and target_n is not None and force.value < (1.0 - _FAR) * target_n
+
+
+def _lifts(belief: Belief, lift_force_n: float) -> bool:
+    force = belief.result.force_n
+    return force is not None and force.low >= lift_force_n
+
+
+def _nothing_there(belief: Belief, plan: Plan) -> Move:
+    """Open: for good, or to wait and try again."""
+    if belief.tries + 1 >= plan.tries:
+        return _release(belief, plan, Outcome.NOTHING_THERE)
+    belief, command = _release(belief, plan, Outcome.NOTHING_THERE)
+    return replace(belief, tries=belief.tries + 1, phase=Phase.WAIT, fingers=()), command
 
 
 def _grip_lost(belief: Belief) -> bool:
@@ -242,5 +264,6 @@ def _grip_lost(belief: Belief) -> bool:
 def _release(belief: Belief, plan: Plan, outcome: Outcome) -> Move:
     """Open the hand: the grasp is over."""
     belief = replace(belief, result=replace(belief.result, outcome=outcome))
+    belief = replace(belief, sent=0.0, still_since_s=None, touches=())
     command = GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
     return belief.enter(Phase.RELEASE, note=outcome.value), command

@@ -6,8 +6,12 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """What the grasp is doing. `adjust` returns to `settle`; `stopped` is the only end."""
+    """What the grasp is doing. `adjust` returns to `settle`; `stopped` is the only end.
 
+    `wait` is the open hand between two tries, where nothing was there; `approach` follows it.
+    """
+
+    WAIT = "wait"
     APPROACH = "approach"
     CONTACT = "contact"
     SQUEEZE = "squeeze"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.stiffness import Give
@@ -42,6 +43,15 @@ class Plan:
         From the excess conductance of the pixels to what the laws read.
     target_force_n : float or None
         Grip force to reach; None for a gentle squeeze, just enough to measure.
+    lift_force_n : float or None
+        Grip force that lifting the object takes: its weight over twice the friction, with a margin.
+        The hand goes on closing until the lower bound of the settled force passes it, within
+        what is safe, or gives the object back as `too_weak`. None: nothing will be lifted.
+    damage : DamageModel or None
+        Learned from closings that ended in damage, for width-driven hands; None where none were
+        made, and only the ceiling protects the object.
+    kind : str
+        Kind of object that the damage model knows; empty if unknown.
     safety : SafetyLimits
         Bounds that the plan can't exceed.
     epsilon_percent : float
@@ -63,17 +73,21 @@ class Plan:
     rest_s, dwell_s, confirm_s : float
         Time to take the rest values before moving; wait after each step before it is read; further
         wait to confirm a contact.
-    rate : float
-        Speed of closing.
+    rate, squeeze_rate : float
+        Speed of closing before a touch, and after it.
     horizon_s : float
         When the sheet counts as settled, from the end of the last movement.
+    tries : int
+        How often to close where nothing is found: open, wait, and close again.
+    wait_s : float
+        Wait between tries; a touch of the open fingers ends it.
     decide_after_s, decide_by_s : float
         Earliest and latest time of the answer, from the end of the last movement.
     decide_half_width : float
         The answer is given as soon as the interval of the settled excess conductance is narrower
         than this share of it, to either side.
     target_tolerance : float
-        Share of the target that is near enough.
+        Share of the target that the settled force may miss without a further correction.
     most_adjustments : int
         Corrections towards the target before the answer stands as it is.
     hold_s : float
@@ -94,12 +108,15 @@ class Plan:
     settling: SettlingMethod
     reading: PixelReading = field(default_factory=PixelReading.summed)
     target_force_n: float | None = None
+    lift_force_n: float | None = None
+    damage: DamageModel | None = None
+    kind: str = ""
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     epsilon_percent: float = -10.0
     step: float = 1.0
     hint_percent: float = -3.0
     fine_step: float = 0.25
-    smallest_step: float = 0.05
+    smallest_step: float = 0.04
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0
     fewest_steps: int = 3
@@ -107,12 +124,15 @@ class Plan:
     dwell_s: float = 0.4
     confirm_s: float = 0.1
     rate: float = 20.0
+    squeeze_rate: float = 5.0
     horizon_s: float = 20.0
-    decide_after_s: float = 1.0
+    tries: int = 1
+    wait_s: float = 2.0
+    decide_after_s: float = 0.8
     decide_by_s: float = 2.5
     decide_half_width: float = 0.05
-    target_tolerance: float = 0.1
-    most_adjustments: int = 4
+    target_tolerance: float = 0.03
+    most_adjustments: int = 6
     hold_s: float = 0.5
     longest_s: float = 120.0
     level: float = 0.9

@@ -26,7 +26,13 @@ HORIZON_S = 20.0
 #: force may rise at another opening; steps (kPa) and rate (kPa/s) that bend the fingers about as
 #: far as the steps of a width-driven hand.
 _FEWEST, _BEND_MARGIN = 4, 1.3
-_PRESSURE_STEPS = {"step": 0.8, "fine_step": 0.5, "smallest_step": 0.2, "rate": 15.0}
+_PRESSURE_STEPS = {
+    "step": 0.8,
+    "fine_step": 0.5,
+    "smallest_step": 0.1,
+    "rate": 15.0,
+    "squeeze_rate": 10.0,
+}
 
 
 def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) -> Plan:

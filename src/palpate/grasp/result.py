@@ -14,6 +14,7 @@ class Outcome(StrEnum):
     HELD = "held"
     NOTHING_THERE = "nothing_there"
     SLIPPED = "slipped"
+    TOO_WEAK = "too_weak"
     FORCE_LIMIT = "force_limit"
     TIMED_OUT = "timed_out"
     SENSOR_LOST = "sensor_lost"
@@ -23,10 +24,16 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Moment:
-    """Something that happened, and when: seconds on the sensor's clock."""
+    """Something that happened: when, on the sensor's clock, and on which finger, if on one."""
 
     time_s: float
     name: str
+    finger: int | None = None
+
+    def as_json(self) -> dict[str, object]:
+        """Return the form that commands print."""
+        on = {} if self.finger is None else {"finger": self.finger}
+        return {"time_s": self.time_s, "name": self.name, **on}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +57,9 @@ class GraspResult:
     frames, frames_lost : int
         Frames received, and gaps in their numbering.
     moments : tuple of Moment
-        Contact, answer, slip and the like, in order.
+        In order: `contact` of both fingers, `adjusted`, `answer`, `damage_limit` (where it kept the
+        force below the target), the outcome; and of single fingers `finger_contact`,
+        `finger_slip`, `finger_removal`, and `touch` where a hand touched the open fingers.
     faults : tuple of str
         What went wrong beside the grasp itself: a recorder that failed, a device's last words.
     """
@@ -87,6 +96,6 @@ class GraspResult:
             "peak_force_n": self.peak_force_n,
             "frames": self.frames,
             "frames_lost": self.frames_lost,
-            "moments": [{"time_s": m.time_s, "name": m.name} for m in self.moments],
+            "moments": [moment.as_json() for moment in self.moments],
             "faults": list(self.faults),
         }

@@ -45,6 +45,8 @@ class SafetyLimits:
         time to arrive, stops the grasp. More than a loaded servo's error of position.
     arrival_s : float
         Time to arrive, beyond what the way takes at the rate sent.
+    latency_s : float
+        How late a gripper stops at its target: its own control loop.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class SafetyLimits:
     astray_mm: float = 0.5
     astray_kpa: float = 2.0
     arrival_s: float = 0.4
+    latency_s: float = 0.02
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -75,12 +78,18 @@ class SafetyLimits:
         return max(self.stale_periods * period_s, self.stale_floor_s)
 
 
-def largest_step(*, force_high_n: float, steepest_n: float, ceiling_n: float) -> float:
-    """Return the largest closing step that can't exceed the ceiling.
+def largest_step(
+    *,
+    force_high_n: float,
+    steepest_n: float,
+    rate: float,
+    damage_low_n: float,
+    limits: SafetyLimits,
+) -> float:
+    """Return the largest closing step that can exceed neither the ceiling nor the damage limit.
 
-    The invariant of every command: upper force now + upper stiffness x step <= ceiling. A gripper
-    that is sent to a width or pressure stops there by itself, so latency adds nothing to a step;
-    one that closes continuously must add speed x latency to it.
+    The invariant of every command: upper force now + upper stiffness x (step + speed x latency)
+    stays under the smaller of the ceiling and the lower bound of the object's damage limit.
 
     Parameters
     ----------
@@ -88,17 +97,27 @@ def largest_step(*, force_high_n: float, steepest_n: float, ceiling_n: float) ->
         Upper bound of the grip force now.
     steepest_n : float
         Upper bound of the force's rise per mm or kPa: object, pads and fingers in series.
-    ceiling_n : float
-        The smaller of the ceiling and the lower bound of the object's damage limit.
+    rate : float
+        Speed of the step, mm/s or kPa/s.
+    damage_low_n : float
+        Lower bound of the force that damages the object; infinite where nothing is known of it.
+    limits : SafetyLimits
+        The ceiling, and how late the gripper stops.
 
     Examples
     --------
-    >>> largest_step(force_high_n=5.0, steepest_n=10.0, ceiling_n=15.0)
-    1.0
-    >>> largest_step(force_high_n=20.0, steepest_n=10.0, ceiling_n=15.0)
-    0.0
+    >>> limits = SafetyLimits(force_ceiling_n=15.0, latency_s=0.02)
+    >>> largest_step(
+    ...     force_high_n=5.0, steepest_n=10.0, rate=5.0, damage_low_n=float("inf"), limits=limits
+    ... )
+    0.9
+    >>> largest_step(
+    ...     force_high_n=5.0, steepest_n=10.0, rate=5.0, damage_low_n=8.0, limits=limits
+    ... )
+    0.2
     """
-    return max(0.0, (ceiling_n - force_high_n) / steepest_n)
+    room_n = min(limits.force_ceiling_n, damage_low_n) - force_high_n
+    return max(0.0, room_n / steepest_n - rate * limits.latency_s)
 
 
 def reaction(

@@ -11,7 +11,8 @@ from palpate.gripper.interface import GripperCommand, GripperLimits, GripperStat
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.twin.ranges import ranges_of
 from palpate.twin.servo_current import ServoCurrent
-from palpate.twin.world import OPEN_MM, World
+from palpate.twin.stage import Stage
+from palpate.twin.world import OPEN_MM
 
 #: Rigid: reach of the fingers with pads on, servo speed, one encoder step in mm. Soft: regulator.
 _RIGID_LIMITS = GripperLimits(drive="width", lowest=5.0, highest=OPEN_MM, fastest=60.0)
@@ -28,7 +29,7 @@ class TwinArray:
     is queued, oldest first, as a serial driver would.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: Stage) -> None:
         self._world = world
         self._queue: deque[Frame] = deque()
         self._start_s = world.clock.now_s()
@@ -92,7 +93,7 @@ class TwinArray:
 class TwinGripper:
     """The world's fingers: width-driven by a servo, or soft ones driven by pressure."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: Stage) -> None:
         self._world = world
         self._noise = np.random.default_rng([world.seed, 4])
         self._current = ServoCurrent(
@@ -128,8 +129,11 @@ class TwinGripper:
     def command(self, wanted: GripperCommand) -> GripperCommand:
         """Clamp to the limits, send, and return what was sent."""
         limits = self.limits
+        # A servo goes to steps of its encoder, a regulator to those of its converter.
+        step = _WIDTH_STEP_MM if limits.drive == "width" else _PRESSURE_STEP_KPA
+        target = round(wanted.target / step) * step
         sent = GripperCommand(
-            target=min(max(wanted.target, limits.lowest), limits.highest),
+            target=min(max(target, limits.lowest), limits.highest),
             rate=min(max(wanted.rate, 0.01), limits.fastest),
         )
         self._world.drive(sent.target, rate=sent.rate)
@@ -152,7 +156,7 @@ class TwinGripper:
 class TwinLoadCell:
     """A load cell in the place of the object: the grip force in steps of one gram, with noise."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: Stage) -> None:
         self._world = world
         self._noise = np.random.default_rng([world.seed, 5])
 

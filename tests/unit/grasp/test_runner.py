@@ -30,7 +30,9 @@ def test_holds_measures_and_gives_back(plan: Plan, bench: Any) -> None:
     assert abs(result.size_mm.value - 50.3) < 0.3
     assert result.previous_width_mm is not None
     assert 0 < result.previous_width_mm - 49.0 <= 1.5
-    assert [m.name for m in result.moments] == ["contact", "answer", "held"]
+    of_the_grasp = [m.name for m in result.moments if m.finger is None]
+    assert of_the_grasp == ["contact", "answer", "held"]
+    assert {m.finger for m in result.moments if m.name == "finger_contact"} == {0, 1}
     assert bench.width_mm == 74.0
     assert bench.stops == 1
 
