@@ -11,7 +11,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.world import World
+from palpate.twin.stage import Stage
 
 #: The pixels' voltages are taken from the world this often; a scan of 8 pixels lasts 1 ms.
 _STEP_S = 0.004
@@ -28,13 +28,13 @@ class FirmwareStream:
 
     Parameters
     ----------
-    world : World
+    world : Stage
         Where the voltages come from; the board is powered up at its present time.
     board : FirmwareBoard
         Just made; it is closed with the stream.
     """
 
-    def __init__(self, world: World, *, board: FirmwareBoard) -> None:
+    def __init__(self, world: Stage, *, board: FirmwareBoard) -> None:
         self._world, self._board = world, board
         self._power_up_s = world.clock.now_s()
         self._stepped_s = -1.0
@@ -107,12 +107,12 @@ class FirmwareStream:
             raise DeviceError(f"{self.name}: the kernel did not pass bytes on in {_KERNEL_S:g} s")
 
 
-def open_firmware_array(world: World, *, noise_mv: float, rate_hz: float) -> SerialArray:
+def open_firmware_array(world: Stage, *, noise_mv: float, rate_hz: float) -> SerialArray:
     """Return the serial array of a board that scans the world's pixels.
 
     Parameters
     ----------
-    world : World
+    world : Stage
         Moves with its clock; the array moves that clock while it waits, as `TwinArray` does.
     noise_mv : float
         Standard deviation of the converter's noise.

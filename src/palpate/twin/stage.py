@@ -1,0 +1,95 @@
+"""What a simulated device asks of the world that it stands in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.clock import ManualClock
+from palpate.sensor.array import ArrayLayout
+
+
+class Stage(Protocol):
+    """A world with fingers, something between them, and pixels that feel it.
+
+    The twin's own (`palpate.twin.world.World`) is one; a study may bring another, made of
+    recordings. Times asked for must not go backwards.
+    """
+
+    #: Called with the time before the world moves on to it.
+    watchers: list[Callable[[float], None]]
+
+    @property
+    def clock(self) -> ManualClock:
+        """The clock that the devices move."""
+        ...
+
+    @property
+    def layout(self) -> ArrayLayout:
+        """Pixels and readout."""
+        ...
+
+    @property
+    def gripper(self) -> Literal["rigid", "soft"]:
+        """What drives the fingers: width or pressure."""
+        ...
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Rate at which the array is scanned."""
+        ...
+
+    @property
+    def oversampling(self) -> int:
+        """Conversions summed per pixel."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Seed of the devices' noise."""
+        ...
+
+    @property
+    def sheet_seed(self) -> int:
+        """Seed of the sensor and the gripper."""
+        ...
+
+    @property
+    def level(self) -> str:
+        """How much devices scatter (`palpate.twin.ranges`)."""
+        ...
+
+    def now_s(self) -> float:
+        """Return the clock's time, seconds."""
+        ...
+
+    def drive(self, target: float, *, rate: float, time_s: float | None = None) -> float:
+        """Send the fingers to a width (mm, mm/s) or the pressure to a value (kPa, kPa/s)."""
+        ...
+
+    def halt(self, *, time_s: float | None = None) -> None:
+        """Stop the fingers where they are."""
+        ...
+
+    def drive_value(self, time_s: float) -> float:
+        """Return the present width (mm) or pressure (kPa)."""
+        ...
+
+    def moving(self, time_s: float) -> bool:
+        """Return whether the fingers are on their way."""
+        ...
+
+    def force_n(self, time_s: float) -> float:
+        """Return the grip force, newtons."""
+        ...
+
+    def pixel_voltage_v(self, time_s: float) -> NDArray[np.float64]:
+        """Return the voltage at the converter's input for each pixel, shape (rows, cols)."""
+        ...
+
+    def scan(self, time_s: float) -> NDArray[np.int32]:
+        """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
+        ...
