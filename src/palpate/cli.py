@@ -30,6 +30,7 @@ VERBS = (
     "pattern",
     "items",
     "report",
+    "bruise",
     "identify",
     "sort",
 )

@@ -18,6 +18,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "presses": ("presses", "Force now on real Velostat under a robot's presses"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
     "realism": ("realism", "The twin's scatter beside real recordings"),
+    "bruise": ("bruise", "Table 6 and Figure 17, bruised apples told from sound ones, simulated"),
     "detection-limit": ("detection_limit", "Weakest force seen and linearity, on the twin"),
     "environment": ("environment", "Figures 1b and 3, climate and suction on the twin"),
     "fatigue": ("fatigue", "Figure 4, 2 500 cycles on the twin, re-zeroed and corrected"),

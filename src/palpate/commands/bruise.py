@@ -1,0 +1,141 @@
+"""`palpate bruise ITEM`: is it bruised, how sure is that, on which pixels, and where."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.commands.store_option import STORE_HELP
+
+if TYPE_CHECKING:
+    from palpate.produce.bruise import SideVerdict
+    from palpate.produce.bruise_model import BruiseModel
+    from palpate.produce.bruise_store import ItemBruise
+    from palpate.produce.store import Store
+
+
+def bruise(
+    item: Annotated[str, typer.Argument(help="Which item; grasped before.", metavar="ITEM")],
+    store: Annotated[
+        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
+    ] = None,
+    learn: Annotated[
+        bool,
+        typer.Option(
+            "--learn",
+            help="Learn from the items of its kind that people called bruised or sound, instead "
+            "of using the model that comes with palpate.",
+        ),
+    ] = False,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="Use a model that `palpate study bruise --out` wrote.", metavar="FILE"),
+    ] = None,
+    bruised_share: Annotated[
+        float,
+        typer.Option(
+            help="Share of sides expected to be bruised before anything is felt.",
+            min=0.0001,
+            max=0.9999,
+        ),
+    ] = 0.5,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Say whether an item is bruised, by the grasps of its last visit, side by side.
+
+    Each side is held against its own earlier record, the item's other sides, and items of its kind
+    that people called sound on the same rig (palpate items NAME --say bruise=sound): whatever there
+    is of these. The answer is kept with the item. Exits with 1 where it is bruised.
+
+    Example: palpate bruise A17 --bruised-share 0.05
+    """
+    from palpate.commands.items import opened
+    from palpate.produce.bruise_store import examine_item
+
+    with opened(store) as kept:
+        found = examine_item(
+            kept,
+            item,
+            model=_model(kept, item, learn=learn, file=model),
+            bruised_share=bruised_share,
+            given_at=datetime.now(UTC),
+        )
+    if as_json:
+        print(json.dumps(_document(item, found), allow_nan=False, indent=1))
+    else:
+        _show(item, found)
+    if found.bruised:
+        raise typer.Exit(1)
+
+
+def _model(store: Store, item: str, *, learn: bool, file: Path | None) -> BruiseModel:
+    from palpate.errors import InputError
+    from palpate.produce.bruise_model import BruiseModel, default_model
+    from palpate.produce.bruise_store import learn_from
+
+    if learn and file is not None:
+        raise InputError(f"--learn and --model {file}: give one of them")
+    if learn:
+        return learn_from(store, kind=store.item(item).kind)
+    return default_model() if file is None else BruiseModel.load(file)
+
+
+def _document(item: str, found: ItemBruise) -> dict[str, Any]:
+    return {
+        "item_id": item,
+        "bruised": found.bruised,
+        "probability": found.probability,
+        "before_percent": found.before_percent,
+        "now_percent": found.now_percent,
+        "bruised_pixels_percent": found.bruised_percent,
+        "sides": [side.as_json() for side in found.sides],
+        "learned_on": found.model.learned_on,
+        "explanation": found.explanation,
+        "simulated": found.simulated,
+    }
+
+
+def _show(item: str, found: ItemBruise) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    note = " (simulated)" if found.simulated else ""
+    verdict = "bruised" if found.bruised else "sound"
+    console.print(f"[bold]{item}: {verdict}[/bold]{note}", highlight=False)
+    table = Table("side", "grasps", "bruised, %", "held against", "where, if it is")
+    for side in found.sides:
+        table.add_row(
+            f"{side.angle_deg:g}°",
+            str(side.grasps),
+            f"{100 * side.probability:.0f}",
+            ", ".join(side.against),
+            _where(side),
+        )
+    console.print(table)
+    columns = {
+        "all pixels before": found.before_percent,
+        "all pixels now": found.now_percent,
+        "pixels on the bruise": found.bruised_percent,
+    }
+    console.print(
+        "Mean relative change: "
+        + ", ".join(
+            f"{name} {value:.1f} %" for name, value in columns.items() if value is not None
+        ),
+        highlight=False,
+    )
+    console.print(f"[dim]Learned on {found.model.learned_on}.[/dim]", highlight=False)
+
+
+def _where(side: SideVerdict) -> str:
+    return "; or ".join(
+        f"{100 * spot.probability:.0f} %: finger {spot.finger + 1}, "
+        + ("" if spot.angle_deg is None else f"{spot.angle_deg:.0f}°, ")
+        + f"{spot.height_mm:+.0f} mm"
+        for spot in side.spots
+    )
