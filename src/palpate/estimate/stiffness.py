@@ -106,31 +106,3 @@ class Give:
 
 #: Nothing softer is an object, and nothing stiffer can be told from rigid by such a gripper, N/mm.
 SOFTEST_N_PER_MM, STIFFEST_N_PER_MM = 0.02, 500.0
-
-
-def secant_stiffness(
-    force_n: ArrayLike, *, size_mm: ArrayLike, opening_mm: ArrayLike, give_mm: ArrayLike
-) -> FloatArray:
-    """Return force over the object's own deformation, kept within what can be told apart.
-
-    Parameters
-    ----------
-    force_n, size_mm, opening_mm, give_mm : array_like of one shape
-        Grip force, size before contact, reported opening with its zero taken out, and how far the
-        gripper gives way under that force. For an interval, give draws of each.
-
-    Returns
-    -------
-    ndarray
-        N/mm.
-
-    Examples
-    --------
-    >>> float(secant_stiffness(6.0, size_mm=30.0, opening_mm=26.0, give_mm=1.0))
-    2.0
-    """
-    force = np.asarray(force_n, dtype=float)
-    deformed = np.asarray(size_mm) - np.asarray(opening_mm) - np.asarray(give_mm)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stiffness = np.where(deformed > 0, force / deformed, STIFFEST_N_PER_MM)
-    return np.asarray(np.clip(stiffness, SOFTEST_N_PER_MM, STIFFEST_N_PER_MM))

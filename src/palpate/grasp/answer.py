@@ -8,19 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
-from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give, secant_stiffness
+from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
 from palpate.settling.result import SettledEstimate, Status
 
 FloatArray = NDArray[np.float64]
 
-#: Draws that carry the joint uncertainty of force, size and give into the stiffness.
-_DRAWS = 2000
-#: With fewer of them possible, the object can't be told from a rigid one.
-_FEWEST_SHARE = 0.1
 #: A normal variable at five points with their probabilities (Gauss-Hermite).
 _GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
@@ -70,10 +67,15 @@ def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 
 
 def sure_enough(settled: Settled, *, plan: Plan) -> bool:
-    """Whether the interval of the settled reading is narrow enough to act on."""
+    """Whether the interval of the settled reading is narrow enough to act on.
+
+    Waiting is worth it only while the forecast is doubted more than half as much as the force law.
+    """
     reading = settled.reading
     half = max(reading.high - reading.value, reading.value - reading.low)
-    return reading.status is Status.OK and half <= plan.decide_half_width * abs(reading.value)
+    of_law = 0.5 * float(norm.ppf(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
+    enough = max(plan.decide_half_width, of_law)
+    return reading.status is Status.OK and half <= enough * abs(reading.value)
 
 
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
@@ -84,7 +86,7 @@ def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
         size = _contact_point(belief, plan, plan.give)
         if size is not None:
             size_mm = _size(size, plan, plan.give)
-            stiffness = _stiffness(belief, force, size, plan, plan.give)
+            stiffness = _stiffness(belief, force, plan, plan.give)
     began_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
     result = replace(
         belief.result,
@@ -132,8 +134,8 @@ def _log_ratio(large: float, small: float) -> float:
 def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
     width = np.array([plan.gripper.target(c.closure) for c in belief.staircase])
-    felt = np.array([c.touch.deepest_percent < _FELT_PERCENT for c in belief.staircase])
-    hinted = np.array([c.touch.deepest_percent < plan.hint_percent for c in belief.staircase])
+    felt = np.array([c.touch.shared_percent < _FELT_PERCENT for c in belief.staircase])
+    hinted = np.array([c.touch.shared_percent < plan.hint_percent for c in belief.staircase])
     # Drift can look like a faint touch long before the real one: no more than two steps of it.
     first = max(int(np.argmax(hinted)) - 2, 0)
     if felt[first:].sum() < 2 or not hinted.any():
@@ -175,33 +177,30 @@ def _size(size: ContactPoint, plan: Plan, give: Give) -> Measurement:
     )
 
 
-def _stiffness(
-    belief: Belief, force: Measurement, size: ContactPoint, plan: Plan, give: Give
-) -> Measurement | None:
+def _stiffness(belief: Belief, force: Measurement, plan: Plan, give: Give) -> Measurement | None:
     """Return the object's own secant stiffness at the settled force."""
-    if force.value <= 0:
+    curve = _closing_curve(belief, plan, give)
+    if curve is None:
         return None
-    tail = (1 - plan.level) / 2
-    # A fixed seed: the same touch gives the same answer.
-    rng = np.random.default_rng(0)
-    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * norm.ppf(1 - tail))
-    force_n = force.value * np.exp(log_sd * rng.standard_normal(_DRAWS))
-    slack_mm = give.residual_mm * rng.standard_normal(_DRAWS)
-    drawn = secant_stiffness(
-        force_n,
-        size_mm=size.quantile(rng.uniform(size=_DRAWS)) + slack_mm,
-        opening_mm=plan.gripper.target(belief.closure) - give.zero_mm,
-        give_mm=give.give_mm(force_n),
-    )
-    # A force under which the gripper alone would give way by more than it closed can't be there.
-    possible = drawn[drawn < STIFFEST_N_PER_MM]
-    rigid = possible.size < _FEWEST_SHARE * _DRAWS
-    low, value, high = np.quantile(drawn if rigid else possible, [tail, 0.5, 1 - tail])
-    return Measurement(
-        value=float(value),
-        low=float(low),
-        high=float(high),
-        unit="n_per_mm",
-        level=plan.level,
-        status=Status.SATURATED if rigid else force.status,
+    opening_mm = plan.gripper.target(belief.closure) - give.zero_mm
+    return object_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
+
+
+def _closing_curve(belief: Belief, plan: Plan, give: Give) -> ClosingCurve | None:
+    """Return the staircase read in early forces, from just before the first touch on."""
+    hinted = [c.touch.shared_percent < plan.hint_percent for c in belief.staircase]
+    if not any(hinted):
+        return None
+    # Drift can look like a faint touch long before the real one: no more than two steps of it.
+    steps = belief.staircase[max(hinted.index(True) - 2, 0) :]
+    felt = np.array([c.touch.shared_percent < _FELT_PERCENT for c in steps])
+    read = plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
+    nothing = plan.early_law.force_n(0.0, level=plan.level)
+    reach = float(norm.ppf(0.5 + plan.level / 2))
+    firmest = int(np.argmax(read.value))
+    return ClosingCurve(
+        width_mm=np.array([plan.gripper.target(c.closure) for c in steps]) - give.zero_mm,
+        force_n=np.where(felt, read.value, 0.0),
+        gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / reach,
+        floor_n=float(nothing.high) / reach,
     )

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.estimate.size import ContactPoint, contact_point
-from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give, secant_stiffness
+from palpate.estimate.stiffness import Give
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
@@ -58,11 +58,6 @@ def test_give_refuses_what_is_no_block(width: list[float]) -> None:
     force = np.arange(1.0, len(width) + 1)
     with pytest.raises(CalibrationError, match="is the block rigid"):
         Give.fit(force, width_mm=width, block_mm=40.0)
-
-
-def test_stiffness_of_what_did_not_deform_is_the_largest_that_can_be_told() -> None:
-    found = secant_stiffness([5.0, 5.0], size_mm=40.0, opening_mm=39.0, give_mm=[1.0, 1.2])
-    assert found.tolist() == [STIFFEST_N_PER_MM, STIFFEST_N_PER_MM]
 
 
 def test_stiff_object_found_by_a_whole_step() -> None:
