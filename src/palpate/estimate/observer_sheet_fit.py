@@ -7,43 +7,44 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from palpate.errors import CalibrationError
-from palpate.estimate.creep import FloatArray
+from palpate.estimate.creep import CONTACT_EXCESS, FloatArray
 from palpate.estimate.observer_fit import least_absolute
-from palpate.estimate.observer_sheet import (
-    MIDDLE_LOG_N,
-    SHEET_TIMES_S,
-    Current,
-    SheetMemory,
-    SheetModel,
-    SheetObserver,
-)
+from palpate.estimate.observer_sheet import MIDDLE_LOG_N, Current, SheetModel, SheetObserver
+from palpate.estimate.sheet_memory import STILL_MM, SUMMED, SheetMemory, SheetReading
+from palpate.estimate.sheet_reading_fit import FAINT_N, best_reading
 from palpate.sensor.load_traces import LoadTraces, frames
 
-#: Exponents m of the sum over pixels that the fit chooses from: the inverse of a pixel's own.
-EXPONENTS = (0.5, 0.65, 0.8, 1.0, 1.25)
-#: Below this the sheet hardly answers: such frames teach its faint end only, newtons.
-FAINT_N = 0.2
+#: Log-spaced, from a frame of a slow readout to the length of a dwell's creep.
+SHEET_TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+#: Where the law may bend: at these shares of the loaded frames.
+_KNOTS = (0.15, 0.4, 0.65, 0.88)
 #: Fewer placements can't show how they differ.
 FEWEST_RUNS = 4
 #: Share of frames of falling force from which on unloading counts as seen.
 _UNLOADING_SHARE = 0.05
-_STILL_MM = 0.06
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """One placement as terms, shape (exponents, frames, n_terms), and what was true."""
+    """The loaded frames of one placement as terms, shape (frames, n_terms), and what was true."""
 
     trace: LoadTraces
     terms: FloatArray
-    log_force: FloatArray
+    log_reading: FloatArray
     force_n: FloatArray
     current_ma: FloatArray
     still: NDArray[np.bool_]
+    stop: NDArray[np.int64]
+
+    @property
+    def log_force(self) -> FloatArray:
+        """What the terms are to add up to."""
+        return np.log(self.force_n)
 
 
 def fit_sheet(traces: LoadTraces, *, memory: bool = True) -> SheetModel:
@@ -54,7 +55,7 @@ def fit_sheet(traces: LoadTraces, *, memory: bool = True) -> SheetModel:
     traces : LoadTraces
         At least four placements of the load cell, up and down with dwells.
     memory : bool
-        False learns a static law by the same criterion: one exponent sum, no creep, no backlash.
+        False learns a static law by the same criterion: the plain sum, no creep, no backlash.
 
     Raises
     ------
@@ -62,37 +63,7 @@ def fit_sheet(traces: LoadTraces, *, memory: bool = True) -> SheetModel:
         If there are too few placements, the force never rises well above faint, or the reading
         does not rise with it.
     """
-    times_s = SHEET_TIMES_S if memory else ()
-    exponents = EXPONENTS if memory else (1.0,)
-    runs = [_seen(run, exponents=exponents, times_s=times_s) for run in traces.runs()]
-    runs = [run for run in runs if len(run.force_n) > 10]
-    if len(runs) < FEWEST_RUNS:
-        raise CalibrationError(
-            f"force calibration: {len(runs)} placements with a force above {FAINT_N:g} N, at "
-            f"least {FEWEST_RUNS} needed; place the load cell anew and repeat"
-        )
-    chosen, left = _best_exponent(runs)
-    terms = np.concatenate([run.terms[chosen] for run in runs])
-    log_force = np.concatenate([run.log_force for run in runs])
-    if np.corrcoef(terms[:, 1], log_force)[0, 1] < 0.3:
-        raise CalibrationError(
-            "force calibration: the reading does not rise with the force; check the wiring, the "
-            "divider's leg, that no pixel is saturated, and the unit of the reference (N)"
-        )
-    weights = _weights(runs, chosen)
-    doubts = _doubts(runs, left)
-    model = SheetModel(
-        exponent=exponents[chosen],
-        time_constants_s=times_s,
-        weights=tuple(weights.tolist()),
-        **doubts,
-        tail=1.0,
-        tail_with_current=1.0,
-        range=(float(terms[:, 1].min()), float(terms[:, 1].max())),
-        unloading_seen=_unloading_seen(traces),
-        current=_current(runs) if memory else None,
-    )
-    return _with_tails(model, runs, chosen)
+    return _fitted(traces, memory=memory)[0]
 
 
 def without_current(model: SheetModel) -> SheetModel:
@@ -100,42 +71,82 @@ def without_current(model: SheetModel) -> SheetModel:
     return replace(model, current=None)
 
 
-def _seen(run: LoadTraces, *, exponents: tuple[float, ...], times_s: tuple[float, ...]) -> _Run:
-    memory = SheetMemory(exponents=exponents, time_constants_s=times_s)
-    time_s, excess, width_mm = map(np.asarray, (run.time_s, run.excess, run.width_mm))
-    force_n = np.asarray(run.force_n)
-    steps = zip(time_s, excess, width_mm, strict=True)
-    terms = np.stack([memory.step(float(t), x, width_mm=float(w)) for t, x, w in steps], axis=1)
-    loaded = force_n > FAINT_N
-    moved = np.abs(np.diff(width_mm, prepend=width_mm[0])) > _STILL_MM
+def _fitted(traces: LoadTraces, *, memory: bool) -> tuple[SheetModel, FloatArray, FloatArray]:
+    """Return the model, and errors and truth of ln force on placements left out."""
+    times_s = SHEET_TIMES_S if memory else ()
+    placements = [run for run in traces.runs() if (np.asarray(run.force_n) > FAINT_N).sum() > 10]
+    if len(placements) < FEWEST_RUNS:
+        raise CalibrationError(
+            f"force calibration: {len(placements)} placements with a force above {FAINT_N:g} N, "
+            f"at least {FEWEST_RUNS} needed; place the load cell anew and repeat"
+        )
+    reading = best_reading(placements) if memory else SUMMED
+    knots = _knots(placements, reading)
+    runs = [_seen(run, reading=reading, knots=knots, times_s=times_s) for run in placements]
+    log_reading, log_force = (
+        np.concatenate([getattr(run, name) for run in runs])
+        for name in ("log_reading", "log_force")
+    )
+    if not np.ptp(log_reading) > 0 or np.corrcoef(log_reading, log_force)[0, 1] < 0.3:
+        raise CalibrationError(
+            "force calibration: the reading does not rise with the force; check the wiring, the "
+            "divider's leg, that no pixel is saturated, and the unit of the reference (N)"
+        )
+    rising = slice(1, 2 + len(knots) + len(times_s))
+    folds = [_weights([*runs[:k], *runs[k + 1 :]], rising) for k in range(len(runs))]
+    left = [run.terms @ other - run.log_force for run, other in zip(runs, folds, strict=True)]
+    model = SheetModel(
+        reading=reading,
+        knots=knots,
+        time_constants_s=times_s,
+        weights=tuple(_weights(runs, rising).tolist()),
+        **_doubts(runs, left),
+        tail=1.0,
+        tail_with_current=1.0,
+        range=(float(log_reading.min()), float(log_reading.max())),
+        unloading_seen=_unloading_seen(traces),
+        current=_current(runs) if memory else None,
+    )
+    return _with_tails(model, runs, left, folds), np.concatenate(left), log_force
+
+
+def _knots(placements: Sequence[LoadTraces], reading: SheetReading) -> tuple[float, ...]:
+    excess = np.concatenate([np.asarray(run.excess) for run in placements])
+    loaded = np.concatenate([np.asarray(run.force_n) > FAINT_N for run in placements])
+    log_reading = np.log(reading.of(excess[loaded]) + CONTACT_EXCESS)
+    return tuple(float(knot) for knot in np.quantile(log_reading, _KNOTS))
+
+
+def _seen(
+    run: LoadTraces,
+    *,
+    reading: SheetReading,
+    knots: tuple[float, ...],
+    times_s: tuple[float, ...],
+) -> _Run:
+    memory = SheetMemory(reading, knots=knots, time_constants_s=times_s)
+    terms, log_reading, moved = [], [], []
+    for frame in frames(run):
+        terms.append(memory.step(frame.time_s, frame.excess, width_mm=frame.width_mm))
+        log_reading.append(memory.log_reading)
+        moved.append(memory.moved)
+    loaded = np.asarray(run.force_n) > FAINT_N
     return _Run(
         trace=run,
-        terms=terms[:, loaded],
-        log_force=np.log(force_n[loaded]),
-        force_n=force_n[loaded],
+        terms=np.stack(terms)[loaded],
+        log_reading=np.array(log_reading)[loaded],
+        force_n=np.asarray(run.force_n)[loaded],
         current_ma=np.asarray(run.current_ma)[loaded],
-        still=~moved[loaded],
+        still=~np.array(moved)[loaded],
+        stop=np.cumsum(moved)[loaded],
     )
 
 
-def _weights(runs: Sequence[_Run], chosen: int) -> FloatArray:
-    design = np.concatenate([run.terms[chosen] for run in runs])
+def _weights(runs: Sequence[_Run], rising: slice) -> FloatArray:
+    """Return weights; force rises with the reading, and creep only ever adds to a reading."""
+    design = np.concatenate([run.terms for run in runs])
     target = np.concatenate([run.log_force for run in runs])
-    return least_absolute(design, target, np.ones(len(target)))
-
-
-def _best_exponent(runs: Sequence[_Run]) -> tuple[int, list[FloatArray]]:
-    """Return the exponent that predicts left-out placements best, and the errors there."""
-    every: list[list[FloatArray]] = []
-    for chosen in range(len(runs[0].terms)):
-        left = []
-        for place, run in enumerate(runs):
-            others = [*runs[:place], *runs[place + 1 :]]
-            left.append(run.terms[chosen] @ _weights(others, chosen) - run.log_force)
-        every.append(left)
-    scores = [float(np.mean(np.abs(np.concatenate(left)))) for left in every]
-    best = int(np.argmin(scores))
-    return best, every[best]
+    return least_absolute(design, target, np.ones(len(target)), rising=rising)
 
 
 def _doubts(runs: Sequence[_Run], left: Sequence[FloatArray]) -> dict[str, float]:
@@ -166,26 +177,31 @@ def _doubts(runs: Sequence[_Run], left: Sequence[FloatArray]) -> dict[str, float
     }
 
 
-def _with_tails(model: SheetModel, runs: Sequence[_Run], chosen: int) -> SheetModel:
-    """Scale the intervals by what the observer itself does on placements left out."""
+def _with_tails(
+    model: SheetModel, runs: Sequence[_Run], left: Sequence[FloatArray], folds: Sequence[FloatArray]
+) -> SheetModel:
+    """Scale the intervals by what happened on placements left out."""
     few = float(np.sqrt(student_t.ppf(0.95, len(runs) - 1) / norm.ppf(0.95)))
-    plain = replace(model, tail=1.0, tail_with_current=1.0)
-    tails = []
-    for known in (without_current(plain), *([plain] if plain.current else [])):
-        ratios = []
-        for place, run in enumerate(runs):
-            others = [*runs[:place], *runs[place + 1 :]]
-            weights = tuple(_weights(others, chosen).tolist())
-            ratios.append(_ratios(replace(known, weights=weights), run))
-        at_90 = float(np.quantile(np.concatenate(ratios), 0.9))
-        tails.append(max(at_90 * few, 0.5))
-    return replace(model, tail=tails[0], tail_with_current=tails[-1])
+    reach = float(norm.ppf(0.95))
+    alone = [
+        np.abs(error) / (reach * model.sd(run.log_force + error))
+        for run, error in zip(runs, left, strict=True)
+    ]
+    tail = max(float(np.quantile(np.concatenate(alone), 0.9)) * few, 0.5)
+    if model.current is None:
+        return replace(model, tail=tail, tail_with_current=tail)
+    both = [
+        _ratios(replace(model, weights=tuple(weights.tolist())), run)
+        for run, weights in zip(runs, folds, strict=True)
+    ]
+    with_current = max(float(np.quantile(np.concatenate(both), 0.9)) * few, 0.5)
+    return replace(model, tail=tail, tail_with_current=with_current)
 
 
 def _ratios(model: SheetModel, run: _Run) -> FloatArray:
     """Return |error of ln force| over the observer's own half width, at every loaded frame."""
-    observer, trace, found = SheetObserver(model), run.trace, []
-    for frame in frames(trace):
+    observer, found = SheetObserver(model), []
+    for frame in frames(run.trace):
         now = observer.step(
             frame.time_s, frame.excess, width_mm=frame.width_mm, current_ma=frame.current_ma
         )
@@ -196,9 +212,9 @@ def _ratios(model: SheetModel, run: _Run) -> FloatArray:
 
 
 def _unloading_seen(traces: LoadTraces) -> bool:
-    falling = [np.diff(np.asarray(run.width_mm)) > _STILL_MM for run in traces.runs()]
+    falling = [np.diff(np.asarray(run.width_mm)) > STILL_MM for run in traces.runs()]
     share = np.concatenate(falling).sum() / max(
-        sum((np.abs(np.diff(np.asarray(run.width_mm))) > _STILL_MM).sum() for run in traces.runs()),
+        sum((np.abs(np.diff(np.asarray(run.width_mm))) > STILL_MM).sum() for run in traces.runs()),
         1,
     )
     return bool(share > _UNLOADING_SHARE)
@@ -206,19 +222,36 @@ def _unloading_seen(traces: LoadTraces) -> bool:
 
 def _current(runs: Sequence[_Run]) -> Current | None:
     """Fit the servo's current to the force when still; None where it does not follow it."""
-    current = np.concatenate([run.current_ma[run.still] for run in runs])
-    force_n = np.concatenate([run.force_n[run.still] for run in runs])
+    current, force_n = (
+        np.concatenate([getattr(run, name)[run.still] for run in runs])
+        for name in ("current_ma", "force_n")
+    )
     if not np.isfinite(current).all() or current.size < 20:
         return None
     design = np.column_stack([np.ones_like(force_n), force_n])
     zero_ma, ma_per_n = least_absolute(design, current, np.ones_like(current))
     if ma_per_n <= 0 or np.corrcoef(current, force_n)[0, 1] < 0.5:
         return None
-    line = Current(zero_ma=float(zero_ma), ma_per_n=float(ma_per_n), sd_n=1.0, bias_n=0.0)
-    errors = [line.force_n(run.current_ma[run.still]) - run.force_n[run.still] for run in runs]
-    bias_n = float(np.sqrt(np.mean([np.mean(e) ** 2 for e in errors])))
-    sd_n = float(np.sqrt(np.mean(np.concatenate([e - e.mean() for e in errors]) ** 2)))
-    return replace(line, sd_n=sd_n, bias_n=bias_n)
+    line = Current(
+        zero_ma=float(zero_ma), ma_per_n=float(ma_per_n), sd_n=1.0, stuck_n=0.0, stuck_share=0.0
+    )
+    errors, means, forces = [], [], []
+    for run in runs:
+        for stop in np.unique(run.stop[run.still]):
+            mine = run.still & (run.stop == stop)
+            error_n = line.force_n(run.current_ma[mine]) - run.force_n[mine]
+            errors.append(error_n - error_n.mean())
+            means.append(abs(error_n.mean()))
+            forces.append(run.force_n[mine].mean())
+    # Mean absolute values, to standard deviations of a normal scatter.
+    design = np.column_stack([np.ones(len(means)), forces])
+    stuck_n, stuck_share = nnls(design, 1.25 * np.array(means))[0]
+    return replace(
+        line,
+        sd_n=max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 0.01),
+        stuck_n=float(stuck_n),
+        stuck_share=float(stuck_share),
+    )
 
 
 #: Forces at which a calibration says what error to expect, newtons.
@@ -232,12 +265,8 @@ def expected_error_percent(traces: LoadTraces, *, memory: bool = True) -> dict[s
 
     None where no placement reached the force. Servo current is not used.
     """
-    exponents, times_s = (EXPONENTS, SHEET_TIMES_S) if memory else ((1.0,), ())
-    runs = [_seen(run, exponents=exponents, times_s=times_s) for run in traces.runs()]
-    runs = [run for run in runs if len(run.force_n) > 10]
-    error = np.abs(np.expm1(np.concatenate(_best_exponent(runs)[1])))
-    log_force = np.concatenate([run.log_force for run in runs])
-    return error_near(log_force, error)
+    _, left, log_force = _fitted(traces, memory=memory)
+    return error_near(log_force, np.abs(np.expm1(left)))
 
 
 def error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:

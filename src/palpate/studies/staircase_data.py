@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimate.observer_sheet import SheetModel, SheetObserver
-from palpate.estimate.observer_sheet_fit import FAINT_N, fit_sheet, without_current
+from palpate.estimate.observer_sheet_fit import fit_sheet, without_current
+from palpate.estimate.sheet_reading_fit import FAINT_N
 from palpate.grasp.calibrating import Bench
 from palpate.grasp.load_traces import GUIDED, Staircase, record_traces
 from palpate.sensor.load_traces import LoadTraces, frames
@@ -37,7 +38,7 @@ TEST = Staircase(duration_s=20.0, highest_n=12.0)
 #: Opening beyond the largest object, mm.
 START_MM = 72.0
 #: A dwell is given to `settling` from so long on, and read again every so many frames.
-_SETTLING_FROM_S, _SETTLING_EVERY = 0.5, 5
+_SETTLING_FROM_S, _SETTLING_EVERY = 0.5, 15
 _STILL_MM = 0.06
 #: When the sheet counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
@@ -151,11 +152,11 @@ def _follow_current(model: SheetModel, run: LoadTraces) -> FollowedForce:
     current = model.current
     if current is None:
         raise ValueError("the model knows no current")
-    wide = 1.645 * float(np.hypot(current.sd_n, current.bias_n))
     rows = []
     for frame in frames(run):
         if frame.force_n > FAINT_N:
             value = max(float(current.force_n(frame.current_ma)), 0.0)
+            wide = 1.645 * float(np.hypot(current.sd_n, current.stuck_sd_n(value)))
             rows.append((frame.time_s, frame.force_n, value, value - wide, value + wide))
     return _as_followed(rows)
 
