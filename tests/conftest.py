@@ -49,5 +49,6 @@ def postgresql_url(postgresql_server: str) -> Iterator[str]:
     server = f"postgresql://postgres@/postgres?host={postgresql_server}"
     with psycopg.connect(server, autocommit=True) as connection:
         connection.execute(f"CREATE SCHEMA {name}".encode())
-        yield f"{server}&options=-csearch_path%3D{name}"
+    yield f"{server}&options=-csearch_path%3D{name}"
+    with psycopg.connect(server, autocommit=True) as connection:
         connection.execute(f"DROP SCHEMA {name} CASCADE".encode())

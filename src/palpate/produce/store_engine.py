@@ -181,6 +181,7 @@ def _unreached(said: str, *, where: str) -> StoreError:
     for words, state in (
         ("authentication failed", "28"),
         ("no password supplied", "28"),
+        ('role "', "28"),
         ("does not exist", "3D000"),
     ):
         if words in said:

@@ -1,0 +1,210 @@
+"""What a user reads when a store can't be used: one line, and an exit status that fits."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+
+from palpate.errors import InputError, PalpateError, StoreAwayError, StoreError
+from palpate.produce import store_engine
+from palpate.produce.records import Item
+from palpate.produce.store import Store
+from palpate.produce.store_engine import faults_of, make_engine, shown, store_url
+
+SEEN = datetime(2026, 5, 1, tzinfo=UTC)
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store_engine, "LOCK_TIMEOUT_S", 0.05)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    found = tmp_path / "items.sqlite"
+    with Store.open(found) as store:
+        store.add_item(Item(item_id="A17", first_seen=SEEN))
+    return found
+
+
+@pytest.fixture
+def without_root() -> Iterator[Path]:
+    """Give up root's rights, to which no file is read-only; yield a folder of one's own."""
+    folder = Path(tempfile.mkdtemp(prefix="palpate-store-"))
+    was = os.geteuid()
+    if was == 0:
+        shutil.chown(folder, 65534)
+        os.seteuid(65534)
+    yield folder
+    os.seteuid(was)
+    folder.chmod(0o700)
+    shutil.rmtree(folder)
+
+
+def open_and_write(where: str | Path) -> None:
+    with Store.open(where) as store:
+        store.add_item(Item(item_id="B2"))
+
+
+def test_locked(path: Path) -> None:
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(StoreAwayError, match=r"items.sqlite: locked by another program for 0.05"):
+        open_and_write(path)
+    other.close()
+
+
+def test_readers_do_not_wait_for_a_writer(path: Path) -> None:
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with Store.open(path, create=False) as store:
+        assert store.item("A17").first_seen == SEEN
+    other.close()
+
+
+def test_read_only(without_root: Path) -> None:
+    path = without_root / "items.sqlite"
+    Store.open(path).close()
+    path.chmod(0o444)
+    with pytest.raises(StoreError, match="read-only; change the rights of the file"):
+        open_and_write(path)
+    with Store.open(path, create=False) as store:
+        assert store.items() == ()
+
+
+def test_a_folder_that_may_not_be_written(without_root: Path) -> None:
+    without_root.chmod(0o555)
+    with pytest.raises(StoreError, match="can't be opened; check the folder and its rights"):
+        Store.open(without_root / "items.sqlite")
+
+
+def test_the_disk_is_full(path: Path) -> None:
+    engine = make_engine(store_url(path))
+
+    def no_room(connection: Any, record: object) -> None:
+        del record
+        connection.execute("PRAGMA max_page_count = 1")
+
+    sa.event.listen(engine, "connect", no_room)
+    with Store(engine, name="store items.sqlite") as store:
+        with pytest.raises(StoreAwayError, match="the disk is full; make room"):
+            store.add_calibration("long " * 10_000)
+        assert store.item("A17").first_seen == SEEN
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"fruit, size\nkiwi, 48\n" * 200, "not a store \\(no SQLite database\\)"),
+        (b"SQLite format 3\x00" + b"\x07" * 4096, "not a store|damaged"),
+    ],
+)
+def test_a_file_of_something_else(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "sizes.csv"
+    path.write_bytes(content)
+    with pytest.raises(StoreError, match=said):
+        Store.open(path)
+    assert path.read_bytes() == content
+
+
+def test_a_damaged_store(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[4096:] = b"\x5a" * (len(content) - 4096)
+    path.write_bytes(content)
+    with pytest.raises(StoreError, match=r"items.sqlite: damaged; take it from a backup"):
+        open_and_write(path)
+
+
+def test_no_such_file_or_folder(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="no such file; `palpate grasp --item NAME --store FILE`"):
+        Store.open(tmp_path / "none.sqlite", create=False)
+    assert not (tmp_path / "none.sqlite").exists()
+    with pytest.raises(StoreError, match="there is no folder"):
+        Store.open(tmp_path / "none" / "items.sqlite")
+    with pytest.raises(StoreError, match="a folder; name a file in it"):
+        Store.open(tmp_path)
+
+
+@pytest.mark.parametrize("url", ["mysql://hall/items", "oracle://x", "://", "http://hall/items"])
+def test_a_url_of_something_else(url: str) -> None:
+    with pytest.raises(InputError, match="store "):
+        Store.open(url)
+
+
+def test_the_default_is_the_variable_then_a_file_here(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PALPATE_STORE", "postgresql://packer:secret@hall3/items")
+    assert shown(store_url(None)) == "store postgresql://packer:***@hall3/items"
+    monkeypatch.delenv("PALPATE_STORE")
+    monkeypatch.chdir(tmp_path)
+    Store.open().close()
+    assert (tmp_path / "palpate-items.sqlite").exists()
+
+
+def test_a_server_that_refuses_or_lacks_the_database(postgresql_server: str) -> None:
+    url = f"postgresql://postgres@/{{}}?host={postgresql_server}"
+    with pytest.raises(StoreError, match="no such database on the server") as refused:
+        Store.open(url.format("nothing_here"))
+    assert refused.value.exit_status == 2
+    with pytest.raises(StoreError, match="the server refused the user or password"):
+        Store.open(f"postgresql://nobody@/postgres?host={postgresql_server}")
+
+
+def test_a_server_that_is_away(tmp_path: Path) -> None:
+    with pytest.raises(StoreAwayError, match="no answer; check the server") as away:
+        Store.open(f"postgresql://palpate:secret@/items?host={tmp_path}")
+    assert away.value.exit_status == 3
+    assert "secret" not in str(away.value)
+    assert "\n" not in str(away.value)
+
+
+def test_a_server_whose_user_may_only_read(postgresql_url: str) -> None:
+    Store.open(postgresql_url).close()
+    separator = "%20-c%20default_transaction_read_only=on"
+    with pytest.raises(StoreError, match="read-only; name the primary server"):
+        open_and_write(f"{postgresql_url}{separator}")
+
+
+def test_a_server_that_is_locked(postgresql_url: str) -> None:
+    Store.open(postgresql_url).close()
+    engine = make_engine(store_url(postgresql_url))
+    with engine.begin() as connection:
+        connection.exec_driver_sql("LOCK TABLE items IN ACCESS EXCLUSIVE MODE")
+        with pytest.raises(StoreAwayError, match=r"locked by another program for 0\.05 s"):
+            open_and_write(postgresql_url)
+    engine.dispose()
+
+
+def test_a_server_that_stops_meanwhile(postgresql_url: str) -> None:
+    with Store.open(postgresql_url) as store:
+        engine = make_engine(store_url(postgresql_url))
+        with engine.begin() as connection:
+            connection.exec_driver_sql(
+                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+                "WHERE pid <> pg_backend_pid() AND datname = current_database()"
+            )
+        # The pool notices, and connects anew.
+        store.add_item(Item(item_id="A17"))
+        engine.dispose()
+
+
+def test_every_known_fault_is_one_line_with_a_remedy() -> None:
+    for table in (store_engine._SQLITE_FAULTS, store_engine._POSTGRESQL_FAULTS):
+        for _, text in table.values():
+            assert "\n" not in text
+            assert ";" in text
+
+
+def test_other_errors_pass_through() -> None:
+    with pytest.raises(PalpateError, match="mine"), faults_of("store x"):
+        raise StoreError("mine")
