@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +17,6 @@ if TYPE_CHECKING:
     from palpate.commands.sort_report import SortReport
     from palpate.estimate.measurement import Measurement
     from palpate.produce.identify import Identifier
-    from palpate.produce.records import Verdict
     from palpate.produce.records_json import Record
     from palpate.produce.rules import RuleBook
     from palpate.produce.sorting_hand import TimedGrasp
@@ -45,13 +46,15 @@ def sort_from_store(
 
     with Store.open(store, create=False) as kept:
         found = kept.items() if batch is None else kept.of_batch(batch)
-        identifier = _learned(kept, report.book, rules=rules)
+        labelled = {item.kind for item in found if item.kind is not None}
+        guess = any(item.kind is None for item in found)
+        identifier = _learned(kept, report.book, rules=rules, labelled=labelled, guess=guess)
         for item in found:
             grasps = kept.grasps_of(item.item_id)
             if not grasps:
                 continue
             verdicts = kept.verdicts_of(item.item_id)
-            evidence = evidence_of(grasps, identifier=identifier, verdicts=verdicts)
+            evidence = evidence_of(grasps, identifier=identifier, kind=item.kind, verdicts=verdicts)
             done = Sorted(
                 item_id=item.item_id,
                 decision=decide(report.book, evidence),
@@ -78,6 +81,10 @@ def sort_with_rig(
     DeviceError
         If a device fails.
     """
+    from palpate.produce.records import Item
+    from palpate.produce.rules_file import check_kinds
+    from palpate.produce.sorting_run import sort_item
+
     simulated = isinstance(supply, SimulatedCrate)
     _refuse_blind(report.book, supply, rules=rules)
     with ExitStack() as stack:
@@ -86,12 +93,22 @@ def sort_with_rig(
         if any(rule.kinds is not None for rule in report.book.rules):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
                 identifier = _taught(supply, keep)
-                _check(report.book, identifier, rules=rules)
+                check_kinds(report.book, taught=identifier.kinds, path=rules)
             elif kept is not None:
                 identifier = _learned(kept, report.book, rules=rules)
         for name in supply.names():
-            verdicts = () if kept is None else _known(kept, name)
-            done = _sorted(name, supply, report.book, identifier, verdicts, keep, batch)
+            keep(Item(item_id=name, batch=batch), _calibration(supply))
+            kind = None if kept is None else kept.item(name).kind
+            verdicts = () if kept is None else kept.verdicts_of(name)
+            done = sort_item(
+                name,
+                book=report.book,
+                identifier=identifier,
+                grasp=partial(_kept_grasp, name, supply, keep),
+                kind=kind,
+                verdicts=verdicts,
+            )
+            _keep_verdicts(done, keep, now=supply.hand.now())
             report.add(done, belongs=supply.belongs(name, book=report.book))
 
 
@@ -106,20 +123,24 @@ def _opened(stack: ExitStack, store: str | None, *, simulated: bool) -> tuple[St
     return kept, stack.enter_context(Keeper(store)).keep
 
 
-def _learned(kept: Store, book: RuleBook, *, rules: Path) -> Identifier | None:
+def _learned(
+    kept: Store,
+    book: RuleBook,
+    *,
+    rules: Path,
+    labelled: Collection[str] = (),
+    guess: bool = True,
+) -> Identifier | None:
+    """Learn from the store what the rules ask for, where there is anything to guess."""
     from palpate.produce.identify_store import learn
+    from palpate.produce.rules_file import check_kinds
 
     if all(rule.kinds is None for rule in book.rules):
         return None
-    identifier = learn(kept)
-    _check(book, identifier, rules=rules)
+    identifier = learn(kept) if guess else None
+    taught = () if identifier is None else identifier.kinds
+    check_kinds(book, taught={*taught, *labelled}, path=rules)
     return identifier
-
-
-def _check(book: RuleBook, identifier: Identifier, *, rules: Path) -> None:
-    from palpate.produce.rules_file import check_kinds
-
-    check_kinds(book, taught=identifier.kinds, path=rules)
 
 
 def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
@@ -154,41 +175,22 @@ def _taught(supply: SimulatedCrate, keep: Keep) -> Identifier:
     return Identifier(found)
 
 
-def _known(kept: Store, name: str) -> Sequence[Verdict]:
-    """Return what was said of an item earlier; nothing of one that was never met."""
-    try:
-        return kept.verdicts_of(name)
-    except InputError:
-        return ()
+def _kept_grasp(
+    name: str, supply: Supply, keep: Keep, turn: int, size: Measurement | None
+) -> TimedGrasp:
+    """Grasp an item and keep the grasp at once: what was felt is not lost if the next one fails."""
+    timed = _grasped(name, supply, turn=turn, size=size)
+    keep(timed.grasp)
+    return timed
 
 
-def _sorted(
-    name: str,
-    supply: Supply,
-    book: RuleBook,
-    identifier: Identifier | None,
-    verdicts: Sequence[Verdict],
-    keep: Keep,
-    batch: str | None,
-) -> Sorted:
-    """Grasp one item until the rules are sure, and keep every grasp as it is made."""
+def _keep_verdicts(done: Sorted, keep: Keep, *, now: datetime) -> None:
     from palpate.produce.identify_store import identity_verdict
-    from palpate.produce.records import Item
-    from palpate.produce.sorting_run import bin_verdict, sort_item
+    from palpate.produce.sorting_run import bin_verdict
 
-    keep(Item(item_id=name, batch=batch), _calibration(supply))
-
-    def grasp(turn: int, size: Measurement | None) -> TimedGrasp:
-        timed = _grasped(name, supply, turn=turn, size=size)
-        keep(timed.grasp)
-        return timed
-
-    done = sort_item(name, book=book, identifier=identifier, grasp=grasp, verdicts=verdicts)
-    said: list[Record] = [bin_verdict(done, given_at=supply.hand.now())]
-    if done.identity is not None:
-        said.insert(0, identity_verdict(name, done.identity, given_at=supply.hand.now()))
-    keep(*said)
-    return done
+    if done.identity is not None and done.identity.grasps:
+        keep(identity_verdict(done.item_id, done.identity, given_at=now))
+    keep(bin_verdict(done, given_at=now))
 
 
 def _grasped(name: str, supply: Supply, *, turn: int, size: Measurement | None) -> TimedGrasp:

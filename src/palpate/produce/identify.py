@@ -95,6 +95,24 @@ class Identity:
         return max(kinds, key=self.probability.__getitem__)
 
 
+def as_labelled(kind: str) -> Identity:
+    """Return what is known of an item whose kind a person said.
+
+    Examples
+    --------
+    >>> as_labelled("kiwi").confidence
+    1.0
+    """
+    sure = kind != UNKNOWN
+    return Identity(
+        kind=kind,
+        probability={kind: 1.0},
+        usual=1.0 if sure else 0.0,
+        rejected=not sure,
+        grasps=0,
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Felt:
     """Grasps of one item put together: their mean, and the variance that the mean still has."""

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
-from palpate.produce.identify import FALSE_REJECT, UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.identify import (
+    FALSE_REJECT,
+    FEWEST_ITEMS,
+    UNKNOWN,
+    Identifier,
+    Identity,
+    TaughtItem,
+)
 from palpate.produce.identify_features import (
     PRESSURE_FEATURES,
     WIDTH_FEATURES,
@@ -33,7 +40,7 @@ def learn(
     false_reject: float = FALSE_REJECT,
     without: str | None = None,
 ) -> Identifier:
-    """Learn every kind that items of the store are labelled with.
+    """Learn every kind that enough items of the store are labelled with.
 
     Parameters
     ----------
@@ -49,7 +56,7 @@ def learn(
     Raises
     ------
     InputError
-        If there are too few labelled items.
+        If no kind has enough labelled items.
     """
     taught: dict[str, list[TaughtItem]] = defaultdict(list)
     said = {
@@ -63,7 +70,8 @@ def learn(
         touches = touches_of(store.grasps_of(item.item_id), drive=drive)
         if touches:
             taught[kind].append(TaughtItem(kind=kind, touches=touches))
-    return Identifier([one for kind in taught.values() for one in kind], false_reject=false_reject)
+    enough = [kind for kind in taught.values() if len(kind) >= FEWEST_ITEMS]
+    return Identifier([one for kind in enough for one in kind], false_reject=false_reject)
 
 
 def touches_of(grasps: Iterable[Grasp], *, drive: Drive) -> tuple[Touch, ...]:

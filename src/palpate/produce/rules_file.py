@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import InputError
-from palpate.produce.identify import UNKNOWN
+from palpate.produce.identify import FEWEST_ITEMS, UNKNOWN
 from palpate.produce.rules import CONDITIONS, CONFIDENCE, MOST_GRASPS, Rule, RuleBook, Span
 from palpate.produce.rules_order import refuse_hidden
 
@@ -53,8 +53,9 @@ def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) ->
     for rule in book.rules:
         for kind in sorted((rule.kinds or frozenset()) - {UNKNOWN, *taught}):
             raise InputError(
-                f"rules file {path} line {rule.line}: class {kind!r} was never taught; known are "
-                f"{', '.join(sorted(taught))} and {UNKNOWN}"
+                f"rules file {path} line {rule.line}: class {kind!r} was not taught by "
+                f"{FEWEST_ITEMS} labelled items; known are {', '.join(sorted(taught))} and "
+                f"{UNKNOWN}"
             )
 
 

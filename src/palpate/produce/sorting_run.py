@@ -8,7 +8,7 @@ from datetime import datetime
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify import Identifier, Identity
+from palpate.produce.identify import Identifier, Identity, as_labelled
 from palpate.produce.identify_features import put_together
 from palpate.produce.identify_store import touches_of
 from palpate.produce.records import About, Drive, Grasp, Verdict
@@ -54,6 +54,7 @@ def sort_item(
     book: RuleBook,
     identifier: Identifier | None,
     grasp: Callable[[int, Measurement | None], TimedGrasp],
+    kind: str | None = None,
     verdicts: Sequence[Verdict] = (),
 ) -> Sorted:
     """Grasp an item until the rules are sure, or grasps are used up.
@@ -69,13 +70,15 @@ def sort_item(
     grasp : callable
         Given the number of the grasp and the size known so far, turns the item, grasps it and
         returns the grasp.
+    kind : str or None
+        What it is, where a person said so: then nothing is guessed.
     verdicts : sequence of Verdict
         What is known already: the last ones on ripeness and bruises count.
     """
     done: list[TimedGrasp] = []
     while True:
         grasps = [one.grasp for one in done]
-        evidence = evidence_of(grasps, identifier=identifier, verdicts=verdicts)
+        evidence = evidence_of(grasps, identifier=identifier, kind=kind, verdicts=verdicts)
         decision = decide(book, evidence)
         if not decision.again:
             return Sorted(
@@ -90,13 +93,19 @@ def sort_item(
 
 
 def evidence_of(
-    grasps: Sequence[Grasp], *, identifier: Identifier | None, verdicts: Sequence[Verdict] = ()
+    grasps: Sequence[Grasp],
+    *,
+    identifier: Identifier | None,
+    kind: str | None = None,
+    verdicts: Sequence[Verdict] = (),
 ) -> Evidence:
     """Put together what grasps and verdicts tell of an item."""
     held = [one for one in grasps if one.outcome is Outcome.HELD]
     drive: Drive = held[-1].drive if held else "width"
     touches = touches_of(held, drive=drive)
-    identity = identifier.identify(touches) if identifier is not None and touches else None
+    identity = None if kind is None else as_labelled(kind)
+    if identity is None and identifier is not None and touches:
+        identity = identifier.identify(touches)
     sizes = [one.measurements["size_mm"] for one in held if "size_mm" in one.measurements]
     own_share = _OWN_SHARE if identifier is None else float(identifier.own_share[0])
     return Evidence(

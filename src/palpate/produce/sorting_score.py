@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify import UNKNOWN, Identity
+from palpate.produce.identify import UNKNOWN, as_labelled
 from palpate.produce.rules import Evidence, RuleBook
 from palpate.produce.sorting import decide
 
@@ -112,13 +112,7 @@ def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float)
     >>> where_it_belongs(book, kind="egg", taught=True, size_mm=44.0)
     'a'
     """
-    identity = Identity(
-        kind=kind if taught else UNKNOWN,
-        probability={kind: 1.0} if taught else {},
-        usual=1.0 if taught else 0.0,
-        rejected=not taught,
-        grasps=book.most_grasps,
-    )
+    identity = as_labelled(kind if taught else UNKNOWN)
     size = Measurement(value=size_mm, low=size_mm, high=size_mm, unit="mm")
     known = Evidence(identity=identity, size_mm=size, grasps=book.most_grasps)
     return decide(book, known).bin

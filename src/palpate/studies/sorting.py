@@ -11,7 +11,7 @@ import typer
 
 from palpate.estimate.measurement import Measurement
 from palpate.plots.sorting import purity_figure
-from palpate.produce.identify import Identifier, Identity
+from palpate.produce.identify import Identifier, as_labelled
 from palpate.produce.rules import Evidence, Rule, RuleBook, Span
 from palpate.produce.rules_file import check_kinds, read_rules
 from palpate.produce.sorting import decide
@@ -162,10 +162,7 @@ def _certain(measured: Mapping[str, Measurement], guess: Guess, *, book: RuleBoo
     size = measured.get("size_mm")
     if size is None or "stiffness_n_per_mm" not in measured:
         return book.default_bin
-    kind = guess(measured)
-    identity = Identity(
-        kind=kind, probability={kind: 1.0}, usual=1.0, rejected=False, grasps=book.most_grasps
-    )
+    identity = as_labelled(guess(measured))
     sharp = replace(size, low=size.value, high=size.value)
     return decide(book, Evidence(identity=identity, size_mm=sharp, grasps=book.most_grasps)).bin
 

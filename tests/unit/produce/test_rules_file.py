@@ -1,0 +1,170 @@
+"""Rules files: what they mean, and one clear line for every mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from palpate.errors import InputError
+from palpate.produce.rules import Span
+from palpate.produce.rules_file import check_kinds, read_rules
+
+ROOT = Path(__file__).resolve().parents[3]
+GOOD = """\
+default = "by hand"
+
+[[rule]]
+bin = "small"
+class = ["kiwi", "lime"]
+size_mm = [0, 45]
+
+[[rule]]
+bin = "ripe"
+class = "avocado"
+ripeness = "ripe"
+bruised = false
+confidence = 0.9
+"""
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[[str], Path]:
+    def written(text: str) -> Path:
+        path = tmp_path / "rules.toml"
+        path.write_text(text)
+        return path
+
+    return written
+
+
+def test_a_file_becomes_rules_in_its_order(write: Callable[[str], Path]) -> None:
+    book = read_rules(write(GOOD))
+    assert book.bins == ("small", "ripe", "by hand")
+    assert book.most_grasps == 3
+    small, ripe = book.rules
+    assert (small.kinds, small.size_mm, small.confidence, small.line) == (
+        frozenset({"kiwi", "lime"}),
+        Span(low=0, high=45),
+        0.8,
+        3,
+    )
+    assert (ripe.ripeness, ripe.bruised, ripe.confidence) == (frozenset({"ripe"}), False, 0.9)
+
+
+def test_the_example_is_a_good_file() -> None:
+    book = read_rules(ROOT / "examples" / "sorting-rules.toml")
+    assert "eggs" in book.bins
+    assert book.default_bin == "by hand"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('class = "avocado"', 'clas = "avocado"', "line 10: no key 'clas' here; known are bin, cl"),
+        ('default = "by hand"', 'defualt = "by hand"', "line 1: no key 'defualt' here"),
+        ('default = "by hand"', "", "line 1: has no default"),
+        ('bin = "ripe"', "", "line 8: this rule has no bin"),
+        ("[0, 45]", "[45, 0]", r"line 6: size_mm is \[45, 0\], not \[from, to\]"),
+        ("[0, 45]", "45", "line 6: size_mm is 45"),
+        ("bruised = false", 'bruised = "no"', "line 12: bruised is 'no', not true or false"),
+        ("confidence = 0.9", "confidence = 1", "line 13: confidence is 1, not from 0.5"),
+        ("confidence = 0.9", "confidence = 0.4", "line 13: confidence is 0.4, not from 0.5"),
+        ('["kiwi", "lime"]', "[1]", r"line 5: class is \[1\], not a name"),
+        ('bin = "small"', "bin = 3", "line 4: bin is 3, not a name"),
+        ("[0, 45]", "[0, 45", "Unclosed array"),
+        ("default =", "most_grasps = 0\ndefault =", "line 1: most_grasps is 0, not 1 to 20"),
+    ],
+)
+def test_every_mistake_is_one_line_with_its_place(
+    write: Callable[[str], Path],
+    old: str,
+    new: str,
+    said: str,
+) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        read_rules(write(GOOD.replace(old, new)))
+    assert "\n" not in str(caught.value)
+    assert "rules.toml" in str(caught.value)
+
+
+def test_a_file_without_rules_or_conditions_is_refused(write: Callable[[str], Path]) -> None:
+    with pytest.raises(InputError, match=r"has no \[\[rule\]\]"):
+        read_rules(write('default = "x"'))
+    with pytest.raises(InputError, match="line 2: this rule has no condition"):
+        read_rules(write('default = "x"\n[[rule]]\nbin = "y"'))
+
+
+def test_a_missing_file_says_so(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        read_rules(tmp_path / "none.toml")
+
+
+def rule(bin_name: str, conditions: str) -> str:
+    return f'[[rule]]\nbin = "{bin_name}"\n{conditions}\n'
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ('class = ["kiwi", "lime"]', 'class = "kiwi"'),
+        ("size_mm = [0, 60]", "size_mm = [10, 60]"),
+        ('class = "kiwi"', 'class = "kiwi"\nbruised = true'),
+        ("bruised = true", "bruised = true"),
+        ('ripeness = ["ripe", "soft"]', 'class = "kiwi"\nripeness = "soft"'),
+    ],
+)
+def test_a_rule_that_nothing_reaches_is_refused(
+    write: Callable[[str], Path], first: str, second: str
+) -> None:
+    text = 'default = "x"\n' + rule("a", first) + rule("b", second)
+    with pytest.raises(InputError, match=r"line 5: no item reaches this rule.*line 2"):
+        read_rules(write(text))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "common"),
+    [
+        ("size_mm = [0, 50]", "size_mm = [40, 90]", "size_mm 40 to 50"),
+        ('class = ["kiwi", "lime"]', 'class = ["lime", "egg"]', "class lime"),
+        (
+            'class = "kiwi"\nsize_mm = [0, 50]',
+            'class = "kiwi"\nsize_mm = [40, 90]',
+            "class kiwi, size_mm 40 to 50",
+        ),
+    ],
+)
+def test_ranges_that_overlap_by_halves_are_refused(
+    write: Callable[[str], Path],
+    first: str,
+    second: str,
+    common: str,
+) -> None:
+    text = 'default = "x"\n' + rule("a", first) + rule("b", second)
+    with pytest.raises(InputError, match=f"overlaps the rule of line 2 .{common} fits both"):
+        read_rules(write(text))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("bruised = true", 'class = "kiwi"'),
+        ("size_mm = [0, 50]", "size_mm = [50, 90]"),
+        ('class = "kiwi"', 'class = ["kiwi", "lime"]'),
+        ('class = "kiwi"\nconfidence = 0.95', 'class = "kiwi"\nconfidence = 0.6'),
+        ('class = "kiwi"\nsize_mm = [0, 50]', 'class = "lime"\nsize_mm = [40, 90]'),
+    ],
+)
+def test_exceptions_before_the_general_rule_are_welcome(
+    write: Callable[[str], Path], first: str, second: str
+) -> None:
+    text = 'default = "x"\n' + rule("a", first) + rule("b", second)
+    assert len(read_rules(write(text)).rules) == 2
+
+
+def test_a_class_that_nobody_taught_is_refused(write: Callable[[str], Path]) -> None:
+    book = read_rules(write(GOOD))
+    with pytest.raises(InputError, match=r"line 8: class 'avocado' was not taught.*kiwi, lime"):
+        check_kinds(book, taught={"kiwi", "lime"}, path="rules.toml")
+    check_kinds(book, taught={"kiwi", "lime", "avocado"}, path="rules.toml")

@@ -1,0 +1,106 @@
+"""One item in a simulated hand: measured by the controller, near it the second time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import pytest
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import Outcome
+from palpate.gripper.interface import GripperCommand
+from palpate.produce.sorting_hand import SortingHand
+from palpate.rig.simulated import calibrated
+from palpate.twin.crate import CrateTable, draw_crate
+
+NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+
+
+class Watched:
+    """A gripper that remembers how it was told to move."""
+
+    def __init__(self, table: CrateTable) -> None:
+        self._inner, self.sent = table.gripper, list[GripperCommand]()
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._inner, name)
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        self.sent.append(wanted)
+        return self._inner.command(wanted)
+
+
+@pytest.fixture(scope="module")
+def table() -> CrateTable:
+    return CrateTable(sensor=7, seed=8)
+
+
+@pytest.fixture(scope="module")
+def hand(table: CrateTable) -> SortingHand:
+    calibration = calibrated(seed=7, level="paper", apart_from="")
+    return SortingHand(
+        array=table.array,
+        gripper=table.gripper,
+        clock=table.clock,
+        plan=plan_grasp(calibration, gripper=table.gripper),
+        rig="sim-rigid",
+        origin="twin",
+        calibration_id="monday",
+        now=lambda: NOON,
+    )
+
+
+def test_it_measures_and_is_faster_where_the_size_is_known(
+    table: CrateTable, hand: SortingHand
+) -> None:
+    egg = draw_crate(["egg"], seed=5)[0]
+    table.bring(egg)
+    first = hand.grasp("egg-1")
+    assert first.grasp.outcome is Outcome.HELD
+    assert set(first.grasp.measurements) == {
+        "settled_percent",
+        "size_mm",
+        "force_n",
+        "stiffness_n_per_mm",
+    }
+    assert (first.grasp.item_id, first.grasp.calibration_id) == ("egg-1", "monday")
+    assert (first.grasp.taken_at, first.grasp.simulated) == (NOON, True)
+    table.bring(egg, turn=1)
+    second = hand.grasp("egg-1", expected=first.grasp.measurements["size_mm"])
+    assert second.grasp.outcome is Outcome.HELD
+    assert second.lasted_s < first.lasted_s - 3
+    assert second.grasp.measurements["size_mm"].value == pytest.approx(egg.mean.size_mm, abs=3)
+    assert not table.damaged()
+
+
+def test_it_stays_well_clear_of_an_item_that_may_be_thicker(
+    table: CrateTable, hand: SortingHand
+) -> None:
+    watched = Watched(table)
+    table.bring(draw_crate(["kiwi"], seed=6)[0])
+    size = Measurement(value=40.0, low=39.5, high=40.5, unit="mm")
+    replace(hand, gripper=watched).grasp("kiwi-1", expected=size)
+    assert watched.sent[0].target == pytest.approx(40.5 * 1.15 + 4)
+    assert watched.sent[0].rate == hand.plan.rate
+
+
+def test_it_waits_for_a_sheet_that_still_remembers(hand: SortingHand) -> None:
+    # A sheet of the field level whose creep is slow.
+    slow = CrateTable(sensor=111, seed=3, level="field")
+    there = replace(hand, array=slow.array, gripper=slow.gripper, clock=slow.clock)
+    ball = draw_crate(["foam-ball"], seed=9)[0]
+    slow.bring(ball)
+    slow.gripper.command(GripperCommand(target=ball.mean.size_mm - 12, rate=20.0))
+    slow.array.skip_until(slow.clock.now_s() + 8)
+    slow.gripper.release()
+    slow.array.skip_until(slow.clock.now_s() + 2)
+    waited_s = []
+    for _ in range(2):
+        began_s = slow.clock.now_s()
+        there._wait_for_rest()
+        waited_s.append(slow.clock.now_s() - began_s)
+        slow.array.skip_until(slow.clock.now_s() + 60)
+    assert 4 < waited_s[0] < 23
+    assert waited_s[1] == pytest.approx(2.0, abs=0.3)

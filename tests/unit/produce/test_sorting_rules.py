@@ -1,0 +1,221 @@
+"""From what is known of an item to its bin, and from its first grasp to the last."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.identify import UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.identify_features import Touch
+from palpate.produce.records import About, Grasp, Verdict
+from palpate.produce.rules import Evidence, Rule, RuleBook, Span
+from palpate.produce.sorting import decide
+from palpate.produce.sorting_hand import TimedGrasp
+from palpate.produce.sorting_run import bin_verdict, evidence_of, sort_item
+from palpate.produce.sorting_score import Placed, score, where_it_belongs
+
+NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+KIWI = Rule(bin="kiwi", kinds=frozenset({"kiwi"}), line=3)
+LIME = Rule(bin="lime", kinds=frozenset({"lime"}), line=6)
+STRANGERS = Rule(bin="strangers", kinds=frozenset({UNKNOWN}), line=9)
+BOOK = RuleBook(rules=(KIWI, LIME, STRANGERS), default_bin="by hand")
+
+
+def looks(kiwi: float, lime: float, *, rejected: bool = False) -> Identity:
+    probability = {"kiwi": kiwi, "lime": lime, UNKNOWN: 1 - kiwi - lime}
+    best = UNKNOWN if rejected else ("kiwi" if kiwi > lime else "lime")
+    usual = 0.01 if rejected else 0.5
+    return Identity(kind=best, probability=probability, usual=usual, rejected=rejected, grasps=1)
+
+
+def mm(value: float, half: float = 0.5) -> Measurement:
+    return Measurement(value=value, low=value - half, high=value + half, unit="mm")
+
+
+def grasp(size_mm: float, stiffness: float, *, outcome: Outcome = Outcome.HELD) -> TimedGrasp:
+    felt = Measurement(value=stiffness, low=0.8 * stiffness, high=1.25 * stiffness, unit="n_per_mm")
+    one = Grasp(
+        item_id="A1",
+        taken_at=NOON,
+        rig="test",
+        drive="width",
+        origin="twin",
+        outcome=outcome,
+        measurements={"size_mm": mm(size_mm), "stiffness_n_per_mm": felt},
+        calibration_id="monday",
+    )
+    return TimedGrasp(grasp=one, lasted_s=10.0)
+
+
+def test_the_first_sure_rule_wins_and_says_why() -> None:
+    found = decide(BOOK, Evidence(identity=looks(0.95, 0.04), grasps=1))
+    assert (found.bin, found.again, found.rule) == ("kiwi", False, KIWI)
+    assert found.why == "kiwi: kiwi 95 %, together 95 % (rule of line 3); 1 grasp"
+
+
+def test_between_two_kinds_it_grasps_again_and_then_gives_up() -> None:
+    torn = looks(0.55, 0.40)
+    assert decide(BOOK, Evidence(identity=torn, grasps=1)).again
+    last = decide(BOOK, Evidence(identity=torn, grasps=3))
+    assert (last.bin, last.again, last.probability) == ("by hand", False, None)
+    assert "kiwi 55 % or lime 40 %" in last.why
+    assert "line 3 (kiwi) comes nearest with 55 % of 80 %" in last.why
+
+
+def test_a_stranger_is_grasped_twice_before_it_is_one() -> None:
+    strange = looks(0.2, 0.1, rejected=True)
+    assert decide(BOOK, Evidence(identity=strange, grasps=1)).again
+    found = decide(BOOK, Evidence(identity=strange, grasps=2))
+    assert (found.bin, found.again) == ("strangers", False)
+
+
+def test_something_else_is_a_doubt_and_no_finding() -> None:
+    found = decide(BOOK, Evidence(identity=looks(0.05, 0.05), grasps=3))
+    assert found.bin == "by hand"
+
+
+def test_an_open_exception_asks_for_another_grasp_before_the_general_rule() -> None:
+    small = Rule(bin="small", kinds=frozenset({"kiwi"}), size_mm=Span(low=0, high=50), line=1)
+    book = RuleBook(rules=(small, KIWI), default_bin="by hand")
+    on_the_edge = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=1)
+    assert decide(book, on_the_edge).again
+    at_last = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=3)
+    assert decide(book, at_last).bin == "kiwi"
+
+
+def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
+    ripe = Rule(bin="ripe", kinds=frozenset({"kiwi"}), ripeness=frozenset({"ripe"}), line=2)
+    book = RuleBook(rules=(ripe,), default_bin="by hand")
+    found = decide(book, Evidence(identity=looks(0.97, 0.02), grasps=1))
+    assert not found.again
+    assert "the rule of line 2 asks how ripe it is, which is not known" in found.why
+    known = Evidence(identity=looks(0.97, 0.02), ripeness={"ripe": 0.9}, grasps=1)
+    assert decide(book, known).bin == "ripe"
+
+
+def test_what_no_rule_takes_is_said_so() -> None:
+    book = RuleBook(rules=(LIME,), default_bin="by hand")
+    found = decide(book, Evidence(identity=looks(0.98, 0.01), grasps=1))
+    assert (found.bin, found.again) == ("by hand", False)
+    assert "which no rule takes" in found.why
+
+
+def test_nothing_is_decided_before_the_first_grasp() -> None:
+    assert decide(BOOK, Evidence()).again
+
+
+def _identifier() -> Identifier:
+    rng = np.random.default_rng(3)
+    items = []
+    for kind, ln_mm, ln_k in (("kiwi", np.log(50), np.log(1.5)), ("lime", np.log(45), np.log(4))):
+        for _ in range(15):
+            at = np.array([ln_mm, ln_k]) + np.array([0.04, 0.2]) * rng.standard_normal(2)
+            touches = tuple(
+                Touch(
+                    value=at + 0.05 * rng.standard_normal(2),
+                    sd=np.array([0.006, 0.14]),
+                    calibration="monday",
+                )
+                for _ in range(2)
+            )
+            items.append(TaughtItem(kind=kind, touches=touches))
+    return Identifier(items)
+
+
+def test_an_item_is_grasped_until_the_rules_are_sure() -> None:
+    coming = [grasp(48.0, 2.3), grasp(51.0, 1.2), grasp(51.0, 1.2)]
+    asked: list[float | None] = []
+
+    def one(turn: int, size: Measurement | None) -> TimedGrasp:
+        asked.append(None if size is None else size.value)
+        return coming[turn]
+
+    done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=one)
+    assert done.decision.bin == "kiwi"
+    assert len(done.grasps) == 3
+    assert done.grasping_s == 30.0
+    assert asked == [None, 48.0, 49.5], "later grasps know the size"
+    assert done.size_mm is not None
+    assert done.size_mm.value == pytest.approx(50.0)
+
+
+def test_a_grasp_that_slipped_counts_as_tried_and_tells_nothing() -> None:
+    slipped = grasp(50.0, 1.4, outcome=Outcome.SLIPPED)
+    done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=lambda turn, size: slipped)
+    assert (done.decision.bin, done.identity, len(done.grasps)) == ("by hand", None, 3)
+
+
+def test_a_label_saves_the_guessing() -> None:
+    done = sort_item(
+        "A1", book=BOOK, identifier=None, grasp=lambda turn, size: grasp(20.0, 9.0), kind="lime"
+    )
+    assert (done.decision.bin, len(done.grasps)) == ("lime", 1)
+
+
+def said(
+    about: About, text: str, probability: float | None, *, hours: int = 0, **details: object
+) -> Verdict:
+    return Verdict(
+        item_id="A1",
+        about=about,
+        text=text,
+        probability=probability,
+        given_at=NOON + timedelta(hours=hours),
+        details=details,
+    )
+
+
+def test_the_last_verdicts_count() -> None:
+    known = evidence_of(
+        [],
+        identifier=None,
+        verdicts=[
+            said(About.BRUISE, "bruised", 0.9),
+            said(About.BRUISE, "sound", 0.7, hours=2),
+            said(About.RIPENESS, "hard", 0.8),
+            said(About.RIPENESS, "ripe", 0.6, hours=1),
+        ],
+    )
+    assert known.bruised == pytest.approx(0.3)
+    assert known.ripeness == {"ripe": 0.6}
+
+
+def test_all_stages_count_where_the_verdict_names_them() -> None:
+    stages = {"ripe": 0.6, "overripe": 0.4}
+    known = evidence_of(
+        [], identifier=None, verdicts=[said(About.RIPENESS, "ripe", 0.6, probabilities=stages)]
+    )
+    assert known.ripeness == stages
+
+
+def test_the_decision_becomes_a_verdict_with_its_reason() -> None:
+    done = sort_item("A1", book=BOOK, identifier=_identifier(), grasp=lambda t, s: grasp(50, 1.4))
+    verdict = bin_verdict(done, given_at=NOON)
+    assert (verdict.about, verdict.text, verdict.details["rule_line"]) == (About.BIN, "kiwi", 3)
+    assert verdict.explanation == done.decision.why
+
+
+def test_purity_counts_what_rules_placed_and_time_what_hands_do() -> None:
+    placed = [
+        Placed(bin="kiwi", belongs="kiwi", grasps=1, grasping_s=10.0),
+        Placed(bin="kiwi", belongs="lime", grasps=3, grasping_s=30.0),
+        Placed(bin="by hand", belongs="lime", grasps=1, grasping_s=10.0),
+    ]
+    found = score(placed, book=BOOK)
+    assert found.purity == 0.5
+    assert found.left_over == pytest.approx(1 / 3)
+    assert found.bins == {"kiwi": (2, 1), "by hand": (1, 0)}
+    assert found.items_per_hour == pytest.approx(3600 * 3 / (50 + 3 * 4 + 2 * 1.5))
+    assert score(placed[2:], book=BOOK).purity is None
+    with pytest.raises(ValueError, match="no sorted item"):
+        score([], book=BOOK)
+
+
+def test_where_things_belong() -> None:
+    assert where_it_belongs(BOOK, kind="kiwi", taught=True, size_mm=50) == "kiwi"
+    assert where_it_belongs(BOOK, kind="walnut", taught=False, size_mm=33) == "strangers"
+    assert where_it_belongs(BOOK, kind="egg", taught=True, size_mm=44) == "by hand"

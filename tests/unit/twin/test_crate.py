@@ -1,0 +1,65 @@
+"""A mixed crate on the twin: what is drawn, and that it fits the hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.gripper.interface import GripperCommand
+from palpate.twin.crate import CrateTable, draw_crate, hertz_force_at_1mm_n, mixed_crate
+from palpate.twin.produce_ranges import CRATE_STRANGERS, CRATE_TAUGHT, CrateKind
+from palpate.twin.world import OPEN_MM
+
+ALL = {**CRATE_TAUGHT, **CRATE_STRANGERS}
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_every_side_of_every_item_is_within_its_kind_and_the_open_hand(kind: str) -> None:
+    ranges = ALL[kind]
+    for item in draw_crate([kind] * 20, seed=1):
+        assert ranges.size_mm[0] <= item.mean.size_mm <= ranges.size_mm[1]
+        sides = [item.side(turn).size_mm / item.mean.size_mm for turn in range(5)]
+        assert max(abs(np.array(sides) - 1)) <= ranges.out_of_round
+        assert max(sides) * item.mean.size_mm < OPEN_MM - 3
+        assert item.taught == (kind in CRATE_TAUGHT)
+        assert item.mean.yield_n <= item.mean.rupture_n
+
+
+def test_a_crate_is_the_same_for_a_seed_and_mixed() -> None:
+    crate = mixed_crate(24, seed=3, strangers_share=0.25)
+    assert crate == mixed_crate(24, seed=3, strangers_share=0.25)
+    assert sum(not item.taught for item in crate) == 6
+    assert len({item.item_id for item in crate}) == 24
+    assert [item.kind for item in crate] != [
+        item.kind for item in mixed_crate(24, seed=4, strangers_share=0.25)
+    ]
+
+
+def test_a_body_of_hertz_stiffens_with_size_and_modulus() -> None:
+    one = hertz_force_at_1mm_n(1.0, size_mm=40.0)
+    assert hertz_force_at_1mm_n(2.0, size_mm=40.0) == pytest.approx(2 * one)
+    assert hertz_force_at_1mm_n(1.0, size_mm=160.0) == pytest.approx(2 * one)
+
+
+def test_an_unknown_kind_names_those_there_are() -> None:
+    with pytest.raises(ValueError, match="no crate kind 'pear'; there are: cherry-tomato"):
+        draw_crate(["pear"], seed=1)
+
+
+def test_a_kind_without_stiffness_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
+    nothing = CrateKind(size_mm=(40, 41), out_of_round=0.0, mass_g=(1, 2))
+    monkeypatch.setitem(CRATE_TAUGHT, "egg", nothing)
+    with pytest.raises(ValueError, match="'egg' has neither a modulus nor a shell"):
+        draw_crate(["egg"], seed=1)
+
+
+def test_bringing_an_item_opens_the_hand_and_leaves_no_old_frames() -> None:
+    table = CrateTable(sensor=1, seed=2)
+    first, second = draw_crate(["egg", "apple"], seed=5)
+    table.bring(first)
+    table.gripper.command(GripperCommand(target=50.0, rate=20.0))
+    table.bring(second, turn=3)
+    assert table.gripper.state().width_mm == pytest.approx(OPEN_MM, abs=0.1)
+    frame = table.array.read(timeout_s=1.0)
+    assert table.clock.now_s() - frame.time_s < 0.1
+    assert not table.damaged()
