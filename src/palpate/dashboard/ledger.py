@@ -119,7 +119,7 @@ class Ledger:
             with Store.open(self._where, create=False) as store:
                 return [item.item_id for item in store.items(limit=limit)]
         except StoreError as error:
-            if "no such" in str(error) or "not there" in str(error):
+            if "no such file" in str(error):
                 return []
             raise
 

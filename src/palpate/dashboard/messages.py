@@ -176,6 +176,8 @@ class Pulse:
         Whether that is more than five periods, and more than 100 ms.
     undrawn : int
         Frames that came too fast to be drawn. None of them is missing anywhere else.
+    period_p99_s, period_worst_s : float
+        Time between two frames in this process, over the last thousand: 99th percentile, longest.
     """
 
     frames: int = 0
@@ -186,6 +188,8 @@ class Pulse:
     age_s: float = float("nan")
     stale: bool = True
     undrawn: int = 0
+    period_p99_s: float = float("nan")
+    period_worst_s: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

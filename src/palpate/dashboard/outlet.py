@@ -31,6 +31,8 @@ _MOST_FRAMES = 1000
 _RATE_S = 2.0
 _FORECAST_S = 0.2
 _STALE = SafetyLimits()
+#: The loop's own period is told from so many frames.
+_PERIODS = 1000
 
 
 @dataclass(slots=True)
@@ -65,6 +67,7 @@ class Outlet:
         self._events: Callable[[], LinkEvents] = LinkEvents
         self._tally = _Tally()
         self._recent: deque[tuple[float, int]] = deque()
+        self._periods_s: deque[float] = deque(maxlen=_PERIODS)
         self._plan: Plan | None = None
         self._belief: Belief | None = None
         self._thought: Thought | None = None
@@ -91,6 +94,7 @@ class Outlet:
         with self._lock:
             self._frames.clear()
             self._recent.clear()
+            self._periods_s.clear()
             self._tally, self._source, self._events = _Tally(), source, events
             self._notes.append(source)
 
@@ -116,6 +120,7 @@ class Outlet:
                 tally.lost += max(0, frame.sequence - tally.sequence - 1)
                 wall_s = now_s - tally.arrived_s
                 old_s = tally.period_s
+                self._periods_s.append(wall_s)
                 tally.period_s = wall_s if math.isnan(old_s) else 0.9 * old_s + 0.1 * wall_s
             tally.frames += 1
             tally.sequence, tally.arrived_s = frame.sequence, now_s
@@ -141,7 +146,10 @@ class Outlet:
             frames = list(self._frames)
             self._frames.clear()
             source, plan, belief = self._source, self._plan, self._belief
-            pulse = self._pulse()
+            pulse, periods_s = self._pulse(), list(self._periods_s)
+        if periods_s:
+            p99_s, worst_s = np.quantile(periods_s, [0.99, 1.0])
+            pulse = replace(pulse, period_p99_s=float(p99_s), period_worst_s=float(worst_s))
         with suppress(OSError):  # a port that was just pulled out
             events = self._events()
             pulse = replace(pulse, corrupt=events.corrupt, late=events.late)

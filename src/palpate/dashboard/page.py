@@ -55,9 +55,8 @@ def _header(desk: Desk, hands: Hands) -> None:
         who = ui.label().classes("pill").props("id=who")
         take = ui.button("Take over", on_click=hands.take_over, color=None)
         take.classes("btn plain small").props("flat no-caps id=take-over")
-        ui.button(icon="contrast", on_click=dark.toggle, color=None).classes(
-            "btn plain small"
-        ).props('flat aria-label="Light or dark"')
+        shade = ui.button(icon="contrast", on_click=dark.toggle, color=None)
+        shade.classes("btn plain small").props('flat id=shade aria-label="Light or dark"')
 
     def drives() -> None:
         mine = hands.drives

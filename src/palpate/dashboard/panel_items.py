@@ -20,7 +20,7 @@ def items_panel(desk: Desk, hands: Hands) -> None:
     with ui.element("div").classes("form"):
         ui.html("<h3>Items and how they ripen</h3>", sanitize=False)
         choice = ui.select([], on_change=lambda event: show(event.value)).classes("w-full")
-        choice.props('outlined dense use-input clearable label="Item" id=item-choice')
+        choice.props('outlined dense use-input clearable label="Item"')
         box = ui.html("", sanitize=False).props("id=item-page")
 
     async def show(item_id: str | None) -> None:
@@ -46,7 +46,7 @@ def items_panel(desk: Desk, hands: Hands) -> None:
         if desk.ledger.trouble:
             box.set_content(f"<p class='note'>{html.escape(desk.ledger.trouble)}</p>")
         elif not names:
-            box.set_content("<p>None yet: name an item on the page Grasp, and grasp it.</p>")
+            box.set_content("<p>None yet: name an item on the page Set up, and grasp it.</p>")
         elif choice.value:
             await show(choice.value)
 

@@ -29,7 +29,7 @@ def serve(
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
 
-    `announce` gets the address once the port is taken.
+    `announce` gets the address once it can be visited.
 
     Raises
     ------
@@ -74,7 +74,8 @@ def serve(
         gate, log_level="warning", access_log=False, timeout_graceful_shutdown=2
     )
     shown = f"[{host}]" if ":" in host else host
-    announce(f"http://{shown}:{listening.getsockname()[1]}/")
+    address = f"http://{shown}:{listening.getsockname()[1]}/"
+    app.router.on_startup.append(lambda: announce(address))
     with listening:
         uvicorn.Server(config).run(sockets=[listening])
 
@@ -116,6 +117,7 @@ def _listen(host: str, port: int) -> socket.socket:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((host, port))
+        listening.listen()
     except OSError as error:
         listening.close()
         raise DeviceError(

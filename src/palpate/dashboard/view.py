@@ -70,7 +70,9 @@ def _guide(session: Session) -> dict[str, Any] | None:
 
 def _link(session: Session) -> dict[str, Any]:
     pulse = session.live.pulse
-    rate_hz, age_s = finite([pulse.rate_hz, pulse.age_s])
+    rate_hz, age_s, p99_s, worst_s = finite(
+        [pulse.rate_hz, pulse.age_s, pulse.period_p99_s, pulse.period_worst_s]
+    )
     waiting = session.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)
     return {
         "frames": pulse.frames,
@@ -80,6 +82,8 @@ def _link(session: Session) -> dict[str, Any]:
         "undrawn": pulse.undrawn,
         "rate_hz": rate_hz,
         "age_s": age_s,
+        "period_p99_s": p99_s,
+        "period_worst_s": worst_s,
         "stale": pulse.stale and not waiting,
         "waiting": waiting,
     }

@@ -97,7 +97,7 @@ function drawCurve(doc) {
   if (band.length) {
     const now = band[band.length - 1], shown = [...band, [Math.max(last, now[0]), now[1], now[2], now[3]]];
     const outline = [...shown.map((b) => [b[0], b[3]]), ...shown.reverse().map((b) => [b[0], b[1]])];
-    out += `<polygon id="band" data-half-width="${(now[3] - now[1]) / 2}" data-count="${band.length}" points="${line(outline)}" fill="var(--band)" opacity="0.28"/>`;
+    out += `<polygon id="band" data-half-width="${(now[3] - now[1]) / 2}" data-count="${seen.band.length}" points="${line(outline)}" fill="var(--band)" opacity="0.28"/>`;
     out += `<polyline points="${line(shown.map((b) => [b[0], b[2]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/>`;
     const right = x(last) > width - 240, at = right ? width - box.r : x(last) + 12;
     out += `<text id="settles" x="${at}" y="${y(now[3]) - 10}" text-anchor="${right ? "end" : "start"}" font-size="14" font-weight="700" style="fill:var(--band);paint-order:stroke;stroke:var(--surface);stroke-width:4px">settles at ${fixed(now[2], 1)} % [${fixed(now[1], 1)}, ${fixed(now[3], 1)}]</text>`;
@@ -149,7 +149,7 @@ function drawHead(doc) {
   const age = link.age_s === null ? "no frame yet" : link.age_s < 1 ? `${fixed(1000 * link.age_s, 0)} ms ago` : `${fixed(link.age_s, 1)} s ago`;
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
   $("link-text").textContent = replayed ? "replay" : link.waiting ? doc.activity : `${link.stale ? "STALE · " : ""}${rate} · ${link.lost} lost${link.corrupt ? ` · ${link.corrupt} corrupt` : ""} · last frame ${age}`;
-  pill.title = `${link.frames} frames, ${link.lost} lost, ${link.corrupt} corrupt, ${link.late} late`;
+  pill.title = `${link.frames} frames, ${link.lost} lost, ${link.corrupt} corrupt, ${link.late} late; 99 % within ${fixed(1000 * link.period_p99_s, 1)} ms of the one before`;
   $("rig-name").textContent = doc.source ? `${replayed ? "replay of " : ""}${doc.source.name}` : "no rig";
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
   $("trouble").classList.toggle("hidden", !doc.trouble);
@@ -176,7 +176,7 @@ async function tick() {
     if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
     if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
     seen.at = performance.now();
-    if ($("link") && $("verdict")) { drawHead(doc); drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); document.body.dataset.activity = doc.activity; }
+    if ($("link") && $("verdict")) { drawHead(doc); drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); document.body.dataset.activity = doc.activity; document.body.dataset.recording = doc.recording ?? ""; }
   } catch (error) {
     if (performance.now() - seen.at > SILENT_MS) silent();
   }

@@ -1,0 +1,207 @@
+"""What three viewers cost the loop: a board at 500 frames/s, recorded and watched.
+
+Run `python benchmarks/dashboard.py --seconds 600`. The board is a process at the far end of a
+pseudo-terminal, `palpate serve` reads and records it, first with nobody looking, then with three
+pages open in Chromium. Told are the loop's period, the memory of both processes, and whether the
+recording is complete.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import tty
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
+from palpate.recording import load_recording
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+
+ROOT = Path(__file__).resolve().parents[1]
+CHROMIUM = "/usr/bin/chromium"
+
+
+class StillHand:
+    """A hand that stands open: all that a rig needs beside its array to be watched."""
+
+    limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+
+    def state(self) -> GripperState:
+        return GripperState(time_s=time.monotonic(), width_mm=74.0)
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        return wanted
+
+    def stop(self) -> None:
+        return
+
+    def release(self) -> None:
+        return
+
+    def close(self) -> None:
+        return
+
+
+def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
+    """Write a rig file for a board on a port, with a hand that stands still."""
+    ohm = tuple((11_000.0,) * RIGID_LAYOUT.cols for _ in range(RIGID_LAYOUT.rows))
+    still = tuple((0.1,) * RIGID_LAYOUT.cols for _ in range(RIGID_LAYOUT.rows))
+    Calibration(
+        sensor_id="board",
+        origin="hardware",
+        layout=RIGID_LAYOUT,
+        rest=RestValues(ohm=ohm, spread_percent=still, frames=100),
+        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
+        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
+    ).save(folder / "calibration.json")
+    rig = folder / "rig.toml"
+    rig.write_text(
+        'calibration = "calibration.json"\n'
+        f'[array]\nopen = "palpate.sensor.board_array:open_board"\nport = "{port}"\n'
+        f'rate_hz = {rate_hz}\n[gripper]\nopen = "benchmarks.dashboard:StillHand"\n'
+    )
+    return rig
+
+
+@contextmanager
+def board_on_a_line(rate_hz: float) -> Iterator[str]:
+    """Run a board in a process of its own; yield the port."""
+    from benchmarks.serial_reading import board
+
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    child = os.fork()
+    if child == 0:
+        os.close(slave)
+        with suppress(OSError):
+            board(master, rate_hz=rate_hz)
+        os._exit(0)
+    os.close(master)
+    try:
+        yield os.ttyname(slave)
+    finally:
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+        os.close(slave)
+
+
+@contextmanager
+def serving(folder: Path, rig: Path) -> Iterator[tuple[str, int]]:
+    """Serve a rig; yield the address and the process."""
+    command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve", "--port", "0"]
+    command += ["--rig", str(rig), "--folder", str(folder)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder
+    ) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found is not None
+            yield found[0], process.pid
+        finally:
+            process.terminate()
+
+
+def link(address: str) -> dict[str, float]:
+    # Nothing of the curve: the benchmark is not a fourth viewer.
+    with urllib.request.urlopen(f"{address}live?after_s=1e12", timeout=10) as reply:
+        found: dict[str, float] = json.load(reply)["link"]
+        return found
+
+
+def memory_mb(pid: int) -> dict[str, float]:
+    """Return resident memory of the server and of the devices' process."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    sizes = [_resident_mb(int(one)) for one in children]
+    return {"server": _resident_mb(pid), "devices": max(sizes)}
+
+
+def _resident_mb(pid: int) -> float:
+    found = re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())
+    return int(found[1]) / 1024 if found else 0.0
+
+
+def watch(address: str, pid: int, *, seconds: float, what: str) -> None:
+    """Ask once a second; print the loop's period and the memory, and how they began."""
+    p99_ms, worst_ms, began = [], [], memory_mb(pid)
+    end_s, before = time.monotonic() + seconds, link(address)
+    while time.monotonic() < end_s:
+        time.sleep(1.0)
+        now = link(address)
+        p99_ms.append(1e3 * now["period_p99_s"])
+        worst_ms.append(1e3 * now["period_worst_s"])
+    ended = memory_mb(pid)
+    grown = ", ".join(f"{name} {began[name]:.0f} -> {ended[name]:.0f} MB" for name in began)
+    print(
+        f"{what}: loop period p99 of each second: median {np.median(p99_ms):.2f} ms, "
+        f"90th percentile {np.quantile(p99_ms, 0.9):.2f} ms; longest {max(worst_ms):.1f} ms; "
+        f"{now['frames'] - before['frames']:.0f} frames, {now['lost'] - before['lost']:.0f} lost, "
+        f"{now['corrupt'] - before['corrupt']:.0f} corrupt; memory {grown}; "
+        f"load {os.getloadavg()[0]:.1f}",
+        flush=True,
+    )
+
+
+def look(browser: Browser, address: str) -> Page:
+    page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
+    page.goto(address)
+    page.wait_for_function("document.querySelector('#link')?.dataset.state === 'fresh'")
+    return page
+
+
+def record(page: Page, *, wanted: bool) -> None:
+    page.wait_for_selector("#take-over, #grasp")
+    if page.locator("#take-over").is_visible():
+        page.locator("#take-over").click()
+    switch = page.get_by_role("switch", name="Record what is watched")
+    switch.click()
+    page.wait_for_function(f"!!document.body.dataset.recording === {str(wanted).lower()}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rate-hz", type=float, default=500.0)
+    parser.add_argument("--seconds", type=float, default=600.0, help="with three viewers")
+    parser.add_argument("--alone", type=float, default=120.0, help="seconds with none")
+    options = parser.parse_args()
+    sys.path.insert(0, str(ROOT))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        board_on_a_line(options.rate_hz) as port,
+        serving(Path(folder), write_rig(Path(folder), port=port, rate_hz=options.rate_hz)) as (
+            address,
+            pid,
+        ),
+        sync_playwright() as play,
+        play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
+    ):
+        first = look(browser, address)
+        record(first, wanted=True)
+        first.context.close()
+        time.sleep(5.0)
+        watch(address, pid, seconds=options.alone, what="no viewer")
+        pages = [look(browser, address) for _ in range(3)]
+        watch(address, pid, seconds=options.seconds, what="three viewers")
+        record(pages[0], wanted=False)
+        (file,) = Path(folder).glob("*.mcap")
+        recorded = load_recording(file)
+        missing = int(np.sum(np.diff(recorded.sequence) - 1))
+        print(f"recording: {len(recorded.sequence)} frames, {missing} missing")
+
+
+if __name__ == "__main__":
+    main()

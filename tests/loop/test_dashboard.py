@@ -1,0 +1,336 @@
+"""The dashboard in a browser: what people see and press, on simulated rigs served for real."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+
+import pytest
+from benchmarks.dashboard import ROOT, write_rig
+from benchmarks.serial_reading import board
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+from tests.conftest import skip
+
+from palpate.recording import load_recording
+
+CHROMIUM = Path("/usr/bin/chromium")
+WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}
+SIMULATED = ("--rig", "sim-rigid", "--object", "strawberry", "--seed", "3", "--speed", "10")
+SERVE = (sys.executable, "-W", "error", "-c", "from palpate.cli import main; main()", "serve")
+#: A page may wait for the twin this long; on a quiet machine it takes a second or two.
+PATIENCE_MS = 60_000
+
+
+@contextmanager
+def served(folder: Path, *options: str, **environment: str) -> Iterator[str]:
+    """Serve a dashboard; yield its address."""
+    with serving(folder, *options, **environment) as (address, _):
+        yield address
+
+
+@contextmanager
+def serving(
+    folder: Path, *options: str, **environment: str
+) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Serve a dashboard; yield its address and its process."""
+    command = [*SERVE, "--port", "0", "--folder", str(folder / "data"), *options]
+    command += ["--store", str(folder / "items.sqlite")]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, cwd=folder, env=os.environ | environment
+    ) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found is not None, "it did not start"
+            yield found[0], process
+        finally:
+            process.terminate()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    if not CHROMIUM.exists():
+        skip(f"no {CHROMIUM}: apt-get install chromium")
+    with sync_playwright() as play:
+        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("served")
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
+    """One dashboard for all tests that leave its hand open."""
+    with served(folder, *SIMULATED) as address:
+        yield address
+
+
+@pytest.fixture
+def come(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
+    """Open the dashboard in a browser of its own: another viewer each time."""
+    contexts = []
+
+    def come(url: str = address, **options: object) -> Page:
+        contexts.append(browser.new_context(**{"viewport": WIDE, **options}))  # type: ignore[arg-type]
+        page = contexts[-1].new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(url)
+        return page
+
+    yield come
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture
+def driver(come: Callable[..., Page]) -> Page:
+    """A viewer who drives a rig that is watched."""
+    page = come()
+    fresh(page)
+    if page.locator("#take-over").is_visible():
+        page.locator("#take-over").click()
+    expect(page.locator("#who")).to_contain_text("you drive", timeout=PATIENCE_MS)
+    expect(page.locator("#verdict-text")).to_be_visible(timeout=PATIENCE_MS)
+    return page
+
+
+def fresh(page: Page) -> None:
+    expect(page.locator("#link")).to_have_attribute("data-state", "fresh", timeout=PATIENCE_MS)
+
+
+def verdict(page: Page, words: str | re.Pattern[str]) -> None:
+    expect(page.locator("#verdict-text")).to_have_text(words, timeout=PATIENCE_MS)
+
+
+def can_press(page: Page, button: str) -> None:
+    expect(page.locator(button)).to_be_enabled(timeout=PATIENCE_MS)
+
+
+def tab(page: Page, name: str) -> None:
+    page.get_by_role("tab", name=name).click()
+
+
+def grasp(page: Page) -> None:
+    can_press(page, "#grasp")
+    page.locator("#grasp").click()
+    verdict(page, "holding")
+
+
+def release(page: Page) -> None:
+    page.locator("#release").click()
+    can_press(page, "#grasp")
+
+
+def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
+    can_press(driver, "#grasp")
+    driver.locator("#grasp").click()
+    halves = []
+    for count in (1, 8):
+        driver.wait_for_function(
+            "count => +document.querySelector('#band')?.dataset.count >= count", arg=count
+        )
+        halves.append(float(driver.locator("#band").get_attribute("data-half-width") or "nan"))
+    assert 0 < halves[1] < 0.8 * halves[0]
+    verdict(driver, "holding")
+    expect(driver.locator("#settles")).to_contain_text("settles at −")
+    expect(driver.locator(".move").first).to_be_attached()
+    expect(driver.locator("#simulated")).to_be_visible()
+    release(driver)
+    verdict(driver, "held and given back")
+    expect(driver.locator("#verdict")).to_have_attribute("data-kind", "good")
+    expect(driver.locator("#verdict .firm")).to_contain_text("soft")
+    for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
+        expect(driver.locator(f"#measure-{name} .range")).to_contain_text("true")
+
+
+@pytest.mark.parametrize("how", ["button", "key"])
+def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path, how: str) -> None:
+    can_press(driver, "#grasp")
+    driver.locator("#grasp").click()
+    expect(driver.locator(".pixel").first).to_be_visible()
+    driver.wait_for_function("document.querySelectorAll('.move').length > 3")
+    if how == "button":
+        driver.locator("#stop").click()
+    else:
+        driver.keyboard.press("Escape")
+    verdict(driver, "stopped on request")
+    said = re.search(r"stopped (\d+) ms after", driver.locator("#verdict .why").inner_text())
+    assert said is not None
+    assert int(said[1]) <= 100
+    newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
+    recorded = load_recording(newest)
+    assert 5.0 < recorded.gripper.width_mm[-1] < 73.0
+    # It stands where the recording ends, and can be opened from there.
+    width = f"{recorded.gripper.width_mm[-1]:.1f} mm apart"
+    expect(driver.locator("#fingers")).to_contain_text(width)
+    expect(driver.locator("#grasp")).to_be_disabled()
+    release(driver)
+    expect(driver.locator("#fingers")).to_contain_text("74.0 mm apart")
+
+
+def test_a_second_viewer_watches_stops_and_takes_over_explicitly(
+    driver: Page, come: Callable[..., Page]
+) -> None:
+    second = come(viewport=TABLET)
+    fresh(second)
+    expect(second.locator("#who")).to_have_text("you watch")
+    expect(second.locator("#grasp")).to_be_disabled()
+    expect(second.locator("#release")).to_be_disabled()
+    expect(driver.locator("#who")).to_contain_text("1 watches")
+    can_press(driver, "#grasp")
+    driver.locator("#grasp").click()
+    second.wait_for_function("document.querySelectorAll('.move').length > 2")
+    second.locator("#stop").click()
+    for page in (driver, second):
+        verdict(page, "stopped on request")
+    second.locator("#take-over").click()
+    expect(second.locator("#who")).to_contain_text("you drive")
+    expect(driver.locator("#who")).to_have_text("you watch")
+    expect(driver.locator("#release")).to_be_disabled()
+    release(second)
+
+
+def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
+    tab(driver, "Calibrate")
+    can_press(driver, "#calibrate-rest")
+    driver.locator("#calibrate-rest").click()
+    expect(driver.locator("#guide")).to_contain_text("Leave the sensor alone")
+    expect(driver.locator("#calibrated")).to_contain_text("Calibrated", timeout=PATIENCE_MS)
+    expect(driver.locator("#calibrated tr")).to_have_count(9)
+    assert (folder / "data" / "calibration-sim-rigid-3.json").exists()
+
+
+def test_the_doctor_examines(driver: Page) -> None:
+    tab(driver, "Doctor")
+    can_press(driver, "#examine")
+    driver.locator("#examine").click()
+    expect(driver.locator("#health")).to_contain_text("frames in 10", timeout=PATIENCE_MS)
+    expect(driver.locator("#health tr")).to_have_count(9)
+
+
+def test_a_recording_is_replayed_and_left_again(driver: Page) -> None:
+    grasp(driver)
+    release(driver)
+    tab(driver, "Recordings")
+    driver.get_by_role("button", name="10×").last.click()
+    driver.locator("#recordings").get_by_role("button", name="Replay").first.click()
+    expect(driver.locator("#rig-name")).to_contain_text("replay of grasp-")
+    expect(driver.locator("#link-text")).to_have_text("replay")
+    verdict(driver, "held and given back")
+    driver.get_by_role("button", name="Back to the rig").click()
+    expect(driver.locator("#rig-name")).to_have_text("sim-rigid")
+    fresh(driver)
+
+
+def test_a_named_item_has_its_history(driver: Page) -> None:
+    driver.get_by_label("Item (empty: not remembered)").fill("berry-7")
+    for _ in range(2):
+        grasp(driver)
+        release(driver)
+    tab(driver, "Items")
+    driver.get_by_label("Item", exact=True).click()
+    driver.get_by_role("option", name="berry-7").click()
+    page = driver.locator("#item-page")
+    expect(page).to_contain_text("2 grasps")
+    expect(page).to_contain_text("SIMULATED")
+    assert page.locator("circle").count() == 4
+
+
+def test_everything_comes_from_here_and_is_reached_by_keyboard(
+    come: Callable[..., Page], address: str
+) -> None:
+    page = come("about:blank", color_scheme="dark")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(address)
+    fresh(page)
+    assert {url for url in asked if not url.startswith((address, "data:"))} == set()
+    if page.locator("#take-over").is_visible():
+        page.locator("#take-over").click()
+    can_press(page, "#grasp")
+    reached: set[str] = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.id || document.activeElement.innerText"))
+    assert {"grasp", "release", "stop", "use-rig", "shade"} <= reached
+    assert page.evaluate("document.body.classList.contains('body--dark')")
+
+
+def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(
+    come: Callable[..., Page], tmp_path: Path
+) -> None:
+    refused = subprocess.run(
+        [*SERVE, "--host", "0.0.0.0", "--port", "0"], capture_output=True, text=True, check=False
+    )
+    assert refused.returncode == 2
+    assert "give a --token" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    with served(tmp_path, "--host", "0.0.0.0", PALPATE_TOKEN="correct-horse") as address:
+        url = address.replace("0.0.0.0", "127.0.0.1")
+        page = come("about:blank")
+        answer = page.goto(url)
+        assert answer is not None
+        assert answer.status == 401
+        page.get_by_label("Token").fill("wrong-horse")
+        page.get_by_role("button", name="Enter").click()
+        expect(page.locator("body")).to_contain_text("That is not the token.")
+        page.get_by_label("Token").fill("correct-horse")
+        page.get_by_role("button", name="Enter").click()
+        expect(page.locator("#link")).to_be_visible()
+    expect(page.locator("#link")).to_have_attribute("data-state", "stale")
+    expect(page.locator("#link-text")).to_contain_text("lost palpate serve")
+
+
+def test_an_unplugged_board_turns_the_link_red(come: Callable[..., Page], tmp_path: Path) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    plugged = threading.Thread(target=lambda: run_until_unplugged(master), daemon=True)
+    plugged.start()
+    rig = write_rig(tmp_path, port=os.ttyname(slave), rate_hz=100.0)
+    with served(tmp_path, "--rig", str(rig), PYTHONPATH=str(ROOT)) as address:
+        page = come(address)
+        fresh(page)
+        expect(page.locator("#simulated")).to_be_hidden()
+        os.close(slave)
+        os.close(master)
+        expect(page.locator("#link")).to_have_attribute("data-state", "stale")
+        expect(page.locator("#link-text")).to_contain_text("STALE")
+        expect(page.locator("#grasp")).to_be_disabled()
+    plugged.join(10)
+
+
+def run_until_unplugged(master: int) -> None:
+    try:
+        board(master, rate_hz=100.0)
+    except OSError:
+        return
+
+
+def test_killing_the_server_ends_the_process_with_the_devices(tmp_path: Path) -> None:
+    with serving(tmp_path, *SIMULATED) as (_, process):
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        assert children
+        process.kill()
+        process.wait()
+        deadline = monotonic() + 30.0
+        while alive(children) and monotonic() < deadline:
+            os.sched_yield()
+        assert not alive(children)
+
+
+def alive(pids: list[str]) -> list[str]:
+    """Return those that run; one that ended and waits for its parent's word is dead."""
+    states = {pid: Path(f"/proc/{pid}/stat") for pid in pids}
+    return [pid for pid, stat in states.items() if stat.exists() and " Z " not in stat.read_text()]
