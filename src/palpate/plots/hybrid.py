@@ -1,0 +1,79 @@
+"""Force of hybrid grasps: what was said of it, and how near it came to rupture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from palpate.estimate.measurement import Measurement
+from palpate.plots.style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = (BLUE, GREEN, ORANGE)
+
+
+class Gripped(Protocol):
+    """What is drawn of a grasp."""
+
+    @property
+    def fruit(self) -> str:
+        """What it was."""
+        ...
+
+    @property
+    def force_n(self) -> float:
+        """True force of the final grip."""
+        ...
+
+    @property
+    def rupture_n(self) -> float:
+        """Force of rupture."""
+        ...
+
+    @property
+    def said(self) -> Measurement | None:
+        """What the grasp said of the force."""
+        ...
+
+
+def hybrid_figure(found: Sequence[Gripped]) -> Figure:
+    """Draw said against true force, and true force against the force of rupture."""
+    with new_figure(columns=2, width_in=8.4, height_in=4.0) as (figure, axes):
+        said_axis, limit_axis = axes[0]
+        for fruit, colour in zip(dict.fromkeys(o.fruit for o in found), COLOURS, strict=False):
+            mine = [one for one in found if one.fruit == fruit]
+            told = [(one.force_n, one.said) for one in mine if one.said is not None]
+            ends = [(max(m.value - m.low, 0.0), max(m.high - m.value, 0.0)) for _, m in told]
+            said_axis.errorbar(
+                [force for force, _ in told],
+                [m.value for _, m in told],
+                yerr=np.array(ends).reshape(-1, 2).T,
+                fmt="o",
+                ms=3,
+                lw=0.7,
+                color=colour,
+                label=fruit,
+            )
+            limit_axis.plot(
+                [one.rupture_n for one in mine],
+                [one.force_n for one in mine],
+                "o",
+                ms=4,
+                color=colour,
+                label=fruit,
+            )
+        for axis in (said_axis, limit_axis):
+            axis.axline((1, 1), slope=1, color=GREY, lw=0.8)
+            axis.set(xscale="log", yscale="log")
+        said_axis.set(xlabel="true grip force (N)", ylabel="force said, with its interval (N)")
+        limit_axis.set(xlabel="force of rupture (N)", ylabel="true grip force (N)")
+        limit_axis.text(
+            0.05, 0.93, "above the line: ruptured", transform=limit_axis.transAxes, color=INK
+        )
+        said_axis.legend(fontsize=8)
+        figure.suptitle("Recorded fruit, recorded sheets, real firmware", fontsize=10)
+    return figure
