@@ -1,0 +1,275 @@
+"""`palpate items` and `palpate grasp --item` as a user meets them."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.spool import Spool, spool_path
+from palpate.produce.store import Store
+from palpate.produce.store_engine import lasting_name, store_url
+
+NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+
+
+def palpate(*arguments: str) -> int:
+    return run(build_app(), list(arguments), name="palpate")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+    monkeypatch.setenv("PALPATE_SPOOL", str(tmp_path / "spool"))
+    monkeypatch.setenv("COLUMNS", "120")
+    return tmp_path
+
+
+def grasp(item_id: str, *, days: int = 0, value: float = 3.0) -> Grasp:
+    return Grasp(
+        item_id=item_id,
+        taken_at=NOON + timedelta(days=days),
+        rig="hall.toml",
+        drive="width",
+        origin="hardware" if item_id != "S1" else "twin",
+        outcome=Outcome.HELD,
+        measurements={
+            "stiffness_n_per_mm": Measurement(
+                value=value, low=value - 1, high=value + 1, unit="n_per_mm"
+            )
+        },
+        pixel_settled_percent=((-40.0, None), (-42.0, -41.0)),
+        angle_deg=90.0,
+    )
+
+
+@pytest.fixture
+def filled() -> None:
+    with Store.open() as store:
+        store.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=NOON))
+        store.add_item(Item(item_id="K2", kind="kiwi", first_seen=NOON + timedelta(days=1)))
+        store.add_grasps([grasp("A17"), grasp("A17", days=2, value=2.25), grasp("K2", days=1)])
+        store.add_verdict(
+            Verdict(
+                item_id="A17",
+                about=About.RIPENESS,
+                text="ripe",
+                probability=0.91,
+                given_at=NOON,
+                explanation="a quarter softer than on Friday",
+            )
+        )
+
+
+def test_a_grasp_of_an_item_is_kept_with_its_calibration(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert palpate("grasp", "--item", "A17", "--angle-deg", "90", "--seed", "1", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["stored"] is True
+    with Store.open(create=False) as store:
+        (kept,) = store.grasps_of("A17")
+        assert "palpate-calibration" in store.calibration(kept.calibration_id or "")
+    assert kept.grasp_id == said["grasp_id"]
+    assert kept.origin == "twin"
+    assert kept.angle_deg == 90.0
+    for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
+        assert kept.measurements[name].as_json() == said[name]
+
+
+def test_a_grasp_waits_for_a_store_that_is_away(
+    capsys: pytest.CaptureFixture[str], folder: Path
+) -> None:
+    nowhere = f"postgresql://palpate@/items?host={folder}"
+    assert palpate("grasp", "--item", "A17", "--store", nowhere, "--seed", "1", "--json") == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["stored"] is False
+    assert "no answer; check the server" in err
+    assert "The grasp waits in" in err
+    (waiting,) = (folder / "spool").glob("*.jsonl")
+    assert len(Spool(waiting).waiting()) == 2
+
+
+def test_a_grasp_that_can_be_kept_nowhere_is_said(
+    capsys: pytest.CaptureFixture[str], folder: Path
+) -> None:
+    (folder / "spool").write_text("a file where the folder should be")
+    nowhere = f"postgresql://palpate@/items?host={folder}"
+    assert palpate("grasp", "--item", "A17", "--store", nowhere, "--seed", "1", "--json") == 3
+    out, err = capsys.readouterr()
+    assert json.loads(out)["stored"] is None
+    assert "the grasp is NOT kept" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--store", "x.sqlite"), "--store x.sqlite: say which item this is with --item NAME"),
+        (("--angle-deg", "90"), "--angle-deg 90.0: say which item"),
+        (("--item", " "), "item ' ': must be 1 to 200 printable characters"),
+        (("--item", "A", "--store", "no/x.sqlite"), "there is no folder no; make it first"),
+    ],
+)
+def test_a_store_that_makes_no_sense_stops_the_grasp_before_it_begins(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+) -> None:
+    assert palpate("grasp", *arguments) == 2
+    out, err = capsys.readouterr()
+    assert said in err
+    assert out == ""
+
+
+@pytest.mark.usefixtures("filled")
+def test_the_list_shows_the_last_met_first(capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("items") == 0
+    out = capsys.readouterr().out
+    assert out.index("K2") < out.index("A17")
+    assert "2.25" in out
+    assert "ripe" in out
+    assert "simulated" not in out
+    assert palpate("items", "--limit", "1") == 0
+    assert "the last 1 items; --limit shows more" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("filled")
+@pytest.mark.parametrize(
+    ("filters", "names"),
+    [
+        ((), ["K2", "A17"]),
+        (("--kind", "kiwi"), ["K2"]),
+        (("--batch", "Monday"), ["A17"]),
+        (("--day", "2026-05-03"), ["A17"]),
+        (("--day", "2026-05-09"), []),
+    ],
+)
+def test_filters(
+    capsys: pytest.CaptureFixture[str], filters: tuple[str, ...], names: list[str]
+) -> None:
+    assert palpate("items", "--json", *filters) == 0
+    found = json.loads(capsys.readouterr().out)["items"]
+    assert [item["item_id"] for item in found] == names
+
+
+@pytest.mark.usefixtures("filled")
+def test_a_line_of_the_list_has_the_last_of_everything(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert palpate("items", "--json", "--kind", "avocado") == 0
+    (line,) = json.loads(capsys.readouterr().out)["items"]
+    assert line["grasps"] == 2
+    assert line["last_taken_at"] == "2026-05-03T12:00:00+00:00"
+    assert line["stiffness_n_per_mm"]["value"] == 2.25
+    assert line["size_mm"] is None
+    assert line["simulated"] is False
+    assert line["verdicts"]["ripeness"] == {
+        "text": "ripe",
+        "probability": 0.91,
+        "source": "palpate",
+    }
+    assert line["verdicts"]["bruise"] is None
+
+
+@pytest.mark.usefixtures("filled")
+def test_a_page_shows_grasps_and_what_was_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("items", "A17") == 0
+    out = capsys.readouterr().out
+    for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91%", "a quarter softer"):
+        assert words in out
+    assert palpate("items", "A17", "--json") == 0
+    page = json.loads(capsys.readouterr().out)
+    assert [one["grasp_id"] for one in page["grasps"]]
+    assert page["grasps"][0]["pixel_settled_percent"] == [[-40.0, None], [-42.0, -41.0]]
+    assert page["verdicts"][0]["text"] == "ripe"
+
+
+def test_a_simulated_item_is_said_to_be(capsys: pytest.CaptureFixture[str]) -> None:
+    with Store.open() as store:
+        store.add_grasp(grasp("S1"))
+    assert palpate("items") == 0
+    assert "simulated on the twin" in capsys.readouterr().out
+    assert palpate("items", "S1") == 0
+    assert "SIMULATED" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("filled")
+def test_a_person_says_what_an_item_is(capsys: pytest.CaptureFixture[str]) -> None:
+    told = ["--set", "kind=Hass avocado", "--set", "label=the dark one"]
+    assert palpate("items", "A17", *told, "--say", "ripeness=overripe") == 0
+    assert "Hass avocado" in capsys.readouterr().out
+    with Store.open() as store:
+        assert store.item("A17").batch == "Monday"
+        (label,) = store.verdicts(About.RIPENESS, source=Source.PERSON)
+        assert (label.text, label.probability) == ("overripe", None)
+        assert label.grasp_id == store.grasps_of("A17")[-1].grasp_id
+
+
+@pytest.mark.usefixtures("filled")
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("B9",), "no item 'B9'; `palpate items` lists them"),
+        (("--say", "ripeness=ripe"), "--set and --say tell something of one item"),
+        (("A17", "--say", "taste=good"), "NAME is one of ripeness, bruise, identity, bin"),
+        (("A17", "--set", "kind="), "--set kind=: must be NAME=TEXT"),
+        (("--day", "yesterday"), "--day yesterday: not a date; write it as 2026-05-01"),
+        (("--export", "all.csv"), "--export all.csv: the file must end in .parquet"),
+        (("--export", "no/all.parquet"), "there is no folder no; make it first"),
+        (("--store", "none.sqlite"), "no such file"),
+    ],
+)
+def test_mistakes_are_one_line(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+) -> None:
+    assert palpate("items", *arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_an_empty_store_says_how_to_fill_it(capsys: pytest.CaptureFixture[str]) -> None:
+    Store.open().close()
+    assert palpate("items") == 0
+    assert "`palpate grasp --item NAME` adds one" in capsys.readouterr().out
+
+
+def test_what_waited_is_there_when_one_looks(capsys: pytest.CaptureFixture[str]) -> None:
+    Store.open().close()
+    spool = Spool(spool_path(lasting_name(store_url(None))))
+    spool.add(grasp("A17"), grasp("K2"))
+    assert palpate("items", "--json") == 0
+    out, err = capsys.readouterr()
+    assert len(json.loads(out)["items"]) == 2
+    assert "2 records that waited are now in the store" in err
+
+
+@pytest.mark.usefixtures("filled")
+def test_parquet_holds_every_grasp_with_its_item(
+    capsys: pytest.CaptureFixture[str], folder: Path
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert palpate("items", "--export", "all.parquet") == 0
+    assert "3 grasps" in capsys.readouterr().err
+    table = parquet.read_table(folder / "all.parquet")
+    assert table["item_id"].to_pylist() == ["A17", "A17", "K2"]
+    assert table["kind"].to_pylist() == ["avocado", "avocado", "kiwi"]
+    assert table["stiffness_n_per_mm"].to_pylist() == [3.0, 2.25, 3.0]
+    assert table["stiffness_n_per_mm_low"].to_pylist() == [2.0, 1.25, 2.0]
+    assert table["size_mm"].to_pylist() == [None] * 3
+    assert table["taken_at"].to_pylist()[0] == NOON
+    assert table["pixel_settled_percent"].to_pylist()[0] == [[-40.0, None], [-42.0, -41.0]]
+    said = parquet.read_table(folder / "all.verdicts.parquet")
+    assert said["text"].to_pylist() == ["ripe"]
+
+    assert palpate("items", "--kind", "kiwi", "--export", "kiwi.parquet") == 0
+    assert parquet.read_table(folder / "kiwi.parquet").num_rows == 1
+    assert parquet.read_table(folder / "kiwi.verdicts.parquet").num_rows == 0
+    assert palpate("items", "A17", "--export", "a17.parquet") == 0
+    assert parquet.read_table(folder / "a17.parquet").num_rows == 2

@@ -1,0 +1,210 @@
+"""`palpate report`: one file, self-contained, that says what the store knows."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime, timedelta
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
+from palpate.produce.store import Store
+from palpate.settling.result import Status
+
+NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+VALUES = {"size_mm": 62.5, "force_n": 2.5, "stiffness_n_per_mm": 4.25, "settled_percent": -31.0}
+VOID = {"meta", "br", "img", "link"}
+
+
+class Checker(HTMLParser):
+    """Every element is closed in order; what would be fetched from elsewhere is collected."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.fetched: list[str] = []
+        self.seen: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name in ("src", "href") or (name == "xlink:href" and not str(value).startswith("#")):
+                self.fetched.append(f"{tag} {name}={value}")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+    monkeypatch.setenv("PALPATE_SPOOL", str(tmp_path / "spool"))
+    return tmp_path
+
+
+@pytest.fixture
+def store() -> None:
+    with Store.open() as store:
+        for number, kind in enumerate(["avocado", "avocado", "<kiwi> & co"]):
+            name = f"i{number}"
+            store.add_item(Item(item_id=name, kind=kind, batch="Monday", first_seen=NOON))
+            for day in range(3):
+                store.add_grasp(grasp(name, hours=24 * day + number))
+            said = Verdict(
+                item_id=name,
+                about=About.RIPENESS,
+                text="ripe" if number else "hard",
+                probability=0.875,
+                given_at=NOON,
+                explanation="1.5 < 2 N/mm",
+            )
+            store.add_verdict(said)
+            label = Verdict(
+                item_id=name,
+                about=About.RIPENESS,
+                text="ripe",
+                given_at=NOON + timedelta(hours=5),
+                source=Source.PERSON,
+            )
+            store.add_verdict(label)
+
+
+def grasp(item_id: str, *, hours: float, outcome: Outcome = Outcome.HELD) -> Grasp:
+    return Grasp(
+        item_id=item_id,
+        taken_at=NOON + timedelta(hours=hours),
+        rig="sim-rigid",
+        drive="width",
+        origin="twin",
+        outcome=outcome if hours else Outcome.SLIPPED,
+        measurements={
+            name: Measurement(
+                value=value - hours / 100,
+                low=value - 1,
+                high=value + 1,
+                unit=MEASURED[name],
+                status=Status.OK if hours else Status.SATURATED,
+            )
+            for name, value in VALUES.items()
+        },
+        pixel_settled_percent=((-31.0, -30.0), (None, -45.0)),
+        angle_deg=90.0,
+    )
+
+
+def report(*arguments: str) -> str:
+    assert run(build_app(), ["report", *arguments, "--out", "page.html"], name="palpate") == 0
+    return Path("page.html").read_text(encoding="utf-8")
+
+
+def checked(page: str) -> Checker:
+    checker = Checker()
+    checker.feed(page)
+    assert checker.open == []
+    # One file that needs nothing else: no script, no font, no picture from elsewhere.
+    assert checker.fetched == []
+    assert "script" not in checker.seen
+    assert not re.search(r"url\((?!#)|@import", page)
+    return checker
+
+
+@pytest.mark.usefixtures("store")
+def test_an_item(capsys: pytest.CaptureFixture[str]) -> None:
+    page = report("i0")
+    assert checked(page).seen.count("svg") == 4
+    for words in (
+        "simulated on the twin",
+        "batch Monday",
+        "3 grasps",
+        "3.77",
+        "said by a person",
+        "1.5 &lt; 2 N/mm",
+        "62.0",
+        "90°",
+        "slipped",
+    ):
+        assert words in page
+    assert "page.html: " in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("store")
+def test_a_batch() -> None:
+    page = report("--batch", "Monday")
+    assert "Softening" in page
+    assert "&lt;kiwi&gt; &amp; co" in page
+    assert "<kiwi>" not in page
+    seen = checked(page).seen
+    assert seen.count("svg") == 3
+    assert seen.count("tr") == 1 + 3
+
+
+@pytest.mark.usefixtures("store")
+def test_a_day_holds_what_was_felt_that_day_alone() -> None:
+    page = report("--day", f"{NOON.astimezone():%Y-%m-%d}")
+    assert "Grasps over the day" in page
+    assert "4.25 *" in page
+    assert "3.77" not in page
+    assert "Softening" not in page
+    checked(page)
+
+
+@pytest.mark.usefixtures("store")
+def test_both_lights_and_paper_are_thought_of() -> None:
+    page = report("i0")
+    assert "prefers-color-scheme:dark" in page
+    assert "@media print" in page
+    # Nothing in a figure keeps a colour that the night can't change, but what lies on fixed ground.
+    drawn = page[page.index("<svg") : page.rindex("</svg>")]
+    assert "#222222" not in drawn
+    assert "var(--ink)" in drawn
+    assert "DejaVu" not in drawn
+
+
+def test_an_item_that_was_never_grasped_has_a_page() -> None:
+    with Store.open() as store:
+        store.add_item(Item(item_id="new"))
+    page = report("new")
+    assert "0 grasps" in page
+    checked(page)
+
+
+def test_the_file_is_named_for_what_it_shows() -> None:
+    with Store.open() as store:
+        store.add_item(Item(item_id="A/17 (left)"))
+    assert run(build_app(), ["report", "A/17 (left)"], name="palpate") == 0
+    assert Path("report-A-17-left.html").exists()
+
+
+@pytest.mark.usefixtures("store")
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "name one thing to report on: ITEM, --batch NAME or --day DATE"),
+        (("i0", "--batch", "Monday"), "name one thing to report on"),
+        (("i9",), "no item 'i9'"),
+        (("--batch", "Tuesday"), "no items of batch 'Tuesday'"),
+        (("--day", "2020-01-01"), "no grasps on 2020-01-01"),
+        (("--day", "May"), "--day May: not a date"),
+        (("i0", "--out", "no/page.html"), "there is no folder no; make it first"),
+    ],
+)
+def test_report_mistakes_are_one_line(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+) -> None:
+    assert run(build_app(), ["report", *arguments], name="palpate") == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
