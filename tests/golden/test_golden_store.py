@@ -1,0 +1,64 @@
+"""A store as each released schema left it opens in this version with all that it held.
+
+`schema-N.sql` is SQLite's dump of a store made by the version that brought schema N. It is never
+made anew: a step that was changed afterwards shows here.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from palpate.produce.records import About, Source
+from palpate.produce.store import Store
+from palpate.produce.store_migrations import STEPS
+from palpate.settling.result import Status
+
+FOLDER = Path(__file__).parent / "store"
+MADE = datetime(2026, 5, 1, 8, 30, 0, 123456, tzinfo=UTC)
+
+
+def restored(schema: int, folder: Path) -> Path:
+    path = folder / "items.sqlite"
+    with sqlite3.connect(path) as connection:
+        connection.executescript((FOLDER / f"schema-{schema}.sql").read_text())
+    connection.close()
+    return path
+
+
+def layout(path: Path) -> dict[str, str]:
+    connection = sqlite3.connect(path)
+    found = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL")
+    tables = {name: " ".join(sql.split()) for name, sql in found}
+    connection.close()
+    return tables
+
+
+@pytest.mark.parametrize("schema", range(1, len(STEPS) + 1))
+def test_an_older_store_opens_with_all_it_held(schema: int, tmp_path: Path) -> None:
+    with Store.open(restored(schema, tmp_path), create=False) as store:
+        (item,) = store.items()
+        assert (item.item_id, item.kind, item.batch) == ("A17", "avocado", "Monday")
+        (grasp,) = store.grasps_of("A17")
+        assert grasp.taken_at == MADE
+        assert grasp.measurements["stiffness_n_per_mm"].high == 4.25
+        assert grasp.measurements["size_mm"].status is Status.FELL_BACK
+        assert grasp.measurements["size_mm"].level == 0.95
+        assert grasp.pixel_settled_percent == ((-40.0, None), (-43.25, -41.0))
+        assert grasp.calibration_id is not None
+        assert "palpate-calibration" in store.calibration(grasp.calibration_id)
+        ripe, label = store.verdicts_of("A17", about=About.RIPENESS)
+        assert ripe.grasp_id == grasp.grasp_id
+        assert dict(ripe.details) == {"days_to_ripe": 0.5}
+        assert (label.text, label.source) == ("overripe", Source.PERSON)
+
+
+@pytest.mark.parametrize("schema", range(1, len(STEPS) + 1))
+def test_an_older_store_ends_up_like_a_new_one(schema: int, tmp_path: Path) -> None:
+    old, new = restored(schema, tmp_path), tmp_path / "new.sqlite"
+    Store.open(old).close()
+    Store.open(new).close()
+    assert layout(old) == layout(new)
