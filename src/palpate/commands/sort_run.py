@@ -45,14 +45,16 @@ def sort_from_store(
     from palpate.produce.store import Store
 
     with Store.open(store, create=False) as kept:
-        found = kept.items() if batch is None else kept.of_batch(batch)
-        labelled = {item.kind for item in found if item.kind is not None}
-        guess = any(item.kind is None for item in found)
+        met = kept.items() if batch is None else kept.of_batch(batch)
+        found = [(item, kept.grasps_of(item.item_id)) for item in met]
+        found = [(item, grasps) for item, grasps in found if grasps]
+        if not found:
+            which = "the store" if batch is None else f"batch {batch!r}"
+            raise InputError(f"{which} holds no item that was grasped; grasp some, or name a --rig")
+        labelled = {item.kind for item, _ in found if item.kind is not None}
+        guess = any(item.kind is None for item, _ in found)
         identifier = _learned(kept, report.book, rules=rules, labelled=labelled, guess=guess)
-        for item in found:
-            grasps = kept.grasps_of(item.item_id)
-            if not grasps:
-                continue
+        for item, grasps in found:
             verdicts = kept.verdicts_of(item.item_id)
             evidence = evidence_of(grasps, identifier=identifier, kind=item.kind, verdicts=verdicts)
             done = Sorted(
@@ -64,9 +66,6 @@ def sort_from_store(
                 grasping_s=0.0,
             )
             report.add(done, belongs=None)
-    if not report.done:
-        which = "the store" if batch is None else f"batch {batch!r}"
-        raise InputError(f"{which} holds no item that was grasped; grasp some, or name a --rig")
 
 
 def sort_with_rig(
