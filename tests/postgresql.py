@@ -40,7 +40,19 @@ def running_server(bin_folder: Path) -> Iterator[str]:
         subprocess.run(command, check=True, capture_output=True, cwd=folder, timeout=60)
 
     try:
-        run("initdb", "-D", str(data), "-U", "postgres", "-A", "trust", "-E", "UTF8", "--no-sync")
+        run(
+            "initdb",
+            "-D",
+            str(data),
+            "-U",
+            "postgres",
+            "-A",
+            "trust",
+            "-E",
+            "UTF8",
+            "--locale=C",
+            "--no-sync",
+        )
         options = f"{FAST} -c listen_addresses='' -c unix_socket_directories={folder}"
         run("pg_ctl", "-D", str(data), "-w", "-l", str(folder / "log"), "-o", options, "start")
         try:

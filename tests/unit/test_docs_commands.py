@@ -29,6 +29,7 @@ EXECUTED = (
     "calibrate",
     "own-gripper-or-sensor",
     "architecture",
+    "items",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(

@@ -16,6 +16,7 @@ from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.grasp.belief import Observation
     from palpate.grasp.runner import Subscriber
     from palpate.rig import Rig
 
@@ -87,6 +88,9 @@ def grasp(
             devices.calibration, gripper=devices.gripper, target_force_n=target_force_n
         )
         subscribers: list[Subscriber] = []
+        seen: list[Observation] = []
+        if keeper is not None:
+            subscribers.append(seen.append)
         if record is not None:
             subscribers.append(
                 stack.enter_context(
@@ -109,6 +113,7 @@ def grasp(
                 item_id=item,
                 angle_deg=angle_deg,
                 rig=devices,
+                observations=seen,
                 recording=record,
             )
     said = verdict(result, target_force_n=target_force_n)
@@ -135,7 +140,6 @@ def _recorder(
 ) -> Iterator[Subscriber]:
     """Yield a subscriber that writes every observation to a recording."""
     import palpate
-    from palpate.grasp.belief import Observation
     from palpate.recording import RecordingInfo, RecordingWriter
 
     info = RecordingInfo(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.grasp.belief import Observation
     from palpate.grasp.result import GraspResult
     from palpate.produce.keeping import Keeper
     from palpate.rig import Rig
@@ -50,12 +52,14 @@ def remember(
     item_id: str,
     angle_deg: float | None,
     rig: Rig,
+    observations: Sequence[Observation],
     recording: Path | None,
 ) -> dict[str, object]:
     """Keep a grasp with the calibration it rests on; return what the JSON says of it.
 
     `stored` is True where the store has it, False where it waits, None where it is lost.
     """
+    from palpate.produce.felt_pixels import felt_pixels
     from palpate.produce.records import MEASURED, Grasp
     from palpate.produce.records_json import CalibrationText
     from palpate.produce.store_writing import calibration_id_of
@@ -70,6 +74,7 @@ def remember(
         origin=rig.origin,
         outcome=result.outcome,
         measurements={name: value for name, value in measured.items() if value is not None},
+        pixel_settled_percent=felt_pixels(observations, result=result, layout=rig.array.layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,
         angle_deg=angle_deg,

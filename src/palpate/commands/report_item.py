@@ -97,7 +97,7 @@ def _figures(page: ItemPage, zone: tzinfo | None) -> list[tuple[str, str]]:
             shown.append((caption, inline_svg(figure, label=f"{caption} over time")))
     pixels = pixels_figure(page.grasps)
     if pixels is not None:
-        caption = "Settled change by pixel, %, on each side"
+        caption = "Change of each pixel at the answer, %, by side"
         shown.append((caption, inline_svg(pixels, label=caption)))
     return shown
 

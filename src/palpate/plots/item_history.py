@@ -66,7 +66,7 @@ def history_figure(page: ItemPage, name: str, *, label: str, zone: tzinfo | None
 
 
 def pixels_figure(grasps: Sequence[Grasp]) -> Figure | None:
-    """Draw what each pixel settled to, the last grasp of each side; None without pixels."""
+    """Draw what each pixel read at the answer, the last grasp of each side; None without pixels."""
     sides = {g.angle_deg: g for g in grasps if g.pixel_settled_percent is not None}
     shown = list(sides.items())[-_MOST_SIDES:]
     if not shown:

@@ -29,7 +29,7 @@ MEASURED = MappingProxyType(
         "stiffness_n_per_mm": "n_per_mm",
     }
 )
-#: Settled relative change of each pixel, rows of columns; None for a pixel that is out of use.
+#: Relative change of each pixel at the answer, rows of columns; None for a pixel that is out of use.
 PixelPercent = tuple[tuple[float | None, ...], ...]
 Drive = Literal["width", "pressure"]
 _LONGEST = 200
@@ -124,7 +124,7 @@ class Grasp:
     measurements : mapping of str to Measurement
         By name, see `MEASURED`. What could not be measured is left out.
     pixel_settled_percent : tuple of tuple or None
-        Settled relative change of each pixel, shape (rows, cols).
+        Relative change of each pixel when the answer was given, shape (rows, cols).
     decision_time_s, peak_force_n : float or None
         From first contact to the answer; largest grip force read.
     angle_deg : float or None

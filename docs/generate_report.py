@@ -1,0 +1,47 @@
+"""The picture of a report for docs/images: `python docs/generate_report.py`.
+
+A simulated crate is sorted, and the report of its batch is pictured. Takes some minutes; needs
+Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+CHROMIUM = "/usr/bin/chromium"
+ROOT = Path(__file__).resolve().parents[1]
+VIEW = {"width": 1120, "height": 860}
+
+
+def palpate(*arguments: str) -> None:
+    """Run the command."""
+    call = [sys.executable, "-c", "from palpate.cli import main; main()", *arguments]
+    subprocess.run(call, check=True, stdout=subprocess.DEVNULL)
+
+
+def main() -> None:
+    """Sort, report, picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images")
+    parser.add_argument("--items", type=int, default=36)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
+        store, page = str(Path(folder, "items.sqlite")), Path(folder, "report.html")
+        crate = ["--rig", "sim-rigid", "--items", str(arguments.items), "--seed", "1"]
+        rules = str(ROOT / "examples" / "sorting-rules.toml")
+        palpate("sort", "--rules", rules, *crate, "--batch", "Monday", "--store", store)
+        palpate("report", "--batch", "Monday", "--store", store, "--out", str(page))
+        with play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser:
+            view = browser.new_page(viewport=VIEW, color_scheme="light")
+            view.goto(page.as_uri())
+            view.screenshot(path=arguments.out / "report-batch.png")
+
+
+if __name__ == "__main__":
+    main()
