@@ -25,6 +25,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "fatigue": ("fatigue", "Figure 4, 2 500 cycles on the twin, re-zeroed and corrected"),
     "speed": ("speed", "Actuation speed against every predictor, on the twin"),
     "size": ("size", "Figure 14, size of strawberries in 1 mm steps, simulated"),
+    "slip": ("slip", "Slip and removal: rates, false alarms, delays, simulated"),
     "springs": ("springs", "Figure 10b, springs on the twin"),
     "table1": ("table1", "Table 1 and Figures 5 and 6, on simulated holds"),
     "table2": ("table2", "Table 2 and Figure 8b, silicone sheets on the twin"),
