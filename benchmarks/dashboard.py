@@ -164,7 +164,7 @@ def look(browser: Browser, address: str) -> Page:
 
 
 def record(page: Page, *, wanted: bool) -> None:
-    page.wait_for_selector("#take-over, #grasp")
+    page.wait_for_selector("#grasp")
     if page.locator("#take-over").is_visible():
         page.locator("#take-over").click()
     switch = page.get_by_role("switch", name="Record what is watched")

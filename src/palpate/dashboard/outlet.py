@@ -135,12 +135,13 @@ class Outlet:
         while not last:
             last = self._closed.wait(SEND_S)
             try:
-                self._send(self._update())
+                self._send(self.update())
             except OSError:
                 self._on_lost()
                 return
 
-    def _update(self) -> Update:
+    def update(self) -> Update:
+        """Return what there is to send since the last time."""
         with self._lock:
             notes, self._notes = tuple(self._notes), []
             frames = list(self._frames)

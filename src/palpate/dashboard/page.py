@@ -30,7 +30,8 @@ def build_page(desk: Desk, client: Client) -> None:
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_body_html('<script type="module" src="/static/live.js"></script>')
     hands = Hands(desk.session, viewer=client.id)
-    desk.session.join(client.id)
+    # Not before its browser is there: what only fetched the page must not drive.
+    client.on_connect(lambda: desk.session.join(client.id))
     client.on_delete(lambda: desk.session.leave(client.id))
     _header(desk, hands)
     _alerts(desk, hands)
@@ -60,7 +61,7 @@ def _header(desk: Desk, hands: Hands) -> None:
 
     def drives() -> None:
         mine = hands.drives
-        others = len(desk.session.viewers) - 1
+        others = len(desk.session.viewers) - 1 if mine else 0
         beside = f" · {others} watch{'es' if others == 1 else ''}" if others else ""
         nobody = "nobody drives" if desk.session.driver is None else "you watch"
         who.set_text(f"you drive{beside}" if mine else nobody)

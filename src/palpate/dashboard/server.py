@@ -95,7 +95,9 @@ def _routes(desk: Desk) -> None:
 
     @app.get("/live")
     async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
-        found: dict[str, Any] = document(desk.session, generation=generation, after_s=after_s)
+        found: dict[str, Any] = document(
+            desk.session, generation=generation, after_s=after_s, silent_s=desk.silent_s
+        )
         return JSONResponse(found)
 
     @app.post("/stop")

@@ -288,6 +288,7 @@ class Session:
         """Take an update of the devices."""
         if isinstance(update, Lost):
             self.activity, self.trouble = Activity.GONE, update.text
+            self.live.pulse = replace(self.live.pulse, stale=True)
             return
         for note in update.notes:
             self._take_note(note)

@@ -12,10 +12,14 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import firmness, outcome_text, verdict
 
+#: The devices' process speaks twenty times a second; silent for so long, it hangs.
+_HUNG_S = 1.0
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
-def document(session: Session, *, generation: int, after_s: float) -> dict[str, Any]:
+def document(
+    session: Session, *, generation: int, after_s: float, silent_s: float = 0.0
+) -> dict[str, Any]:
     """Return what a page needs to draw.
 
     Parameters
@@ -24,6 +28,8 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         As it is now.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
+    silent_s : float
+        How long ago the devices' process said anything.
     """
     live = session.live
     after_s = after_s if generation == live.generation else -math.inf
@@ -42,7 +48,7 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
             "simulated": source.simulated,
             "replayed": source.replayed,
         },
-        "link": _link(session),
+        "link": _link(session, silent_s=silent_s),
         "hand": _hand(live),
         "pixels": _pixels(live),
         "curve": [[point.time_s, round(point.percent, 2)] for point in live.since(after_s)],
@@ -68,10 +74,10 @@ def _guide(session: Session) -> dict[str, Any] | None:
     return {"text": guide.text, "share": guide.share, "asks": guide.asks}
 
 
-def _link(session: Session) -> dict[str, Any]:
-    pulse = session.live.pulse
+def _link(session: Session, *, silent_s: float) -> dict[str, Any]:
+    pulse, hung = session.live.pulse, silent_s > _HUNG_S
     rate_hz, age_s, p99_s, worst_s = finite(
-        [pulse.rate_hz, pulse.age_s, pulse.period_p99_s, pulse.period_worst_s]
+        [pulse.rate_hz, pulse.age_s + silent_s * hung, pulse.period_p99_s, pulse.period_worst_s]
     )
     waiting = session.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)
     return {
@@ -84,8 +90,8 @@ def _link(session: Session) -> dict[str, Any]:
         "age_s": age_s,
         "period_p99_s": p99_s,
         "period_worst_s": worst_s,
-        "stale": pulse.stale and not waiting,
-        "waiting": waiting,
+        "stale": hung or (pulse.stale and not waiting),
+        "waiting": waiting and not hung,
     }
 
 

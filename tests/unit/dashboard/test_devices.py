@@ -176,6 +176,20 @@ def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path)
     assert made.force.force_n, "the force readings stay"
 
 
+def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: Path) -> None:
+    ended = opened.done(CalibrateForce(file=tmp_path / "calibration.json"))
+    assert isinstance(ended.found, Calibrated)
+    made = Calibration.load(ended.found.file)
+    assert made.force_law["pairs"] >= 8
+    assert made.held_out["error_percent"] == dict(ended.found.held_out)
+    # It can be grasped with at once.
+    order = Grasp(target_force_n=None, recording=tmp_path / "after.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+    opened.send(ReleaseNow())
+    assert opened.ended(order).trouble == ""
+
+
 def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path: Path) -> None:
     order = CalibrateForce(file=tmp_path / "calibration.json")
     opened.send(order)

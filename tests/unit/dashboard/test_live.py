@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import Frames, Source, Thought
+from palpate.dashboard.messages import Frames, Pulse, Source, Thought
 from palpate.dashboard.session import Session
 from palpate.dashboard.view import document
 from palpate.estimate.measurement import Measurement
@@ -131,3 +131,12 @@ def test_an_open_pixel_is_null_in_the_document() -> None:
     pixels = document(session, generation=-1, after_s=0.0)["pixels"]
     assert pixels["percent"][0] == [None, None]
     assert pixels["ohm"][0] == [None, None]
+
+
+def test_a_process_that_hangs_turns_the_link_red() -> None:
+    session = Session(send=lambda message: None)
+    session.live.begin(SOURCE)
+    session.live.pulse = Pulse(frames=9, rate_hz=15.0, age_s=0.03, stale=False)
+    assert document(session, generation=-1, after_s=0.0, silent_s=0.1)["link"]["stale"] is False
+    hung = document(session, generation=-1, after_s=0.0, silent_s=3.0)["link"]
+    assert (hung["stale"], hung["age_s"]) == (True, pytest.approx(3.03))

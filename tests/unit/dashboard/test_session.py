@@ -208,3 +208,4 @@ def test_devices_that_are_gone_refuse_everything(desk: Desk) -> None:
     for action in Action:
         assert "gone" in desk.session.refusal(action, viewer="a")
     assert desk.session.trouble == "the process with the devices has ended"
+    assert desk.session.live.pulse.stale

@@ -1,0 +1,139 @@
+"""Dead weights on the page: one after the other, each when the user says that it lies there."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.clock import ManualClock
+from palpate.dashboard.calibrating import calibrate_force
+from palpate.dashboard.messages import CalibrateForce, Guide, Update
+from palpate.dashboard.outlet import Outlet
+from palpate.dashboard.station import Station, StoppedByUserError
+from palpate.errors import DeviceError, InputError
+from palpate.gripper.interface import GripperLimits, GripperState
+from palpate.rig import Rig
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
+
+LOADS = (0.5, 1.0, 2.0, 4.0, 2.0, 1.0)
+REST_OHM = 9000.0
+
+
+class PadAndUser:
+    """A sheet that follows a power law at once, and someone who lays on it what the guide says."""
+
+    layout = RIGID_LAYOUT
+    limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+
+    def __init__(self) -> None:
+        self.clock = ManualClock()
+        self.load_n, self.sequence, self.seen = 0.0, 0, list[str]()
+        self.station: Station | None = None
+        self.gives_up_at = ""
+
+    def read(self, *, timeout_s: float) -> Frame:
+        self._obey()
+        self.clock.sleep_s(0.1)
+        excess = 0.0 if self.load_n == 0 else 3.0 * self.load_n**0.8
+        ohm = REST_OHM / (1.0 + excess / RIGID_LAYOUT.pixels)
+        counts = 64 * 1024 / (1.0 + ohm / RIGID_LAYOUT.divider.reference_ohm)
+        self.sequence += 1
+        return Frame(
+            time_s=self.clock.now_s(),
+            sequence=self.sequence,
+            counts=np.full((4, 2), round(counts), dtype=np.int32),
+            oversampling=64,
+        )
+
+    def _obey(self) -> None:
+        assert self.station is not None
+        for note in notes_of(self.station.outlet):
+            self.seen.append(note.text)
+            if self.gives_up_at and self.gives_up_at in note.text:
+                self.station.requests.stop.set()
+            if note.asks:
+                self.load_n = float(note.text.removeprefix("Lay ").removesuffix(" N on the pad"))
+                self.station.confirmed.set()
+
+    def state(self) -> GripperState:
+        return GripperState(time_s=self.clock.now_s(), width_mm=74.0)
+
+    def close(self) -> None:
+        return
+
+
+def notes_of(outlet: Outlet) -> list[Guide]:
+    """Return what the outlet would send next."""
+    update: Update = outlet.update()
+    return [note for note in update.notes if isinstance(note, Guide)]
+
+
+@pytest.fixture
+def pad() -> PadAndUser:
+    pad = PadAndUser()
+    rest = RestValues(ohm=((REST_OHM,) * 2,) * 4, spread_percent=((0.1,) * 2,) * 4, frames=9)
+    calibration = Calibration(
+        sensor_id="pad",
+        origin="hardware",
+        layout=RIGID_LAYOUT,
+        rest=rest,
+        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
+        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
+    )
+    devices: Any = pad
+    pad.station = Station(
+        rig=Rig(
+            name="pad.toml",
+            array=devices,
+            gripper=devices,
+            clock=pad.clock,
+            calibration=calibration,
+        ),
+        array=devices,
+        seed=0,
+        outlet=Outlet(lambda update: None, on_lost=lambda: None),
+        confirmed=threading.Event(),
+    )
+    return pad
+
+
+def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path: Path) -> None:
+    assert pad.station is not None
+    order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
+    made = calibrate_force(order, station=pad.station)
+    asked = [float(text.split()[1]) for text in pad.seen if text.startswith("Lay ")]
+    assert asked == list(LOADS)
+    saved = Calibration.load(order.file)
+    assert saved.force.force_n == LOADS
+    assert pad.station.rig.calibration.force == saved.force
+    errors = [error for error in made.held_out.values() if error is not None]
+    assert errors
+    assert max(errors) < 5.0
+
+
+def test_a_stop_between_two_weights_leaves_the_old_calibration(
+    pad: PadAndUser, tmp_path: Path
+) -> None:
+    assert pad.station is not None
+    before = pad.station.rig.calibration
+    pad.gives_up_at = "Lay 2 N"
+    order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
+    with pytest.raises(StoppedByUserError, match="stopped on request"):
+        calibrate_force(order, station=pad.station)
+    assert pad.station.rig.calibration is before
+    assert not order.file.exists()
+
+
+def test_without_load_cell_and_weights_nothing_begins(pad: PadAndUser, tmp_path: Path) -> None:
+    assert pad.station is not None
+    order = CalibrateForce(file=tmp_path / "calibration.json")
+    with pytest.raises(DeviceError, match="give dead weights"):
+        calibrate_force(order, station=pad.station)
+    with pytest.raises(InputError, match="are the loads in grams"):
+        calibrate_force(replace(order, loads_n=(50.0, 100.0, 200.0, 400.0)), station=pad.station)
