@@ -26,14 +26,14 @@ from palpate.studies.identify_data import (
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 
 #: Items of each kind that teach. A packhouse has that many at hand.
-TAUGHT = 8
+TAUGHT = 10
 #: Seeds of the sensors; others were used while this was made.
 FIRST_SENSOR = 900
 #: Edges of the classes of stated probability in the reliability plot.
 _RELIABILITY_EDGES = (0.0, 0.5, 0.7, 0.85, 0.95, 1.0)
 
 SensorsOption = Annotated[
-    int, typer.Option(help="Sensors and crates of each level; the published figures: 4.", min=1)
+    int, typer.Option(help="Sensors and crates of each level; the published figures: 3.", min=1)
 ]
 ItemsOption = Annotated[
     int, typer.Option(help="Items of each kind in a crate; the published figures: 6.", min=1)

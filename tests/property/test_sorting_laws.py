@@ -1,0 +1,144 @@
+"""What identification and sorting may never do, whatever they are told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.estimate.measurement import Measurement
+from palpate.produce.identify import UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.identify_features import Touch
+from palpate.produce.rules import Evidence, Rule, RuleBook, Span
+from palpate.produce.sorting import decide
+
+LN = st.floats(-3.0, 6.0)
+SD = st.floats(0.001, 3.0)
+
+
+def touch(value: tuple[float, float], sd: float, *, shift: float = 0.0) -> Touch:
+    return Touch(value=np.array(value) + shift, sd=np.full(2, sd), calibration="monday")
+
+
+def known(shift: float = 0.0) -> Identifier:
+    rng = np.random.default_rng(6)
+    centres = {"kiwi": (3.9, 0.4), "lime": (3.8, 1.3), "apple": (4.1, 1.7)}
+    return Identifier(
+        [
+            TaughtItem(
+                kind=kind,
+                touches=(
+                    touch(tuple(np.array(at) + 0.1 * rng.standard_normal(2)), 0.1, shift=shift),
+                ),
+            )
+            for kind, at in centres.items()
+            for _ in range(8)
+        ]
+    )
+
+
+KNOWN, SHIFTED = known(), known(shift=1.5)
+grasps = st.lists(st.tuples(st.tuples(LN, LN), SD), min_size=1, max_size=4)
+
+
+@settings(deadline=None, max_examples=60)
+@given(grasps)
+def test_probabilities_are_probabilities(felt: list[tuple[tuple[float, float], float]]) -> None:
+    found = KNOWN.identify([touch(*one) for one in felt])
+    assert sum(found.probability.values()) == pytest.approx(1.0)
+    assert all(0.0 <= p <= 1.0 for p in found.probability.values())
+    assert 0.0 < found.usual <= 1.0
+    assert found.rejected == (found.usual <= KNOWN.false_reject)
+    assert found.rejected == (found.kind == UNKNOWN)
+
+
+@settings(deadline=None, max_examples=60)
+@given(grasps)
+def test_the_order_of_grasps_is_nothing(felt: list[tuple[tuple[float, float], float]]) -> None:
+    there = [touch(*one) for one in felt]
+    back = KNOWN.identify(there[::-1])
+    found = KNOWN.identify(there)
+    assert dict(back.probability) == pytest.approx(dict(found.probability), abs=1e-6)
+
+
+@settings(deadline=None, max_examples=60)
+@given(grasps)
+def test_units_are_nothing(felt: list[tuple[tuple[float, float], float]]) -> None:
+    """Inches for millimetres, here and in what was taught, leave every answer as it was."""
+    found = KNOWN.identify([touch(*one) for one in felt])
+    moved = SHIFTED.identify([touch(*one, shift=1.5) for one in felt])
+    assert dict(moved.probability) == pytest.approx(dict(found.probability), abs=1e-6)
+    assert moved.usual == pytest.approx(found.usual)
+
+
+@settings(deadline=None, max_examples=60)
+@given(LN, LN, st.floats(0.0, 1.0))
+def test_a_wider_error_never_makes_an_item_less_usual(a: float, b: float, more: float) -> None:
+    narrow = KNOWN.identify([touch((a, b), 0.1)])
+    wide = KNOWN.identify([touch((a, b), 0.1 + more)])
+    assert wide.usual >= narrow.usual
+
+
+shares = st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)).filter(lambda t: sum(t) > 0)
+names = st.frozensets(st.sampled_from(["kiwi", "lime", UNKNOWN]), min_size=1)
+spans = st.tuples(st.floats(0, 80), st.floats(1, 60)).map(
+    lambda pair: Span(low=pair[0], high=pair[0] + pair[1])
+)
+rules = st.builds(
+    Rule,
+    bin=st.sampled_from(["a", "b", "c"]),
+    kinds=st.none() | names,
+    size_mm=st.none() | spans,
+    ripeness=st.none() | st.just(frozenset({"ripe"})),
+    bruised=st.none() | st.booleans(),
+    confidence=st.floats(0.5, 0.99),
+)
+sizes = st.tuples(st.floats(5, 75), st.floats(0.01, 10), st.floats(0.01, 10)).map(
+    lambda t: Measurement(value=t[0], low=t[0] - t[1], high=t[0] + t[2], unit="mm")
+)
+
+
+@st.composite
+def evidence(draw: st.DrawFn) -> Evidence:
+    parts = np.array(draw(shares))
+    probability = dict(zip(("kiwi", "lime", UNKNOWN), (parts / parts.sum()).tolist(), strict=True))
+    rejected = draw(st.booleans())
+    identity = Identity(
+        kind=UNKNOWN if rejected else "kiwi",
+        probability=probability,
+        usual=0.01 if rejected else 0.5,
+        rejected=rejected,
+        grasps=1,
+    )
+    return Evidence(
+        identity=draw(st.none() | st.just(identity)),
+        size_mm=draw(st.none() | sizes),
+        ripeness=draw(st.sampled_from([{}, {"ripe": 0.7, "hard": 0.3}])),
+        bruised=draw(st.none() | st.floats(0, 1)),
+        grasps=draw(st.integers(0, 4)),
+    )
+
+
+@given(st.lists(rules, min_size=1, max_size=4), evidence(), st.integers(1, 4))
+@settings(deadline=None, max_examples=200)
+def test_every_item_gets_a_bin_of_the_book_and_no_grasp_too_many(
+    book: list[Rule], seen: Evidence, most: int
+) -> None:
+    found = decide(RuleBook(rules=tuple(book), default_bin="rest", most_grasps=most), seen)
+    assert found.bin in {"a", "b", "c", "rest"}
+    assert found.why.startswith(found.bin)
+    if found.again:
+        assert seen.grasps < most
+    if found.rule is None:
+        assert found.bin == "rest"
+    else:
+        low, high = found.rule.probability(seen)
+        assert found.rule.confidence <= low <= high <= 1.0 + 1e-9
+        assert found.probability == low
+
+
+@given(sizes, st.floats(5, 75))
+def test_two_halves_of_all_sizes_hold_every_item(size: Measurement, cut: float) -> None:
+    below, above = Span(low=-1e9, high=cut), Span(low=cut, high=1e9)
+    assert below.probability(size) + above.probability(size) == pytest.approx(1.0)
