@@ -30,6 +30,7 @@ EXECUTED = (
     "own-gripper-or-sensor",
     "architecture",
     "items",
+    "sort",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(
