@@ -19,10 +19,10 @@ from palpate.estimate.force_pairs import FloatArray, ForceEstimate, enough_pairs
 
 #: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
 #: rises; the smallest power stands for the threshold.
-EXPONENTS = (0.3, 0.5, 0.75, 1.0, 1.4)
-#: Pixels of one sheet differ in gain by about so much (log sd); more is not believed from one
+EXPONENTS = (0.1, 0.3, 0.5, 0.75, 1.0, 1.4)
+#: How far the gain of a pixel may lie off its sheet (log sd): more is not believed of one
 #: calibration.
-GAIN_SD = 0.1
+GAIN_SD = 0.05
 #: Relative error of a pair that the fit takes as usual, and the force below which errors count as
 #: newtons.
 _USUAL, _FAINT_N = 0.06, 0.3
@@ -30,9 +30,11 @@ _USUAL, _FAINT_N = 0.06, 0.3
 _FEWEST_RUNS = 3
 #: Lags hardly change the exponent of the force: prior standard deviation about 1.
 _EXPONENT_SD = 0.15
+#: From this force on errors are proportions; below, newtons.
+_FIRM_N = 1.0
 _ROUNDS = 3
 #: Below this a reading of a pixel is noise of its rest value.
-_NOISE_EXCESS = 0.01
+_NOISE_EXCESS = 0.004
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,7 +158,8 @@ class PixelForceLaw:
         x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
         keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
         x, y = enough_pairs(x[keep], y[keep])
-        log_x, left, weight = np.log(x), np.log(y / x), y / (y + _FAINT_N)
+        # Near the threshold a reading says little of the law, and would tilt the line.
+        log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
         middle = float(np.average(log_x, weights=weight))
         away, offset = log_x - middle, float(np.average(left, weights=weight))
         precision = (_USUAL / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
@@ -267,8 +270,6 @@ def _fit(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForc
 
 #: No sheet that can be calibrated at all is doubted more.
 _MOST_DOUBT = 0.7
-#: Said forces from which on doubt is measured in proportion; below, in newtons.
-_FIRM_N = 1.0
 
 
 def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelForceLaw:

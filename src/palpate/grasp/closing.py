@@ -86,19 +86,24 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     No longer than the steps before contact, unless the object is known to be soft.
     """
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
-    slope_n = slope_high_n(belief, plan)
-    longest = plan.step if slope_n == plan.steepest_n else 3.0 * plan.step
-    return max(min(rise_n / slope_n, longest), plan.smallest_step)
+    steepest_n = slope_high_n(belief, plan)
+    longest = plan.step if steepest_n == plan.steepest_n else 3.0 * plan.step
+    return max(min(rise_n / steepest_n, longest), plan.smallest_step)
 
 
 def slope_high_n(belief: Belief, plan: Plan) -> float:
-    """Return how steeply the force rises: as the last steps saw, with room for stiffening."""
+    """Return how steeply the force may rise: as the last steps saw, with room for stiffening."""
+    return min(_STIFFENING * slope_n(belief, plan), plan.steepest_n)
+
+
+def slope_n(belief: Belief, plan: Plan) -> float:
+    """Return how steeply the force rose over the last steps, N per mm or kPa."""
     law = plan.early_law
     curve = [(c.closure, float(law.force_n(c.touch.reading).value)) for c in belief.staircase[-3:]]
     slopes = [
         (f1 - f0) / (x1 - x0) for (x0, f0), (x1, f1) in pairwise(curve) if x1 > x0 and f1 > f0
     ]
-    return min(_STIFFENING * max(slopes), plan.steepest_n) if slopes else plan.steepest_n
+    return min(max(slopes), plan.steepest_n) if slopes else plan.steepest_n
 
 
 def _damage_low_n(belief: Belief, plan: Plan) -> float:

@@ -12,7 +12,7 @@ from palpate.grasp.closing import (
     approach_step,
     closed_by,
     read,
-    slope_high_n,
+    slope_n,
     wanted_step,
 )
 from palpate.grasp.phases import Phase
@@ -30,7 +30,7 @@ _LOST_SHARE = 0.35
 #: The squeeze ends a little below the target: what is left is corrected by settled forces.
 _NEAR = 0.85
 #: Missing this share of the target, there is no need to be sure before pressing on.
-_FAR = 0.06
+_FAR = 0.07
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
 
@@ -151,6 +151,7 @@ def _settle(belief: Belief, plan: Plan) -> Move:
     belief = replace(belief, next_forecast_s=belief.still_s + _FORECAST_EVERY_S)
     settled = forecast(belief, plan=plan)
     belief = answered(belief, settled, plan=plan)
+    belief = _on_target(belief, plan)
     if _far(belief, plan) or sure_enough(settled, plan=plan) or belief.still_s >= plan.decide_by_s:
         return belief.enter(Phase.ADJUST), None
     return belief, None
@@ -164,7 +165,7 @@ def _adjust(belief: Belief, plan: Plan) -> Move:
     missing_n = _missing_n(belief, plan)
     short = missing_n > plan.target_tolerance * _goal_n(plan)
     if short and belief.adjustments < plan.most_adjustments:
-        step = missing_n / slope_high_n(belief, plan)
+        step = missing_n / slope_n(belief, plan)
         moved, command = closed_by(read(belief, plan), step, plan)
         if command is not None:
             moved = replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0)
@@ -232,6 +233,16 @@ def _missing_n(belief: Belief, plan: Plan) -> float:
     if plan.lift_force_n is None:
         return missing_n
     return max(missing_n, plan.lift_force_n - force.low)
+
+
+def _on_target(belief: Belief, plan: Plan) -> Belief:
+    """Note when the settled force is first told to be on target since the last movement."""
+    moments = belief.result.moments
+    told = any(m.name == "on_target" and m.time_s > belief.moved_s for m in moments)
+    near = _missing_n(belief, plan) <= plan.target_tolerance * _goal_n(plan)
+    if plan.target_force_n is None or told or not near:
+        return belief
+    return belief.noted("on_target")
 
 
 def _far(belief: Belief, plan: Plan) -> bool:

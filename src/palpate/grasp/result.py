@@ -57,8 +57,8 @@ class GraspResult:
     frames, frames_lost : int
         Frames received, and gaps in their numbering.
     moments : tuple of Moment
-        In order: `contact` of both fingers, `adjusted`, `answer`, `damage_limit` (where it kept the
-        force below the target), the outcome; and of single fingers `finger_contact`,
+        In order: `contact` of both fingers, `adjusted`, `on_target`, `damage_limit` (where it kept
+        the force below the target), `answer`, the outcome; and of single fingers `finger_contact`,
         `finger_slip`, `finger_removal`, and `touch` where a hand touched the open fingers.
     faults : tuple of str
         What went wrong beside the grasp itself: a recorder that failed, a device's last words.

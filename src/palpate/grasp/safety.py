@@ -106,15 +106,14 @@ def largest_step(
 
     Examples
     --------
+    >>> import math
+    >>> from functools import partial
     >>> limits = SafetyLimits(force_ceiling_n=15.0, latency_s=0.02)
-    >>> largest_step(
-    ...     force_high_n=5.0, steepest_n=10.0, rate=5.0, damage_low_n=float("inf"), limits=limits
+    >>> safe = partial(
+    ...     largest_step, force_high_n=5.0, steepest_n=10.0, rate=5.0, limits=limits
     ... )
-    0.9
-    >>> largest_step(
-    ...     force_high_n=5.0, steepest_n=10.0, rate=5.0, damage_low_n=8.0, limits=limits
-    ... )
-    0.2
+    >>> round(safe(damage_low_n=math.inf), 6), round(safe(damage_low_n=8.0), 6)
+    (0.9, 0.2)
     """
     room_n = min(limits.force_ceiling_n, damage_low_n) - force_high_n
     return max(0.0, room_n / steepest_n - rate * limits.latency_s)
