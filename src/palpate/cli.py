@@ -29,6 +29,7 @@ VERBS = (
     "init",
     "pattern",
     "items",
+    "ripeness",
     "report",
     "bruise",
     "identify",

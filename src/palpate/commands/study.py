@@ -17,6 +17,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "noise": ("noise", "Filters against mains pick-up and motor spikes, on the twin"),
     "pixels": ("pixels", "Number of pixels, and dead ones, on the twin"),
     "presses": ("presses", "Force now on real Velostat under a robot's presses"),
+    "ripeness": ("ripeness", "Figure 16, stages and days to ripe of avocados on the twin"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
     "realism": ("realism", "The twin's scatter beside real recordings"),
     "bruise": ("bruise", "Table 6 and Figure 17, bruised apples told from sound ones, simulated"),

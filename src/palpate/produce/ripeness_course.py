@@ -25,9 +25,13 @@ FloatArray = NDArray[np.float64]
 FEWEST_ITEMS, FEWEST_DAYS = 4, 3
 #: Grid of possible courses: halfway days about their mean and paces about theirs, in standard
 #: deviations; and how much firmer an item began (Gauss-Hermite).
-_HALFWAY = np.linspace(-2.6, 2.6, 41)
+_HALFWAY = np.linspace(-2.6, 2.6, 81)
 _PACE = np.linspace(-2.0, 2.0, 7)
-_START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(5)
+_START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(3)
+#: Degrees of freedom of a day's scatter, and rounds of reweighting.
+_FREEDOM, _ROUNDS = 5.0, 3
+#: A course that would begin softer than it ends is held to this fall.
+_LEAST_FALL = 1e-3
 #: Paces of one kind differ by about this (log sd). A few items can't tell it.
 _PACE_LOG_SD = 0.3
 #: Weak beliefs before any item was felt: halfway after a few days (give or take a week), at a pace
@@ -88,9 +92,7 @@ class Course:
             gained = sum(course.courses_of(item).log_evidence for item in useful)
             return float(0.5 * offset @ offset - gained)
 
-        best = minimize(
-            loss, np.zeros(7), method="Nelder-Mead", options={"maxfev": 500, "xatol": 0.02}
-        )
+        best = minimize(loss, np.zeros(7), method="L-BFGS-B", options={"maxiter": 60, "eps": 1e-4})
         found = _course(begin, best.x, items=len(useful))
         if found.hard - found.soft < 2 * found.noise_sd:
             raise InputError(
@@ -100,42 +102,47 @@ class Course:
         return found
 
     def courses_of(self, days: Sequence[DayFelt]) -> Courses:
-        """Return the possible courses of an item, weighed by what was felt of it."""
-        halfway, pace, start = (
+        """Return the possible courses of an item, weighed by what was felt of it.
+
+        When and how fast stand on a grid. How much firmer the item began enters in a line, so for
+        each node it is solved for (reweighted least squares), and its doubt is Laplace's.
+        """
+        halfway, pace = (
             one.ravel()
             for one in np.meshgrid(
                 self.halfway_day + self.halfway_sd * _HALFWAY,
                 self.pace_days * np.exp(_PACE_LOG_SD * _PACE),
-                self.hard + self.start_sd * _START,
                 indexing="ij",
             )
         )
-        prior = _normal_weights(_HALFWAY)[:, None, None] * _normal_weights(_PACE)[:, None]
-        weight = (prior * (_START_WEIGHT / _START_WEIGHT.sum())).ravel()
-        courses = Courses(
-            halfway_day=halfway,
-            pace_days=pace,
-            hard=start,
-            soft=self.soft,
-            weight=weight,
-            log_evidence=0.0,
-        )
         at = np.array([day.day for day in days])
         felt = np.array([day.firmness for day in days])
-        off = (courses.firmness(at) - felt) / self.noise_sd
-        # Tails of a t distribution with 5 degrees: a bad grasp must not outweigh all the others.
-        log_like = -3.0 * np.log1p(off**2 / 5.0).sum(axis=1) - at.size * np.log(self.noise_sd)
-        log_weight = np.log(weight) + log_like
+        left = _left(at, halfway, pace)
+        off = felt - self.soft - (self.hard - self.soft) * left
+        start = np.zeros(halfway.size)
+        variance = np.full(halfway.size, self.start_sd**2)
+        for _ in range(_ROUNDS):
+            squared = ((off - start[:, None] * left) / self.noise_sd) ** 2
+            trust = (_FREEDOM + 1.0) / (_FREEDOM + squared) / self.noise_sd**2
+            variance = 1.0 / (1.0 / self.start_sd**2 + (trust * left**2).sum(axis=1))
+            start = variance * (trust * left * off).sum(axis=1)
+        squared = ((off - start[:, None] * left) / self.noise_sd) ** 2
+        # Tails of a t distribution: a bad grasp must not outweigh all the others.
+        log_like = -0.5 * (_FREEDOM + 1.0) * np.log1p(squared / _FREEDOM).sum(axis=1)
+        log_like += 0.5 * np.log(variance / self.start_sd**2) - 0.5 * (start / self.start_sd) ** 2
+        prior = (_normal_weights(_HALFWAY)[:, None] * _normal_weights(_PACE)).ravel()
+        log_weight = np.log(prior) + log_like - at.size * np.log(self.noise_sd)
         top = float(log_weight.max())
-        posterior = np.exp(log_weight - top)
-        total = float(posterior.sum())
+        weight = np.exp(log_weight - top)
+        each = np.repeat(weight / weight.sum(), _START.size) * np.tile(_START_WEIGHT, weight.size)
+        hard = self.hard + start[:, None] + np.sqrt(variance)[:, None] * _START
         return Courses(
-            halfway_day=halfway,
-            pace_days=pace,
-            hard=start,
+            halfway_day=np.repeat(halfway, _START.size),
+            pace_days=np.repeat(pace, _START.size),
+            hard=np.maximum(hard.ravel(), self.soft + _LEAST_FALL),
             soft=self.soft,
-            weight=posterior / total,
-            log_evidence=top + float(np.log(total)),
+            weight=each / each.sum(),
+            log_evidence=top + float(np.log(weight.sum())),
         )
 
 
@@ -152,8 +159,7 @@ class Courses:
 
     def firmness(self, day: ArrayLike) -> FloatArray:
         """Return the firmness of every course on days, shape (courses, days)."""
-        since = np.atleast_1d(np.asarray(day, dtype=float)) - self.halfway_day[:, None]
-        left = 0.5 * (1.0 - np.tanh(0.5 * since / self.pace_days[:, None]))
+        left = _left(np.atleast_1d(day), self.halfway_day, self.pace_days)
         return np.asarray(self.soft + (self.hard[:, None] - self.soft) * left)
 
     def mean_firmness(self, day: float) -> float:
@@ -176,6 +182,12 @@ class Courses:
         reached = np.cumsum(self.weight[order])
         index = np.searchsorted(reached, np.asarray(q) * reached[-1])
         return np.asarray(values[order][np.minimum(index, values.size - 1)])
+
+
+def _left(day: FloatArray, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
+    """Return what is left of the fall on each day of each course, shape (courses, days)."""
+    since = np.asarray(day, dtype=float) - halfway_day[:, None]
+    return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))
 
 
 def _normal_weights(steps: FloatArray) -> FloatArray:

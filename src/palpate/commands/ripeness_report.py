@@ -1,0 +1,134 @@
+"""What `palpate ripeness` prints: a table for people, one document for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.produce.ripeness import Days
+from palpate.produce.ripeness_store import ItemHistory, explanation
+
+if TYPE_CHECKING:
+    from palpate.commands.ripeness import Judged
+
+
+def document(judged: Sequence[Judged]) -> dict[str, object]:
+    """Return the JSON form; a time that never comes is null."""
+    return {
+        "items": [
+            {
+                "item_id": one.item.item_id,
+                "kind": one.item.kind,
+                "simulated": _simulated(one.history),
+                "drive": one.history.drive,
+                "stage": one.ripeness.stage,
+                "probabilities": one.ripeness.probabilities,
+                "days_to_ripe": _days(one.ripeness.days_to_ripe),
+                "basis": one.ripeness.basis,
+                "explanation": explanation(one.ripeness, one.history),
+                "days": _by_day(one.history),
+                "reference_moved_percent": None
+                if one.drift is None
+                else 100 * math.expm1(one.drift.at(one.history.grasps[-1].taken_at)),
+            }
+            for one in judged
+        ]
+    }
+
+
+def print_report(judged: Sequence[Judged]) -> None:
+    """Print one line for each item, and the days of a single one."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    table = Table(box=None, header_style="dim")
+    for column in ("item", "stage", "chance", "days to ripe", "felt"):
+        table.add_column(column, no_wrap=True)
+    for one in judged:
+        chance = one.ripeness.probabilities[one.ripeness.stage]
+        days = len(one.history.days)
+        table.add_row(
+            one.item.item_id,
+            f"[bold]{one.ripeness.stage}[/]",
+            f"{100 * chance:.0f} %",
+            _waiting(one.ripeness.days_to_ripe),
+            f"{len(one.history.grasps)} times on {days} day{'s' * (days > 1)}",
+        )
+    console.print(table)
+    if len(judged) == 1:
+        console.print(f"\n{explanation(judged[0].ripeness, judged[0].history)}")
+        console.print(_days_table(judged[0].history))
+    for advice in dict.fromkeys(one.drift.advice for one in judged if one.drift is not None):
+        if advice:
+            console.print(f"[yellow]! {advice}[/]")
+    if any(_simulated(one.history) for one in judged):
+        console.print("[bold yellow]SIMULATED[/]: these grasps were made on the twin")
+
+
+def _days_table(history: ItemHistory) -> object:
+    from rich.table import Table
+
+    width = history.drive == "width"
+    table = Table(box=None, header_style="dim")
+    for column in ("day", "stiffness, N/mm" if width else "pixels sharing", "settled, %", "grasps"):
+        table.add_column(column, justify="right")
+    for row in _by_day(history):
+        felt = row["stiffness_n_per_mm"] if width else row["pixels_sharing"]
+        settled = row["settled_percent"]
+        table.add_row(
+            f"{row['day']:.1f}",
+            f"{felt:.2f}",
+            "-" if settled is None else f"{settled:.1f}",
+            str(row["grasps"]),
+        )
+    return table
+
+
+def _by_day(history: ItemHistory) -> list[dict[str, float | int | None]]:
+    rows: list[dict[str, float | int | None]] = []
+    width = history.drive == "width"
+    for number, day in enumerate(history.days):
+        settled = [
+            grasp.measurements["settled_percent"].value
+            for grasp in history.grasps
+            if "settled_percent" in grasp.measurements
+            and history.nearest_day(grasp.taken_at) == number
+        ]
+        rows.append(
+            {
+                "day": day.day,
+                "stiffness_n_per_mm": math.exp(day.firmness) if width else None,
+                "pixels_sharing": None if width else math.exp(-day.firmness),
+                "settled_percent": float(np.mean(settled)) if settled else None,
+                "grasps": day.grasps,
+            }
+        )
+    return rows
+
+
+def _simulated(history: ItemHistory) -> bool:
+    return any(grasp.simulated for grasp in history.grasps)
+
+
+def _days(days: Days | None) -> dict[str, float | None] | None:
+    if days is None:
+        return None
+    ends = {"value": days.value, "low": days.low, "high": days.high}
+    return {name: end if math.isfinite(end) else None for name, end in ends.items()}
+
+
+def _waiting(days: Days | None) -> str:
+    if days is None:
+        return "not known without labels"
+    if days.high <= 0:
+        return "it is, or was"
+    ends = ["never" if math.isinf(end) else f"{max(end, 0.0):.1f}" for end in _ends(days)]
+    return f"{ends[0]} ({ends[1]} to {ends[2]})"
+
+
+def _ends(days: Days) -> tuple[float, float, float]:
+    return days.value, days.low, days.high

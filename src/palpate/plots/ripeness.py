@@ -1,0 +1,107 @@
+"""Ripeness over days: one item with its possible courses; many items judged against the truth."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.plots.style import BLUE, GREY, ORANGE, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from palpate.produce.ripeness import Ripeness, RipenessRule
+    from palpate.produce.ripeness_store import ItemHistory
+
+#: Days drawn beyond the last grasp.
+_AHEAD_DAYS = 3.0
+
+
+def item_figure(history: ItemHistory, ripeness: Ripeness, *, rule: RipenessRule | None) -> Figure:
+    """Draw the grasps of one item, the courses that agree with them, and where stages begin.
+
+    Parameters
+    ----------
+    history : ItemHistory
+        What was felt.
+    ripeness : Ripeness
+        What is said of it.
+    rule : RipenessRule, optional
+        Course and stages; without them the grasps alone are drawn.
+    """
+    width = history.drive == "width"
+    with new_figure(width_in=6.4, height_in=4.0) as (figure, axes):
+        axis = axes[0][0]
+        at = np.array([history.day_of(grasp.taken_at) for grasp in history.grasps])
+        end = float(at.max()) + (_AHEAD_DAYS if rule is not None else 0.5)
+        if rule is not None:
+            _draw_courses(axis, history, rule=rule, end=end, width=width)
+        axis.plot(at, _shown(history.firmness, width), ".", color=GREY, label="grasps")
+        days = [day.day for day in history.days]
+        means = [day.firmness for day in history.days]
+        axis.plot(days, _shown(means, width), "o", color=BLUE, label="mean of the day")
+        axis.set_yscale("log")
+        axis.set(
+            xlabel="days since the first grasp", xlim=(-0.2, end), title=_title(history, ripeness)
+        )
+        axis.set_ylabel("stiffness at 5 N (N/mm)" if width else "load shared by (pixels)")
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("{x:g}")
+        axis.tick_params(axis="y", which="minor", labelsize=7)
+        if not width:
+            axis.invert_yaxis()
+        axis.legend(loc="lower left", fontsize=7)
+    return figure
+
+
+def _draw_courses(
+    axis: Any, history: ItemHistory, *, rule: RipenessRule, end: float, width: bool
+) -> None:
+    day = np.linspace(-0.2, end, 80)
+    courses = rule.course.courses_of(history.days)
+    firmness = courses.firmness(day)
+    low, middle, high = np.array(
+        [courses.quantile(firmness[:, k], [0.05, 0.5, 0.95]) for k in range(day.size)]
+    ).T
+    axis.fill_between(
+        day,
+        _shown(low, width),
+        _shown(high, width),
+        color=BLUE,
+        alpha=0.15,
+        label="90 % of courses",
+    )
+    axis.plot(day, _shown(middle, width), color=BLUE, lw=1)
+    for stage, begins in zip(rule.boundaries.stages[1:], rule.boundaries.firmness, strict=True):
+        level = float(_shown([begins], width)[0])
+        axis.axhline(level, color=ORANGE, lw=0.8, ls="--")
+        axis.annotate(
+            f"{stage} below" if width else f"{stage} above",
+            (end, level),
+            xytext=(-2, -2),
+            textcoords="offset points",
+            ha="right",
+            va="top",
+            fontsize=7,
+            color=ORANGE,
+        )
+
+
+def _shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
+    """Return stiffness in N/mm, or the number of pixels that share the load."""
+    values = np.asarray(firmness, dtype=float)
+    return np.asarray(np.exp(values if width else -values))
+
+
+def _title(history: ItemHistory, ripeness: Ripeness) -> str:
+    simulated = ", simulated" if any(grasp.simulated for grasp in history.grasps) else ""
+    chance = 100 * ripeness.probabilities[ripeness.stage]
+    said = f"{history.item_id}{simulated}: {ripeness.stage} ({chance:.0f} %)"
+    days = ripeness.days_to_ripe
+    if days is not None and np.isfinite([days.low, days.high]).all() and days.high > 0:
+        said += (
+            f", ripe in {max(days.value, 0):.1f} days ({max(days.low, 0):.1f} to {days.high:.1f})"
+        )
+    return said

@@ -1,0 +1,77 @@
+"""Ripeness of many fruits: settled change over days, accuracy of each way, days to ripe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_COLOURS = (BLUE, AMBER, GREEN, PURPLE, GREY)
+#: Longest wait drawn, days.
+_LONGEST = 6.0
+
+
+def figure16(days: Mapping[str, Sequence[tuple[float, float]]]) -> Figure:
+    """Draw mean and sd of the settled change over days, one panel per gripper."""
+    with new_figure(columns=max(len(days), 1), width_in=7.4, height_in=3.2) as (figure, axes):
+        for axis, (gripper, values), colour in zip(
+            axes[0], days.items(), (BLUE, ORANGE), strict=False
+        ):
+            mean, sd = np.array(values).T
+            at = np.arange(1, mean.size + 1)
+            axis.errorbar(at, mean, yerr=sd, fmt="o-", color=colour, capsize=3)
+            axis.set(xlabel="day", xticks=at, title=f"{gripper} fingers, simulated")
+        axes[0][0].set_ylabel("settled change (%)")
+    return figure
+
+
+def study_figure(
+    accuracy: Mapping[str, Mapping[str, float | None]], waits: Mapping[str, NDArray[np.float64]]
+) -> Figure:
+    """Draw how often each way is exact, and predicted against true days to ripe.
+
+    Parameters
+    ----------
+    accuracy : mapping
+        Condition -> way -> percent of fruit days, None where there is none.
+    waits : mapping
+        Condition -> true, predicted, low and high days, shape (n, 4).
+    """
+    with new_figure(columns=1 + len(waits), width_in=5.0 + 2.9 * len(waits), height_in=4.0) as (
+        figure,
+        axes,
+    ):
+        _draw_accuracy(axes[0][0], accuracy)
+        for axis, (name, rows) in zip(axes[0][1:], waits.items(), strict=True):
+            true, value, low, high = np.clip(rows, 0.0, _LONGEST).T
+            axis.vlines(true, low, high, color=BLUE, alpha=0.25, lw=1)
+            axis.plot(true, value, ".", color=BLUE, ms=4)
+            axis.plot([0, _LONGEST], [0, _LONGEST], color=INK, lw=0.8)
+            axis.set(xlabel="true days to ripe", title=f"{name}, simulated", xlim=(0, _LONGEST))
+            axis.set_ylim(0, _LONGEST)
+        if waits:
+            axes[0][1].set_ylabel("predicted, with 90 % interval")
+    return figure
+
+
+def _draw_accuracy(axis: Any, accuracy: Mapping[str, Mapping[str, float | None]]) -> None:
+    names = list(accuracy)
+    ways = list(accuracy[names[0]])
+    height = 0.8 / len(ways)
+    for number, way in enumerate(ways):
+        at = np.arange(len(names)) + (number - (len(ways) - 1) / 2) * height
+        values = [accuracy[name][way] or 0.0 for name in names]
+        axis.barh(at, values, height, color=_COLOURS[number], label=way)
+    axis.axvline(90, color=INK, lw=0.8, ls="--")
+    axis.set(yticks=range(len(names)), yticklabels=names, xlim=(0, 100))
+    axis.set_xlabel("exact stage (% of fruit days)")
+    axis.invert_yaxis()
+    axis.grid(visible=False, axis="y")
+    axis.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)

@@ -1,0 +1,180 @@
+"""Judgements of fruits beside the truth: ours, with and without reference, and naive ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError
+from palpate.estimate.stiffness import Give
+from palpate.produce.firmness import DayFelt
+from palpate.produce.reference_object import Drift
+from palpate.produce.ripeness import RipenessRule, judge_by_first_day
+from palpate.produce.ripeness_stages import RIPE, STAGES, Boundaries
+from palpate.produce.ripeness_store import history_of
+from palpate.studies.ripeness_station import DAYS, REFERENCE_ID, Felt
+from palpate.twin.avocado import Avocado
+
+FloatArray = NDArray[np.float64]
+
+#: Ways to judge -> what they are.
+WAYS = {
+    "ours": "course and labels, drift taken out by the reference object",
+    "ours, no reference": "the same without the reference object",
+    "one day alone": "firmness of that day against learned boundaries, reference used",
+    "own first day": "no labels: softening since the item's first day, reference used",
+    "settled change": "the paper's way: change at one width or pressure, learned thresholds",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """One fruit on one day, judged in every way; stages as numbers, firmest 0.
+
+    Attributes
+    ----------
+    truth : int
+        True stage.
+    said : dict of str to int
+        By way; -1 where that way does not exist.
+    wait_days : float
+        True days until ripe, 0 and below where it is.
+    value_days, low_days, high_days : float
+        What ours said of it, with the reference object.
+    day : int
+        Which morning.
+    """
+
+    truth: int
+    said: dict[str, int]
+    wait_days: float
+    value_days: float
+    low_days: float
+    high_days: float
+    day: int
+
+
+def judged(felt: Felt) -> list[Judged]:
+    """Judge every fruit that was not labelled, on every day by its days up to then."""
+    drift = drift_of(felt)
+    with_reference, without = (_rule(felt, one) for one in (drift, None))
+    single = _single_day(felt, drift)
+    published = _published(felt)
+    found = []
+    for number, fruit in enumerate(felt.others):
+        days, raw = (_days(felt, f"fruit-{number}", one) for one in (drift, None))
+        for count in range(1, len(days) + 1):
+            day = round(days[count - 1].day)
+            ours = with_reference.judge(days[:count])
+            wait = ours.days_to_ripe
+            if wait is None:
+                raise InputError("a rule from labels always knows the course")
+            own = -1
+            if felt.grasps[0].drive == "width":
+                own = STAGES.index(judge_by_first_day(days[:count]).stage)
+            change = felt.as_published[f"fruit-{number}", day]
+            found.append(
+                Judged(
+                    truth=STAGES.index(fruit.stage(day)),
+                    said={
+                        "ours": STAGES.index(ours.stage),
+                        "ours, no reference": STAGES.index(without.judge(raw[:count]).stage),
+                        "one day alone": _likeliest(single, days[count - 1].firmness),
+                        "own first day": own,
+                        "settled change": _likeliest(published, -change),
+                    },
+                    wait_days=fruit.day_of(RIPE) - day,
+                    value_days=wait.value,
+                    low_days=wait.low,
+                    high_days=wait.high,
+                    day=day,
+                )
+            )
+    return found
+
+
+def drift_of(felt: Felt) -> Drift:
+    """Return the drift that a station's reference object shows."""
+    drive, block = felt.grasps[0].drive, felt.calibration.block
+    give = None
+    if drive == "width":
+        give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    grasps = [grasp for grasp in felt.grasps if grasp.item_id == REFERENCE_ID]
+    return Drift.learn(grasps, drive=drive, give=give)
+
+
+def scores(rows: Sequence[Judged]) -> dict[str, Any]:
+    """Return exact and within-one shares of each way, and what the days to ripe are worth."""
+    found: dict[str, Any] = {"fruit_days": len(rows)}
+    for way in WAYS:
+        off = np.array([abs(row.truth - row.said[way]) for row in rows if row.said[way] >= 0])
+        found[way] = (
+            {"exact": float(np.mean(off == 0)), "within_one": float(np.mean(off <= 1))}
+            if off.size
+            else None
+        )
+    waiting = [row for row in rows if row.wait_days > 0]
+    found["days_to_ripe"] = {
+        "fruit_days": len(waiting),
+        "coverage": float(np.mean([r.low_days <= r.wait_days <= r.high_days for r in waiting])),
+        "median_abs_error_days": float(
+            np.median([abs(r.value_days - r.wait_days) for r in waiting])
+        ),
+        "median_width_days": float(np.median([r.high_days - r.low_days for r in waiting])),
+    }
+    return found
+
+
+def confusion(rows: Sequence[Judged]) -> NDArray[np.int64]:
+    """Return counts of true stage (rows) against ours (columns)."""
+    table = np.zeros((len(STAGES), len(STAGES)), dtype=np.int64)
+    for row in rows:
+        table[row.truth, row.said["ours"]] += 1
+    return table
+
+
+def _days(felt: Felt, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
+    grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
+    drive = felt.grasps[0].drive
+    return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
+
+
+def _labelled(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
+    return [
+        (fruit, _days(felt, f"labelled-{number}", drift))
+        for number, fruit in enumerate(felt.labelled)
+    ]
+
+
+def _rule(felt: Felt, drift: Drift | None) -> RipenessRule:
+    known = _labelled(felt, drift)
+    return RipenessRule.learn(
+        [days for _, days in known],
+        labels=[[fruit.stage(round(day.day)) for day in days] for fruit, days in known],
+        stages=STAGES,
+    )
+
+
+def _single_day(felt: Felt, drift: Drift) -> Boundaries:
+    known = [(fruit, day) for fruit, days in _labelled(felt, drift) for day in days]
+    return Boundaries.learn(
+        [day.firmness for _, day in known], [fruit.stage(round(day.day)) for fruit, day in known]
+    )
+
+
+def _published(felt: Felt) -> Boundaries:
+    """Learn thresholds on the settled change from the same labels as ours."""
+    keys = [(number, day) for number in range(len(felt.labelled)) for day in range(DAYS)]
+    changes: Mapping[tuple[str, int], float] = felt.as_published
+    return Boundaries.learn(
+        [-changes[f"labelled-{number}", day] for number, day in keys],
+        [felt.labelled[number].stage(day) for number, day in keys],
+    )
+
+
+def _likeliest(rule: Boundaries, firmness: float) -> int:
+    return int(np.argmax(rule.probabilities(firmness)))

@@ -1,0 +1,303 @@
+"""Ripeness: firmness of grasps, drift, courses, stages and what is said of an item of the store."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.stiffness import Give
+from palpate.grasp.result import Outcome
+from palpate.produce.firmness import DayFelt, by_day, firmness_of
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.reference_object import Drift
+from palpate.produce.ripeness import RipenessRule, judge_by_first_day
+from palpate.produce.ripeness_course import Course
+from palpate.produce.ripeness_stages import STAGES, Boundaries
+from palpate.produce.ripeness_store import drift_of, history_of, judge, learn_rule, verdict_of
+from palpate.produce.store import Store
+
+FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
+#: Course of the made-up items: stiffness falls from 6 to 1 N/mm; boundaries in N/mm.
+HARD, SOFT, BOUNDS = math.log(6.0), math.log(1.0), (4.5, 2.5, 1.5)
+
+
+def grasp(item_id: str, stiffness: float, *, day: float = 0.0, force_n: float = 5.0) -> Grasp:
+    def felt(value: float, unit: str) -> Measurement:
+        return Measurement(value=value, low=0.9 * value, high=1.1 * value, unit=unit)
+
+    return Grasp(
+        item_id=item_id,
+        taken_at=FIRST + timedelta(days=day),
+        rig="bench.toml",
+        drive="width",
+        origin="hardware",
+        outcome=Outcome.HELD,
+        measurements={
+            "stiffness_n_per_mm": felt(stiffness, "n_per_mm"),
+            "force_n": felt(force_n, "n"),
+        },
+    )
+
+
+def soft_grasp(pixels: Sequence[float]) -> Grasp:
+    return Grasp(
+        item_id="soft",
+        taken_at=FIRST,
+        rig="bench.toml",
+        drive="pressure",
+        origin="hardware",
+        outcome=Outcome.HELD,
+        pixel_settled_percent=(tuple(pixels),),
+    )
+
+
+def firmness(halfway: float, day: float, *, pace: float = 0.8) -> float:
+    return SOFT + (HARD - SOFT) / (1.0 + math.exp((day - halfway) / pace))
+
+
+def stage(value: float) -> str:
+    return STAGES[sum(value < math.log(bound) for bound in BOUNDS)]
+
+
+def made_up(
+    count: int, *, seed: int, noise: float = 0.05, days: int = 6
+) -> tuple[list[float], list[list[DayFelt]]]:
+    rng = np.random.default_rng(seed)
+    halfway = rng.uniform(0.5, 4.5, count).tolist()
+    items = [
+        [
+            DayFelt(
+                day=float(day),
+                firmness=firmness(half, day) + noise * rng.standard_normal(),
+                grasps=2,
+                spread=noise,
+            )
+            for day in range(days)
+        ]
+        for half in halfway
+    ]
+    return halfway, items
+
+
+@pytest.fixture(scope="module")
+def rule() -> RipenessRule:
+    halfway, items = made_up(8, seed=1)
+    labels = [[stage(firmness(half, d)) for d in range(6)] for half in halfway]
+    return RipenessRule.learn(items, labels=labels, stages=STAGES)
+
+
+def test_round_bodies_are_compared_at_one_force() -> None:
+    # Hertz: pressed eight times as hard, the same fruit is twice as stiff.
+    soft, pressed = grasp("a", 2.0, force_n=5.0), grasp("a", 4.0, force_n=40.0)
+    assert firmness_of(soft) == pytest.approx(firmness_of(pressed))
+
+
+def test_the_load_shared_by_more_pixels_is_a_softer_item() -> None:
+    hard, soft = soft_grasp([-60, -60, -1, -1]), soft_grasp([-40, -40, -30, -30])
+    felt_hard, felt_soft = firmness_of(hard), firmness_of(soft)
+    assert felt_hard is not None
+    assert felt_soft is not None
+    assert felt_soft < felt_hard
+    assert firmness_of(soft_grasp([-50, -50, -50, -50])) == pytest.approx(-math.log(4))
+
+
+def test_a_grasp_that_measured_nothing_has_no_firmness() -> None:
+    assert firmness_of(soft_grasp([0.0, 1.0, -0.5, 0.0])) is None
+    slipped = Grasp(
+        item_id="a",
+        taken_at=FIRST,
+        rig="x",
+        drive="width",
+        origin="hardware",
+        outcome=Outcome.SLIPPED,
+    )
+    assert firmness_of(slipped) is None
+
+
+def test_mornings_that_begin_earlier_are_days_of_their_own() -> None:
+    times = [0.0, 0.01, 0.9, 0.95, 2.1]
+    days = by_day((FIRST + timedelta(days=at), 1.0) for at in times)
+    assert [day.grasps for day in days] == [2, 2, 1]
+
+
+def test_courses_are_learned_from_items_that_softened(rule: RipenessRule) -> None:
+    assert rule.course.hard == pytest.approx(HARD, abs=0.15)
+    assert rule.course.soft == pytest.approx(SOFT, abs=0.15)
+    assert rule.course.pace_days == pytest.approx(0.8, rel=0.35)
+
+
+def test_boundaries_are_learned_where_labels_change(rule: RipenessRule) -> None:
+    assert np.exp(rule.boundaries.firmness) == pytest.approx(BOUNDS, rel=0.12)
+
+
+def test_unseen_items_are_judged_right_and_their_intervals_cover(rule: RipenessRule) -> None:
+    halfway, items = made_up(25, seed=2)
+    ripe = math.log(BOUNDS[1])
+    exact, covered = [], []
+    for half, days in zip(halfway, items, strict=True):
+        crossing = half + 0.8 * math.log((HARD - SOFT) / (ripe - SOFT) - 1.0)
+        for count in range(1, 7):
+            said = rule.judge(days[:count])
+            exact.append(said.stage == stage(firmness(half, count - 1)))
+            wait = crossing - (count - 1)
+            if wait > 0:
+                assert said.days_to_ripe is not None
+                covered.append(said.days_to_ripe.low <= wait <= said.days_to_ripe.high)
+    assert np.mean(exact) > 0.88
+    assert np.mean(covered) > 0.8
+
+
+def test_more_days_narrow_the_days_to_ripe(rule: RipenessRule) -> None:
+    days = [
+        DayFelt(day=float(d), firmness=firmness(4.0, d), grasps=2, spread=0.05) for d in range(4)
+    ]
+    widths = [
+        said.high - said.low
+        for count in (1, 4)
+        if (said := rule.judge(days[:count]).days_to_ripe) is not None
+    ]
+    assert widths[1] < 0.7 * widths[0]
+
+
+def test_one_wild_grasp_does_not_turn_a_history(rule: RipenessRule) -> None:
+    days = [
+        DayFelt(day=float(d), firmness=firmness(2.0, d), grasps=2, spread=0.05) for d in range(5)
+    ]
+    wild = [*days[:2], DayFelt(day=2.0, firmness=HARD + 1.0, grasps=1, spread=math.nan), *days[3:]]
+    assert rule.judge(wild).stage == rule.judge(days).stage
+
+
+def test_learning_refuses_what_shows_no_softening() -> None:
+    still = [
+        [DayFelt(day=float(d), firmness=1.0 + 0.01 * (d % 2), grasps=2, spread=0.1) for d in (0, 1)]
+        for _ in range(5)
+    ]
+    with pytest.raises(InputError, match="0 items were felt on 3 days or more, 4 are needed"):
+        Course.learn(still)
+
+
+def test_a_stage_without_label_is_named() -> None:
+    with pytest.raises(InputError, match="no item was ever labelled 'overripe'"):
+        Boundaries.learn([2.0, 1.0, 0.5], ["hard", "conditioned", "ripe"])
+    with pytest.raises(InputError, match="label 'mushy' is no stage of ripeness"):
+        Boundaries.learn([2.0], ["mushy"])
+
+
+def test_stages_are_what_the_user_calls_them() -> None:
+    felt = [2.0, 1.9, 1.0, 0.9, 0.1, 0.0]
+    labels = ["green", "green", "turning", "turning", "ready", "ready"]
+    learned = Boundaries.learn(felt, labels, stages=("green", "turning", "ready"))
+    assert np.argmax(learned.probabilities([1.95, 0.95, 0.05]), axis=1).tolist() == [0, 1, 2]
+    with pytest.raises(InputError, match="'green' does not begin at any boundary"):
+        learned.begins("green")
+
+
+def test_without_labels_an_item_is_judged_by_its_first_day() -> None:
+    days = [DayFelt(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
+    assert judge_by_first_day(days).stage == "hard"
+    later = [*days, DayFelt(day=3.0, firmness=2.0 + math.log(0.25), grasps=3, spread=0.1)]
+    said = judge_by_first_day(later)
+    assert (said.stage, said.days_to_ripe, said.basis) == ("ripe", None, "first day")
+
+
+def drifted(truth: float, *, ratio: float, give: float, round_body: bool) -> float:
+    """Return the stiffness read at 5 N by a sensor that reads `ratio` times the true force."""
+    force_n = 5.0 / ratio
+    exponent = 2.0 / 3.0 if round_body else 1.0
+    deformation = 5.0 / truth * (force_n / 5.0) ** exponent
+    return 5.0 / (deformation + give * (force_n - 5.0))
+
+
+@pytest.mark.parametrize("fruit", [1.0, 2.5, 6.0])
+def test_the_reference_object_takes_drift_out_of_fruit(fruit: float) -> None:
+    give = 0.25
+    ball = [
+        grasp("ball", drifted(4.0, ratio=ratio, give=give, round_body=False), day=day)
+        for day, ratio in ((0.0, 1.0), (6.0, 0.85))
+        for _ in range(6)
+    ]
+    measured = Give.fit([0.0, 2.0, 4.0, 8.0], width_mm=[40.0, 39.5, 39.0, 38.0], block_mm=40.0)
+    drift = Drift.learn(ball, drive="width", give=measured)
+    at = FIRST + timedelta(days=6)
+    worn = grasp("fruit", drifted(fruit, ratio=0.85, give=give, round_body=True), day=6.0)
+    felt = firmness_of(worn)
+    assert felt is not None
+    error, mended = (abs(one - math.log(fruit)) for one in (felt, drift.corrected(felt, at=at)))
+    assert error > 0.1
+    assert mended < 0.25 * error
+
+
+def test_scatter_of_the_reference_is_not_taken_for_drift() -> None:
+    rng = np.random.default_rng(3)
+    ball = [
+        grasp("ball", 4.0 * math.exp(0.5 * rng.standard_normal()), day=float(day))
+        for day in (0, 1)
+        for _ in range(2)
+    ]
+    drift = Drift.learn(ball, drive="width")
+    raw = [day.firmness for day in by_day((g.taken_at, firmness_of(g) or 0.0) for g in ball)]
+    assert abs(drift.moved[1]) < 0.4 * abs(raw[1] - raw[0])
+    assert drift.advice == ""
+
+
+def test_a_worn_sensor_is_advised_about() -> None:
+    ball = [
+        grasp("ball", value, day=day) for value, day in ((4.0, 0), (4.1, 0), (2.0, 5), (2.1, 5))
+    ]
+    assert "calibrate force anew" in Drift.learn(ball, drive="width").advice
+    with pytest.raises(InputError, match="was felt on 1 day"):
+        Drift.learn(ball[:2], drive="width")
+
+
+@pytest.fixture
+def store() -> Store:
+    kept = Store.open("sqlite://")
+    halfway, items = made_up(6, seed=4)
+    for number, (half, days) in enumerate(zip(halfway, items, strict=True)):
+        item_id = f"taught-{number}"
+        kept.add_item(Item(item_id=item_id, kind="avocado"))
+        for day in days:
+            kept.add_grasp(grasp(item_id, math.exp(day.firmness), day=day.day))
+            kept.add_verdict(
+                Verdict(
+                    item_id=item_id,
+                    about=About.RIPENESS,
+                    text=stage(firmness(half, day.day)),
+                    given_at=FIRST + timedelta(days=day.day, hours=3),
+                    source=Source.PERSON,
+                )
+            )
+    kept.add_item(Item(item_id="A17", kind="avocado"))
+    for day in range(3):
+        kept.add_grasp(grasp("A17", math.exp(firmness(1.0, day)), day=day))
+    return kept
+
+
+def test_the_store_teaches_and_remembers(store: Store) -> None:
+    learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
+    history = history_of(store.grasps_of("A17"), item_id="A17", drive="width")
+    said = judge(history, rule=learned, ripe="ripe")
+    assert said.stage == stage(firmness(1.0, 2.0))
+    verdict = verdict_of(said, history)
+    assert store.add_verdict(verdict)
+    assert not store.add_verdict(verdict_of(said, history))
+    kept = store.verdicts_of("A17", about=About.RIPENESS)[0]
+    assert (kept.text, kept.source) == (said.stage, Source.PALPATE)
+    assert kept.explanation.startswith("felt 3 times on 3 days")
+    assert kept.details["basis"] == "labels"
+
+
+def test_what_the_store_lacks_is_said(store: Store) -> None:
+    with pytest.raises(InputError, match="no mango that a gripper driven by width felt"):
+        learn_rule(store, kind="mango", drive="width", stages=STAGES)
+    with pytest.raises(InputError, match="no item"):
+        drift_of(store, "ball", drive="width")
+    nothing = history_of((), item_id="A18", drive="width")
+    with pytest.raises(InputError, match="no grasp measured its firmness"):
+        judge(nothing, rule=None, ripe="ripe")
