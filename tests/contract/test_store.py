@@ -196,7 +196,7 @@ def test_a_day_is_a_day_of_the_time_zone(store: Store) -> None:
 
 
 def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.produce.store._BATCH", 3)
+    monkeypatch.setattr("palpate.produce.store_reader._BATCH", 3)
     taken = [grasp(f"i{n % 4}", hours=n) for n in range(10)]
     store.add_grasps(taken)
     store.add_item(Item(item_id="i1", kind="lime"))
@@ -204,6 +204,20 @@ def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.Monk
     assert list(store.grasps(kind="lime")) == taken[1::4]
     since, until = MORNING + timedelta(hours=2), MORNING + timedelta(hours=4)
     assert list(store.grasps(since=since, until=until)) == taken[2:4]
+
+
+def test_histories_of_many_come_in_the_order_of_the_names(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.produce.store_reader._ITEMS", 2)
+    store.add_grasps([grasp(f"i{n % 3}", hours=-n) for n in range(9)])
+    said = verdict("i1")
+    store.add_verdict(said)
+    names = ["i2", "nobody", "i1", "i0"]
+    found = list(store.histories(names))
+    assert [grasps for grasps, _ in found] == [store.grasps_of(name) for name in names]
+    assert [verdicts for _, verdicts in found] == [(), (), (said,), ()]
+    assert [item.item_id for item in store.items_named(names)] == ["i2", "i1", "i0"]
 
 
 def test_unknown_names_are_said(store: Store) -> None:

@@ -136,7 +136,7 @@ def _find(
         _, since, until = day_bounds(day)
         grasps = store.grasps(kind=kind, batch=batch, since=since, until=until)
         names = dict.fromkeys(grasp.item_id for grasp in grasps)
-        found = tuple(store.item(name) for name in list(names)[: limit + 1])
+        found = store.items_named(list(names)[: limit + 1])
     return item_pages(store, found[:limit]), len(found) > limit
 
 

@@ -59,7 +59,7 @@ def report(
             names = dict.fromkeys(grasp.item_id for grasp in grasps)
             if not names:
                 raise InputError(f"{known.name}: no grasps on {date}")
-            pages = item_pages(known, [known.item(name) for name in names])
+            pages = item_pages(known, known.items_named(list(names)))
             of_day = [page.within(since, until) for page in pages]
             text = day_report(date, of_day, store=known.name)
     with atomic_path(target) as partial:

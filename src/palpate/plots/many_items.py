@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 #: Kinds beyond these share one grey.
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
 _MARKERS = "osD^vP"
+#: More points than these are a picture in the figure: the file stays small.
+_MOST_VECTORS = 1500
 #: Of the minor ticks of a logarithmic axis, these leading digits are written out.
 _LABELLED_DIGITS = "25"
 
@@ -48,6 +50,7 @@ def size_stiffness_figure(pages: Sequence[ItemPage]) -> Figure | None:
                 alpha=0.85,
                 mew=0,
                 label=None if colour == GREY else kind,
+                rasterized=len(points) > _MOST_VECTORS,
             )
         _log_axis(axis)
         axis.set_xlabel("size (mm)")
@@ -76,7 +79,16 @@ def softening_figure(pages: Sequence[ItemPage], *, zone: tzinfo | None = None) -
         for kind, track in tracks:
             times, values = zip(*track, strict=True)
             colour, _ = looks[kind]
-            axis.plot(times, values, "-o", color=colour, ms=2.5, lw=0.9, alpha=_faint(len(tracks)))
+            axis.plot(
+                times,
+                values,
+                "-o",
+                color=colour,
+                ms=2.5,
+                lw=0.9,
+                alpha=_faint(len(tracks)),
+                rasterized=len(tracks) > _MOST_VECTORS,
+            )
         _log_axis(axis)
         axis.set_ylabel("stiffness (N/mm)")
         date_axis(axis, [time for _, track in tracks for time, _ in track])

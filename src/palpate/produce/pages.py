@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -61,17 +61,13 @@ def item_page(store: Store, item_id: str) -> ItemPage:
     InputError
         If there is no such item.
     """
-    return _page(store, store.item(item_id))
+    return item_pages(store, [store.item(item_id)])[0]
 
 
-def item_pages(store: Store, items: Iterable[Item]) -> tuple[ItemPage, ...]:
+def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemPage, ...]:
     """Gather the pages of several items, in their order."""
-    return tuple(_page(store, item) for item in items)
-
-
-def _page(store: Store, item: Item) -> ItemPage:
-    return ItemPage(
-        item=item,
-        grasps=store.grasps_of(item.item_id),
-        verdicts=store.verdicts_of(item.item_id),
+    histories = store.histories([item.item_id for item in items])
+    return tuple(
+        ItemPage(item=item, grasps=grasps, verdicts=verdicts)
+        for item, (grasps, verdicts) in zip(items, histories, strict=True)
     )

@@ -8,25 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from pathlib import Path
 from types import TracebackType
 
 import sqlalchemy as sa
 
-from palpate.errors import InputError, StoreError
-from palpate.produce.records import MEASURED, About, Grasp, Item, Reading, Source, Verdict
+from palpate.errors import StoreError
+from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store_engine import faults_of, make_engine, shown, store_url
 from palpate.produce.store_migrations import STEPS, found_version, migrate
-from palpate.produce.store_reading import (
-    narrowed,
-    read_grasps,
-    read_history,
-    read_items,
-    read_verdicts,
-    verdict_query,
-)
-from palpate.produce.store_schema import CALIBRATIONS, GRASPS, ITEMS, VERDICTS
+from palpate.produce.store_reader import StoreReader
 from palpate.produce.store_writing import (
     write_calibration,
     write_grasps,
@@ -34,11 +25,8 @@ from palpate.produce.store_writing import (
     write_verdict,
 )
 
-#: Grasps fetched at a time where all are asked for.
-_BATCH = 5000
 
-
-class Store:
+class Store(StoreReader):
     """Memory of items and grasps; a context manager. Made by `Store.open`.
 
     Every method raises `StoreAwayError` where the database does not answer now (no server, locked,
@@ -53,9 +41,8 @@ class Store:
     """
 
     def __init__(self, engine: sa.Engine, *, name: str) -> None:
-        self._reading = engine
+        super().__init__(engine, name=name)
         self._writing = engine.execution_options(writes=True)
-        self.name = name
 
     @classmethod
     def open(cls, where: str | Path | None = None, *, create: bool = True) -> Store:
@@ -143,153 +130,6 @@ class Store:
         with self._write() as connection:
             return write_verdict(connection, verdict)
 
-    def calibration(self, calibration_id: str) -> str:
-        """Return the text of a calibration.
-
-        Raises
-        ------
-        InputError
-            If there is none with this id.
-        """
-        query = sa.select(CALIBRATIONS.c.content).where(
-            CALIBRATIONS.c.calibration_id == calibration_id
-        )
-        with self._read() as connection:
-            text: str | None = connection.scalar(query)
-        if text is None:
-            raise InputError(f"{self.name}: no calibration {calibration_id!r}")
-        return text
-
-    def item(self, item_id: str) -> Item:
-        """Return one item.
-
-        Raises
-        ------
-        InputError
-            If there is none of that name.
-        """
-        with self._read() as connection:
-            found = read_items(connection, sa.select(ITEMS).where(ITEMS.c.item_id == item_id))
-        if not found:
-            raise InputError(f"{self.name}: no item {item_id!r}; `palpate items` lists them")
-        return found[0]
-
-    def items(
-        self,
-        *,
-        kind: str | None = None,
-        batch: str | None = None,
-        since: datetime | None = None,
-        until: datetime | None = None,
-        limit: int | None = None,
-    ) -> tuple[Item, ...]:
-        """Return items, the last met first.
-
-        Parameters
-        ----------
-        kind, batch : str, optional
-            Only those.
-        since, until : datetime, optional
-            Only items first seen at or after `since`, and before `until`.
-        limit : int, optional
-            At most this many.
-        """
-        query = narrowed(sa.select(ITEMS), kind=kind, batch=batch)
-        query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
-        with self._read() as connection:
-            return read_items(connection, _within(query, ITEMS.c.first_seen, since, until))
-
-    def grasps_of(self, item_id: str) -> tuple[Grasp, ...]:
-        """Return the grasps of an item, oldest first; none for an item that is not known."""
-        query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id)
-        with self._read() as connection:
-            return read_grasps(connection, query.order_by(GRASPS.c.taken_at, GRASPS.c.number))
-
-    def grasps(
-        self,
-        *,
-        kind: str | None = None,
-        batch: str | None = None,
-        since: datetime | None = None,
-        until: datetime | None = None,
-    ) -> Iterator[Grasp]:
-        """Yield grasps in the order they were written, in bounded memory.
-
-        Parameters
-        ----------
-        kind, batch : str, optional
-            Only of such items.
-        since, until : datetime, optional
-            Only grasps taken at or after `since`, and before `until`.
-        """
-        query = _within(sa.select(GRASPS), GRASPS.c.taken_at, since, until)
-        if kind is not None or batch is not None:
-            query = narrowed(query.join(ITEMS), kind=kind, batch=batch)
-        query = query.order_by(GRASPS.c.number).limit(_BATCH)
-        last = -1
-        while True:
-            with self._read() as connection:
-                numbers = query.with_only_columns(GRASPS.c.number).where(GRASPS.c.number > last)
-                found = list(connection.scalars(numbers))
-                if not found:
-                    return
-                batch_of = sa.select(GRASPS).where(GRASPS.c.number.in_(found))
-                rows = read_grasps(connection, batch_of.order_by(GRASPS.c.number))
-            yield from rows
-            last = found[-1]
-
-    def history(self, item_id: str, name: str) -> tuple[Reading, ...]:
-        """Return one measurement of an item over its grasps, oldest first.
-
-        Parameters
-        ----------
-        item_id : str
-            Which item.
-        name : str
-            One of `MEASURED`: ``"stiffness_n_per_mm"``, ...
-
-        Raises
-        ------
-        InputError
-            If there is no such measurement.
-        """
-        if name not in MEASURED:
-            raise InputError(f"measurement {name!r}: must be one of {', '.join(MEASURED)}")
-        with self._read() as connection:
-            return read_history(connection, item_id, name)
-
-    def verdicts_of(
-        self, item_id: str, *, about: About | None = None, source: Source | None = None
-    ) -> tuple[Verdict, ...]:
-        """Return what was said of an item, oldest first."""
-        query = verdict_query().where(VERDICTS.c.item_id == item_id)
-        if about is not None:
-            query = query.where(VERDICTS.c.about == str(about))
-        return self._verdicts(query, source)
-
-    def verdicts(
-        self, about: About, *, source: Source | None = None, kind: str | None = None
-    ) -> tuple[Verdict, ...]:
-        """Return what was said of all items, or of those of a kind: labels to learn from."""
-        query = verdict_query().where(VERDICTS.c.about == str(about))
-        if kind is not None:
-            query = narrowed(query.join(ITEMS), kind=kind)
-        return self._verdicts(query, source)
-
-    def of_batch(self, batch: str) -> tuple[Item, ...]:
-        """Return the items of a batch, the first met first."""
-        return self.items(batch=batch)[::-1]
-
-    def of_day(self, day: date, *, zone: tzinfo = UTC) -> tuple[Grasp, ...]:
-        """Return the grasps of one day of a time zone, oldest first."""
-        since, until = (
-            datetime.combine(midnight, time.min, tzinfo=zone)
-            for midnight in (day, day + timedelta(days=1))
-        )
-        query = _within(sa.select(GRASPS), GRASPS.c.taken_at, since, until)
-        with self._read() as connection:
-            return read_grasps(connection, query.order_by(GRASPS.c.taken_at, GRASPS.c.number))
-
     def close(self) -> None:
         """Let go of the database. May be called twice."""
         self._reading.dispose()
@@ -305,37 +145,10 @@ class Store:
     ) -> None:
         self.close()
 
-    def _verdicts(
-        self, query: sa.Select[tuple[object, ...]], source: Source | None
-    ) -> tuple[Verdict, ...]:
-        if source is not None:
-            query = query.where(VERDICTS.c.source == str(source))
-        with self._read() as connection:
-            return read_verdicts(connection, query)
-
-    @contextmanager
-    def _read(self) -> Iterator[sa.Connection]:
-        with faults_of(self.name), self._reading.connect() as connection:
-            yield connection
-
     @contextmanager
     def _write(self) -> Iterator[sa.Connection]:
         with faults_of(self.name), self._writing.begin() as connection:
             yield connection
-
-
-def _within(
-    query: sa.Select[tuple[object, ...]],
-    column: sa.Column[datetime],
-    since: datetime | None,
-    until: datetime | None,
-) -> sa.Select[tuple[object, ...]]:
-    for moment in (since, until):
-        if moment is not None and moment.tzinfo is None:
-            raise InputError(f"{moment.isoformat()}: has no time zone; give one, as in 08:00Z")
-    if since is not None:
-        query = query.where(column >= since)
-    return query if until is None else query.where(column < until)
 
 
 def _check_file(path: Path, *, name: str, create: bool) -> None:
