@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.errors import InputError
+
 if TYPE_CHECKING:
     from palpate.dashboard.station import CellBench
 
@@ -47,6 +49,12 @@ def serve(
     from palpate.rig import rig_names
     from palpate.twin.objects import OBJECTS
 
+    if rig not in rig_names() and not (rig.endswith(".toml") and Path(rig).is_file()):
+        raise InputError(
+            f"no rig {rig!r}; there are: {', '.join(rig_names())}, or a rig file (*.toml)"
+        )
+    if object_name is not None and object_name not in OBJECTS:
+        raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
     settings = Settings(
         rigs=tuple(dict.fromkeys((rig, *rig_names()))),
         objects=tuple(OBJECTS),

@@ -112,11 +112,9 @@ class Desk:
         """How long ago the devices' process said anything, seconds."""
         return time.monotonic() - self._heard_s
 
-    def _keep(self, grasped: Grasped, source: Source) -> None:
+    def _keep(self, grasped: Grasped, source: Source, item_id: str) -> None:
         """Remember a grasp of a named item; the database may take its time."""
-        item_id, loop = self.session.item_id, self._loop
-        if not item_id or loop is None:
-            return
+        loop = asyncio.get_running_loop()
         keep = partial(self.ledger.keep, grasped, source=source, item_id=item_id)
         loop.run_in_executor(None, keep).add_done_callback(self._kept)
 

@@ -153,7 +153,7 @@ class Devices:
                 return None
             self._requests, self._stop_asked_s = Requests(), None
             if self._station is not None:
-                self._station.requests = self._requests
+                self._station.requests, self._station.reacted_s = self._requests, None
             return self._orders.popleft()
 
     # -- what is done ---------------------------------------------------------------------------
@@ -206,7 +206,8 @@ class Devices:
             station, asked_s = self._station, self._stop_asked_s
             if station is None or asked_s is None:
                 return None
-            return station.rig.clock.now_s() - asked_s
+            told_s = station.reacted_s or station.rig.clock.now_s()
+            return max(told_s - asked_s, 0.0)
 
     def _open(self, order: OpenRig) -> None:
         self._let_go()
@@ -235,6 +236,7 @@ class Devices:
             self._complain(str(error))
             self._gone.wait(_LOST_S)
             return
+        self._complain("")
         state = state_of(station.rig.gripper)
         self._outlet.see(frame, state)
         if self._writer is not None:

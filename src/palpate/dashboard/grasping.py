@@ -5,7 +5,8 @@ from __future__ import annotations
 from palpate.dashboard.messages import Grasp, Grasped, OpenHand
 from palpate.dashboard.recorder import open_recording
 from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
-from palpate.grasp.belief import Observation
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 
@@ -34,6 +35,11 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
         def recorder(observation: Observation) -> None:
             writer.add_observation(observation.frame, gripper=observation.gripper)
 
+        def react(belief: Belief) -> None:
+            opening = belief.phase is Phase.RELEASE
+            if opening and station.requests.stop.is_set() and station.reacted_s is None:
+                station.reacted_s = rig.clock.now_s()
+
         outlet.think(plan)
         result = run_grasp(
             plan,
@@ -41,7 +47,7 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
             gripper=rig.gripper,
             clock=rig.clock,
             subscribers=[recorder, outlet.observe],
-            watchers=[outlet.believe],
+            watchers=[outlet.believe, react],
             requests=station.requests,
         )
     truth = None if rig.truth is None else dict(rig.truth())

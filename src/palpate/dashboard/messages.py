@@ -32,10 +32,14 @@ class OpenRig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasp:
-    """Close on what is there and hold it; every frame goes to the recording."""
+    """Close on what is there and hold it; every frame goes to the recording.
+
+    `item_id` names what it is, where it is to be remembered.
+    """
 
     target_force_n: float | None
     recording: Path
+    item_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

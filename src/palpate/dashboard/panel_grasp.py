@@ -60,8 +60,12 @@ def grasp_buttons(desk: Desk, hands: Hands, wishes: Wishes) -> None:
         if wanted is not None and not 0 < wanted <= FORCE_CEILING_N:
             ui.notify(f"target force: above 0 and at most {FORCE_CEILING_N:g} N", type="warning")
             return
-        desk.session.item_id = (wishes.item_id or "").strip()
-        hands.order(Grasp(target_force_n=wanted, recording=desk.new_recording("grasp")))
+        order = Grasp(
+            target_force_n=wanted,
+            recording=desk.new_recording("grasp"),
+            item_id=(wishes.item_id or "").strip(),
+        )
+        hands.order(order)
 
     go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
     go.props("flat no-caps id=grasp")

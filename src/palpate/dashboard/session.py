@@ -102,7 +102,7 @@ class Session:
     send : callable
         Takes an order, or a request that is heard at once.
     on_grasped : callable, optional
-        Called with each finished grasp of the rig (not with replays).
+        Called with each finished grasp of a named item (not with replays), its source and name.
 
     Attributes
     ----------
@@ -116,8 +116,6 @@ class Session:
         What the user is to do now.
     trouble : str
         What went wrong last; empty once something went well.
-    item_id : str
-        Which item the next grasp is of; empty if it is not to be remembered.
     grasped, calibrated, health
         What came of the last grasp or replay, calibration and examination.
     stopped_after_s : float or None
@@ -141,7 +139,7 @@ class Session:
         self,
         *,
         send: Callable[[Order | Urgent], None],
-        on_grasped: Callable[[Grasped, Source], None] = lambda grasped, source: None,
+        on_grasped: Callable[[Grasped, Source, str], None] = lambda grasped, source, item_id: None,
     ) -> None:
         self._send, self._on_grasped = send, on_grasped
         self.viewers: set[str] = set()
@@ -151,7 +149,6 @@ class Session:
         self.guide: Guide | None = None
         self.trouble = ""
         self.target_force_n: float | None = None
-        self.item_id = ""
         self.grasped: Grasped | None = None
         self.calibrated: Calibrated | None = None
         self.health: Health | None = None
@@ -335,8 +332,8 @@ class Session:
             case Grasped():
                 self.grasped = note.found
                 source = self.live.source
-                if isinstance(note.order, Grasp) and source is not None:
-                    self._on_grasped(note.found, source)
+                if isinstance(note.order, Grasp) and note.order.item_id and source is not None:
+                    self._on_grasped(note.found, source, note.order.item_id)
             case Calibrated():
                 self.calibrated = note.found
             case Health():

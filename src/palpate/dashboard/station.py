@@ -65,6 +65,8 @@ class Station:
         Opens the bench with a load cell of this rig; None where it has none.
     requests : Requests
         What the user asks of the job that runs.
+    reacted_s : float or None
+        When the hand was told because of a stop, if the job went on after that.
     """
 
     rig: Rig
@@ -74,6 +76,7 @@ class Station:
     confirmed: threading.Event
     open_bench: BenchOpener | None = None
     requests: Requests = field(default_factory=Requests)
+    reacted_s: float | None = None
 
     def source(self) -> Source:
         """Return what the page is to know about the rig."""

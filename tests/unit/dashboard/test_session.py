@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,9 +66,10 @@ class Desk:
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
-        self.kept: list[Grasped] = []
+        self.kept: list[tuple[Grasped, str]] = []
         self.session = Session(
-            send=self.sent.append, on_grasped=lambda grasped, _: self.kept.append(grasped)
+            send=self.sent.append,
+            on_grasped=lambda grasped, _, item_id: self.kept.append((grasped, item_id)),
         )
 
     def tell(self, *notes: Any, width_mm: float = 74.0, pulse: Pulse = FRESH) -> None:
@@ -165,19 +167,21 @@ def test_a_rig_that_does_not_open_leaves_none(desk: Desk) -> None:
     assert not desk.session.refusal(Action.OPEN, viewer="a")
 
 
-def test_a_grasp_of_the_rig_is_kept_and_a_replay_is_not(desk: Desk) -> None:
+def test_a_grasp_of_a_named_item_is_kept_and_a_replay_is_not(desk: Desk) -> None:
     held = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    desk.session.order("a", GRASP)
     desk.tell(Began(order=GRASP), Ended(order=GRASP, found=held))
-    assert desk.session.grasped == held
-    assert desk.kept == [held]
+    assert (desk.session.grasped, desk.kept) == (held, [])
+    named = replace(GRASP, item_id="berry-7")
+    desk.session.order("a", named)
+    desk.tell(Began(order=named), Ended(order=named, found=held))
+    assert desk.kept == [(held, "berry-7")]
     play = Play(file=Path("old.mcap"))
     desk.session.order("a", play)
     desk.tell(Began(order=play), source(replayed=True), held)
     assert desk.session.grasped == held
     desk.tell(Ended(order=play))
     assert desk.session.grasped is None
-    assert desk.kept == [held]
+    assert len(desk.kept) == 1
 
 
 def test_only_what_is_asked_can_be_confirmed(desk: Desk) -> None:

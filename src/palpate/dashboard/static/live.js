@@ -138,6 +138,7 @@ function drawVerdict(doc) {
   if (said.on_target === false) parts.push(`off the target of ${said.target_force_n} N`);
   if (doc.measured.decision_time_s !== null) parts.push(`answer ${fixed(doc.measured.decision_time_s, 1)} s after contact`);
   if (doc.stopped_after_s !== null) parts.push(`stopped ${fixed(1000 * doc.stopped_after_s, 0)} ms after the request`);
+  parts.push(...doc.measured.faults);
   if (doc.measured.damaged) parts.push("the object was damaged");
   if (doc.phase && said.kind === "busy" && doc.measured.force_now_n > 0) parts.push(`about ${fixed(doc.measured.force_now_n, 1)} N`);
   card.innerHTML = `<b id="verdict-text">${esc(said.text)}</b>${said.firmness ? `<span class="firm">${esc(said.firmness)}</span>` : ""}<span class="why">${esc(parts.join(" · "))}</span>`;
