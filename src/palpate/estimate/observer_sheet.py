@@ -24,6 +24,8 @@ from palpate.settling.result import Status
 
 #: Where a contact's own gain is quoted: ln of 3 N, the middle of a grasp's forces.
 MIDDLE_LOG_N = float(np.log(3.0))
+#: So many readings of the current after a stop make one.
+_READINGS = 3
 #: Linearisations of one reading: the force is an exponential of its errors.
 _ITERATIONS = 3
 #: Correlation time of the error that wanders, seconds: about a dwell.
@@ -183,12 +185,11 @@ class SheetObserver:
             model.reading, knots=model.knots, time_constants_s=model.time_constants_s
         )
         self._last_s = float("nan")
-        # Errors of ln force: a contact's own gain and exponent, one that wanders (in its own
-        # standard deviations, which grow as the force gets faint); then what the gears hold since
-        # the last stop, newtons.
-        self._mean = np.zeros(4)
-        self._covariance = np.diag(np.square([model.gain_sd, model.slope_sd, 1.0, 0.0]))
-        self._stuck = False
+        # Errors of ln force: a contact's own gain and exponent, and one that wanders (in its own
+        # standard deviations, which grow as the force gets faint).
+        self._mean = np.zeros(3)
+        self._covariance = np.diag(np.square([model.gain_sd, model.slope_sd, 1.0]))
+        self._since_stop: list[float] = []
         self._witnessed = False
         self._log_force, self._in_range = -np.inf, False
 
@@ -216,11 +217,8 @@ class SheetObserver:
         self._log_force = float(model.log_force(terms))
         self._in_range = model.range[0] <= self._memory.log_reading <= model.range[1]
         self._wander(time_s)
-        self._stuck = self._stuck and not self._memory.moved
-        if model.current is not None and np.isfinite(current_ma) and not self._memory.moved:
-            self._stop(model.current)
-            seen_n = float(model.current.force_n(current_ma))
-            self._see(seen_n, sd_n=model.current.sd_n, biased=1.0)
+        if model.current is not None and np.isfinite(current_ma):
+            self._witness(model.current, current_ma)
         return self._now()
 
     def tell(self, force_n: float) -> None:
@@ -233,23 +231,26 @@ class SheetObserver:
         """
         if not force_n > 0:
             raise ValueError("the force told must be above 0 N")
-        self._see(force_n, sd_n=0.01 * force_n, biased=0.0)
+        self._see(force_n, sd_n=0.01 * force_n)
 
-    def _stop(self, current: Current) -> None:
-        """Begin with a new share of the gears once the fingers have stopped."""
-        if self._stuck:
+    def _witness(self, current: Current, current_ma: float) -> None:
+        """Take the current once after each stop: what the gears hold does not change until then."""
+        if self._memory.moved:
+            self._since_stop = []
             return
-        self._stuck = self._witnessed = True
+        self._since_stop.append(float(current.force_n(current_ma)))
+        if len(self._since_stop) != _READINGS:
+            return
+        self._witnessed = True
         expected_n = float(np.exp(min(self._log_force - float(self._reach @ self._mean), 7.0)))
-        self._mean[3] = 0.0
-        self._covariance[3, :] = self._covariance[:, 3] = 0.0
-        self._covariance[3, 3] = float(current.stuck_sd_n(expected_n)) ** 2
+        sd_n = np.hypot(current.stuck_sd_n(expected_n), current.sd_n / np.sqrt(_READINGS))
+        self._see(float(np.mean(self._since_stop)), sd_n=float(sd_n))
 
     def _wander(self, time_s: float) -> None:
         """Let the wandering error forget."""
         if np.isfinite(self._last_s):
             keep = float(np.exp(-(time_s - self._last_s) / DRIFT_S))
-            scale = np.array([1.0, 1.0, keep, 1.0])
+            scale = np.array([1.0, 1.0, keep])
             self._mean = self._mean * scale
             self._covariance = self._covariance * np.outer(scale, scale)
             self._covariance[2, 2] += 1.0 - keep**2
@@ -260,18 +261,17 @@ class SheetObserver:
         """How far each error state enters ln force now."""
         model, log_force = self._model, self._log_force
         wandering = float(model.wandering_sd(log_force))
-        return np.array([1.0, float(model.away(log_force)), wandering, 0.0])
+        return np.array([1.0, float(model.away(log_force)), wandering])
 
-    def _see(self, seen_n: float, *, sd_n: float, biased: float) -> None:
+    def _see(self, seen_n: float, *, sd_n: float) -> None:
         """Correct the errors by one reading of the force, linearised where it leads (iterated)."""
         before, reach, state = self._mean, self._reach, self._mean
         for _ in range(_ITERATIONS):
             expected_n = float(np.exp(np.clip(self._log_force - reach @ state, -7.0, 7.0)))
             slope = -expected_n * reach
-            slope[3] = biased
             spread = self._covariance @ slope
             variance = float(slope @ spread) + sd_n**2
-            surprise_n = seen_n - expected_n - biased * state[3] - slope @ (before - state)
+            surprise_n = seen_n - expected_n - slope @ (before - state)
             state = before + spread / variance * surprise_n
         self._mean = state
         self._covariance = self._covariance - np.outer(spread, spread) / variance

@@ -23,6 +23,9 @@ from palpate.sensor.load_traces import LoadTraces, frames
 SHEET_TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: Where the law may bend: at these shares of the loaded frames.
 _KNOTS = (0.15, 0.4, 0.65, 0.88)
+#: Servo current is used where it leaves at most this share of the error: a handful of placements
+#: shows no smaller gain for sure.
+_HELPS = 0.8
 #: Fewer placements can't show how they differ.
 FEWEST_RUNS = 4
 #: Share of frames of falling force from which on unloading counts as seen.
@@ -57,6 +60,11 @@ def fit_sheet(traces: LoadTraces, *, memory: bool = True) -> SheetModel:
     memory : bool
         False learns a static law by the same criterion: the plain sum, no creep, no backlash.
 
+    Returns
+    -------
+    SheetModel
+        With servo current only where it made the errors on placements left out smaller.
+
     Raises
     ------
     CalibrationError
@@ -64,6 +72,12 @@ def fit_sheet(traces: LoadTraces, *, memory: bool = True) -> SheetModel:
         does not rise with it.
     """
     return _fitted(traces, memory=memory)[0]
+
+
+def fit_current(traces: LoadTraces) -> Current | None:
+    """Return the line from servo current to force; None where the current does not follow it."""
+    placements = [run for run in traces.runs() if (np.asarray(run.force_n) > FAINT_N).any()]
+    return _current([_seen(run, reading=SUMMED, knots=(0.0,), times_s=()) for run in placements])
 
 
 def without_current(model: SheetModel) -> SheetModel:
@@ -190,25 +204,34 @@ def _with_tails(
     tail = max(float(np.quantile(np.concatenate(alone), 0.9)) * few, 0.5)
     if model.current is None:
         return replace(model, tail=tail, tail_with_current=tail)
-    both = [
-        _ratios(replace(model, weights=tuple(weights.tolist())), run)
-        for run, weights in zip(runs, folds, strict=True)
-    ]
+    both, alone_n, both_n = [], [], []
+    for run, error, weights in zip(runs, left, folds, strict=True):
+        ratio, error_n = _with_current(replace(model, weights=tuple(weights.tolist())), run)
+        both.append(ratio)
+        both_n.append(error_n)
+        alone_n.append(np.exp(run.log_force + error) - run.force_n)
+    if not _rms(both_n) < _HELPS * _rms(alone_n):
+        return replace(model, current=None, tail=tail, tail_with_current=tail)
     with_current = max(float(np.quantile(np.concatenate(both), 0.9)) * few, 0.5)
     return replace(model, tail=tail, tail_with_current=with_current)
 
 
-def _ratios(model: SheetModel, run: _Run) -> FloatArray:
-    """Return |error of ln force| over the observer's own half width, at every loaded frame."""
-    observer, found = SheetObserver(model), []
+def _rms(errors: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
+
+
+def _with_current(model: SheetModel, run: _Run) -> tuple[FloatArray, FloatArray]:
+    """Return |error of ln force| over the observer's own half width, and the error in newtons."""
+    observer, ratios, errors_n = SheetObserver(model), [], []
     for frame in frames(run.trace):
         now = observer.step(
             frame.time_s, frame.excess, width_mm=frame.width_mm, current_ma=frame.current_ma
         )
         if frame.force_n > FAINT_N:
             wide = np.log(now.high / now.value)
-            found.append(abs(np.log(now.value / frame.force_n)) / wide)
-    return np.array(found)
+            ratios.append(abs(np.log(now.value / frame.force_n)) / wide)
+            errors_n.append(now.value - frame.force_n)
+    return np.array(ratios), np.array(errors_n)
 
 
 def _unloading_seen(traces: LoadTraces) -> bool:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.observer_sheet import SheetModel, SheetObserver
-from palpate.estimate.observer_sheet_fit import fit_sheet, without_current
+from palpate.estimate.observer_sheet import Current, SheetModel, SheetObserver
+from palpate.estimate.observer_sheet_fit import fit_current, fit_sheet, without_current
 from palpate.estimate.sheet_reading_fit import FAINT_N
 from palpate.grasp.calibrating import Bench
 from palpate.grasp.load_traces import GUIDED, Staircase, record_traces
@@ -101,8 +101,9 @@ def followed(guided: LoadTraces, tested: LoadTraces) -> Mapping[str, list[Follow
         "settling": [_follow(settled, run) for run in settled_traces(tested).runs()],
         "observer": [_follow(without_current(full), run) for run in tested.runs()],
     }
-    if full.current is not None:
-        found["current"] = [_follow_current(full, run) for run in tested.runs()]
+    current = fit_current(guided)
+    if current is not None:
+        found["current"] = [_follow_current(current, run) for run in tested.runs()]
         found["both"] = [_follow(full, run) for run in tested.runs()]
     return found
 
@@ -148,10 +149,7 @@ def _follow(model: SheetModel, run: LoadTraces) -> FollowedForce:
     return _as_followed(rows)
 
 
-def _follow_current(model: SheetModel, run: LoadTraces) -> FollowedForce:
-    current = model.current
-    if current is None:
-        raise ValueError("the model knows no current")
+def _follow_current(current: Current, run: LoadTraces) -> FollowedForce:
     rows = []
     for frame in frames(run):
         if frame.force_n > FAINT_N:

@@ -120,8 +120,9 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
             "The static law is fitted to the same traces by the same criterion as the observer. "
             "`own gain out` is the error with the median of each staircase taken away: what "
             "remains when the gain of that contact is known.",
-            "The twin's servo current has the friction and noise stated in twin/devices.py, and no "
-            "drift with temperature: `current` and `both` lean on that.",
+            "The twin's servo current has gear friction that stops anywhere in its band, and a "
+            "motor that warms up (twin/servo_current.py): plausible, not measured. `both` uses the "
+            "current only where placements left out of the calibration say that it helps.",
         ),
         tables=[table],
         payload={"summary": summary, "sheets": sheets, "staircases": staircases},
