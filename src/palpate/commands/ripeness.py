@@ -13,7 +13,7 @@ from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.produce.records import Item
+    from palpate.produce.records import Drive, Item
     from palpate.produce.reference_object import Drift
     from palpate.produce.ripeness import Ripeness, RipenessRule
     from palpate.produce.ripeness_store import ItemHistory
@@ -68,9 +68,8 @@ def ripeness(
         asked = _asked(kept, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
             raise InputError(f"--plot {plot}: draws one item; {len(asked)} were asked for")
-        judged = [
-            _judged(kept, item, reference=reference, stages=names, ripe=ripe) for item in asked
-        ]
+        judge = _Judge(kept, reference=reference, stages=names, ripe=ripe)
+        judged = [judge.judged(item) for item in asked]
         for one in judged:
             kept.add_verdict(verdict_of(one.ripeness, one.history))
     if plot is not None:
@@ -122,31 +121,69 @@ def _asked(store: Store, items: list[str], *, batch: str | None) -> list[Item]:
     return found
 
 
-def _judged(
-    store: Store, item: Item, *, reference: str | None, stages: tuple[str, ...], ripe: str
-) -> Judged:
-    from palpate.produce.identify_store import drive_of
-    from palpate.produce.ripeness_store import drift_of, history_of, judge, learn_rule
+class _Judge:
+    """What is learned from the store, once for each kind and gripper."""
 
-    grasps = store.grasps_of(item.item_id)
-    drive = drive_of(grasps, item_id=item.item_id)
-    drift = None if reference is None else drift_of(store, reference, drive=drive)
-    history = history_of(grasps, item_id=item.item_id, drive=drive, drift=drift)
-    rule = None
-    try:
+    def __init__(
+        self, store: Store, *, reference: str | None, stages: tuple[str, ...], ripe: str
+    ) -> None:
+        self._store, self._reference = store, reference
+        self._stages, self._ripe = stages, ripe
+        self._drifts: dict[Drive, Drift | None] = {}
+        self._rules: dict[tuple[str, Drive], RipenessRule | InputError] = {}
+
+    def judged(self, item: Item) -> Judged:
+        from palpate.produce.identify_store import drive_of
+        from palpate.produce.ripeness_store import history_of, judge
+
+        grasps = self._store.grasps_of(item.item_id)
+        drive = drive_of(grasps, item_id=item.item_id)
+        drift = self._drift(drive)
+        history = history_of(grasps, item_id=item.item_id, drive=drive, drift=drift)
+        rule = self._rule(item, drive)
+        return Judged(
+            item,
+            history=history,
+            ripeness=judge(history, rule=rule, ripe=self._ripe),
+            rule=rule,
+            drift=drift,
+        )
+
+    def _drift(self, drive: Drive) -> Drift | None:
+        from palpate.produce.ripeness_store import drift_of
+
+        if drive not in self._drifts:
+            self._drifts[drive] = (
+                None
+                if self._reference is None
+                else drift_of(self._store, self._reference, drive=drive)
+            )
+        return self._drifts[drive]
+
+    def _rule(self, item: Item, drive: Drive) -> RipenessRule | None:
+        """Return what labels teach of its kind; None where its own first day must do."""
         if item.kind is None:
-            raise InputError(
+            found: RipenessRule | InputError = InputError(
                 f"nobody said what it is (palpate items {item.item_id} --set kind=...)"
             )
-        rule = learn_rule(store, kind=item.kind, drive=drive, stages=stages, drift=drift)
-    except InputError as why:
-        if drive == "pressure" or stages != tuple(_DEFAULT_STAGES.split(",")):
-            raise
-        print(f"palpate ripeness: {item.item_id} by its own first day: {why}", file=sys.stderr)
-    return Judged(
-        item,
-        history=history,
-        ripeness=judge(history, rule=rule, ripe=ripe),
-        rule=rule,
-        drift=drift,
-    )
+        else:
+            key = (item.kind, drive)
+            if key not in self._rules:
+                self._rules[key] = self._learned(*key)
+            found = self._rules[key]
+        if not isinstance(found, InputError):
+            return found
+        if drive == "pressure" or self._stages != tuple(_DEFAULT_STAGES.split(",")):
+            raise found
+        print(f"palpate ripeness: {item.item_id} by its own first day: {found}", file=sys.stderr)
+        return None
+
+    def _learned(self, kind: str, drive: Drive) -> RipenessRule | InputError:
+        from palpate.produce.ripeness_store import learn_rule
+
+        try:
+            return learn_rule(
+                self._store, kind=kind, drive=drive, stages=self._stages, drift=self._drift(drive)
+            )
+        except InputError as why:
+            return why

@@ -13,6 +13,10 @@ from palpate.produce.ripeness_stages import RIPE, Boundaries
 
 #: Probability that the interval of the days to ripe is meant to cover.
 LEVEL = 0.9
+#: By how much it is wider than the weighed courses say: a few labelled items leave the mean course
+#: in doubt, real ones are no logistic curves, rooms are not equally warm on all days. On made-up
+#: items that are not reported, courses alone covered 78 % after 6 labelled items, 84 % after 12.
+_WIDER = 1.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,6 +117,8 @@ class RipenessRule:
         tail = (1.0 - LEVEL) / 2.0
         wait = courses.day_below(self.boundaries.begins(ripe)) - last
         low, value, high = courses.quantile(wait, [tail, 0.5, 1.0 - tail])
+        if np.isfinite(value):
+            low, high = value - _WIDER * (value - low), value + _WIDER * (high - value)
         return Ripeness(
             stage=self.boundaries.stages[int(np.argmax(chance))],
             probabilities=dict(zip(self.boundaries.stages, chance.tolist(), strict=True)),

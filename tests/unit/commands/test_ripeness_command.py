@@ -1,0 +1,122 @@
+"""`palpate ripeness` as a user meets it, on the store that its example makes."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.produce.records import About, Item, Source
+from palpate.produce.store import Store
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "batch_ripeness.py"
+
+
+def palpate(*arguments: str) -> int:
+    return run(build_app(), ["ripeness", *arguments], name="palpate")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("ripeness") / "batch.sqlite"
+    runpy.run_path(str(EXAMPLE), run_name="example")["make_store"](path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+    return tmp_path
+
+
+def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert palpate("--batch", "Monday", "--store", str(made), "--reference", "ball", "--json") == 0
+    items = json.loads(capsys.readouterr().out)["items"]
+    assert len(items) == 8
+    assert all(item["simulated"] and item["basis"] == "labels" for item in items)
+    for item in items:
+        assert sum(item["probabilities"].values()) == pytest.approx(1.0)
+        days = item["days_to_ripe"]
+        assert days["low"] <= days["value"] <= days["high"]
+        assert len(item["days"]) == 4
+        # The made-up sensor loses 2 % a day of what a ball shows, and ten days have passed.
+        assert item["reference_moved_percent"] == pytest.approx(100 * (0.98**10 - 1), abs=5)
+    assert {"hard", "overripe"} <= {item["stage"] for item in items}
+
+
+def test_one_item_is_explained_drawn_and_remembered(
+    made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("fruit-1", "--store", str(made), "--plot", "fruit.png") == 0
+    said = capsys.readouterr().out
+    assert "felt 12 times on 4 days" in said
+    assert "SIMULATED" in said
+    assert (folder / "fruit.png").stat().st_size > 10_000
+    with Store.open(made, create=False) as store:
+        kept = store.verdicts_of("fruit-1", about=About.RIPENESS, source=Source.PALPATE)
+    assert kept
+    assert kept[-1].text in said
+
+
+def test_drift_that_nobody_takes_out_makes_fruit_look_riper(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stiffness(*options: str) -> float:
+        assert palpate("fruit-5", "--store", str(made), "--json", *options) == 0
+        item = json.loads(capsys.readouterr().out)["items"][0]
+        return float(item["days"][0]["stiffness_n_per_mm"])
+
+    assert stiffness() < 0.93 * stiffness("--reference", "ball")
+
+
+def test_an_item_of_no_kind_is_judged_by_its_first_day(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Store.open(made, create=False) as store, Store.open(tmp_path / "one.sqlite") as alone:
+        alone.add_item(Item(item_id="mine"))
+        for grasp in store.grasps_of("fruit-1"):
+            object.__setattr__(grasp, "item_id", "mine")
+            alone.add_grasp(grasp)
+    assert palpate("mine", "--store", "one.sqlite", "--json") == 0
+    shown = capsys.readouterr()
+    assert "by its own first day: nobody said what it is" in shown.err
+    item = json.loads(shown.out)["items"][0]
+    assert (item["basis"], item["days_to_ripe"]) == ("first day", None)
+    assert item["stage"] in ("ripe", "overripe")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "name an item, or --batch"),
+        (("--batch", "Tuesday"), "no item of this batch"),
+        (("nobody",), "nobody"),
+        (("fruit-1", "--stages", "ripe"), "at least two different stages"),
+        (("fruit-1", "--ripe", "green"), "must be one of conditioned, ripe, overripe"),
+        (("fruit-1", "--reference", "stone"), "stone"),
+        (("fruit-1", "--plot", "fruit.bmp"), "a plot ends in .png"),
+        (("fruit-1", "fruit-2", "--plot", "fruit.png"), "draws one item"),
+        (("fruit-1", "--stages", "green,ready", "--ripe", "ready"), "is no stage of ripeness"),
+    ],
+)
+def test_mistakes_are_one_line(
+    arguments: tuple[str, ...], said: str, made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate(*arguments, "--store", str(made)) == 2
+    shown = capsys.readouterr().err.strip()
+    assert said in shown
+    assert "\n" not in shown
+
+
+def test_the_example_prints_its_batch_and_draws_it(
+    made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runpy.run_path(str(EXAMPLE), run_name="example")["main"]([str(made), "Monday"])
+    said = capsys.readouterr().out
+    assert said.startswith("Monday (simulated): 8 fruits")
+    assert "the ball reads -" in said
+    assert (folder / "batch.png").stat().st_size > 10_000
