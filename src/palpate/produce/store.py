@@ -11,13 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
-import sqlalchemy as sa
-
 from palpate.errors import StoreError
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store_engine import faults_of, make_engine, shown, store_url
 from palpate.produce.store_migrations import STEPS, found_version, migrate
 from palpate.produce.store_reader import StoreReader
+from palpate.produce.store_sql import sa
 from palpate.produce.store_writing import (
     write_calibration,
     write_grasps,

@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import sqlalchemy as sa
-
 from palpate.errors import InputError, MissingExtraError, StoreAwayError, StoreError
+from palpate.produce.store_sql import sa
 
 #: Environment variable and file name of the store, where none is named.
 STORE_VARIABLE = "PALPATE_STORE"

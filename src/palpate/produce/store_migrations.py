@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
-import sqlalchemy as sa
-
 from palpate.errors import StoreError
 from palpate.produce.store_schema import VERSIONS
+from palpate.produce.store_sql import sa
 
 #: What the databases call the same thing.
 _TYPES = {

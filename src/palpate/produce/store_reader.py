@@ -6,8 +6,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 
-import sqlalchemy as sa
-
 from palpate.errors import InputError
 from palpate.produce.records import MEASURED, About, Grasp, Item, Reading, Source, Verdict
 from palpate.produce.store_engine import faults_of
@@ -20,6 +18,7 @@ from palpate.produce.store_reading import (
     verdict_query,
 )
 from palpate.produce.store_schema import CALIBRATIONS, GRASPS, ITEMS, VERDICTS
+from palpate.produce.store_sql import sa
 
 #: Grasps fetched at a time where all are asked for.
 _BATCH = 5000

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-import sqlalchemy as sa
-
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, Grasp, Item, Reading, Verdict
 from palpate.produce.store_schema import GRASPS, ITEMS, MEASUREMENTS, VERDICTS
+from palpate.produce.store_sql import sa
 from palpate.settling.result import Status
 
 _READING_COLUMNS = tuple(f.name for f in fields(Reading) if f.name != "measurement")

@@ -5,15 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Any
 
-from palpate.errors import MissingExtraError
-
-try:
-    import sqlalchemy as sa
-except ModuleNotFoundError as error:
-    raise MissingExtraError(
-        "the store of items needs SQLAlchemy: run `pip install 'palpate[produce]'`"
-    ) from error
-from sqlalchemy.dialects import postgresql, sqlite
+from palpate.produce.store_sql import postgresql, sa, sqlite
 
 
 class UtcTime(sa.types.TypeDecorator[datetime]):

@@ -9,8 +9,6 @@ from datetime import UTC, datetime
 from itertools import islice
 from typing import Any
 
-import sqlalchemy as sa
-
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store_schema import (
     CALIBRATIONS,
@@ -20,6 +18,7 @@ from palpate.produce.store_schema import (
     VERDICTS,
     insert,
 )
+from palpate.produce.store_sql import sa
 
 #: Grasps of one statement: more gain little, and databases bound the number of parameters.
 _CHUNK = 1000

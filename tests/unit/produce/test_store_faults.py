@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from datetime import UTC, datetime
@@ -14,8 +16,15 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from palpate.errors import InputError, PalpateError, StoreAwayError, StoreError
+from palpate.errors import (
+    InputError,
+    MissingExtraError,
+    PalpateError,
+    StoreAwayError,
+    StoreError,
+)
 from palpate.produce import store_engine
+from palpate.produce.export import require_parquet
 from palpate.produce.records import Item
 from palpate.produce.store import Store
 from palpate.produce.store_engine import faults_of, make_engine, shown, store_url
@@ -208,3 +217,26 @@ def test_every_known_fault_is_one_line_with_a_remedy() -> None:
 def test_other_errors_pass_through() -> None:
     with pytest.raises(PalpateError, match="mine"), faults_of("store x"):
         raise StoreError("mine")
+
+
+def test_a_server_without_its_driver_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'palpate\[postgresql\]'"):
+        Store.open("postgresql://hall3/items")
+
+
+def test_no_store_without_its_extra() -> None:
+    code = (
+        "import sys; sys.modules['sqlalchemy'] = None; sys.argv = ['palpate', 'items']; "
+        "from palpate.cli import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert "pip install 'palpate[produce]'" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_parquet_without_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'palpate\[data\]'"):
+        require_parquet()

@@ -1,0 +1,140 @@
+"""Figures of the reports: what they show, and when there is nothing to show."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.plots.inline_svg import THEME, inline_svg, page_figure
+from palpate.plots.item_history import history_figure, pixels_figure
+from palpate.plots.many_items import (
+    counts_figure,
+    hours_figure,
+    kind_of,
+    size_stiffness_figure,
+    softening_figure,
+)
+from palpate.plots.style import GREY, INK
+from palpate.produce.pages import ItemPage
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
+
+NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+
+
+def measured(value: float, unit: str, *, above: float = 0.5) -> Measurement:
+    return Measurement(value=value, low=value - 0.5, high=value + above, unit=unit)
+
+
+def grasp(hours: float, *, stiffness: float = 3.0, above: float = 0.5) -> Grasp:
+    return Grasp(
+        item_id="A17",
+        taken_at=NOON + timedelta(hours=hours),
+        rig="sim-rigid",
+        drive="width",
+        origin="twin",
+        outcome=Outcome.HELD if hours else Outcome.SLIPPED,
+        measurements={
+            "stiffness_n_per_mm": measured(stiffness, "n_per_mm", above=above),
+            "size_mm": measured(60.0, "mm"),
+        },
+        pixel_settled_percent=((-30.0, None), (-60.0, -5.0)),
+        angle_deg=90.0 * (hours // 24),
+    )
+
+
+def page(
+    *grasps: Grasp, kind: str | None = "avocado", verdicts: tuple[Verdict, ...] = ()
+) -> ItemPage:
+    return ItemPage(item=Item(item_id="A17", kind=kind), grasps=grasps, verdicts=verdicts)
+
+
+def said(text: str, *, about: About = About.RIPENESS, source: Source = Source.PALPATE) -> Verdict:
+    return Verdict(item_id="A17", about=about, text=text, given_at=NOON, source=source)
+
+
+def test_history_starts_at_zero_and_a_wide_interval_does_not_flatten_it() -> None:
+    grasps = [
+        grasp(24 * day, stiffness=4 - day, above=300.0 if day == 1 else 0.5) for day in (0, 1, 2)
+    ]
+    figure = history_figure(page(*grasps), "stiffness_n_per_mm", label="stiffness (N/mm)")
+    low, high = figure.axes[0].get_ylim()
+    assert low == 0
+    assert 4 < high < 20
+    assert figure.axes[0].get_ylabel() == "stiffness (N/mm)"
+
+
+def test_what_a_person_said_is_marked() -> None:
+    words = (said("ripe", source=Source.PERSON), said("hard"))
+    figure = history_figure(page(grasp(0), verdicts=words), "size_mm", label="size (mm)", zone=UTC)
+    assert [text.get_text() for text in figure.axes[0].texts] == ["ripe"]
+
+
+def test_pixels_are_shown_for_the_last_grasp_of_each_side() -> None:
+    figure = pixels_figure([grasp(0), grasp(1), grasp(24)])
+    assert figure is not None
+    assert [axis.get_title() for axis in figure.axes] == ["0°", "90°"]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["-30", "-", "-60", "-5"]
+    assert pixels_figure([]) is None
+
+
+def test_kinds_beyond_the_colours_share_grey() -> None:
+    pages = [page(grasp(1), kind=f"kind {n % 8}") for n in range(30)]
+    figure = size_stiffness_figure(pages)
+    assert figure is not None
+    lines = figure.axes[0].lines
+    assert [line.get_color() for line in lines].count(GREY) == 2
+    assert len({line.get_color() for line in lines}) == 7
+    assert sum(len(line.get_xdata()) for line in lines) == 30
+    assert size_stiffness_figure([page()]) is None
+
+
+def test_softening_needs_two_days() -> None:
+    assert softening_figure([page(grasp(0), grasp(1))]) is None
+    figure = softening_figure([page(grasp(0), grasp(48, stiffness=1.5))])
+    assert figure is not None
+    assert figure.axes[0].lines[0].get_ydata().tolist() == [3.0, 1.5]
+
+
+def test_counts_keep_their_order_and_shorten_names() -> None:
+    figure = counts_figure([("ripe", 7), ("a name that is much longer than a bar", 2)])
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert labels == ["ripe", "a name that is much lon…"]
+    assert [bar.get_width() for bar in figure.axes[0].patches] == [7, 2]
+
+
+def test_hours_count_what_was_not_held_apart() -> None:
+    figure = hours_figure([grasp(0), grasp(0.5), grasp(3)], zone=UTC)
+    heights = [bar.get_height() for bar in figure.axes[0].patches]
+    assert sum(heights) == 3
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["held", "not held"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdicts", "name"),
+    [
+        ("kiwi", (said("lime", about=About.IDENTITY),), "kiwi"),
+        (None, (said("lime", about=About.IDENTITY),), "lime"),
+        (None, (said("ripe"),), "not named"),
+    ],
+)
+def test_what_a_person_calls_it_comes_first(
+    kind: str | None, verdicts: tuple[Verdict, ...], name: str
+) -> None:
+    assert kind_of(page(kind=kind, verdicts=verdicts)) == name
+
+
+def test_a_figure_takes_its_colours_from_the_page() -> None:
+    with page_figure() as (figure, (axis,)):
+        axis.plot([0, 1], [0, 1], color=INK)
+        axis.set_title("<b>")
+        text = inline_svg(figure, label='a "label"')
+    assert text.startswith("<svg")
+    assert 'aria-label="a &quot;label&quot;"' in text
+    assert "&lt;b&gt;" in text
+    assert "var(--ink)" in text
+    assert "var(--grid)" in text
+    assert 'width="' not in text.split(">")[0]
+    assert not any(colour.lower() in text.lower() for colour, _, _, _ in THEME)
