@@ -13,6 +13,7 @@ from palpate.errors import InputError
 #: Study -> (module under `palpate.studies`, what it shows). Each module holds a function `command`.
 STUDIES: dict[str, tuple[str, str]] = {
     "force-ladders": ("force_ladders", "Dead weights on real Velostat, sensors held out"),
+    "force-control": ("force_control", "Random things gripped to a force and lifted, simulated"),
     "hybrid": ("hybrid", "Recorded fruit and sheets through the real firmware"),
     "noise": ("noise", "Filters against mains pick-up and motor spikes, on the twin"),
     "pixels": ("pixels", "Number of pixels, and dead ones, on the twin"),

@@ -83,11 +83,12 @@ def closed_by(belief: Belief, step: float, plan: Plan) -> tuple[Belief, GripperC
 def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     """Return the step that should raise the force by a fixed amount, or by more far from the goal.
 
-    No longer than the steps before contact, unless the object is known to be soft.
+    No longer than the steps before contact until the force is well above what noise reads.
     """
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
     steepest_n = slope_high_n(belief, plan)
-    longest = plan.step if steepest_n == plan.steepest_n else 3.0 * plan.step
+    faint = belief.force_n < plan.force_step_n
+    longest = approach_step(plan) if faint else 3.0 * plan.step
     return max(min(rise_n / steepest_n, longest), plan.smallest_step)
 
 
@@ -109,16 +110,18 @@ def slope_n(belief: Belief, plan: Plan) -> float:
 def _damage_low_n(belief: Belief, plan: Plan) -> float:
     """Return the lower bound of the damage limit that the force-closure curve so far tells.
 
-    Where the hazard of the next few percent is too high, that is the force already there.
+    The guard's other rule, hazard of the next few percent of force, needs a finer and smoother
+    curve than a sheet gives in steps: there it takes every wobble of a reading for a bend.
     """
     if plan.damage is None or plan.give is None:
         return math.inf
     curve, states = ClosingCurve(), []
-    for stair in belief.staircase:
+    # What one finger feels alone is no squeeze.
+    gripped = (c for c in belief.staircase if c.touch.shared_percent <= plan.hint_percent)
+    for stair in gripped:
         force_n = float(plan.early_law.force_n(stair.touch.reading).value)
         given_mm = float(plan.give.give_mm(force_n))
         states += curve.push(stair.closure - given_mm, force_n=force_n)
     if not states:
         return math.inf
-    limit = plan.damage.limit(states[-1], kind=plan.kind, stop_score=plan.damage.stop_score())
-    return limit.force_n if limit.stop else limit.low_n
+    return plan.damage.limit(states[-1], kind=plan.kind, stop_score=math.inf).low_n

@@ -1,0 +1,135 @@
+"""Random things to grip to a force and to lift, and what their user would have found out before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimate.closing import ClosingCurve, ClosingState
+from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.twin.friction import N_PER_G
+from palpate.twin.mechanics import object_force_n
+from palpate.twin.objects import FRICTION, TwinObject
+from palpate.twin.ranges import log_uniform, uniform
+from palpate.twin.velostat import Environment
+from palpate.twin.world import GripperKind, World
+
+#: Two decades of force at 1 mm, newtons.
+STIFFNESS_N = (0.5, 50.0)
+#: Sizes within the stroke: soft fingers need some of it to press.
+SIZES_MM: dict[str, tuple[float, float]] = {"rigid": (25.0, 60.0), "soft": (42.0, 60.0)}
+#: Targets: below the first, a sheet of the level `paper` may feel nothing at all.
+TARGETS_N = (1.5, 8.0)
+#: Softer things yield at more deformation in mm, as fruit does: median and log sd of what they
+#: stand. Correlation of stiffness and strength then is about that of recorded fruit.
+_YIELD_MM, _YIELD_LOG_SD = 4.0, 0.45
+#: Share of things that relax as fruit does, and how much they and others relax.
+_FRUIT_SHARE, _FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
+#: Lifting takes this share of the target, with the least friction there is.
+_LIFT_SHARE = (0.2, 0.6)
+#: Wear of the sheet when it is used, contacts.
+_CYCLES = 300
+#: Things pressed until they yield, so that the limit can be learned.
+PRESSED = 120
+_STEP_MM, _PRESS_UP_TO_N = 0.02, 60.0
+#: How the sheet reads a closing: in steps of force, with a gain of its own (log sd), a wobble from
+#: step to step (log sd), an error of the closure (mm), and nothing below a first force.
+_RISE_N, _WOBBLE, _SLACK_MM, _BLIND_N = 0.7, 0.04, 0.03, 0.5
+_BLUR = {"paper": 0.1, "field": 0.4}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One thing, the force to grip it with, and the force that lifting it takes."""
+
+    seed: int
+    level: str
+    kind: GripperKind
+    obj: TwinObject
+    target_n: float
+    lift_n: float
+
+    def world(self) -> World:
+        """Return the world of this grasp, on a sheet that was used since its calibration."""
+        used = Environment(cycles=int(np.random.default_rng([self.seed, 33]).integers(_CYCLES)))
+        return World(
+            self.obj,
+            seed=self.seed,
+            sheet_seed=self.seed // GRASPS_PER_SHEET,
+            level=self.level,
+            gripper=self.kind,
+            environment=used,
+        )
+
+
+#: So many grasps share a sensor, a gripper and their calibration.
+GRASPS_PER_SHEET = 4
+
+
+def task(seed: int, *, level: str) -> Task:
+    """Draw one task; every fourth sensor sits on soft fingers."""
+    rng = np.random.default_rng([seed, 31])
+    kind: GripperKind = "soft" if (seed // GRASPS_PER_SHEET) % 4 == 3 else "rigid"
+    target_n = log_uniform(rng, TARGETS_N)
+    lift_n = target_n * uniform(rng, _LIFT_SHARE)
+    mass_g = 2.0 * FRICTION[0] * lift_n / N_PER_G
+    obj = thing(rng, size_mm=SIZES_MM[kind], mass_g=mass_g)
+    return Task(seed=seed, level=level, kind=kind, obj=obj, target_n=target_n, lift_n=lift_n)
+
+
+def thing(
+    rng: np.random.Generator, *, size_mm: tuple[float, float], mass_g: float = 50.0
+) -> TwinObject:
+    """Draw a thing of any stiffness, shape and strength."""
+    contact = "hertz" if rng.random() < 0.5 else "linear"
+    force_at_1mm_n = log_uniform(rng, STIFFNESS_N)
+    relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_SHARE else _OTHERS_RELAX
+    yield_mm = _YIELD_MM * float(np.exp(_YIELD_LOG_SD * rng.standard_normal()))
+    yield_n = force_at_1mm_n * yield_mm ** (1.5 if contact == "hertz" else 1.0)
+    return TwinObject(
+        name="thing",
+        size_mm=uniform(rng, size_mm),
+        contact="hertz" if contact == "hertz" else "linear",
+        force_at_1mm_n=force_at_1mm_n,
+        relaxing_share=tuple((rng.dirichlet((2.0, 2.0, 2.0)) * uniform(rng, relaxing)).tolist()),
+        relaxing_time_s=tuple(log_uniform(rng, pair) for pair in ((0.2, 1), (1, 8), (8, 80))),
+        flat=bool(rng.random() < 0.5),
+        yield_n=yield_n,
+        rupture_n=1.2 * yield_n,
+        mass_g=mass_g,
+        friction=uniform(rng, FRICTION),
+    )
+
+
+def learned_damage(*, level: str, seed: int) -> DamageModel:
+    """Press other things in a test stand until they yield, and learn the limit from that.
+
+    A user's step: the label is the force at which a thing yielded. The curves are coarsened and
+    blurred as the sheet will read them: a guard that learned from clean curves takes every wobble
+    of a reading for a bend. Things that stand more than the stand gives are left out.
+    """
+    paths, limits_n = list[list[ClosingState]](), list[float]()
+    rng = np.random.default_rng([seed, 34])
+    while len(paths) < PRESSED:
+        obj = thing(rng, size_mm=SIZES_MM["rigid"])
+        if obj.yield_n < _PRESS_UP_TO_N:
+            paths.append(_pressed(obj, rng=rng, gain_sd=_BLUR[level]))
+            limits_n.append(obj.yield_n)
+    return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["thing"] * len(paths))
+
+
+def _pressed(obj: TwinObject, *, rng: np.random.Generator, gain_sd: float) -> list[ClosingState]:
+    """Return the states of a pressing, in the forces that a sheet would have read."""
+    curve, states = ClosingCurve(), list[ClosingState]()
+    gain = float(np.exp(gain_sd * rng.standard_normal()))
+    deformation_mm, force_n = 0.0, 0.0
+    while force_n < obj.yield_n:
+        read_n = force_n
+        while force_n < min(read_n + _RISE_N, obj.yield_n):
+            deformation_mm += _STEP_MM
+            force_n = object_force_n(obj, deformation_mm, ruptured=False)[0]
+        said_n = gain * force_n * float(np.exp(_WOBBLE * rng.standard_normal()))
+        if force_n > _BLIND_N:
+            states += curve.push(deformation_mm + _SLACK_MM * rng.standard_normal(), force_n=said_n)
+    return states
