@@ -29,16 +29,17 @@ from palpate.twin.world import World
 
 BAUD = 1_000_000
 #: The servo answers from a thread of its own, and test machines are busy.
-REPLY_S = 0.2
+REPLY_S = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """An open gripper, and what lets time pass."""
+    """An open gripper, what lets time pass, and where its fingers really are (mm or kPa)."""
 
     gripper: Gripper
     clock: ManualClock
     wait: Callable[[float], None]
+    where: Callable[[], float]
 
 
 def on_servo(world: World, bus: ServoBus, **options: float) -> DynamixelGripper:
@@ -69,7 +70,12 @@ def world_of(kind: str, name: str | None = None) -> World:
 @contextmanager
 def twin_hand(kind: str) -> Iterator[Hand]:
     world = world_of(kind)
-    yield Hand(gripper=TwinGripper(world), clock=world.clock, wait=world.clock.sleep_s)
+    yield Hand(
+        gripper=TwinGripper(world),
+        clock=world.clock,
+        wait=world.clock.sleep_s,
+        where=lambda: world.drive_value(world.now_s()),
+    )
 
 
 @contextmanager
@@ -83,7 +89,12 @@ def servo_hand(model_number: int) -> Iterator[Hand]:
             world.clock.sleep_s(0.1)
             gripper.state()
 
-    yield Hand(gripper=gripper, clock=world.clock, wait=wait)
+    yield Hand(
+        gripper=gripper,
+        clock=world.clock,
+        wait=wait,
+        where=lambda: world.drive_value(world.now_s()),
+    )
     gripper.close()
     bus.close()
 
@@ -91,8 +102,15 @@ def servo_hand(model_number: int) -> Iterator[Hand]:
 @contextmanager
 def board_hand() -> Iterator[Hand]:
     world = world_of("soft")
-    array, gripper = on_board(world, RegulatorBoard(world))
-    yield Hand(gripper=gripper, clock=world.clock, wait=_reading(array, gripper, world.clock))
+    board = RegulatorBoard(world)
+    array, gripper = on_board(world, board)
+
+    def where() -> float:
+        board.run()
+        return board.pressure_kpa
+
+    wait = _reading(array, gripper, world.clock)
+    yield Hand(gripper=gripper, clock=world.clock, wait=wait, where=where)
     gripper.close()
     array.close()
 
@@ -109,7 +127,13 @@ def firmware_hand() -> Iterator[Hand]:
         stream, clock=world.clock, layout=SOFT_LAYOUT, rate_hz=50.0, contents=Contents.PRESSURE
     )
     gripper = PneumaticGripper(array, clock=world.clock)
-    yield Hand(gripper=gripper, clock=world.clock, wait=_reading(array, gripper, world.clock))
+
+    def where() -> float:
+        array.read(timeout_s=1.0)
+        return board.pressure_kpa
+
+    wait = _reading(array, gripper, world.clock)
+    yield Hand(gripper=gripper, clock=world.clock, wait=wait, where=where)
     gripper.close()
     array.close()
 

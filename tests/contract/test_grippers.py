@@ -100,8 +100,24 @@ def test_release_opens_fully(hand: Hand) -> None:
     assert limits.closure(hand.gripper.state()) == pytest.approx(0.0, abs=NEAR[limits.drive])
 
 
-def test_closing_twice_does_nothing(hand: Hand) -> None:
+def test_closing_lets_go_of_the_port_and_not_of_the_object(hand: Hand) -> None:
     limits = hand.gripper.limits
+    target, _, rate = PLACES[limits.drive]
+    go(hand, target, 4 * rate)
+    hand.wait(4.0)
+    before = hand.where()
     hand.gripper.close()
+    first = [_settled(hand) for _ in range(2)][-1]
     hand.gripper.close()
-    assert hand.gripper.limits == limits
+    assert _settled(hand) == pytest.approx(first, abs=0.05), "again does nothing"
+    if limits.drive == "width":
+        assert first == pytest.approx(before, abs=0.05), "a servo holds its place"
+    else:
+        assert first <= before + 0.05, "pressure never rises by closing"
+
+
+def _settled(hand: Hand) -> float:
+    for _ in range(20):
+        hand.clock.sleep_s(0.1)
+        now = hand.where()
+    return now

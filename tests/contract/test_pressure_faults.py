@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from tests.contract.hands import on_board, world_of
@@ -17,6 +18,7 @@ from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.pneumatic import SOFT_LIMITS, PneumaticGripper, open_gripper
+from palpate.recording import RecordingInfo, RecordingWriter, load_recording
 from palpate.rig.simulated import calibrated
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.sensor.serial_array import SerialArray
@@ -121,17 +123,16 @@ STRIKES: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
     "supply lost": (RegulatorBoard.cut_supply, Outcome.GRIPPER_FAULT, "without supply?"),
     "port vanishes": (RegulatorBoard.unplug, Outcome.GRIPPER_FAULT, "is gone"),
     "frames stop": (RegulatorBoard.silence, Outcome.SENSOR_LOST, "no frame from simulated board"),
-    "ctrl-c": (
-        lambda _: os.kill(os.getpid(), signal.SIGINT),
-        Outcome.STOPPED,
-        "",
-    ),
+    "ctrl-c": (lambda _: os.kill(os.getpid(), signal.SIGINT), Outcome.STOPPED, ""),
+    "sigterm": (lambda _: os.kill(os.getpid(), signal.SIGTERM), Outcome.STOPPED, ""),
 }
 
 
 @pytest.mark.parametrize("strike", STRIKES)
-def test_a_fault_ends_the_grasp_and_vents(plan: Plan, board: RegulatorBoard, strike: str) -> None:
-    world = board.world
+def test_a_fault_ends_the_grasp_and_vents(
+    plan: Plan, board: RegulatorBoard, strike: str, tmp_path: Path
+) -> None:
+    world, path = board.world, tmp_path / "fault.mcap"
     array, gripper = on_board(world, board)
     struck_s: list[float] = []
 
@@ -140,7 +141,19 @@ def test_a_fault_ends_the_grasp_and_vents(plan: Plan, board: RegulatorBoard, str
             struck_s.append(world.clock.now_s())
             STRIKES[strike][0](board)
 
-    result = run_grasp(plan, array=array, gripper=gripper, clock=world.clock, subscribers=[striker])
+    with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
+
+        def recorder(seen: Observation) -> None:
+            writer.add_observation(seen.frame, gripper=seen.gripper)
+
+        result = run_grasp(
+            plan,
+            array=array,
+            gripper=gripper,
+            clock=world.clock,
+            subscribers=[recorder, striker],
+        )
+    assert len(load_recording(path).time_s) == result.frames
     _, outcome, words = STRIKES[strike]
     assert result.outcome is outcome
     assert words in " ".join(result.faults)
@@ -152,6 +165,7 @@ def test_a_fault_ends_the_grasp_and_vents(plan: Plan, board: RegulatorBoard, str
             "port vanishes": 0.5 + 0.1,
             "frames stop": 5 / 15 + 0.1,
             "ctrl-c": 0.1,
+            "sigterm": 0.1,
         }[strike]
     )
 

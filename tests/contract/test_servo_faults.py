@@ -286,6 +286,28 @@ def test_a_fault_ends_the_grasp_at_once(
         assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
 
 
+def test_torque_that_is_off_is_known_by_the_width(
+    plan: Plan, bus: ServoBus, gripper: DynamixelGripper, world: World, tmp_path: Path
+) -> None:
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    struck_s: list[float] = []
+
+    def limp(_: Observation) -> None:
+        if world.clock.now_s() > 2.0 and not struck_s:
+            struck_s.append(world.clock.now_s())
+            line.write(x.TORQUE_ENABLE, 0)
+
+    path = tmp_path / "limp.mcap"
+    result = _recorded(plan, gripper, world, path, limp)
+    line.close()
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert "is it blocked, locked or without supply?" in result.faults[0]
+    # The next step is at most half a second off, its way 0.05 s, its grace 0.4 s.
+    assert world.clock.now_s() - struck_s[0] <= 0.5 + 0.05 + 0.4 + 0.1
+    assert len(load_recording(path).time_s) == result.frames
+    assert not world.moving(world.clock.now_s())
+
+
 def _recorded(
     plan: Plan,
     gripper: DynamixelGripper,
