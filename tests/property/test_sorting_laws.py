@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify import UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.identify import Identifier, TaughtItem
 from palpate.produce.identify_features import Touch
+from palpate.produce.identify_result import UNKNOWN, Identity
 from palpate.produce.rules import Evidence, Rule, RuleBook, Span
 from palpate.produce.sorting import decide
 

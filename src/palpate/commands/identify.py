@@ -12,7 +12,8 @@ from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.produce.identify import Identifier, Identity
+    from palpate.produce.identify import Identifier
+    from palpate.produce.identify_result import Identity
 
 
 def identify(
@@ -74,7 +75,7 @@ def _show(item: str, identity: Identity, known: Identifier, *, why: str, simulat
     from rich.console import Console
     from rich.table import Table
 
-    from palpate.produce.identify import UNKNOWN
+    from palpate.produce.identify_result import UNKNOWN
 
     console = Console()
     note = " (simulated)" if simulated else ""

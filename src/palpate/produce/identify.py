@@ -23,7 +23,7 @@ taught, it rejects no more than the stated share, whatever their distribution.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.produce.identify_features import Touch
+from palpate.produce.identify_result import UNKNOWN, Identity
 
 FloatArray = NDArray[np.float64]
 
-UNKNOWN = "unknown"
 #: Share of items of the taught kinds that may be called unknown.
 FALSE_REJECT = 0.05
 #: A kind's own covariance counts as its items, what all kinds share as so many.
@@ -57,60 +57,6 @@ class TaughtItem:
 
     kind: str
     touches: tuple[Touch, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Identity:
-    """What an item is.
-
-    Attributes
-    ----------
-    kind : str
-        The most probable kind, or `UNKNOWN` if it is rejected.
-    probability : mapping of str to float
-        Of each kind that was taught, and of something else under `UNKNOWN`; the sum is 1.
-    usual : float
-        Share of the taught items that are at most as usual as this one: small for strangers.
-    rejected : bool
-        Whether it is unknown at the stated level.
-    grasps : int
-        Grasps that went into it.
-    """
-
-    kind: str
-    probability: Mapping[str, float]
-    usual: float
-    rejected: bool
-    grasps: int
-
-    @property
-    def confidence(self) -> float:
-        """Probability of the kind that is named; for what is unknown, the level of the test."""
-        return 1.0 - self.usual if self.rejected else self.probability[self.kind]
-
-    @property
-    def best_guess(self) -> str:
-        """The most probable kind, whether it is rejected or not."""
-        kinds = [kind for kind in self.probability if kind != UNKNOWN]
-        return max(kinds, key=self.probability.__getitem__)
-
-
-def as_labelled(kind: str) -> Identity:
-    """Return what is known of an item whose kind a person said.
-
-    Examples
-    --------
-    >>> as_labelled("kiwi").confidence
-    1.0
-    """
-    sure = kind != UNKNOWN
-    return Identity(
-        kind=kind,
-        probability={kind: 1.0},
-        usual=1.0 if sure else 0.0,
-        rejected=not sure,
-        grasps=0,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,7 +115,8 @@ class Identifier:
     kinds : tuple of str
         What was taught.
     own_share : ndarray, shape (n_features,)
-        Share of a stated variance by which grasps of one item really differ.
+        Variance by which grasps of one item differ, in stated variances; above 1 where its sides
+        differ more than measurements err.
 
     Raises
     ------
@@ -257,7 +204,7 @@ class Identifier:
         """Average grasps; only the errors of their own shrink."""
         variance = np.array([touch.sd**2 for touch in touches])
         foreign = np.array([touch.calibration not in self._calibrations for touch in touches])
-        common = (1.0 - self.own_share) * variance * foreign[:, None]
+        common = np.maximum(1.0 - self.own_share, 0.0) * variance * foreign[:, None]
         own = self.own_share * variance
         return _Felt(
             value=np.mean([touch.value for touch in touches], axis=0),
@@ -296,7 +243,7 @@ class Identifier:
 
 
 def _own_share(taught: Sequence[TaughtItem]) -> FloatArray:
-    """Return the share of the stated variance by which grasps of one item differ, per feature."""
+    """Return by what share of the stated variance grasps of one item differ, per feature."""
     size = taught[0].touches[0].value.size
     seen, stated = np.zeros(size), np.zeros(size)
     freedom = 0
@@ -309,7 +256,7 @@ def _own_share(taught: Sequence[TaughtItem]) -> FloatArray:
                 freedom += len(same) - 1
     ratio = seen / np.maximum(stated, 1e-12)
     share = (freedom * ratio + _OWN_GRASPS * _OWN_SHARE) / (freedom + _OWN_GRASPS)
-    return np.asarray(np.clip(share, _LEAST_OWN_SHARE, 1.0))
+    return np.asarray(np.maximum(share, _LEAST_OWN_SHARE))
 
 
 def _true_scatter(members: Sequence[_Felt]) -> FloatArray:

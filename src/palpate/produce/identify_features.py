@@ -70,7 +70,8 @@ def put_together(measured: Sequence[Measurement], *, own_share: float) -> Measur
     measured : sequence of Measurement
         The same quantity of one item, grasp by grasp.
     own_share : float
-        Share of the variance that differs from grasp to grasp.
+        Share of the variance that differs from grasp to grasp; above 1 where sides differ more than
+        measurements err.
 
     Examples
     --------
@@ -80,7 +81,7 @@ def put_together(measured: Sequence[Measurement], *, own_share: float) -> Measur
     (40.0, 0.866)
     """
     count = len(measured)
-    left = math.sqrt(own_share / count + 1.0 - own_share)
+    left = math.sqrt(own_share / count + max(1.0 - own_share, 0.0))
     value = float(np.mean([one.value for one in measured]))
     down = float(np.sqrt(np.mean([(one.value - one.low) ** 2 for one in measured])))
     up = float(np.sqrt(np.mean([(one.high - one.value) ** 2 for one in measured])))

@@ -9,20 +9,14 @@ from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
-from palpate.produce.identify import (
-    FALSE_REJECT,
-    FEWEST_ITEMS,
-    UNKNOWN,
-    Identifier,
-    Identity,
-    TaughtItem,
-)
+from palpate.produce.identify import FALSE_REJECT, FEWEST_ITEMS, Identifier, TaughtItem
 from palpate.produce.identify_features import (
     PRESSURE_FEATURES,
     WIDTH_FEATURES,
     Touch,
     touch_of,
 )
+from palpate.produce.identify_result import UNKNOWN, Identity
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from statistics import NormalDist
 from types import MappingProxyType
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify import UNKNOWN, Identity
+from palpate.produce.identify_result import UNKNOWN, Identity
 
 #: Conditions that a rule may state, as they are named in a rules file.
 CONDITIONS = ("class", "size_mm", "ripeness", "bruised")

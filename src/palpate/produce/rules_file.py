@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import InputError
-from palpate.produce.identify import FEWEST_ITEMS, UNKNOWN
+from palpate.produce.identify import FEWEST_ITEMS
+from palpate.produce.identify_result import UNKNOWN
 from palpate.produce.rules import CONDITIONS, CONFIDENCE, MOST_GRASPS, Rule, RuleBook, Span
 from palpate.produce.rules_order import refuse_hidden
 

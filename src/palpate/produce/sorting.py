@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from palpate.produce.identify import UNKNOWN
+from palpate.produce.identify_result import UNKNOWN
 from palpate.produce.rules import Evidence, Rule, RuleBook
 
 Says = Literal["yes", "no", "unsure"]

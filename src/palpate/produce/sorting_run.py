@@ -8,8 +8,9 @@ from datetime import datetime
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify import Identifier, Identity, as_labelled
+from palpate.produce.identify import Identifier
 from palpate.produce.identify_features import put_together
+from palpate.produce.identify_result import Identity, as_labelled
 from palpate.produce.identify_store import touches_of
 from palpate.produce.records import About, Drive, Grasp, Verdict
 from palpate.produce.rules import Evidence, RuleBook

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify import UNKNOWN, as_labelled
+from palpate.produce.identify_result import UNKNOWN, as_labelled
 from palpate.produce.rules import Evidence, RuleBook
 from palpate.produce.sorting import decide
 

@@ -11,7 +11,8 @@ import typer
 
 from palpate.estimate.measurement import Measurement
 from palpate.plots.sorting import purity_figure
-from palpate.produce.identify import Identifier, as_labelled
+from palpate.produce.identify import Identifier
+from palpate.produce.identify_result import as_labelled
 from palpate.produce.rules import Evidence, Rule, RuleBook, Span
 from palpate.produce.rules_file import check_kinds, read_rules
 from palpate.produce.sorting import decide
