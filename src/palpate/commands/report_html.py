@@ -123,12 +123,12 @@ h2{margin:0 0 8px;font-size:16px}
 .chip{border:1px solid var(--grid);background:var(--card);border-radius:99px;padding:2px 11px;
 font-size:13px}
 .simulated{border-color:var(--amber);color:var(--amber);font-weight:600}
-.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(132px,1fr));gap:12px}
+.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:12px}
 .tile,figure,.table{background:var(--card);border:1px solid var(--grid);border-radius:10px}
-.tile{padding:12px 16px}
+.tile{padding:12px 14px}
 .tile p{margin:0}
 .name{color:var(--grey);font-size:13px}
-.value{font-size:24px;font-weight:650;line-height:1.3;overflow-wrap:anywhere;
+.value{font-size:22px;font-weight:650;line-height:1.3;overflow-wrap:anywhere;
 font-variant-numeric:tabular-nums}
 .value small{font-size:14px;font-weight:500;color:var(--grey);white-space:nowrap}
 .below{color:var(--grey);font-size:13px;min-height:1.45em}
