@@ -47,7 +47,7 @@ def test_scores_of_known_errors() -> None:
 
 def test_table5_report(tmp_path: Path) -> None:
     errors = {
-        level: {name: np.array([0.1, 0.3]) for name in table5.ROWS} for level in table5.LEVELS
+        level: {name: np.array([0.1, 0.3]) for name in table5.ALL_ROWS} for level in table5.LEVELS
     }
     report = table5._report(errors, sensors=1, repeats=1)
     report.write(tmp_path)
