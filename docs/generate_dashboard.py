@@ -57,12 +57,15 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
     driver = pages["wide-light"]
     driver.get_by_label("Item").first.fill("berry-7")
     driver.locator("#grasp").click()
+    driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 0")
+    driver.get_by_role("button", name="1×").click()
     expect(driver.locator("#verdict-text")).to_have_text("holding", timeout=60_000)
-    driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 18")
+    driver.mouse.move(640, 20)
+    driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 30")
     for name, page in pages.items():
         page.screenshot(path=out / f"dashboard-{name}.png")
     driver.locator("#release").click()
-    expect(driver.locator("#verdict-text")).to_contain_text("held", timeout=30_000)
+    expect(driver.locator("#verdict-text")).to_contain_text("held", timeout=60_000)
 
 
 def main() -> None:

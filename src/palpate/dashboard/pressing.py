@@ -55,7 +55,8 @@ class Hands:
     def gate(self, button: ui.button | ui.switch, action: Action) -> None:
         """Enable a button only while it may be pressed; else its tooltip says why not."""
         with button:
-            hint = ui.tooltip("")
+            # Above: what is below may be the stop button.
+            hint = ui.tooltip("").props('anchor="top middle" self="bottom middle"')
 
         def gated() -> None:
             why = self._session.refusal(action, viewer=self._viewer)

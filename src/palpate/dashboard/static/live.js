@@ -6,7 +6,7 @@ const STATUS = { too_short: "short hold", not_settling: "not settling", saturate
 const $ = (id) => document.getElementById(id);
 const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
-const seen = { generation: -1, curve: [], band: [], at: 0 };
+const seen = { generation: -1, curve: [], band: [], at: 0, drawn: 0 };
 
 function color(percent) {
   const place = Math.min(Math.max(-percent / DEEPEST, 0), 1) * (RAMP.length - 1);
@@ -82,7 +82,10 @@ function drawCurve(doc) {
   const zero = doc.began_s ?? (seen.curve.length ? seen.curve[0][0] : 0);
   const start = Math.max(zero, last - WINDOW_S), end = Math.max(last, start + WINDOW_S);
   const curve = seen.curve.filter(([t]) => t >= start), band = seen.band.filter(([t]) => t >= start);
-  const low = Math.min(-12, ...curve.map((p) => p[1]), ...band.map((b) => b[1])) * 1.06, high = Math.max(4, ...curve.map((p) => p[1])) - 0.05 * low;
+  const values = [0, ...curve.map((p) => p[1]), ...band.flatMap((b) => [b[1], b[3]])].slice(curve.length ? 1 : 0);
+  // Never closer than this: noise must not look like a signal.
+  const middle = (Math.max(...values) + Math.min(...values)) / 2, half = Math.max(4, 0.56 * (Math.max(...values) - Math.min(...values)));
+  const low = middle - half, high = middle + half;
   const x = (t) => box.l + ((t - start) / (end - start)) * (width - box.l - box.r);
   const y = (v) => box.t + ((high - v) / (high - low)) * (height - box.t - box.b);
   const line = (points) => points.map((p) => `${x(p[0]).toFixed(1)},${y(p[1]).toFixed(1)}`).join(" ");
@@ -100,7 +103,7 @@ function drawCurve(doc) {
     out += `<polygon id="band" data-half-width="${(now[3] - now[1]) / 2}" data-count="${seen.band.length}" points="${line(outline)}" fill="var(--band)" opacity="0.28"/>`;
     out += `<polyline points="${line(shown.map((b) => [b[0], b[2]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/>`;
     const right = x(last) > width - 240, at = right ? width - box.r : x(last) + 12;
-    out += `<text id="settles" x="${at}" y="${y(now[3]) - 10}" text-anchor="${right ? "end" : "start"}" font-size="14" font-weight="700" style="fill:var(--band);paint-order:stroke;stroke:var(--surface);stroke-width:4px">settles at ${fixed(now[2], 1)} % [${fixed(now[1], 1)}, ${fixed(now[3], 1)}]</text>`;
+    out += `<text id="settles" x="${at}" y="${y(Math.max(...band.map((b) => b[3]))) - 8}" text-anchor="${right ? "end" : "start"}" font-size="14" font-weight="700" style="fill:var(--band);paint-order:stroke;stroke:var(--surface);stroke-width:4px">settles at ${fixed(now[2], 1)} % [${fixed(now[1], 1)}, ${fixed(now[3], 1)}]</text>`;
   }
   out += `<polyline points="${line(curve)}" fill="none" stroke="var(--curve)" stroke-width="2" stroke-linejoin="round"/>`;
   if (curve.length) out += `<circle cx="${x(last)}" cy="${y(curve[curve.length - 1][1])}" r="4" fill="var(--curve)"/>`;
@@ -177,7 +180,7 @@ async function tick() {
     if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
     if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
     seen.at = performance.now();
-    if ($("link") && $("verdict")) { drawHead(doc); drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); document.body.dataset.activity = doc.activity; document.body.dataset.recording = doc.recording ?? ""; }
+    if ($("link") && $("verdict")) { drawHead(doc); drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); document.body.dataset.activity = doc.activity; document.body.dataset.recording = doc.recording ?? ""; document.body.dataset.drawn = seen.drawn += 1; }
   } catch (error) {
     if (performance.now() - seen.at > SILENT_MS) silent();
   }
