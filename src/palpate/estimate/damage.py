@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from palpate.estimate.closing import ClosingCurve, ClosingState
 from palpate.estimate.hazard import Hazard, fit_hazard
@@ -114,6 +115,16 @@ class DamageModel:
             score=score,
             stop=score >= stop_score,
         )
+
+    def bound_n(self, state: ClosingState, *, kind: str = "", rate: float = NOMINAL_RATE) -> float:
+        """Return the force below which at most a share `rate` of objects are damaged, N.
+
+        Few closings show no such rare ones: the bound goes on as a log-normal law from the lower
+        bound that they do show.
+        """
+        kind = kind if kind in self.strengths else ""
+        further = norm.ppf(1 - rate) / norm.ppf(LOWER_BOUND_LEVEL)
+        return float(self.low_shares[kind] ** further * self.strengths[kind].predict_n(state))
 
     def guard(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> DamageGuard:
         """Return a guard for one closing of an object of that kind (``""``: not known)."""

@@ -9,7 +9,7 @@ from itertools import pairwise
 from palpate.estimate.closing import ClosingCurve
 from palpate.grasp.belief import Belief, Closing
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety import largest_step
+from palpate.grasp.safety import DAMAGE_RATE, largest_step
 from palpate.gripper.interface import GripperCommand
 
 #: Room for stiffening over a step beyond what the last steps showed.
@@ -124,4 +124,4 @@ def _damage_low_n(belief: Belief, plan: Plan) -> float:
         states += curve.push(stair.closure - given_mm, force_n=force_n)
     if not states:
         return math.inf
-    return plan.damage.limit(states[-1], kind=plan.kind, stop_score=math.inf).low_n
+    return plan.damage.bound_n(states[-1], kind=plan.kind, rate=DAMAGE_RATE)
