@@ -15,15 +15,21 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.estimate.stiffness import Give
 from palpate.produce.firmness import RIPENESS_N, by_day, firmness_of
 from palpate.produce.records import Drive, Grasp
 
-#: Firmness of a reference drifts by about so much (sd) over weeks: sheets that break in lose 10 to
-#: 40 % of their conductance. What its few grasps scatter more than that is believed less.
-_USUAL_DRIFT = 0.15
+#: Drift is taken to wander by so much in the root of a day (sheets that break in lose 10 to 40 % of
+#: their conductance in a few days, and a firm reference shows it about doubled) and to jump by so
+#: much from day to day with the weather. What a few grasps scatter more than that is smoothed away.
+_WANDER, _WEATHER = 0.1, 0.05
+#: Least share of the deformation read that is taken to be the fruit's.
+_LEAST_SHARE = 0.2
+FloatArray = NDArray[np.float64]
+
 _DAY_S = 86_400.0
 #: Beyond this, wear is more than a correction should carry, as in `palpate.sensor.wear`.
 _ADVISED = 0.3
@@ -86,15 +92,15 @@ class Drift:
         freedom = sum(count - 1 for _, count in known)
         pooled = sum((count - 1) * spread**2 for spread, count in known) / freedom if known else 0.0
         first = days[0]
-        moved = []
-        for day in days:
-            variance = pooled * (1.0 / day.grasps + 1.0 / first.grasps)
-            believed = _USUAL_DRIFT**2 / (_USUAL_DRIFT**2 + variance)
-            moved.append(believed * (day.firmness - first.firmness))
+        moved = _smoothed(
+            np.array([day.day - first.day for day in days]),
+            np.array([day.firmness - first.firmness for day in days]),
+            variance=np.array([pooled / day.grasps for day in days]),
+        )
         return cls(
             first_at=min(at for at, _ in felt),
             days=tuple(day.day for day in days),
-            moved=tuple(moved),
+            moved=tuple(moved.tolist()),
             stiffness_n_per_mm=math.exp(first.firmness) if drive == "width" else None,
             give_mm_per_n=0.0 if give is None else _slope_mm_per_n(give),
         )
@@ -107,15 +113,19 @@ class Drift:
     def corrected(self, firmness: float, *, at: datetime) -> float:
         """Return a firmness as the sensor would have read it on the reference's first day.
 
-        For stiffness k, drift of the force reading by ln r moves ln k by (2/3 + c k) ln r for a
-        round fruit and by (1 + c k) ln r for a linear reference, with c the gripper's give.
+        Compliances add. Where the sensor reads r times the true force, a linear reference of
+        compliance 1 / k reads as 1 / (k r) + c (1 / r - 1), and a round fruit (Hertz) as
+        r^(-2/3) / k + c (1 / r - 1), with c the gripper's give per newton.
         """
         moved = self.at(at)
         if self.stiffness_n_per_mm is None:
             return firmness - moved
-        log_ratio = moved / (1.0 + self.give_mm_per_n * self.stiffness_n_per_mm)
-        share = 2.0 / 3.0 + self.give_mm_per_n * math.exp(firmness)
-        return firmness - share * log_ratio
+        give, reference = self.give_mm_per_n, 1.0 / self.stiffness_n_per_mm
+        more = (reference * math.exp(-moved) + give) / (reference + give)
+        read = math.exp(-firmness)
+        # So much of what was read is fruit at least, however far the sensor has drifted.
+        fruit = max(read - give * (more - 1.0), _LEAST_SHARE * read)
+        return -math.log(fruit) + 2.0 / 3.0 * math.log(more)
 
     @property
     def advice(self) -> str:
@@ -126,6 +136,18 @@ class Drift:
             f"the reference object reads {100 * math.expm1(self.moved[-1]):+.0f} % since its first "
             "day: calibrate force anew"
         )
+
+
+def _smoothed(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
+    """Return the expected drift of each day, given what was read on all of them.
+
+    The first day's own scatter is part of all days alike, and does no harm: everything is compared
+    on the scale of that day.
+    """
+    drift = _WANDER**2 * np.minimum.outer(day, day)
+    drift[1:, 1:] += _WEATHER**2 * np.eye(day.size - 1)
+    read = drift + np.diag(np.maximum(variance, 1e-9))
+    return np.asarray(drift @ np.linalg.solve(read, moved))
 
 
 def _slope_mm_per_n(give: Give) -> float:

@@ -10,7 +10,15 @@ import typer
 
 from palpate.produce.ripeness_stages import STAGES
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
-from palpate.studies.ripeness_scores import WAYS, Judged, confusion, drift_of, judged, scores
+from palpate.studies.ripeness_scores import (
+    WAYS,
+    Judged,
+    confusion,
+    drift_of,
+    judged,
+    scores,
+    taught_of,
+)
 from palpate.studies.ripeness_station import (
     DAYS,
     GRASPS_PER_DAY,
@@ -76,7 +84,7 @@ def report(found: Mapping[Condition, Sequence[Felt]]) -> StudyReport:
         for condition, stations in found.items()
     }
     each = {condition: scores(rows[condition]) for condition in rows}
-    fruits = {c: sum(len(felt.others) for felt in found[c]) for c in found}
+    fruits = {c: sum(len(f.others) - taught_of(f)[1] for f in found[c]) for c in found}
     return StudyReport(
         name="ripeness",
         title="Figure 16 and ripeness over days (simulated)",
@@ -123,7 +131,8 @@ def _provenance(found: Mapping[Condition, Sequence[Felt]]) -> list[str]:
         "ten grasps a day, each gripper); no published number was a calibration input here. The "
         "avocados' ranges stand in `palpate.twin.produce_ranges` with their reasons.",
         f"Each sensor: a calibration by a user's steps, then {LABELLED} labelled fruits for {DAYS} "
-        f"days and, {LATER_DAYS} days after their first, others that nobody labelled; "
+        f"days and, {LATER_DAYS} days after their first, others; of these as many are labelled too "
+        "as it takes to have seen every stage, and the rest is judged; "
         f"{GRASPS_PER_DAY} grasps a day in a nest that centres the fruit, "
         f"{REFERENCE_GRASPS} of a rubber ball each morning. Judged on each day by the days up to "
         "then.",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,7 +65,7 @@ def judged(felt: Felt) -> list[Judged]:
     single = _single_day(felt, drift)
     published = _published(felt)
     found = []
-    for number, fruit in enumerate(felt.others):
+    for number, fruit in list(enumerate(felt.others))[taught_of(felt)[1] :]:
         days, raw = (_days(felt, f"fruit-{number}", one) for one in (drift, None))
         for count in range(1, len(days) + 1):
             day = round(days[count - 1].day)
@@ -143,11 +143,23 @@ def _days(felt: Felt, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
     return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
 
 
+def taught_of(felt: Felt) -> tuple[list[tuple[str, Avocado]], int]:
+    """Return the fruits that a person labels, and how many of the others are among them.
+
+    The labelled ones, and as many of the others, in order, as it takes to have seen every stage.
+    """
+    taught = [(f"labelled-{number}", fruit) for number, fruit in enumerate(felt.labelled)]
+    promoted = 0
+    for number, fruit in enumerate(felt.others):
+        if {one.stage(day) for _, one in taught for day in range(DAYS)} == set(STAGES):
+            break
+        taught.append((f"fruit-{number}", fruit))
+        promoted = number + 1
+    return taught, promoted
+
+
 def _labelled(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
-    return [
-        (fruit, _days(felt, f"labelled-{number}", drift))
-        for number, fruit in enumerate(felt.labelled)
-    ]
+    return [(fruit, _days(felt, item_id, drift)) for item_id, fruit in taught_of(felt)[0]]
 
 
 def _rule(felt: Felt, drift: Drift | None) -> RipenessRule:
@@ -168,11 +180,10 @@ def _single_day(felt: Felt, drift: Drift) -> Boundaries:
 
 def _published(felt: Felt) -> Boundaries:
     """Learn thresholds on the settled change from the same labels as ours."""
-    keys = [(number, day) for number in range(len(felt.labelled)) for day in range(DAYS)]
-    changes: Mapping[tuple[str, int], float] = felt.as_published
+    taught = [(item_id, fruit, day) for item_id, fruit in taught_of(felt)[0] for day in range(DAYS)]
     return Boundaries.learn(
-        [-changes[f"labelled-{number}", day] for number, day in keys],
-        [felt.labelled[number].stage(day) for number, day in keys],
+        [-felt.as_published[item_id, day] for item_id, _, day in taught],
+        [fruit.stage(day) for _, fruit, day in taught],
     )
 
 

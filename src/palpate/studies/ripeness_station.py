@@ -94,7 +94,7 @@ def run_station(
     # A new sheet was pressed some sixty times for its calibration.
     cycles = 60.0
     for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
-        for day in range(DAYS):
+        for day in range(DAYS if fruits else 0):
             surroundings = Environment()
             if aging:
                 surroundings = Environment(

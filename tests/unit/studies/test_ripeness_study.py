@@ -1,0 +1,141 @@
+"""The study of ripeness: a station on the twin, and how judgements are counted."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.firmness import firmness_of
+from palpate.produce.records import Grasp
+from palpate.studies.ripeness import report
+from palpate.studies.ripeness_scores import drift_of, judged, scores
+from palpate.studies.ripeness_station import DAYS, REFERENCE_ID, Felt, run_station
+from palpate.twin.avocado import Avocado, draw_avocado
+
+FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def station() -> Felt:
+    return run_station(41, level="paper", gripper="rigid", aging=True, labelled=0, others=1)
+
+
+def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
+    fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
+    ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
+    assert len(fruit) == 3 * DAYS
+    assert len(ball) == 5 * DAYS
+    assert all(grasp.outcome is Outcome.HELD and grasp.simulated for grasp in station.grasps)
+    assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
+    assert len({grasp.temperature_c for grasp in fruit}) == DAYS
+    assert set(station.as_published) == {("fruit-0", day) for day in range(DAYS)}
+    assert station.damaged == 0
+
+
+def test_firmness_follows_the_fruit_and_not_the_ball(station: Felt) -> None:
+    def means(item_id: str) -> list[float]:
+        felt = [
+            (grasp.taken_at.date(), firmness)
+            for grasp in station.grasps
+            if grasp.item_id == item_id and (firmness := firmness_of(grasp)) is not None
+        ]
+        days = sorted({day for day, _ in felt})
+        return [float(np.mean([f for day, f in felt if day == one])) for one in days]
+
+    true = [math.log(station.others[0].force_at_1mm_n(day)) for day in range(DAYS)]
+    fruit, ball = means("fruit-0"), means(REFERENCE_ID)
+    assert np.corrcoef(true, fruit)[0, 1] > 0.9
+    assert np.ptp(ball) < 0.35 * np.ptp(fruit)
+
+
+def made_up(station: Felt, *, worn: float) -> Felt:
+    """Return what a station would keep if stiffness were read with a little noise and drift."""
+    rng = np.random.default_rng(8)
+    labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (12, 10))
+    grasps: list[Grasp] = []
+
+    def feel(item_id: str, stiffness: float, when: float) -> None:
+        drift = worn * min(when / 10.0, 1.0) * (1.0 if item_id == REFERENCE_ID else 2.0 / 3.0)
+        value = stiffness * math.exp(drift + 0.03 * rng.standard_normal())
+        grasps.append(
+            Grasp(
+                item_id=item_id,
+                taken_at=FIRST + timedelta(days=when),
+                rig="made-up",
+                drive="width",
+                origin="twin",
+                outcome=Outcome.HELD,
+                measurements={
+                    name: Measurement(value=one, low=0.9 * one, high=1.1 * one, unit=unit)
+                    for name, one, unit in (
+                        ("stiffness_n_per_mm", value, "n_per_mm"),
+                        ("force_n", 5.0, "n"),
+                    )
+                },
+            )
+        )
+
+    def stiffness(fruit: Avocado, day: int) -> float:
+        return 1.5 * fruit.force_at_1mm_n(day) ** (2.0 / 3.0)
+
+    for begins, fruits, name in ((0, labelled, "labelled"), (7, others, "fruit")):
+        for day in range(DAYS):
+            for _ in range(3):
+                feel(REFERENCE_ID, 0.01, begins + day)
+                for number, fruit in enumerate(fruits):
+                    feel(f"{name}-{number}", stiffness(fruit, day), begins + day)
+    published = {
+        (f"{name}-{number}", day): -50.0 + 10 * rng.standard_normal()
+        for name, fruits in (("labelled", labelled), ("fruit", others))
+        for number in range(len(fruits))
+        for day in range(DAYS)
+    }
+    # A gripper that hardly gives way: so little is its part in the drift.
+    block = replace(
+        station.calibration.block,
+        block_mm=(40.0,) * 4,
+        width_mm=(40.0, 39.9996, 39.9992, 39.9984),
+        force_n=(0.0, 2.0, 4.0, 8.0),
+    )
+    return Felt(
+        calibration=replace(station.calibration, block=block),
+        labelled=labelled,
+        others=others,
+        grasps=tuple(grasps),
+        damaged=0,
+        as_published=published,
+    )
+
+
+def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None:
+    felt = made_up(station, worn=-0.5)
+    assert drift_of(felt).moved[-1] == pytest.approx(-0.5, abs=0.05)
+    found = scores(judged(felt))
+    assert found["fruit_days"] == 10 * DAYS
+    assert found["ours"]["exact"] > found["ours, no reference"]["exact"] + 0.1
+    assert found["ours"]["exact"] > 0.85
+    assert found["ours"]["within_one"] == 1.0
+    assert found["settled change"]["exact"] < 0.6
+    assert found["days_to_ripe"]["coverage"] > 0.7
+
+
+def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_path: Path) -> None:
+    felt = made_up(station, worn=-0.2)
+    made = report({("paper", "rigid", True): [felt], ("paper", "rigid", False): [felt]})
+    made.write(tmp_path)
+    document = json.loads((tmp_path / "ripeness.json").read_text())
+    assert [one["aging"] for one in document["conditions"]] == [True, False]
+    assert np.sum(document["conditions"][0]["confusion"]) == 10 * DAYS
+    text = (tmp_path / "ripeness.md").read_text()
+    assert "Simulated throughout" in text
+    assert "prints no numbers in Figure 16" in text
+    for stem in ("figure16", "ripeness"):
+        assert (tmp_path / f"{stem}.png").stat().st_size > 10_000

@@ -1,0 +1,62 @@
+"""Avocados of the twin ripen as their ranges say."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from palpate.twin.avocado import Avocado, draw_avocado
+from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
+
+
+@pytest.fixture(scope="module")
+def fruits() -> list[Avocado]:
+    rng = np.random.default_rng(5)
+    return [draw_avocado(rng) for _ in range(200)]
+
+
+def test_every_fruit_softens_day_by_day(fruits: list[Avocado]) -> None:
+    for fruit in fruits:
+        firmness = [fruit.force_at_1mm_n(day) for day in np.arange(-3.0, 14.0, 0.25)]
+        assert (np.diff(firmness) < 0).all()
+        assert AVOCADOS.softest_n_log[0] < firmness[-1] < firmness[0] < AVOCADOS.hard_n_log[1]
+
+
+def test_a_stage_begins_on_its_day(fruits: list[Avocado]) -> None:
+    for fruit in fruits[:20]:
+        for stage, bound in zip(AVOCADO_STAGES[1:], AVOCADO_BOUNDS_N, strict=True):
+            day = fruit.day_of(stage)
+            assert fruit.force_at_1mm_n(day) == pytest.approx(bound, rel=1e-4)
+            assert fruit.stage(day + 1e-3) == stage
+            assert fruit.stage(day - 1e-3) != stage
+        assert fruit.day_of("hard") == -np.inf
+
+
+def test_four_days_show_all_stages(fruits: list[Avocado]) -> None:
+    seen = Counter(fruit.stage(day) for fruit in fruits for day in range(4))
+    assert set(seen) == set(AVOCADO_STAGES)
+    assert min(seen.values()) > 0.05 * sum(seen.values())
+
+
+def test_spots_of_one_fruit_differ_and_never_burst_at_the_grip_force(
+    fruits: list[Avocado],
+) -> None:
+    rng = np.random.default_rng(6)
+    spots = [fruits[0].spot(1.0, rng=rng) for _ in range(400)]
+    ratio = np.array([spot.force_at_1mm_n for spot in spots]) / fruits[0].force_at_1mm_n(1.0)
+    assert np.std(np.log(ratio)) == pytest.approx(AVOCADOS.spot_log_sd, rel=0.15)
+    assert np.std([spot.size_mm for spot in spots]) == pytest.approx(AVOCADOS.waist_sd_mm, rel=0.15)
+    softest = [fruit.spot(9.0, rng=rng) for fruit in fruits]
+    assert min(spot.yield_n for spot in softest) > 5.0
+
+
+def test_under_fingers_that_follow_it_has_crept_already(fruits: list[Avocado]) -> None:
+    fruit = fruits[1]
+    kept = fruit.spot(1.0, rng=np.random.default_rng(7))
+    followed = fruit.spot(1.0, rng=np.random.default_rng(7), follows=True)
+    left = 1.0 - sum(fruit.relaxing_share)
+    assert followed.force_at_1mm_n == pytest.approx(left * kept.force_at_1mm_n)
+    assert sum(followed.relaxing_share) == 0.0
+    assert sum(kept.relaxing_share) == pytest.approx(sum(fruit.relaxing_share))
