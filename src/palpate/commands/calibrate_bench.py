@@ -99,10 +99,15 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
         return None
     earlier = Calibration.load(path)
     origin = "simulated" if simulated else "hardware"
-    if earlier.layout != layout or earlier.origin != origin:
+    if earlier.layout != layout:
         raise CalibrationError(
-            f"{path} is of layout {earlier.layout.name} and origin {earlier.origin}, this sensor "
-            f"is {layout.name}, {origin}; give another --out"
+            f"{path} is of layout {earlier.layout.name} and its divider, the sensor is "
+            f"{layout.name}; give another --out, or begin the file anew with "
+            "`palpate calibrate rest --new`"
+        )
+    if earlier.origin != origin:
+        raise CalibrationError(
+            f"{path} is of origin {earlier.origin}, this sensor is {origin}; give another --out"
         )
     return earlier
 

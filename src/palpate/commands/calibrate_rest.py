@@ -6,7 +6,6 @@ import json
 import sys
 from contextlib import closing
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -61,8 +60,8 @@ def command(
 
     Example: palpate calibrate rest --rig rig.toml
     """
+    from palpate.commands.calibrate_bench import begun, earlier_calibration
     from palpate.commands.sensor_source import open_source, refuse_beside_rig
-    from palpate.sensor.calibration import Calibration
 
     refuse_beside_rig(
         rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
@@ -77,18 +76,16 @@ def command(
     )
     with closing(source):
         path = out or source.calibration_path or DEFAULT_FILE
-        earlier = Calibration.load(path) if path.exists() and not new else None
-        pixels = source.array.layout
-        _refuse_other(earlier, path=path, layout=pixels, simulated=source.simulated)
-        if not source.simulated:
+        pixels, simulated = source.array.layout, source.simulated
+        earlier = None if new else earlier_calibration(path, layout=pixels, simulated=simulated)
+        if not simulated:
             print(f"{source.name}: leave the sensor alone for {duration_s:g} s", file=sys.stderr)
         known_ohm = None if earlier is None else earlier.rest_ohm
         rest = _rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    calibration = _begun(pixels, rest=rest, simulated=source.simulated, now=now)
+    calibration = begun(pixels, rest=rest, simulated=simulated)
     if earlier is not None:
         # The date is what `concerns` judges age by: that of the force readings, where there are.
-        made_at = earlier.made_at if earlier.force.force_n else now
+        made_at = earlier.made_at if earlier.force.force_n else calibration.made_at
         calibration = replace(earlier, rest=rest, made_at=made_at)
     if temperature_c is not None:
         calibration = replace(calibration, temperature_c=temperature_c)
@@ -101,23 +98,6 @@ def command(
         print(json.dumps(document, indent=1, allow_nan=False))
     else:
         _print(calibration, path=path, earlier=earlier)
-
-
-def _refuse_other(
-    earlier: Calibration | None, *, path: Path, layout: ArrayLayout, simulated: bool
-) -> None:
-    if earlier is None:
-        return
-    origin = "simulated" if simulated else "hardware"
-    if earlier.layout != layout:
-        raise CalibrationError(
-            f"{path} is of layout {earlier.layout.name} and its divider, the sensor is "
-            f"{layout.name}; give another --out, or --new to begin the file anew"
-        )
-    if earlier.origin != origin:
-        raise CalibrationError(
-            f"{path} is of origin {earlier.origin}, this sensor is {origin}; give another --out"
-        )
 
 
 def _rest_values(
@@ -145,21 +125,6 @@ def _rest_values(
             map(tuple, (100.0 * ohm.std(axis=0) / rest.rest_ohm).round(4).tolist())
         ),
         frames=rest.frames,
-    )
-
-
-def _begun(layout: ArrayLayout, *, rest: RestValues, simulated: bool, now: str) -> Calibration:
-    """Return a calibration that knows the rest alone."""
-    from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
-
-    return Calibration(
-        sensor_id=layout.name,
-        origin="simulated" if simulated else "hardware",
-        layout=layout,
-        rest=rest,
-        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
-        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
-        made_at=now,
     )
 
 

@@ -29,6 +29,8 @@ _READABLE = (1, VERSION)
 #: The sheet breaks in and ages with use and climate (paper, Figures 3 and 4).
 STALE_DAYS = 30
 
+_BROKEN = "not whole JSON ({}); take the file from a backup or calibrate again"
+
 #: The one column of force pairs that a file may lack.
 PIXELS = ("pixel_excess",)
 
@@ -235,17 +237,35 @@ class Calibration:
             (units stand in the names); one line that says which.
         """
         try:
-            document = json.loads(Path(path).read_text())
-            return cls._from_document(document)
+            text = Path(path).read_text()
         except OSError as error:
             raise CalibrationError(f"calibration {path}: {error.strerror}") from error
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise CalibrationError(
-                f"calibration {path}: not whole JSON ({error}); "
-                "take the file from a backup or calibrate again"
-            ) from error
+        except UnicodeDecodeError as error:
+            raise CalibrationError(f"calibration {path}: {_BROKEN.format(error)}") from error
+        return cls.from_text(text, where=f"calibration {path}")
+
+    @classmethod
+    def from_text(cls, text: str, *, where: str = "calibration") -> Calibration:
+        """Read what `as_text` wrote, such as the calibration kept in a recording.
+
+        Parameters
+        ----------
+        text : str
+            The content of a calibration file.
+        where : str
+            Where it comes from, for errors.
+
+        Raises
+        ------
+        CalibrationError
+            As `load`.
+        """
+        try:
+            return cls._from_document(json.loads(text))
+        except json.JSONDecodeError as error:
+            raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
         except (CalibrationError, ValueError, TypeError) as error:
-            raise CalibrationError(f"calibration {path}: {error}") from error
+            raise CalibrationError(f"{where}: {error}") from error
 
     @classmethod
     def _from_document(cls, document: Any) -> Calibration:

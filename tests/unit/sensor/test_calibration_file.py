@@ -42,6 +42,16 @@ def test_round_trip(calibration: Calibration, tmp_path: Path) -> None:
     assert '"excess": [0.5, 0.7, 1.5, 2.1]' in path.read_text()
 
 
+def test_text_of_a_recording_is_read_like_a_file(calibration: Calibration) -> None:
+    text = calibration.as_text()
+    assert Calibration.from_text(text) == calibration
+    with pytest.raises(CalibrationError, match=r"grasp\.mcap: not whole JSON") as caught:
+        Calibration.from_text(text[:200], where="grasp.mcap")
+    assert "\n" not in str(caught.value)
+    with pytest.raises(CalibrationError, match="calibration: not a calibration file"):
+        Calibration.from_text("[]")
+
+
 def test_cut_in_half(calibration: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "pad.json"
     text = calibration.as_text()

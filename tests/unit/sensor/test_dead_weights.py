@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.clock import ManualClock
 from palpate.errors import CalibrationError, InputError
 from palpate.gripper.interface import GripperCommand
+from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.dead_weights import checked_loads, hysteresis_seen, read_loads, weigh
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
@@ -91,3 +93,36 @@ def test_loads_that_never_settle_are_refused() -> None:
 def test_grams_and_newtons() -> None:
     with pytest.raises(InputError, match="Newtons are grams"):
         checked_loads([50, 100, 200, 500], where="--loads")
+
+
+class Pressed:
+    """A readout whose every pixel follows the load laid on, up to the end of its converter."""
+
+    layout = RIGID_LAYOUT
+
+    def __init__(self, clock: ManualClock) -> None:
+        self.clock, self.load_n, self.sent = clock, 0.0, 0
+
+    def read(self, *, timeout_s: float) -> Frame:
+        self.clock.sleep_s(0.25)
+        self.sent += 1
+        count = min(300 + round(120 * self.load_n), 1023)
+        flicker = self.sent % 2
+        counts = np.full((self.layout.rows, self.layout.cols), min(count + flicker, 1023))
+        return Frame(time_s=self.clock.now_s(), sequence=self.sent, counts=counts, oversampling=1)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def place(self, load_n: float) -> None:
+        self.load_n = load_n
+
+
+def test_a_pixel_at_the_end_of_its_converter_is_refused() -> None:
+    clock = ManualClock()
+    array = Pressed(clock)
+    fine = weigh(array, loads_n=[1.0, 2.0, 3.0, 4.0], place=array.place, clock=clock)
+    assert len(fine.pairs.force_n) == 4
+    array.place(0.0)
+    with pytest.raises(CalibrationError, match="saturated at 9 N; use a smaller reference"):
+        weigh(array, loads_n=[1.0, 2.0, 4.0, 9.0], place=array.place, clock=clock)
