@@ -80,7 +80,12 @@ def _model(store: Store, item: str, *, learn: bool, file: Path | None) -> Bruise
     if learn and file is not None:
         raise InputError(f"--learn and --model {file}: give one of them")
     if learn:
-        return learn_from(store, kind=store.item(item).kind)
+        kind = store.item(item).kind
+        if kind is None:
+            raise InputError(
+                f"item {item!r} has no kind to learn about; palpate items {item} --set kind=apple"
+            )
+        return learn_from(store, kind=kind)
     return default_model() if file is None else BruiseModel.load(file)
 
 
@@ -133,9 +138,6 @@ def _show(item: str, found: ItemBruise) -> None:
 
 
 def _where(side: SideVerdict) -> str:
-    return "; or ".join(
-        f"{100 * spot.probability:.0f} %: finger {spot.finger + 1}, "
-        + ("" if spot.angle_deg is None else f"{spot.angle_deg:.0f}°, ")
-        + f"{spot.height_mm:+.0f} mm"
-        for spot in side.spots
-    )
+    if side.probability < 0.5:
+        return ""
+    return " or ".join(spot.in_words for spot in side.spots)

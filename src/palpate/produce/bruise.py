@@ -54,6 +54,13 @@ class Spot:
     pixels: tuple[tuple[int, int], ...]
     mean_percent: float | None
 
+    @property
+    def in_words(self) -> str:
+        """Say where, and how likely."""
+        around = "" if self.angle_deg is None else f"{self.angle_deg:.0f}°, "
+        place = f"{around}{round(self.height_mm):+d} mm"
+        return f"{place} (finger {self.finger + 1}: {100 * self.probability:.0f} %)"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeltSide:
@@ -193,8 +200,8 @@ def _judge_side(
 def _spots(side: Sequence[FeltSide], locator: Locator, name: str) -> tuple[Spot, ...]:
     """Return both places that would explain what was felt, the likelier first."""
     pairs = [(one.shape, one.against[name]) for one in side if name in one.against]
-    odds = np.mean([locator.finger.log_odds(finger_contrast(*pair)) for pair in pairs])
-    second = at_share(float(odds), bruised_share=0.5)
+    odds = locator.finger.log_odds(np.array([finger_contrast(*pair) for pair in pairs]))
+    second = at_share(float(odds.mean()), bruised_share=0.5)
     slope = np.mean([slopes(*pair) for pair in pairs], axis=0)
     change = np.nanmean([one.change_percent for one in side], axis=0)
     rows, cols = change.shape

@@ -28,9 +28,9 @@ FloatArray: TypeAlias = NDArray[np.float64]
 #: What a side may be held against, the most telling first.
 REFERENCES = ("history", "class", "item")
 FORMAT, VERSION = "palpate-bruise-model", 1
-#: Inverse strength of the ridge on standardised contrasts, and how many sides of each kind are the
-#: fewest to learn from: there are up to 51 contrasts.
-_RIDGE, _FEWEST = 0.1, 10
+#: Inverse strength of the ridge on standardised contrasts (there are up to 51), how many sides of
+#: each kind are the fewest to learn from, and in how many parts these are left out in turn.
+_RIDGE, _FEWEST, _FOLDS = 0.1, 10, 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,10 +81,10 @@ class Logistic:
     weight: tuple[float, ...]
     intercept: float
 
-    def log_odds(self, values: FloatArray) -> float:
-        """Return the log odds of one set of numbers."""
+    def log_odds(self, values: FloatArray) -> FloatArray:
+        """Return the log odds of sets of numbers, shape (..., numbers) to (...)."""
         standard = (values - np.array(self.centre)) / np.array(self.scale)
-        return float(standard @ np.array(self.weight) + self.intercept)
+        return np.asarray(standard @ np.array(self.weight) + self.intercept)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +132,8 @@ class BruiseModel:
                 f"no reference among {', '.join(REFERENCES)} that this model knows "
                 f"({', '.join(self.judges)}); grasp another side, or sound items of the class"
             )
-        return judge.log_odds(contrasts(shape, against, names))
+        values = [contrast(shape, against[name]) for name in names]
+        return float(judge.log_odds(np.concatenate(values)))
 
     def save(self, path: Path) -> None:
         """Write it as JSON, whole or not at all."""
@@ -203,11 +204,6 @@ def usable(against: Mapping[str, Shape]) -> tuple[str, ...]:
     return tuple(name for name in REFERENCES if name in against)
 
 
-def contrasts(shape: Shape, against: Mapping[str, Shape], names: Sequence[str]) -> FloatArray:
-    """Return the contrasts to several references, one after the other."""
-    return np.concatenate([contrast(shape, against[name]) for name in names])
-
-
 def learn(examples: Sequence[Example], *, learned_on: str) -> BruiseModel:
     """Learn from known sides.
 
@@ -226,12 +222,17 @@ def learn(examples: Sequence[Example], *, learned_on: str) -> BruiseModel:
         If scikit-learn is not installed.
     """
     judges, locators = {}, {}
+    felt = [
+        {name: contrast(one.shape, reference) for name, reference in one.against.items()}
+        for one in examples
+    ]
     for size in range(1, len(REFERENCES) + 1):
         for names in combinations(REFERENCES, size):
-            having = [one for one in examples if set(names) <= set(one.against)]
-            if _enough([one.bruised for one in having]):
-                values = np.array([contrasts(one.shape, one.against, names) for one in having])
-                judges["+".join(names)] = _fit(values, [one.bruised for one in having])
+            having = [index for index, one in enumerate(felt) if set(names) <= set(one)]
+            truth = [examples[index].bruised for index in having]
+            if _enough(truth):
+                values = [np.concatenate([felt[i][name] for name in names]) for i in having]
+                judges["+".join(names)] = _fit(np.array(values), truth)
     for name in REFERENCES:
         known = [
             (one.place, one.shape, one.against[name])
@@ -263,6 +264,7 @@ def _fit(values: FloatArray, truth: Sequence[bool], *, even: bool = True) -> Log
     """Fit with equal weight to both answers; without `even`, answers swap signs: no intercept."""
     try:
         from sklearn.linear_model import LogisticRegression
+        from sklearn.model_selection import StratifiedKFold, cross_val_predict
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             "learning about bruises needs scikit-learn; install it with "
@@ -271,14 +273,21 @@ def _fit(values: FloatArray, truth: Sequence[bool], *, even: bool = True) -> Log
     centre = values.mean(axis=0) if even else np.zeros(values.shape[1])
     scale = np.sqrt(np.mean((values - centre) ** 2, axis=0))
     scale[scale == 0] = 1.0
-    fit = LogisticRegression(
-        C=_RIDGE, max_iter=5000, class_weight="balanced", fit_intercept=even
-    ).fit((values - centre) / scale, np.asarray(truth, dtype=int))
+    standard, answer = (values - centre) / scale, np.asarray(truth, dtype=int)
+    options = {"max_iter": 5000, "class_weight": "balanced", "fit_intercept": even}
+    judge = LogisticRegression(C=_RIDGE, **options)
+    # The ridge makes shy: odds are stretched to what they are worth on sides left out.
+    left_out = cross_val_predict(
+        judge, standard, answer, cv=StratifiedKFold(_FOLDS), method="decision_function"
+    )
+    worth = LogisticRegression(C=np.inf, **options).fit(left_out[:, None], answer)
+    stretch, shift = float(worth.coef_[0, 0]), float(worth.intercept_[0]) if even else 0.0
+    judge.fit(standard, answer)
     return Logistic(
         centre=tuple(map(float, centre)),
         scale=tuple(map(float, scale)),
-        weight=tuple(map(float, fit.coef_[0])),
-        intercept=float(fit.intercept_[0]) if even else 0.0,
+        weight=tuple(stretch * float(weight) for weight in judge.coef_[0]),
+        intercept=stretch * float(judge.intercept_[0]) + shift if even else 0.0,
     )
 
 

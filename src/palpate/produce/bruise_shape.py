@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from typing import TypeAlias
 
@@ -55,7 +56,7 @@ def _products(sign: tuple[int, int, int], sizes: Sequence[int]) -> tuple[tuple[i
 
 
 #: Triples whose product is even, and what changes sign with the fingers alone.
-_EVEN = _products((1, 1, 1), (3,))
+_EVEN = np.array(_products((1, 1, 1), (3,)))
 _FINGER = _products((-1, 1, 1), (1, 2, 3))
 
 
@@ -109,15 +110,16 @@ def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Sha
         raise InputError(
             f"pixels of shape {change.shape}: bruises need two fingers with at least 2 x 2 pixels"
         )
-    along, across = np.meshgrid(
-        np.linspace(-1, 1, rows), np.linspace(-1, 1, change.shape[1]), indexing="ij"
-    )
-    basis = np.stack([np.ones_like(along), along, across, along * across]).reshape(MODES, -1)
+    basis = _basis(rows, change.shape[1]).reshape(MODES, -1)
     ratio = np.maximum(100.0 + change, 0.1) / 100.0
     load = np.log(np.maximum(1.0 / ratio - 1.0, 0.0) + _TOUCH).reshape(2, -1)
     modes = np.empty((2, MODES))
     for finger, values in enumerate(load):
         known = np.isfinite(values)
+        if known.all():
+            # The four are orthogonal on a whole finger.
+            modes[finger] = basis @ values / np.sum(basis**2, axis=1)
+            continue
         if np.linalg.matrix_rank(basis[:, known]) < MODES:
             raise InputError(
                 f"finger {finger + 1}: only {known.sum()} of {known.size} pixels read; a bruise "
@@ -157,7 +159,7 @@ def contrast(shape: Shape, reference: Shape) -> FloatArray:
     True
     """
     numbers = shape.numbers - reference.numbers
-    triples = [np.cbrt(np.prod(numbers[list(chosen)])) for chosen in _EVEN]
+    triples = np.cbrt(np.prod(numbers[_EVEN], axis=1))
     wider_mm = 0.0
     if shape.width_mm is not None and reference.width_mm is not None:
         wider_mm = shape.width_mm - reference.width_mm
@@ -178,9 +180,15 @@ def slopes(shape: Shape, reference: Shape) -> FloatArray:
 
 def pixel_contrast(shape: Shape, reference: Shape, *, rows: int, cols: int) -> FloatArray:
     """Return log load of each pixel against the one that it faces, shape (rows, cols)."""
-    along, across = np.meshgrid(
-        np.linspace(-1, 1, rows // 2), np.linspace(-1, 1, cols), indexing="ij"
-    )
-    basis = np.stack([np.ones_like(along), along, across, along * across])
+    basis = _basis(rows // 2, cols)
     first = np.tensordot((shape.numbers - reference.numbers)[:MODES], basis, axes=1)
     return np.concatenate([first, -first])
+
+
+@lru_cache(maxsize=8)
+def _basis(rows: int, cols: int) -> FloatArray:
+    """Return one, along, across and their product over a finger, shape (4, rows, cols)."""
+    along, across = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, cols), indexing="ij")
+    basis = np.stack([np.ones_like(along), along, across, along * across])
+    basis.flags.writeable = False
+    return basis

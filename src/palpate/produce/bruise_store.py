@@ -74,12 +74,8 @@ class ItemBruise:
         side = self.sides[0]
         against = " and ".join(_IN_WORDS[name] for name in side.against)
         text = f"side {side.angle_deg:g}° against {against}: {100 * side.probability:.0f} % bruised"
-        if self.bruised and side.spots and side.spots[0].angle_deg is not None:
-            spot = side.spots[0]
-            text += (
-                f", likeliest at {spot.angle_deg:.0f}°, {spot.height_mm:+.0f} mm "
-                f"(finger {spot.finger + 1}: {100 * spot.probability:.0f} %)"
-            )
+        if self.bruised and side.spots:
+            text += ", at " + " or ".join(spot.in_words for spot in side.spots)
         return text
 
     def verdict(self, item_id: str, *, given_at: datetime) -> Verdict:
@@ -134,8 +130,8 @@ def examine_item(
     if not any(one.against for one in felt):
         raise InputError(
             f"item {item_id!r}: nothing to hold it against. Grasp another side of it "
-            "(--angle-deg 90), or have an earlier record of this side, or label sound items of "
-            f"its kind: palpate items NAME --say bruise={SOUND}"
+            "(--angle-deg 90), or have an earlier record of this side, or say its kind and label "
+            f"sound items of it: palpate items NAME --set kind=apple --say bruise={SOUND}"
         )
     sides = judge([one for one in felt if one.against], model=model, bruised_share=bruised_share)
     before = _record_of(sides[0].angle_deg, visits=visits)
@@ -151,8 +147,8 @@ def examine_item(
     return found
 
 
-def learn_from(store: Store, *, kind: str | None) -> BruiseModel:
-    """Learn from items that people called bruised or sound.
+def learn_from(store: Store, *, kind: str) -> BruiseModel:
+    """Learn from items of a kind that people called bruised or sound.
 
     Of a bruised item the grasp that the label names counts, or else the last one before it: label
     it when you have just felt its bruised side. Of a sound item all sides count.
@@ -180,8 +176,8 @@ def learn_from(store: Store, *, kind: str | None) -> BruiseModel:
             felt = _felt(grasp, visits=known, sound=sound)
             bruised = label.text == BRUISED
             examples.append(Example(shape=felt.shape, against=felt.against, bruised=bruised))
-    what = "items" if kind is None else f"items of kind {kind}"
-    return learn(examples, learned_on=f"{len(labels)} labelled {what} of the store")
+    told = f"{len(labels)} labelled items of kind {kind} of the store"
+    return learn(examples, learned_on=told)
 
 
 def telling(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
@@ -207,8 +203,13 @@ def in_visits(grasps: Sequence[Grasp]) -> list[list[Grasp]]:
 
 
 def sound_grasps(store: Store, *, kind: str | None, without: str) -> list[Grasp]:
-    """Return grasps of items of a kind that people called sound, the last met first."""
+    """Return grasps of items of a kind that people called sound, the last met first.
+
+    What has no kind has no class.
+    """
     found: list[Grasp] = []
+    if kind is None:
+        return found
     for item_id, label in reversed(_labels(store, kind=kind).items()):
         if label.text == SOUND and item_id != without and len(found) < _MOST_SOUND:
             found += telling(store.grasps_of(item_id))
@@ -220,7 +221,7 @@ def pixels_of(grasp: Grasp) -> FloatArray:
     return np.array(grasp.pixel_settled_percent, dtype=np.float64)
 
 
-def _labels(store: Store, *, kind: str | None) -> dict[str, Verdict]:
+def _labels(store: Store, *, kind: str) -> dict[str, Verdict]:
     """Return the last word of a person on each item, in the order of the first."""
     return {
         verdict.item_id: verdict

@@ -9,6 +9,7 @@ import typer
 
 from palpate.produce.bruise_model import BruiseModel
 from palpate.studies.bruise_data import (
+    EARLY_S,
     PLACED_WITHIN_MM,
     REFERENCE_APPLES,
     Examined,
@@ -16,7 +17,6 @@ from palpate.studies.bruise_data import (
 )
 from palpate.studies.bruise_scores import (
     CHANGE,
-    EARLY_S,
     SAME_WIDTH,
     THRESHOLD,
     Scored,
@@ -145,7 +145,7 @@ def report(
             "apples": {level: _counts(examined, level) for level in LEVELS},
             "ways": {
                 level: {
-                    name: {"auc": one.auc, "interval": list(one.interval()), "found": one.found()}
+                    name: {"auc": one.auc, "interval": one.interval(), "found": one.found()}
                     for name, one in scores[level].items()
                 }
                 for level in LEVELS

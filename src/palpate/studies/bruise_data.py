@@ -23,6 +23,8 @@ from palpate.twin.produce_ranges import (
     BruiseRanges,
 )
 
+#: When the answer is given, seconds after the fingers close on: early, as the paper's, at the end.
+CUTOFFS_S, EARLY_S = (1.0, 2.5, 20.0), 2.5
 #: How far the middle of the bruise lies from the middle of the fingers, at most, in both
 #: directions: whoever presents the side that is in question lays it as the twin lays everything
 #: (`off_centre` of `palpate.twin.ranges`: 0.6 of the pitch).
@@ -53,8 +55,8 @@ class Examined:
     presses : mapping of str to ApplePress
         ``before`` the bruise; ``now`` and ``again``, laid anew; the ``other`` sides, a quarter turn
         on; at the ``same_width`` as before; or ``0``, ``1``, ... around the fruit.
-    sound : sequence of ApplePress
-        The sensor's sound apples.
+    sound : mapping of float to Shape
+        Cut-off -> how the sensor's sound apples load it then.
     """
 
     purpose: str
@@ -63,7 +65,7 @@ class Examined:
     apple: Apple
     angle_deg: float
     presses: Mapping[str, ApplePress]
-    sound: Sequence[ApplePress]
+    sound: Mapping[float, Shape]
 
     @property
     def bruised(self) -> bool:
@@ -88,9 +90,7 @@ class Examined:
     def example(self, cutoff_s: float, *, press_name: str = "now") -> Example:
         """Return what is judged, and all that it may be held against, at a time of the hold."""
         shapes = {name: one.shape(cutoff_s) for name, one in self.presses.items()}
-        against: dict[str, Shape] = {
-            "class": middle_of([one.shape(cutoff_s) for one in self.sound], with_width=False)
-        }
+        against = {"class": self.sound[cutoff_s]}
         if "before" in shapes:
             against["history"] = shapes["before"]
         others = [shape for name, shape in shapes.items() if name != press_name and name.isdigit()]
@@ -151,8 +151,12 @@ def _batch(purpose: str, level: str, sensor: int, apples: int) -> list[Examined]
             ],
         )
     ]
+    classes = {
+        cutoff_s: middle_of([one.shape(cutoff_s) for one in sound], with_width=False)
+        for cutoff_s in CUTOFFS_S
+    }
     return [
-        _examined(session, purpose, level, sensor, index, sound=sound) for index in range(apples)
+        _examined(session, purpose, level, sensor, index, sound=classes) for index in range(apples)
     ]
 
 
@@ -163,7 +167,7 @@ def _examined(
     sensor: int,
     index: int,
     *,
-    sound: Sequence[ApplePress],
+    sound: Mapping[float, Shape],
 ) -> Examined:
     rng = np.random.default_rng([sensor, 2, index])
     bruised = purpose in _RANGES or index % 2 == 1

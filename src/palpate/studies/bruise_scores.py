@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 from scipy.stats import rankdata
@@ -13,17 +14,13 @@ from palpate.produce.bruise_model import (
     REFERENCES,
     BruiseModel,
     at_share,
-    contrasts,
     learn,
 )
-from palpate.produce.bruise_shape import finger_contrast, slopes
+from palpate.produce.bruise_shape import contrast, finger_contrast, slopes
 from palpate.settling.result import FloatArray
 from palpate.settling.scoring import bootstrap_interval
-from palpate.studies.bruise_data import SIDES_AROUND, Examined
+from palpate.studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined
 
-#: When the answer is given, seconds after the fingers close on; the brief one of the paper, and its
-#: end of the hold.
-CUTOFFS_S, EARLY_S = (1.0, 2.5, 20.0), 2.5
 #: Ways that need no learning: the paper's mean over all pixels after 20 s.
 THRESHOLD = "threshold on the 20 s mean"
 CHANGE = "change of the 20 s mean since before, closed by contact"
@@ -56,8 +53,10 @@ class Scored:
         """Area under the ROC curve."""
         return area(self.bruised, self.score)
 
-    def interval(self) -> tuple[float, float]:
-        """Return its 90 % interval, drawing whole sensors."""
+    def interval(self) -> tuple[float, float] | None:
+        """Return its 90 % interval, drawing whole sensors; None where there is only one."""
+        if len(set(self.sensors)) < 2:
+            return None
 
         def of_drawn(drawn: FloatArray) -> np.floating:
             index = drawn.astype(int)
@@ -99,24 +98,26 @@ def models_of(learned: Sequence[Examined], *, level: str) -> dict[float, BruiseM
     }
 
 
-def log_odds(
-    examined: Sequence[Examined],
-    model: BruiseModel,
-    names: str,
-    *,
-    cutoff_s: float,
-    presses: Sequence[str] = ("now",),
-) -> FloatArray:
-    """Return the mean log odds of some grasps of each side against some references."""
-    judge, against = model.judges[names], names.split("+")
-    values = [
-        [
-            judge.log_odds(contrasts(example.shape, example.against, against))
-            for example in (one.example(cutoff_s, press_name=name) for name in presses)
-        ]
-        for one in examined
-    ]
-    return np.asarray(np.mean(values, axis=1))
+#: Reference -> contrasts of every side to it, shape (sides, 17).
+Felt: TypeAlias = Mapping[str, FloatArray]
+
+
+def felt_of(
+    examined: Sequence[Examined], *, cutoff_s: float = EARLY_S, press_name: str = "now"
+) -> Felt:
+    """Return what one grasp of each side is judged by."""
+    examples = [one.example(cutoff_s, press_name=press_name) for one in examined]
+    return {
+        name: np.array([contrast(one.shape, one.against[name]) for one in examples])
+        for name in REFERENCES
+        if all(name in one.against for one in examples)
+    }
+
+
+def log_odds(felt: Felt, model: BruiseModel, names: str) -> FloatArray:
+    """Return the log odds of every side against some references."""
+    values = np.concatenate([felt[name] for name in names.split("+")], axis=1)
+    return model.judges[names].log_odds(values)
 
 
 def score_all(tested: Sequence[Examined], models: Mapping[float, BruiseModel]) -> dict[str, Scored]:
@@ -130,18 +131,17 @@ def score_all(tested: Sequence[Examined], models: Mapping[float, BruiseModel]) -
         CHANGE: means["now"] - means["before"],
         SAME_WIDTH: means["same_width"] - means["before"],
     }
+    felt = {cutoff_s: felt_of(tested, cutoff_s=cutoff_s) for cutoff_s in CUTOFFS_S}
+    again = felt_of(tested, press_name="again")
     for size in range(1, len(REFERENCES) + 1):
         for chosen in combinations(REFERENCES, size):
             names = "+".join(chosen)
-            scores[way(names, EARLY_S)] = log_odds(tested, models[EARLY_S], names, cutoff_s=EARLY_S)
+            scores[way(names, EARLY_S)] = log_odds(felt[EARLY_S], models[EARLY_S], names)
     for names in (KIND, EARLIER):
         for cutoff_s in CUTOFFS_S:
-            scores[way(names, cutoff_s)] = log_odds(
-                tested, models[cutoff_s], names, cutoff_s=cutoff_s
-            )
-        scores[f"{way(names, EARLY_S)}, two grasps"] = log_odds(
-            tested, models[EARLY_S], names, cutoff_s=EARLY_S, presses=("now", "again")
-        )
+            scores[way(names, cutoff_s)] = log_odds(felt[cutoff_s], models[cutoff_s], names)
+        both = [log_odds(one, models[EARLY_S], names) for one in (felt[EARLY_S], again)]
+        scores[f"{way(names, EARLY_S)}, two grasps"] = np.mean(both, axis=0)
     return {name: scored(tested, score) for name, score in scores.items()}
 
 
@@ -162,7 +162,7 @@ def scored(examined: Sequence[Examined], score: FloatArray) -> Scored:
 def around(examined: Sequence[Examined], model: BruiseModel) -> Scored:
     """Return the scores of apples of which nobody knows the side: their most suspicious one."""
     each = [
-        log_odds(examined, model, FIRST_MET, cutoff_s=EARLY_S, presses=(str(turn),))
+        log_odds(felt_of(examined, press_name=str(turn)), model, FIRST_MET)
         for turn in range(SIDES_AROUND)
     ]
     return scored(examined, np.max(each, axis=0))
@@ -173,11 +173,14 @@ def probabilities(one: Scored) -> FloatArray:
     return np.array([at_share(float(score), bruised_share=0.5) for score in one.score])
 
 
-def locate(examined: Sequence[Examined], model: BruiseModel) -> dict[str, float]:
+def locate(examined: Sequence[Examined], model: BruiseModel) -> dict[str, float] | None:
     """Say how often the finger is right, and how far off the place is on the right finger.
 
-    `spread_mm` is how far off it would be if the middle of the finger were always named.
+    `spread_mm` is how far off it would be if the middle of the finger were always named. None where
+    too few were learned from to name places.
     """
+    if "history" not in model.locators:
+        return None
     locator, right, off_mm, spread_mm = model.locators["history"], [], [], []
     for one in examined:
         if one.place is None:

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.produce.bruise_model import BruiseModel
-from palpate.studies.bruise_data import SIDES_AROUND, Examined
+from palpate.studies.bruise_data import EARLY_S, SIDES_AROUND, Examined
 from palpate.studies.bruise_scores import (
     EARLIER,
-    EARLY_S,
     FALSE_ALARMS,
     KIND,
     Scored,
     around,
+    felt_of,
     log_odds,
     probabilities,
     scored,
@@ -69,8 +69,9 @@ def areas_table(scores: Mapping[str, Mapping[str, Scored]]) -> Table:
         cells = []
         for level in LEVELS:
             one = scores[level][name]
-            low, high = one.interval()
-            cells += [f"{one.auc:.3f} ({low:.3f} to {high:.3f})", f"{100 * one.found():.0f}"]
+            span = one.interval()
+            between = "" if span is None else " ({:.3f} to {:.3f})".format(*span)
+            cells += [f"{one.auc:.3f}{between}", f"{100 * one.found():.0f}"]
         rows.append([name, *cells])
     return Table(
         title="Bruised or not, from one grasp of the side: area under the ROC curve (90 % interval "
@@ -95,9 +96,9 @@ def by_size(
         if one.bruised
     ]
     diameter_mm = np.array([one.apple.bruise.diameter_mm for one in bruised if one.apple.bruise])
-    found = {}
+    found, felt = {}, felt_of(sound + bruised)
     for names, label in SHOWN.items():
-        score = log_odds(sound + bruised, model, names, cutoff_s=EARLY_S)
+        score = log_odds(felt, model, names)
         quiet, loud = score[: len(sound)], score[len(sound) :]
         rows = []
         for low, high in itertools.pairwise(_DIAMETERS_MM):
@@ -152,7 +153,7 @@ def beyond_touch(
     round_about = around(of_purpose(examined, "around", level), model)
     found = {
         "12 to 25 mm above the middle, with its earlier record": scored(
-            off, log_odds(off, model, EARLIER, cutoff_s=EARLY_S)
+            off, log_odds(felt_of(off), model, EARLIER)
         ),
         f"anywhere on a belt of 20 mm, first met, {SIDES_AROUND} grasps around": round_about,
     }
@@ -161,7 +162,7 @@ def beyond_touch(
 
 def beyond_table(
     beyond: Mapping[str, Mapping[str, Mapping[str, float]]],
-    places: Mapping[str, Mapping[str, float]],
+    places: Mapping[str, Mapping[str, float] | None],
 ) -> Table:
     """Put what fingers hardly touch, and where bruises were said to be, into a table."""
     rows = [
@@ -171,22 +172,15 @@ def beyond_table(
         ]
         for name in beyond[LEVELS[0]]
     ]
-    rows.append(
-        [
-            "finger named rightly",
-            *(f"{100 * places[level]['finger_right']:.0f} %" for level in LEVELS),
-        ]
-    )
-    rows.append(
-        [
-            "place on that finger, median off (off if its middle is named)",
-            *(
-                f"{places[level]['median_off_mm']:.1f} mm "
-                f"({places[level]['median_spread_mm']:.1f} mm)"
-                for level in LEVELS
-            ),
-        ]
-    )
+    told = {
+        "finger named rightly": "{finger_right:.0%}",
+        "place on that finger, median off (off if its middle is named)": (
+            "{median_off_mm:.1f} mm ({median_spread_mm:.1f} mm)"
+        ),
+    }
+    for name, text in told.items():
+        found = [places[level] for level in LEVELS]
+        rows.append([name, *("too few" if one is None else text.format(**one) for one in found)])
     return Table(
         title="Bruises that the fingers may not touch, and where those that they touch are",
         columns=("what", *LEVELS),

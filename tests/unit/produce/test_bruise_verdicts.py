@@ -1,0 +1,256 @@
+"""Bruises of items in a store: what they are held against, what labels teach, what is said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace as replaced
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.bruise_model import BruiseModel, Example, Place, default_model, learn
+from palpate.produce.bruise_shape import shape_of
+from palpate.produce.bruise_store import (
+    BRUISED,
+    SOUND,
+    examine_item,
+    in_visits,
+    learn_from,
+    telling,
+)
+from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.store import Store
+
+MONDAY = datetime(2026, 5, 4, 8, tzinfo=UTC)
+TUESDAY = MONDAY + timedelta(days=1)
+RNG = np.random.default_rng(8)
+
+
+def pixels(*, soft: tuple[int, int] | None = None, spread: float = 2.0) -> np.ndarray:
+    """Return changes of a sound side, or of one with a pixel that carries little."""
+    change = -50.0 + spread * RNG.standard_normal((4, 2))
+    if soft is not None:
+        change[soft] = -15.0
+    return change
+
+
+def grasp(
+    item: str, change: np.ndarray, *, at: datetime = MONDAY, side: float = 0.0, size: float = 66.0
+) -> Grasp:
+    return Grasp(
+        item_id=item,
+        taken_at=at,
+        rig="bench",
+        drive="width",
+        origin="hardware",
+        outcome=Outcome.HELD,
+        measurements={
+            "size_mm": Measurement(value=size, low=size - 0.5, high=size + 0.5, unit="mm")
+        },
+        pixel_settled_percent=tuple(map(tuple, change.tolist())),
+        angle_deg=side,
+    )
+
+
+def label(store: Store, item: str, text: str, *, at: datetime = MONDAY) -> None:
+    store.add_verdict(
+        Verdict(item_id=item, about=About.BRUISE, text=text, given_at=at, source=Source.PERSON)
+    )
+
+
+def labelled() -> Store:
+    """Return a store with twelve sound and twelve bruised apples, felt on Monday."""
+    made = Store.open("sqlite://")
+    for number in range(12):
+        for text, soft in ((SOUND, None), (BRUISED, (int(number % 4), int(number % 2)))):
+            item = f"{text}-{number}"
+            made.add_item(Item(item_id=item, kind="apple"))
+            made.add_grasp(grasp(item, pixels(), side=90.0))
+            made.add_grasp(grasp(item, pixels(soft=soft), at=MONDAY + timedelta(minutes=1)))
+            label(made, item, text, at=MONDAY + timedelta(minutes=2))
+    return made
+
+
+@pytest.fixture
+def store() -> Store:
+    """Return such a store."""
+    return labelled()
+
+
+@pytest.fixture(scope="module")
+def model() -> BruiseModel:
+    """Return what the labels of such a store teach."""
+    return learn_from(labelled(), kind="apple")
+
+
+def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float):
+    return examine_item(store, item, model=model, given_at=TUESDAY, **options)
+
+
+def test_labels_teach_against_the_references_that_there_are(model: BruiseModel) -> None:
+    assert set(model.judges) == {"class", "item", "class+item"}
+    assert (model.bruised, model.sound) == (12, 24)
+    assert model.learned_on == "24 labelled items of kind apple of the store"
+
+
+def test_a_bruised_and_a_sound_side_are_told_apart(store: Store, model: BruiseModel) -> None:
+    store.add_grasp(grasp("A17", pixels(), side=90.0))
+    store.add_grasp(grasp("A17", pixels(soft=(1, 0)), at=MONDAY + timedelta(seconds=20)))
+    store.add_item(Item(item_id="A17", kind="apple"))
+    found = judge(store, model)
+    assert found.bruised
+    assert [side.angle_deg for side in found.sides] == [0.0, 90.0]
+    assert found.sides[0].against == ("class", "item")
+    assert found.probability > 0.9 > 0.5 > found.sides[1].probability
+    (kept,) = store.verdicts_of("A17", about=About.BRUISE, source=Source.PALPATE)
+    assert (kept.text, kept.probability) == (BRUISED, found.probability)
+
+
+def test_grasps_of_one_side_count_together_and_promise_no_more(
+    store: Store, model: BruiseModel
+) -> None:
+    change = pixels(soft=(1, 0))
+    store.add_item(Item(item_id="A17", kind="apple"))
+    store.add_grasp(grasp("A17", change))
+    once = judge(store, model)
+    store.add_grasp(grasp("A17", change, at=MONDAY + timedelta(minutes=1), side=5.0))
+    twice = judge(store, model)
+    assert [side.grasps for side in twice.sides] == [2]
+    assert twice.probability == pytest.approx(once.probability)
+
+
+def test_bruises_expected_seldom_are_called_seldom(store: Store, model: BruiseModel) -> None:
+    store.add_item(Item(item_id="A17", kind="apple"))
+    store.add_grasp(grasp("A17", pixels(soft=(1, 0))))
+    half, seldom = judge(store, model), judge(store, model, bruised_share=0.01)
+    odds = [one.probability / (1 - one.probability) for one in (half, seldom)]
+    assert odds[0] / odds[1] == pytest.approx(99.0)
+
+
+def test_the_earlier_record_of_a_side_is_the_first_visit_with_it(store: Store) -> None:
+    model = default_model()
+    before = pixels(spread=0.0)
+    store.add_grasp(grasp("A17", before, side=3.0, size=67.0))
+    store.add_grasp(grasp("A17", pixels(soft=(1, 0)), at=TUESDAY, size=65.5))
+    found = judge(store, model)
+    assert found.sides[0].against == ("history",)
+    assert found.before_percent == pytest.approx(before.mean())
+    assert found.now_percent > found.before_percent
+    assert found.bruised
+
+
+def test_places_are_named_with_the_pixels_on_them(store: Store) -> None:
+    store.add_grasp(grasp("A17", pixels(spread=0.0)))
+    store.add_grasp(grasp("A17", pixels(soft=(1, 1), spread=0.0), at=TUESDAY))
+    found = judge(store, default_model())
+    one, other = sorted(found.sides[0].spots, key=lambda spot: spot.finger)
+    assert one.probability + other.probability == pytest.approx(1.0)
+    assert one.pixels == ((1, 1),)
+    assert one.mean_percent == pytest.approx(-15.0)
+    # High and to the right on the first finger, or low and, seen from behind, to the left.
+    assert one.height_mm > 0 > other.height_mm
+    assert one.angle_deg is not None
+    assert 0 < one.angle_deg < 20
+    assert other.angle_deg == pytest.approx(one.angle_deg + 180.0)
+
+
+def test_nothing_to_hold_it_against_says_what_to_do(store: Store, model: BruiseModel) -> None:
+    store.add_item(Item(item_id="B1", kind="pear"))
+    store.add_grasp(grasp("B1", pixels()))
+    with pytest.raises(InputError, match=r"nothing to hold it against.*--angle-deg 90"):
+        judge(store, model, "B1")
+
+
+def test_an_item_without_pixels_says_so(store: Store, model: BruiseModel) -> None:
+    store.add_item(Item(item_id="B1", kind="apple"))
+    with pytest.raises(InputError, match=r"'B1': no grasp of it that held tells"):
+        judge(store, model, "B1")
+
+
+def test_a_model_that_lacks_the_reference_says_so(store: Store, model: BruiseModel) -> None:
+    store.add_grasp(grasp("A17", pixels()))
+    store.add_grasp(grasp("A17", pixels(), at=TUESDAY))
+    with pytest.raises(InputError, match="no reference among history, class, item"):
+        judge(store, model)
+
+
+def test_other_rigs_and_other_kinds_are_no_class(store: Store) -> None:
+    for item, kind, rig, against in (
+        ("A17", "apple", "bench", ("class", "item")),
+        ("A18", "apple", "elsewhere", ("item",)),
+        ("P1", "pear", "bench", ("item",)),
+        ("X1", None, "bench", ("item",)),
+    ):
+        store.add_item(Item(item_id=item, kind=kind))
+        for side in (0.0, 90.0):
+            store.add_grasp(replaced(grasp(item, pixels(), side=side), rig=rig))
+        assert judge(store, default_model(), item).sides[0].against == against
+
+
+def test_visits_are_parted_by_long_pauses() -> None:
+    times = [MONDAY + timedelta(minutes=minute) for minute in (0, 20, 45, 90)]
+    visits = in_visits([grasp("A17", pixels(), at=at) for at in times])
+    assert [len(visit) for visit in visits] == [3, 1]
+
+
+def test_what_slipped_or_has_no_pixels_tells_nothing() -> None:
+    whole = grasp("A17", pixels())
+    slipped = replaced(whole, outcome=Outcome.SLIPPED)
+    blind = replaced(whole, pixel_settled_percent=None)
+    assert telling([slipped, whole, blind]) == (whole,)
+
+
+def test_too_few_labels_are_refused(store: Store) -> None:
+    with pytest.raises(InputError, match="0 bruised and 0 sound sides"):
+        learn_from(store, kind="pear")
+
+
+def test_places_are_learned_where_they_are_known() -> None:
+    even = shape_of(np.full((4, 2), -50.0), width_mm=66.0)
+    examples = []
+    for number in range(40):
+        finger, along = number % 2, 1 - number // 2 % 2
+        soft = shape_of(pixels(soft=(2 * finger + along, 0)), width_mm=65.0)
+        place = Place(finger=finger, along_mm=6.0 * (2 * along - 1), across_mm=-6.0)
+        examples.append(Example(shape=soft, against={"class": even}, bruised=True, place=place))
+        sound = shape_of(pixels(), width_mm=66.0)
+        examples.append(Example(shape=sound, against={"class": even}, bruised=False))
+    along_mm, across_mm = learn(examples, learned_on="a test").locators["class"].mm_per_slope
+    assert along_mm < -1
+    # Columns of the second finger run the other way round the fruit, not on the finger.
+    assert across_mm < -1
+
+
+def test_a_model_survives_its_file(model: BruiseModel, tmp_path: Path) -> None:
+    model.save(tmp_path / "model.json")
+    again = BruiseModel.load(tmp_path / "model.json")
+    assert again == model
+
+
+@pytest.mark.parametrize("text", ["{}", "no", json.dumps({"format": "x", "version": 1})])
+def test_what_is_no_model_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"model\.json: not a bruise model"):
+        BruiseModel.load(path)
+
+
+def test_the_model_that_comes_along_says_that_it_is_simulated() -> None:
+    model = default_model()
+    assert "simulated" in model.learned_on
+    assert len(model.judges) == 7
+    assert set(model.locators) == {"history", "class", "item"}
+
+
+def test_fingers_with_too_few_pixels_are_refused() -> None:
+    with pytest.raises(InputError, match="at least 2 x 2 pixels"):
+        shape_of(np.zeros((2, 2)))
+    dead = pixels()
+    dead[0, 0] = np.nan
+    with pytest.raises(InputError, match="finger 1: only 3 of 4 pixels read"):
+        shape_of(dead)
