@@ -59,6 +59,7 @@ def serving(
 def browser() -> Iterator[Browser]:
     if not CHROMIUM.exists():
         skip(f"no {CHROMIUM}: apt-get install chromium")
+    expect.set_options(timeout=PATIENCE_MS)
     with sync_playwright() as play:
         chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield chromium
@@ -83,7 +84,7 @@ def come(browser: Browser, address: str) -> Iterator[Callable[..., Page]]:
     contexts = []
 
     def come(url: str = address, **options: object) -> Page:
-        contexts.append(browser.new_context(**{"viewport": WIDE, **options}))  # type: ignore[arg-type]
+        contexts.append(browser.new_context(**{"viewport": WIDE, **options}))
         page = contexts[-1].new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.goto(url)
@@ -101,21 +102,21 @@ def driver(come: Callable[..., Page]) -> Page:
     fresh(page)
     if page.locator("#take-over").is_visible():
         page.locator("#take-over").click()
-    expect(page.locator("#who")).to_contain_text("you drive", timeout=PATIENCE_MS)
-    expect(page.locator("#verdict-text")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator("#who")).to_contain_text("you drive")
+    expect(page.locator("#verdict-text")).to_be_visible()
     return page
 
 
 def fresh(page: Page) -> None:
-    expect(page.locator("#link")).to_have_attribute("data-state", "fresh", timeout=PATIENCE_MS)
+    expect(page.locator("#link")).to_have_attribute("data-state", "fresh")
 
 
 def verdict(page: Page, words: str | re.Pattern[str]) -> None:
-    expect(page.locator("#verdict-text")).to_have_text(words, timeout=PATIENCE_MS)
+    expect(page.locator("#verdict-text")).to_have_text(words)
 
 
 def can_press(page: Page, button: str) -> None:
-    expect(page.locator(button)).to_be_enabled(timeout=PATIENCE_MS)
+    expect(page.locator(button)).to_be_enabled()
 
 
 def tab(page: Page, name: str) -> None:
@@ -207,7 +208,7 @@ def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
     can_press(driver, "#calibrate-rest")
     driver.locator("#calibrate-rest").click()
     expect(driver.locator("#guide")).to_contain_text("Leave the sensor alone")
-    expect(driver.locator("#calibrated")).to_contain_text("Calibrated", timeout=PATIENCE_MS)
+    expect(driver.locator("#calibrated")).to_contain_text("Calibrated")
     expect(driver.locator("#calibrated tr")).to_have_count(9)
     assert (folder / "data" / "calibration-sim-rigid-3.json").exists()
 
@@ -216,7 +217,7 @@ def test_the_doctor_examines(driver: Page) -> None:
     tab(driver, "Doctor")
     can_press(driver, "#examine")
     driver.locator("#examine").click()
-    expect(driver.locator("#health")).to_contain_text("frames in 10", timeout=PATIENCE_MS)
+    expect(driver.locator("#health")).to_contain_text("frames in 10")
     expect(driver.locator("#health tr")).to_have_count(9)
 
 

@@ -88,7 +88,7 @@ def test_nothing_behind_the_gate_is_had_without_the_token(path: str) -> None:
 
 def test_a_wrong_token_is_refused() -> None:
     for told in ({"query": "token=wrong-horse"}, {"method": "POST", "body": "token=wrong-horse"}):
-        answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)  # type: ignore[arg-type]
+        answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)
         assert answer.status == 403
         assert "not the token" in answer.body
 
