@@ -138,6 +138,22 @@ def r_squared_table(
     )
 
 
+def r_squared_payload(
+    conditions: Mapping[str, Mapping[str, Settled]], ratings: Sequence[float]
+) -> dict[str, Any]:
+    """Return R^2 of every sensor, by condition, level and reading."""
+    return {
+        condition: {
+            level: {
+                reading: fits(found[level], reading, ratings).tolist()
+                for reading in found[level].values
+            }
+            for level in LEVELS
+        }
+        for condition, found in conditions.items()
+    }
+
+
 def draw_lines(
     found: Mapping[str, Settled],
     ratings: Sequence[float],

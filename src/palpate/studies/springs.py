@@ -8,7 +8,7 @@ from palpate.studies.equal_width import (
     SEED,
     SENSORS,
     draw_lines,
-    fits,
+    r_squared_payload,
     r_squared_table,
     settled_readings,
 )
@@ -74,16 +74,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "published_r_squared": PUBLISHED_R_SQUARED,
             "stiffness_n_per_mm": SETUPS,
             "levels": {level: last[level].as_json(READING) for level in LEVELS},
-            "r_squared": {
-                condition: {
-                    level: {
-                        reading: fits(found[level], reading, ratings).tolist()
-                        for reading in found[level].values
-                    }
-                    for level in LEVELS
-                }
-                for condition, found in conditions.items()
-            },
+            "r_squared": r_squared_payload(conditions, ratings),
         },
         figures={
             "figure10b": lambda: draw_lines(

@@ -10,7 +10,7 @@ from palpate.studies.equal_width import (
     SEED,
     SENSORS,
     draw_lines,
-    fits,
+    r_squared_payload,
     r_squared_table,
     settled_readings,
 )
@@ -89,16 +89,7 @@ def report(
             "published": {name: list(values) for name, values in PUBLISHED.items()},
             "published_r_squared": PUBLISHED_R_SQUARED,
             "levels": {level: held[level].as_json(READING) for level in LEVELS},
-            "r_squared": {
-                condition: {
-                    level: {
-                        reading: fits(found[level], reading, ratings).tolist()
-                        for reading in found[level].values
-                    }
-                    for level in LEVELS
-                }
-                for condition, found in conditions.items()
-            },
+            "r_squared": r_squared_payload(conditions, ratings),
         },
         figures={
             "figure9": lambda: draw_lines(
