@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import numpy as np
 import typer
 
+from palpate.errors import InputError
 from palpate.produce.ripeness_stages import STAGES
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.ripeness_scores import (
@@ -50,13 +51,13 @@ def command(
     sensors: Annotated[int, typer.Option(help="Sensors of each condition.", min=1)] = 1,
     fruits: Annotated[
         int, typer.Option(help="Fruits that each sensor judges, beside six labelled ones.", min=2)
-    ] = 6,
+    ] = 10,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
     """Follow avocados of the twin over four days with both grippers, on sensors that age.
 
-    The figures in the documentation need `--sensors 5 --fruits 40`: an hour of computing.
+    By default it takes some minutes; `--sensors 5 --fruits 40` takes an hour.
 
     Example: palpate study ripeness --out reports
     """
@@ -83,6 +84,10 @@ def report(found: Mapping[Condition, Sequence[Felt]]) -> StudyReport:
         condition: [row for felt in stations for row in judged(felt)]
         for condition, stations in found.items()
     }
+    if not all(any(row.wait_days > 0 for row in one) for one in rows.values()):
+        raise InputError(
+            "all fruits were needed as labels, or all were ripe: judge more with --fruits"
+        )
     each = {condition: scores(rows[condition]) for condition in rows}
     fruits = {c: sum(len(f.others) - taught_of(f)[1] for f in found[c]) for c in found}
     return StudyReport(
@@ -202,7 +207,7 @@ def _figure16_table(found: Mapping[Condition, Sequence[Felt]]) -> Table:
     rows = []
     for gripper, days in _ripened(found).items():
         cells = [f"{mean:.1f} ± {sd:.1f}" for mean, sd in days]
-        rows.append([gripper, "not printed (rises towards 0)", *cells])
+        rows.append([gripper, "not printed", *cells])
     return Table(
         title="Figure 16: settled change at one width (rigid) or pressure (soft) over days, %, "
         "mean ± sd over the fruits that ripened in this time",

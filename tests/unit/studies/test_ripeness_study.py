@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.firmness import firmness_of
@@ -139,3 +140,9 @@ def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_pa
     assert "prints no numbers in Figure 16" in text
     for stem in ("figure16", "ripeness"):
         assert (tmp_path / f"{stem}.png").stat().st_size > 10_000
+
+
+def test_a_study_without_fruit_to_judge_says_so(station: Felt) -> None:
+    felt = made_up(station, worn=0.0)
+    with pytest.raises(InputError, match="judge more with --fruits"):
+        report({("paper", "rigid", True): [replace(felt, others=())]})
