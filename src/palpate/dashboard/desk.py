@@ -13,7 +13,7 @@ from pathlib import Path
 
 from palpate.dashboard.handle import DeviceProcess
 from palpate.dashboard.ledger import Ledger
-from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Source, Update, Urgent
+from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Urgent
 from palpate.dashboard.session import Session
 from palpate.dashboard.station import BenchOpener
 
@@ -112,11 +112,14 @@ class Desk:
         """How long ago the devices' process said anything, seconds."""
         return time.monotonic() - self._heard_s
 
-    def _keep(self, grasped: Grasped, source: Source, item_id: str) -> None:
+    def _keep(self, grasped: Grasped, item_id: str) -> None:
         """Remember a grasp of a named item; the database may take its time."""
-        loop = asyncio.get_running_loop()
-        keep = partial(self.ledger.keep, grasped, source=source, item_id=item_id)
-        loop.run_in_executor(None, keep).add_done_callback(self._kept)
+        if grasped.recording is None:
+            return
+        keep = partial(
+            self.ledger.keep, grasped.result, recording=grasped.recording, item_id=item_id
+        )
+        asyncio.get_running_loop().run_in_executor(None, keep).add_done_callback(self._kept)
 
     def _kept(self, kept: asyncio.Future[None]) -> None:
         kept.result()

@@ -5,55 +5,22 @@ The store is opened for each look and each grasp: it may be away, and others use
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from palpate.dashboard.messages import Grasped, Source
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, StoreError
+from palpate.grasp.belief import Observation
+from palpate.grasp.result import GraspResult
+from palpate.recording import RecordingReader
+from palpate.recording.replay import observations
+
+if TYPE_CHECKING:
+    from palpate.produce.pages import ItemPage
+    from palpate.produce.records_json import Record
 
 MISSING = "items need the store: pip install 'palpate[produce]'"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Past:
-    """One measurement of an item at one time, with its interval."""
-
-    taken_at: datetime
-    value: float
-    low: float
-    high: float
-    simulated: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ItemPage:
-    """What is known of an item.
-
-    Attributes
-    ----------
-    item_id, kind, batch
-        As the store has them.
-    first_seen : datetime or None
-        When it was met first.
-    grasps : int
-        How many there are.
-    stiffness : tuple of Past
-        Stiffness over time, N/mm, oldest first.
-    settled : tuple of Past
-        Settled change over time, percent, oldest first.
-    verdicts : tuple of (datetime, str, str, str)
-        When, about what, what was said, and why; newest first.
-    """
-
-    item_id: str
-    kind: str | None
-    batch: str | None
-    first_seen: datetime | None
-    grasps: int
-    stiffness: tuple[Past, ...]
-    settled: tuple[Past, ...]
-    verdicts: tuple[tuple[datetime, str, str, str], ...]
 
 
 class Ledger:
@@ -74,31 +41,17 @@ class Ledger:
         self._where = where
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
-    def keep(self, grasped: Grasped, *, source: Source, item_id: str) -> None:
-        """Write a grasp to the store; while that is away, to its spool."""
+    def keep(self, result: GraspResult, *, recording: Path, item_id: str) -> None:
+        """Write a recorded grasp to the store; while that is away, to its spool."""
         if self.trouble == MISSING:
             return
         from palpate.produce.keeping import Keeper
-        from palpate.produce.records import MEASURED, Grasp
 
-        result = grasped.result
-        measured = {name: getattr(result, name) for name in MEASURED}
         try:
-            record = Grasp(
-                item_id=item_id,
-                taken_at=datetime.now(UTC),
-                rig=source.name,
-                drive="width" if source.gripper is None else source.gripper.drive,
-                origin=source.origin,
-                outcome=result.outcome,
-                measurements={name: one for name, one in measured.items() if one is not None},
-                decision_time_s=result.decision_time_s,
-                peak_force_n=result.peak_force_n,
-                recording=None if grasped.recording is None else str(grasped.recording),
-            )
+            records = _records(result, recording=recording, item_id=item_id)
             with Keeper(self._where) as keeper:
-                kept = keeper.keep(record)
-                self.trouble = "" if kept else f"waits in {keeper.spool.path}: {keeper.away}"
+                kept = keeper.keep(*records)
+                self.trouble = "" if kept else f"{keeper.away}; it waits in {keeper.spool.path}"
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
 
@@ -112,7 +65,6 @@ class Ledger:
         """
         if self.trouble == MISSING:
             return []
-        from palpate.errors import StoreError
         from palpate.produce.store import Store
 
         try:
@@ -131,33 +83,41 @@ class Ledger:
         PalpateError
             If there is no such item, or the store can't be used.
         """
+        from palpate.produce.pages import item_page
         from palpate.produce.store import Store
 
         with Store.open(self._where, create=False) as store:
-            item, grasps = store.item(item_id), store.grasps_of(item_id)
-            histories = {
-                name: tuple(
-                    Past(
-                        taken_at=reading.taken_at,
-                        value=reading.measurement.value,
-                        low=reading.measurement.low,
-                        high=reading.measurement.high,
-                        simulated=reading.origin != "hardware",
-                    )
-                    for reading in store.history(item_id, name)
-                )
-                for name in ("stiffness_n_per_mm", "settled_percent")
-            }
-            said = store.verdicts_of(item_id)
-        return ItemPage(
-            item_id=item.item_id,
-            kind=item.kind,
-            batch=item.batch,
-            first_seen=item.first_seen,
-            grasps=len(grasps),
-            stiffness=histories["stiffness_n_per_mm"],
-            settled=histories["settled_percent"],
-            verdicts=tuple(
-                (one.given_at, str(one.about), one.text, one.explanation) for one in reversed(said)
-            ),
-        )
+            return item_page(store, item_id)
+
+
+def _records(result: GraspResult, *, recording: Path, item_id: str) -> tuple[Record, ...]:
+    """Return the grasp, and the calibration it rests on, as the store takes them."""
+    from palpate.produce.felt_pixels import felt_pixels
+    from palpate.produce.records import MEASURED, Grasp
+    from palpate.produce.records_json import CalibrationText
+    from palpate.produce.store_writing import calibration_id_of
+
+    with RecordingReader(recording) as reader:
+        info = reader.info
+        seen = [
+            Observation(frame=frame, gripper=state)
+            for frame, state in observations(reader)
+            if state is not None
+        ]
+    calibration, gripper = info.calibration or "", info.gripper
+    measured = {name: getattr(result, name) for name in MEASURED}
+    grasp = Grasp(
+        item_id=item_id,
+        taken_at=datetime.now(UTC),
+        rig=info.rig or "",
+        drive="width" if gripper is None else gripper.drive,
+        origin=info.origin,
+        outcome=result.outcome,
+        measurements={name: one for name, one in measured.items() if one is not None},
+        pixel_settled_percent=felt_pixels(seen, result=result, layout=info.layout),
+        decision_time_s=result.decision_time_s,
+        peak_force_n=result.peak_force_n,
+        calibration_id=calibration_id_of(calibration),
+        recording=str(recording.resolve()),
+    )
+    return (CalibrationText(content=calibration), grasp)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING
 
 from nicegui import run, ui
 
 from palpate.dashboard.desk import Desk
-from palpate.dashboard.ledger import ItemPage, Past
 from palpate.dashboard.pressing import Hands
 from palpate.errors import PalpateError
+
+if TYPE_CHECKING:
+    from palpate.produce.pages import ItemPage
+    from palpate.produce.records import Grasp
 
 _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
@@ -53,59 +58,61 @@ def items_panel(desk: Desk, hands: Hands) -> None:
     ui.timer(3.0, look)
 
 
-def item_html(item: ItemPage) -> str:
+def item_html(page: ItemPage) -> str:
     """Return an item's page: what it is, its stiffness over time, and what was said of it."""
-    what = ", ".join(part for part in (item.kind, item.batch) if part)
-    simulated = any(past.simulated for past in item.stiffness + item.settled)
+    item, grasps = page.item, page.grasps
+    what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
     said = "".join(
-        f"<tr><td class='num'>{when:%d %b %H:%M}</td><td>{html.escape(about)}</td>"
-        f"<td><b>{html.escape(text)}</b> {html.escape(why)}</td></tr>"
-        for when, about, text, why in item.verdicts
+        f"<tr><td class='num'>{one.given_at:%d %b %H:%M}</td><td>{html.escape(one.about)}</td>"
+        f"<td><b>{html.escape(one.text)}</b> {html.escape(one.explanation)}</td></tr>"
+        for one in reversed(page.verdicts)
     )
-    badge = "<span class='badge-sim'>SIMULATED</span>" if simulated else ""
+    badge = "<span class='badge-sim'>SIMULATED</span>" if page.simulated else ""
     return (
         f"<p class='said'>{html.escape(item.item_id)} {badge}</p>"
-        f"<p>{html.escape(what)}{', ' if what else ''}{item.grasps} "
-        f"grasp{'s' if item.grasps != 1 else ''}</p>"
-        + _chart("Stiffness, N/mm", item.stiffness)
-        + _chart("Settled change, %", item.settled)
+        f"<p>{html.escape(what)}{', ' if what else ''}{len(grasps)} "
+        f"grasp{'s' if len(grasps) != 1 else ''}</p>"
+        + chart("Stiffness, N/mm", grasps, "stiffness_n_per_mm")
+        + chart("Settled change, %", grasps, "settled_percent")
         + (f"<h3>What was said</h3><table class='plain'>{said}</table>" if said else "")
     )
 
 
-def _chart(title: str, past: Sequence[Past]) -> str:
-    """Return values with their intervals over time as an SVG picture."""
+def chart(title: str, grasps: Sequence[Grasp], name: str) -> str:
+    """Return one measurement with its intervals over time as an SVG picture."""
+    past = [
+        (grasp.taken_at, grasp.measurements[name]) for grasp in grasps if name in grasp.measurements
+    ]
     if not past:
         return ""
-    times = [one.taken_at.timestamp() for one in past]
-    low, high = min(one.low for one in past), max(one.high for one in past)
-    span, length = (high - low) or 1.0, (times[-1] - times[0]) or 1.0
-    single = len(past) == 1
+    began = past[0][0]
+    length_s = (past[-1][0] - began).total_seconds()
+    low, high = min(one.low for _, one in past), max(one.high for _, one in past)
 
-    def x(time: float) -> float:
-        share = 0.5 if single else (time - times[0]) / length
+    def x(taken_at: datetime) -> float:
+        share = (taken_at - began).total_seconds() / length_s if length_s else 0.5
         return _LEFT + 10 + share * (_WIDTH - _LEFT - 24)
 
     def y(value: float) -> float:
-        return _TOP + (high - value) / span * (_HEIGHT - _TOP - _FOOT - 6)
+        return _TOP + (high - value) / ((high - low) or 1.0) * (_HEIGHT - _TOP - _FOOT - 6)
 
     marks = "".join(
-        f"<line x1='{x(t):.1f}' x2='{x(t):.1f}' y1='{y(one.low):.1f}' y2='{y(one.high):.1f}' "
+        f"<line x1='{x(when):.1f}' x2='{x(when):.1f}' y1='{y(one.low):.1f}' y2='{y(one.high):.1f}' "
         "stroke='var(--accent)' stroke-width='2' opacity='.45'/>"
-        f"<circle cx='{x(t):.1f}' cy='{y(one.value):.1f}' r='4.5' fill='var(--accent)'/>"
-        for t, one in zip(times, past, strict=True)
+        f"<circle cx='{x(when):.1f}' cy='{y(one.value):.1f}' r='4.5' fill='var(--accent)'/>"
+        for when, one in past
     )
-    path = " ".join(f"{x(t):.1f},{y(one.value):.1f}" for t, one in zip(times, past, strict=True))
+    path = " ".join(f"{x(when):.1f},{y(one.value):.1f}" for when, one in past)
     scale = "".join(
         f"<text class='soft' x='{_LEFT - 4}' y='{y(value) + 4:.1f}' text-anchor='end' "
         f"font-size='11'>{value:.3g}</text>"
         for value in (low, high)
     )
-    ends = [past[0]] if single else [past[0], past[-1]]
+    ends = [(past[0], "start"), (past[-1], "end")] if length_s else [(past[0], "middle")]
     days = "".join(
-        f"<text class='soft' x='{x(one.taken_at.timestamp()):.1f}' y='{_HEIGHT - 6}' "
-        f"text-anchor='{anchor}' font-size='11'>{one.taken_at:%d %b %H:%M}</text>"
-        for one, anchor in zip(ends, ["middle"] if single else ["start", "end"], strict=True)
+        f"<text class='soft' x='{x(when):.1f}' y='{_HEIGHT - 6}' text-anchor='{anchor}' "
+        f"font-size='11'>{when:%d %b %H:%M}</text>"
+        for (when, _), anchor in ends
     )
     return (
         f"<h3>{title}</h3><svg viewBox='0 0 {_WIDTH} {_HEIGHT}' style='width:100%' role='img' "

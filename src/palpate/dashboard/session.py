@@ -102,7 +102,7 @@ class Session:
     send : callable
         Takes an order, or a request that is heard at once.
     on_grasped : callable, optional
-        Called with each finished grasp of a named item (not with replays), its source and name.
+        Called with each finished grasp of a named item (not with replays), and its name.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Session:
         self,
         *,
         send: Callable[[Order | Urgent], None],
-        on_grasped: Callable[[Grasped, Source, str], None] = lambda grasped, source, item_id: None,
+        on_grasped: Callable[[Grasped, str], None] = lambda grasped, item_id: None,
     ) -> None:
         self._send, self._on_grasped = send, on_grasped
         self.viewers: set[str] = set()
@@ -331,9 +331,8 @@ class Session:
         match note.found:
             case Grasped():
                 self.grasped = note.found
-                source = self.live.source
-                if isinstance(note.order, Grasp) and note.order.item_id and source is not None:
-                    self._on_grasped(note.found, source, note.order.item_id)
+                if isinstance(note.order, Grasp) and note.order.item_id:
+                    self._on_grasped(note.found, note.order.item_id)
             case Calibrated():
                 self.calibrated = note.found
             case Health():

@@ -1,0 +1,81 @@
+"""Items on the page: what goes to the store, and what is shown of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from palpate.dashboard.ledger import Ledger
+from palpate.dashboard.panel_items import item_html
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.produce.store import Store
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.world import World
+
+RESULT = GraspResult(
+    outcome=Outcome.HELD,
+    stiffness_n_per_mm=Measurement(value=2.1, low=1.7, high=2.6, unit="n_per_mm"),
+    moments=(Moment(time_s=1.9, name="answer"),),
+)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    world = World(None, seed=1)
+    array, gripper = TwinArray(world), TwinGripper(world)
+    file = tmp_path / "grasp.mcap"
+    info = RecordingInfo(
+        layout=array.layout,
+        origin="twin",
+        rig="sim-rigid",
+        calibration="{}",
+        gripper=gripper.limits,
+    )
+    with RecordingWriter(file, info=info) as writer:
+        for _ in range(30):
+            frame = array.read(timeout_s=1.0)
+            writer.add_observation(frame, gripper=gripper.state())
+    return file
+
+
+def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
+    recording: Path, tmp_path: Path
+) -> None:
+    where = str(tmp_path / "items.sqlite")
+    ledger = Ledger(where)
+    assert ledger.items() == []
+    assert not Path(where).exists(), "looking makes no store"
+    ledger.keep(RESULT, recording=recording, item_id="berry-7")
+    assert ledger.trouble == ""
+    assert ledger.items() == ["berry-7"]
+    with Store.open(where) as store:
+        (grasp,) = store.grasps_of("berry-7")
+        assert store.calibration(grasp.calibration_id or "") == "{}"
+    assert (grasp.rig, grasp.origin, grasp.drive) == ("sim-rigid", "twin", "width")
+    assert grasp.recording == str(recording.resolve())
+    assert grasp.pixel_settled_percent is not None
+    assert len(grasp.pixel_settled_percent) == 4
+
+
+def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
+    recording: Path, tmp_path: Path
+) -> None:
+    ledger = Ledger(str(tmp_path / "items.sqlite"))
+    for _ in range(3):
+        ledger.keep(RESULT, recording=recording, item_id="<b>berry</b>")
+    page = item_html(ledger.page("<b>berry</b>"))
+    assert page.count("<circle") == 3
+    assert "SIMULATED" in page
+    assert "&lt;b&gt;berry&lt;/b&gt;" in page
+    assert "<b>berry" not in page
+
+
+def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.sqlite"
+    broken.write_text("this is no database, whatever its name says" * 100)
+    ledger = Ledger(str(broken))
+    ledger.keep(RESULT, recording=recording, item_id="berry-7")
+    assert str(broken) in ledger.trouble
