@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import time
 import tomllib
 from dataclasses import dataclass
@@ -16,9 +15,6 @@ from palpate.dashboard.ledger import Ledger
 from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Urgent
 from palpate.dashboard.session import Session
 from palpate.dashboard.station import BenchOpener
-
-#: On a busy machine the page yields to the process with the loop: so much niceness more.
-_BEHIND = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +62,6 @@ class Desk:
         """Start the devices' process and open the first rig."""
         self._loop = asyncio.get_running_loop()
         self._process = DeviceProcess(self._arrived, benches=self.settings.benches)
-        os.nice(_BEHIND)
         settings = self.settings
         first = OpenRig(
             name=settings.rigs[0],
