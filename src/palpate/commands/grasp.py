@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.commands.grasp_store import open_keeper, remember
+from palpate.commands.grasp_store import open_memory
 from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.grasp.belief import Observation
     from palpate.grasp.runner import Subscriber
     from palpate.rig import Rig
 
@@ -81,16 +80,15 @@ def grasp(
             f"{FORCE_CEILING_N:g} N, the force ceiling"
         )
     with ExitStack() as stack:
-        keeper = open_keeper(stack, item_id=item, store=store, angle_deg=angle_deg)
+        memory = open_memory(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed)
         stack.callback(devices.close)
         plan = plan_grasp(
             devices.calibration, gripper=devices.gripper, target_force_n=target_force_n
         )
         subscribers: list[Subscriber] = []
-        seen: list[Observation] = []
-        if keeper is not None:
-            subscribers.append(seen.append)
+        if memory is not None:
+            subscribers.append(memory.see)
         if record is not None:
             subscribers.append(
                 stack.enter_context(
@@ -105,17 +103,7 @@ def grasp(
             subscribers=subscribers,
         )
         truth = None if devices.truth is None else dict(devices.truth())
-        kept: dict[str, object] = {}
-        if keeper is not None and item is not None:
-            kept = remember(
-                result,
-                keeper=keeper,
-                item_id=item,
-                angle_deg=angle_deg,
-                rig=devices,
-                observations=seen,
-                recording=record,
-            )
+        kept = {} if memory is None else memory.keep(result, rig=devices, recording=record)
     said = verdict(result, target_force_n=target_force_n)
     if as_json:
         document = {**result.as_json(), "verdict": said, **kept}
@@ -140,6 +128,7 @@ def _recorder(
 ) -> Iterator[Subscriber]:
     """Yield a subscriber that writes every observation to a recording."""
     import palpate
+    from palpate.grasp.belief import Observation
     from palpate.recording import RecordingInfo, RecordingWriter
 
     info = RecordingInfo(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,12 +14,73 @@ if TYPE_CHECKING:
     from palpate.grasp.belief import Observation
     from palpate.grasp.result import GraspResult
     from palpate.produce.keeping import Keeper
+    from palpate.produce.records import Grasp
     from palpate.rig import Rig
 
 
-def open_keeper(
+class Memory:
+    """Watches one grasp of a named item, and keeps it."""
+
+    def __init__(self, keeper: Keeper, *, item_id: str, angle_deg: float | None) -> None:
+        self._keeper = keeper
+        self._item_id = item_id
+        self._angle_deg = angle_deg
+        self._seen: list[Observation] = []
+
+    def see(self, observation: Observation) -> None:
+        """Take the next observation."""
+        self._seen.append(observation)
+
+    def keep(self, result: GraspResult, *, rig: Rig, recording: Path | None) -> dict[str, object]:
+        """Keep the grasp with the calibration it rests on; return what the JSON says of it.
+
+        `stored` is True where the store has it, False where it waits, None where it is lost.
+        """
+        from palpate.produce.records_json import CalibrationText
+
+        calibration = CalibrationText(content=rig.calibration.as_text())
+        grasp = self._grasp(result, calibration=calibration.content, rig=rig, recording=recording)
+        stored: bool | None = None
+        try:
+            stored = self._keeper.keep(calibration, grasp)
+        except OSError as error:
+            self._say(f"can't be written ({error.strerror}): the grasp is NOT kept")
+        if stored is False:
+            self._say("has the grasp, until it is written to the store by the next that finds it")
+        return {"item_id": self._item_id, "grasp_id": grasp.grasp_id, "stored": stored}
+
+    def _grasp(
+        self, result: GraspResult, *, calibration: str, rig: Rig, recording: Path | None
+    ) -> Grasp:
+        from palpate.produce.felt_pixels import felt_pixels
+        from palpate.produce.records import MEASURED, Grasp
+        from palpate.produce.store_writing import calibration_id_of
+
+        measured = {name: getattr(result, name) for name in MEASURED}
+        return Grasp(
+            item_id=self._item_id,
+            taken_at=datetime.now(UTC),
+            rig=rig.name,
+            drive=rig.gripper.limits.drive,
+            origin=rig.origin,
+            outcome=result.outcome,
+            measurements={name: value for name, value in measured.items() if value is not None},
+            pixel_settled_percent=felt_pixels(self._seen, result=result, layout=rig.array.layout),
+            decision_time_s=result.decision_time_s,
+            peak_force_n=result.peak_force_n,
+            angle_deg=self._angle_deg,
+            calibration_id=calibration_id_of(calibration),
+            recording=None if recording is None else str(recording.resolve()),
+        )
+
+    def _say(self, text: str) -> None:
+        keeper = self._keeper
+        print(f"palpate grasp: {keeper.away}; {keeper.spool.path} {text}", file=sys.stderr)
+
+
+def open_memory(
     stack: ExitStack, *, item_id: str | None, store: str | None, angle_deg: float | None
-) -> Keeper | None:
+) -> Memory | None:
     """Open the store before anything moves; None where no item is named.
 
     Raises
@@ -42,58 +102,4 @@ def open_keeper(
     keeper = stack.enter_context(Keeper(store))
     if keeper.away is not None:
         print(f"palpate grasp: {keeper.away}. The grasp will wait for it.", file=sys.stderr)
-    return keeper
-
-
-def remember(
-    result: GraspResult,
-    *,
-    keeper: Keeper,
-    item_id: str,
-    angle_deg: float | None,
-    rig: Rig,
-    observations: Sequence[Observation],
-    recording: Path | None,
-) -> dict[str, object]:
-    """Keep a grasp with the calibration it rests on; return what the JSON says of it.
-
-    `stored` is True where the store has it, False where it waits, None where it is lost.
-    """
-    from palpate.produce.felt_pixels import felt_pixels
-    from palpate.produce.records import MEASURED, Grasp
-    from palpate.produce.records_json import CalibrationText
-    from palpate.produce.store_writing import calibration_id_of
-
-    calibration = rig.calibration.as_text()
-    measured = {name: getattr(result, name) for name in MEASURED}
-    grasp = Grasp(
-        item_id=item_id,
-        taken_at=datetime.now(UTC),
-        rig=rig.name,
-        drive=rig.gripper.limits.drive,
-        origin=rig.origin,
-        outcome=result.outcome,
-        measurements={name: value for name, value in measured.items() if value is not None},
-        pixel_settled_percent=felt_pixels(observations, result=result, layout=rig.array.layout),
-        decision_time_s=result.decision_time_s,
-        peak_force_n=result.peak_force_n,
-        angle_deg=angle_deg,
-        calibration_id=calibration_id_of(calibration),
-        recording=None if recording is None else str(recording.resolve()),
-    )
-    try:
-        stored = keeper.keep(CalibrationText(content=calibration), grasp)
-    except OSError as error:
-        print(
-            f"palpate grasp: {keeper.away}, and {keeper.spool.path} can't be written "
-            f"({error.strerror}): the grasp is NOT kept",
-            file=sys.stderr,
-        )
-        return {"item_id": item_id, "grasp_id": grasp.grasp_id, "stored": None}
-    if not stored:
-        print(
-            f"palpate grasp: {keeper.away}. The grasp waits in {keeper.spool.path}; the next one "
-            "that finds the store takes it there.",
-            file=sys.stderr,
-        )
-    return {"item_id": item_id, "grasp_id": grasp.grasp_id, "stored": stored}
+    return Memory(keeper, item_id=item_id, angle_deg=angle_deg)

@@ -5,12 +5,10 @@ Plain values; `Store` keeps them. Times are aware and in UTC.
 
 from __future__ import annotations
 
-import json
-import math
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Literal, get_args
@@ -18,6 +16,7 @@ from typing import Literal, get_args
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
+from palpate.produce.record_checks import as_json_values, as_uuid, finite, in_utc, printable
 from palpate.recording.contents import Origin
 
 #: Names of the measurements of a grasp, each with its unit as `Measurement.unit` has it.
@@ -29,10 +28,9 @@ MEASURED = MappingProxyType(
         "stiffness_n_per_mm": "n_per_mm",
     }
 )
-#: Relative change of each pixel at the answer, rows of columns; None for a pixel that is out of use.
+#: Relative change of each pixel at the answer, rows of columns; None for one out of use.
 PixelPercent = tuple[tuple[float | None, ...], ...]
 Drive = Literal["width", "pressure"]
-_LONGEST = 200
 #: Optional numbers of a grasp.
 _NUMBERS = (
     "decision_time_s",
@@ -95,12 +93,12 @@ class Item:
     first_seen: datetime | None = None
 
     def __post_init__(self) -> None:
-        _plain(self.item_id, what="item")
+        printable(self.item_id, what="item")
         for name in ("kind", "batch", "label"):
             if (text := getattr(self, name)) is not None:
-                _plain(text, what=name)
+                printable(text, what=name)
         if self.first_seen is not None:
-            object.__setattr__(self, "first_seen", _utc(self.first_seen, what="first_seen"))
+            object.__setattr__(self, "first_seen", in_utc(self.first_seen, what="first_seen"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,6 +145,7 @@ class Grasp:
 
     Examples
     --------
+    >>> from datetime import UTC
     >>> felt = Measurement(value=2.1, low=1.7, high=2.6, unit="n_per_mm")
     >>> grasp = Grasp(
     ...     item_id="A17",
@@ -180,9 +179,9 @@ class Grasp:
     grasp_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
-        _plain(self.item_id, what="item")
-        object.__setattr__(self, "grasp_id", _uuid(self.grasp_id, what="grasp_id"))
-        object.__setattr__(self, "taken_at", _utc(self.taken_at, what="taken_at"))
+        printable(self.item_id, what="item")
+        object.__setattr__(self, "grasp_id", as_uuid(self.grasp_id, what="grasp_id"))
+        object.__setattr__(self, "taken_at", in_utc(self.taken_at, what="taken_at"))
         object.__setattr__(self, "outcome", Outcome(self.outcome))
         object.__setattr__(self, "measurements", MappingProxyType(dict(self.measurements)))
         for name, allowed in (("drive", get_args(Drive)), ("origin", get_args(Origin))):
@@ -194,7 +193,7 @@ class Grasp:
             _check_measurement(name, measurement)
         for name in _NUMBERS:
             if (value := getattr(self, name)) is not None:
-                _finite(value, what=name)
+                finite(value, what=name)
                 object.__setattr__(self, name, float(value))
         if self.pixel_settled_percent is not None:
             pixels = _pixels(self.pixel_settled_percent)
@@ -241,6 +240,7 @@ class Verdict:
 
     Examples
     --------
+    >>> from datetime import UTC
     >>> Verdict(
     ...     item_id="A17",
     ...     about=About.RIPENESS,
@@ -263,15 +263,15 @@ class Verdict:
     verdict_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
-        _plain(self.item_id, what="item")
-        _plain(self.text, what="text")
+        printable(self.item_id, what="item")
+        printable(self.text, what="text")
         object.__setattr__(self, "about", About(self.about))
         object.__setattr__(self, "source", Source(self.source))
-        object.__setattr__(self, "given_at", _utc(self.given_at, what="given_at"))
-        object.__setattr__(self, "verdict_id", _uuid(self.verdict_id, what="verdict_id"))
-        object.__setattr__(self, "details", MappingProxyType(_json(self.details)))
+        object.__setattr__(self, "given_at", in_utc(self.given_at, what="given_at"))
+        object.__setattr__(self, "verdict_id", as_uuid(self.verdict_id, what="verdict_id"))
+        object.__setattr__(self, "details", MappingProxyType(as_json_values(self.details)))
         if self.grasp_id is not None:
-            object.__setattr__(self, "grasp_id", _uuid(self.grasp_id, what="grasp_id"))
+            object.__setattr__(self, "grasp_id", as_uuid(self.grasp_id, what="grasp_id"))
         if self.probability is not None:
             if not 0 <= self.probability <= 1:
                 raise InputError(f"probability {self.probability:g}: must be within 0 and 1")
@@ -303,47 +303,13 @@ class Reading:
     angle_deg: float | None = None
 
 
-def _plain(text: str, *, what: str) -> None:
-    if not text.strip() or len(text) > _LONGEST or not text.isprintable():
-        raise InputError(
-            f"{what} {text[:40]!r}: must be 1 to {_LONGEST} printable characters, not all spaces"
-        )
-
-
-def _utc(time: datetime, *, what: str) -> datetime:
-    if time.tzinfo is None:
-        raise InputError(f"{what} {time.isoformat()}: has no time zone; give one, as in 08:00Z")
-    return time.astimezone(UTC)
-
-
-def _uuid(text: str, *, what: str) -> str:
-    try:
-        return str(uuid.UUID(text))
-    except ValueError as error:
-        raise InputError(f"{what} {text[:40]!r}: not a UUID") from error
-
-
-def _json(details: Mapping[str, object]) -> dict[str, object]:
-    try:
-        # As it will come back: tuples are lists in JSON, keys are text.
-        found: dict[str, object] = json.loads(json.dumps(dict(details), allow_nan=False))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"details can't be kept as JSON: {error}") from error
-    return found
-
-
-def _finite(value: float, *, what: str) -> None:
-    if not math.isfinite(value):
-        raise InputError(f"{what} is {value}: must be finite; leave it out if it is not known")
-
-
 def _check_measurement(name: str, measurement: Measurement) -> None:
     if name not in MEASURED:
         raise InputError(f"measurement {name!r}: must be one of {', '.join(MEASURED)}")
     if measurement.unit != MEASURED[name]:
         raise InputError(f"{name} in {measurement.unit!r}: its unit is {MEASURED[name]!r}")
     for end in ("value", "low", "high"):
-        _finite(getattr(measurement, end), what=f"{name}.{end}")
+        finite(getattr(measurement, end), what=f"{name}.{end}")
 
 
 def _pixels(rows: Sequence[Sequence[float | None]]) -> PixelPercent:
@@ -352,5 +318,5 @@ def _pixels(rows: Sequence[Sequence[float | None]]) -> PixelPercent:
     for row in rows:
         for value in row:
             if value is not None:
-                _finite(value, what="pixel_settled_percent")
+                finite(value, what="pixel_settled_percent")
     return tuple(tuple(None if v is None else float(v) for v in row) for row in rows)

@@ -92,7 +92,7 @@ def test_a_grasp_waits_for_a_store_that_is_away(
     out, err = capsys.readouterr()
     assert json.loads(out)["stored"] is False
     assert "no answer; check the server" in err
-    assert "The grasp waits in" in err
+    assert "has the grasp, until it is written to the store" in err
     (waiting,) = (folder / "spool").glob("*.jsonl")
     assert len(Spool(waiting).waiting()) == 2
 
