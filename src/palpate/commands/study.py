@@ -17,6 +17,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "hybrid": ("hybrid", "Recorded fruit and sheets through the real firmware"),
     "noise": ("noise", "Filters against mains pick-up and motor spikes, on the twin"),
     "pixels": ("pixels", "Number of pixels, and dead ones, on the twin"),
+    "presence": ("presence", "Video 3, closing again until something is there, simulated"),
     "presses": ("presses", "Force now on real Velostat under a robot's presses"),
     "ripeness": ("ripeness", "Figure 16, stages and days to ripe of avocados on the twin"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),

@@ -1,0 +1,153 @@
+"""Tries, lifting, the damage limit, and what single fingers feel, on a spring in the hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.estimate.closing import ClosingCurve
+from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+
+
+def run(plan: Plan, bench: Any, *, watch: Any = None) -> GraspResult:
+    watchers = [] if watch is None else [watch]
+    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=watchers)
+
+
+def names(result: GraspResult) -> list[str]:
+    return [moment.name for moment in result.moments if moment.finger is None]
+
+
+@pytest.fixture(scope="module")
+def damage() -> DamageModel:
+    """Springs that yield after 1.5 mm, more or less."""
+    rng = np.random.default_rng(3)
+    paths, limits_n = [], []
+    for stiffness in np.geomspace(0.5, 8.0, 24):
+        limits_n.append(float(stiffness * 1.5 * np.exp(0.1 * rng.standard_normal())))
+        curve, path = ClosingCurve(), []
+        for x_mm in np.arange(0.05, limits_n[-1] / stiffness, 0.05):
+            path += curve.push(float(x_mm), force_n=float(stiffness * x_mm))
+        paths.append(path)
+    return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["spring"] * len(paths))
+
+
+def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
+    bench.size_mm, entered = 0.0, list[str]()
+
+    def somebody(belief: Belief) -> None:
+        if not entered or entered[-1] != belief.phase:
+            entered.append(str(belief.phase))
+        if belief.phase is Phase.WAIT:
+            bench.size_mm = 50.3
+
+    result = run(replace(plan, tries=3), bench, watch=somebody)
+    assert result.outcome is Outcome.HELD
+    assert names(result)[0] == "nothing_there"
+    assert entered[:3] == ["approach", "wait", "approach"]
+    assert result.size_mm is not None
+    assert abs(result.size_mm.value - 50.3) < 0.3
+
+
+def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
+    bench.size_mm = 0.0
+    result = run(replace(plan, tries=2, longest_s=300.0), bench)
+    assert result.outcome is Outcome.NOTHING_THERE
+    assert names(result).count("nothing_there") == 2
+    assert bench.width_mm == 74.0
+
+
+@pytest.mark.parametrize("touched", [False, True])
+def test_waits_between_tries_unless_touched(plan: Plan, bench: Any, touched: bool) -> None:
+    bench.size_mm, waiting_s = 0.0, list[float]()
+
+    def hand(belief: Belief) -> None:
+        waiting = belief.phase is Phase.WAIT
+        if waiting:
+            waiting_s.append(belief.now_s)
+        # Touching is squeezing the pads: the spring is in the open hand for a moment.
+        bench.size_mm = 76.0 if waiting and touched and belief.still_s > 0.5 else 0.0
+
+    result = run(replace(plan, tries=2, wait_s=6.0, longest_s=300.0), bench, watch=hand)
+    waited_s = waiting_s[-1] - waiting_s[0]
+    assert any(moment.name == "touch" for moment in result.moments) == touched
+    assert waited_s < 3.0 if touched else waited_s >= 6.0
+
+
+def test_holds_only_what_it_is_sure_to_lift(plan: Plan, bench: Any) -> None:
+    lifted_at_n = list[float]()
+
+    def arm(belief: Belief) -> None:
+        if belief.phase is Phase.HOLD:
+            lifted_at_n.append(bench.force_n)
+
+    result = run(replace(plan, target_force_n=3.0, lift_force_n=4.0), bench, watch=arm)
+    assert result.outcome is Outcome.HELD
+    assert result.force_n is not None
+    assert result.force_n.low >= 4.0
+    assert min(lifted_at_n) >= 4.0
+
+
+def test_too_weak_to_lift_is_put_back(plan: Plan, bench: Any) -> None:
+    phases = set[Phase]()
+    safety = replace(plan.safety, force_ceiling_n=3.0)
+    heavy = replace(plan, lift_force_n=8.0, safety=safety)
+    result = run(heavy, bench, watch=lambda belief: phases.add(belief.phase))
+    assert result.outcome is Outcome.TOO_WEAK
+    assert Phase.HOLD not in phases
+    assert bench.width_mm == 74.0
+
+
+def test_damage_limit_stops_before_the_target(plan: Plan, bench: Any, damage: DamageModel) -> None:
+    forces = list[float]()
+    wanted = replace(plan, target_force_n=8.0, damage=damage)
+    result = run(wanted, bench, watch=lambda _: forces.append(bench.force_n))
+    assert result.outcome is Outcome.HELD
+    assert "damage_limit" in names(result)
+    # 2 N/mm yields near 3 N; without a limit the same hand reaches its target.
+    assert 0.5 < max(forces) < 3.0
+    unlimited = type(bench)()
+    run(
+        replace(plan, target_force_n=8.0),
+        unlimited,
+        watch=lambda _: forces.append(unlimited.force_n),
+    )
+    assert max(forces) > 7.0
+
+
+def test_on_target_is_told_before_the_answer(plan: Plan, bench: Any) -> None:
+    result = run(replace(plan, target_force_n=6.0), bench)
+    at = {moment.name: moment.time_s for moment in result.moments if moment.finger is None}
+    assert at["contact"] < at["on_target"] <= at["answer"]
+    assert result.force_n is not None
+    assert abs(result.force_n.value / 6.0 - 1) < 0.08
+
+
+def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
+    """The first finger pushes the object for 3 mm before the other one touches it too."""
+    read = type(bench).read
+
+    def pushed(*, timeout_s: float) -> Any:
+        frame = read(bench, timeout_s=timeout_s)
+        if bench.force_n == 0 and bench.width_mm < bench.size_mm + 3.0:
+            counts = np.array(frame.counts)
+            counts[:2] = counts[:2] * 1.1
+            return replace(frame, counts=counts)
+        return frame
+
+    bench.read = pushed
+    result = run(plan, bench)
+    assert result.outcome is Outcome.HELD
+    assert result.previous_width_mm is not None
+    assert result.previous_width_mm < 51.4
+    first = [m for m in result.moments if m.name == "finger_contact"]
+    assert first[0].finger == 0
+    assert first[0].time_s < first[-1].time_s
