@@ -28,8 +28,10 @@ EXECUTED = (
     "wire-and-flash",
     "calibrate",
     "own-gripper-or-sensor",
+    "ripeness",
     "architecture",
     "items",
+    "bruise",
     "sort",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, new_figure
+from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FloatArray = NDArray[np.float64]
-_COLOURS = (GREY, AMBER, ORANGE, SKY, GREEN, BLUE, PURPLE)
+_COLOURS = (GREY, AMBER, PURPLE, ORANGE, BLUE)
 
 
 def draw_before_and_after(
@@ -88,7 +88,7 @@ def draw_reliability(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any
     with new_figure(columns=len(levels), width_in=9.0, height_in=4.4) as (figure, axes):
         for axis, (level, ways) in zip(axes[0], levels.items(), strict=True):
             axis.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=":")
-            for (label, bins), colour in zip(ways.items(), (BLUE, ORANGE), strict=False):
+            for (label, bins), colour in zip(ways.items(), (ORANGE, BLUE), strict=False):
                 said, seen = ([one[key] for one in bins] for key in ("said", "bruised"))
                 spans = [
                     [one["bruised"] - one["low"] for one in bins],

@@ -11,7 +11,6 @@ from palpate.settling.result import FloatArray
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import (
     CONTACT_PERCENT,
-    largest_change,
     mean_change,
     relative_change_percent,
 )
@@ -75,7 +74,7 @@ def press(
 ) -> ApplePress:
     """Lay an apple between the fingers, one side to the first of them, and grasp it.
 
-    The fingers close slowly until a pixel has changed by the paper's 10 %, then on by a fixed way;
+    The fingers close slowly until both feel the paper's 10 %, then on by a fixed way;
     or, without looking for contact, to a width that is given.
     """
     clock, world = session.world.clock, session.world
@@ -98,12 +97,18 @@ def press(
 
 
 def _search(session: Session, rest_ohm: FloatArray) -> float:
-    """Close slowly until a pixel feels something; return the width that the servo reports."""
+    """Close slowly until a pixel of every finger feels something; return the width reported.
+
+    Until both fingers touch, the first one only pushes the fruit along.
+    """
     session.close_to(_TIGHTEST_MM, speed_mm_per_s=SEARCH_MM_PER_S)
-    array, divider = TwinArray(session.world), session.world.layout.divider
-    largest = 0.0
-    while largest > CONTACT_PERCENT:
-        ohm = resistance_ohm(array.read(timeout_s=1.0).counts, divider=divider)
-        largest = float(largest_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
+    array, layout = TwinArray(session.world), session.world.layout
+    lightest = 0.0
+    while lightest > CONTACT_PERCENT:
+        ohm = resistance_ohm(array.read(timeout_s=1.0).counts, divider=layout.divider)
+        change = relative_change_percent(ohm, rest_ohm=rest_ohm)
+        lightest = max(
+            float(change[layout.finger_mask(finger)].min()) for finger in range(layout.fingers)
+        )
     array.close()
     return session.gripper.state().width_mm
