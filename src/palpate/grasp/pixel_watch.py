@@ -53,7 +53,10 @@ class PixelWatch:
         counts = np.asarray(frame.counts, dtype=float) / frame.oversampling
         before = counts if self._counts is None else self._counts
         self._counts = counts
-        self._count_moves(counts != before, self._plan.gripper.closure(observation.gripper))
+        self._shaken |= counts != before
+        # A long way at one speed shakes the sheet at its ends only: it is one movement.
+        if not observation.gripper.moving:
+            self._count_moves(self._plan.gripper.closure(observation.gripper))
         opened, shorted = at_ends(counts, layout=self._layout)
         self._opened = np.where(opened, self._opened + 1, 0)
         jumped = self._known & (np.abs(counts - before) > _JUMP * np.maximum(before, 1.0))
@@ -70,12 +73,11 @@ class PixelWatch:
                 return f"pixel {pixel_name(row, col)} reads {how}; see what `palpate doctor` says"
         return None
 
-    def _count_moves(self, changed: NDArray[np.bool_], closure: float) -> None:
+    def _count_moves(self, closure: float) -> None:
         """Count the movements that each pixel has slept through."""
-        self._shaken |= changed
         if abs(closure - self._counted_at) >= self._plan.fine_step:
             self._slept = np.where(self._shaken, 0, self._slept + 1)
-            self._shaken = np.zeros_like(changed)
+            self._shaken = np.zeros_like(self._shaken)
             self._counted_at = closure
 
     def _stuck(self) -> NDArray[np.bool_]:
