@@ -37,7 +37,7 @@ def items_panel(desk: Desk, hands: Hands) -> None:
         except PalpateError as error:
             box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
             return
-        if found is not None:  # None while the server ends
+        if found is not None and not box.is_deleted:  # the server ends, or the viewer left
             box.set_content(item_html(found))
 
     async def look() -> None:
@@ -45,6 +45,8 @@ def items_panel(desk: Desk, hands: Hands) -> None:
             names = await run.io_bound(desk.ledger.items) or []
         except PalpateError as error:
             desk.ledger.trouble = str(error)
+            return
+        if box.is_deleted:
             return
         if names != choice.options:
             choice.set_options(names, value=choice.value)

@@ -16,7 +16,7 @@ from palpate.errors import DeviceError, MissingExtraError
 
 _STATIC = Path(__file__).parent / "static"
 #: A viewer whose connection breaks keeps the wheel for so long.
-_RECONNECT_S = 3.0
+_RECONNECT_S = 10.0
 
 
 def serve(
@@ -87,7 +87,8 @@ def _routes(desk: Desk) -> None:
 
     from palpate.dashboard.page import build_page
 
-    app.add_static_files("/static", _STATIC)
+    # Asked for anew each time: a page must not outlive an update.
+    app.add_static_files("/static", _STATIC, max_cache_age=0)
 
     @ui.page("/")
     def page(client: Client) -> None:

@@ -5,7 +5,7 @@ const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], sti
 const STATUS = { too_short: "short hold", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
 const $ = (id) => document.getElementById(id);
 const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
-const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
+const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−"));
 const seen = { generation: -1, curve: [], band: [], at: 0, drawn: 0 };
 
 function color(percent) {
@@ -126,9 +126,11 @@ function drawMeasures(measured) {
     if (!card) continue;
     card.dataset.decided = measured.decided;
     const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : "<span>so far</span>";
-    const truth = one && typeof one.truth === "number" ? ` · true ${fixed(one.truth, digits)}` : "";
+    const truth = one && typeof one.truth === "number" ? one.truth : null;
+    const range = !one ? "" : `${truth === null ? "90 %: " : ""}${fixed(one.low, digits)} to ${fixed(one.high, digits)}${truth === null ? "" : ` · true ${fixed(truth, digits)}`}`;
+    card.title = "with its 90 % interval";
     card.innerHTML = `<div class="name"><span>${title}</span>${state}</div><div class="value num">${one ? fixed(one.value, digits) : "–"} <span>${unit}</span></div>
-      <div class="range num">${one ? `90 %: ${fixed(one.low, digits)} to ${fixed(one.high, digits)}${truth}` : ""}</div>${one ? bar(one) : ""}`;
+      <div class="range num">${range}</div>${one ? bar(one) : ""}`;
   }
 }
 
