@@ -11,6 +11,7 @@ import pytest
 
 from palpate.cli import build_app
 from palpate.commands.outcome import run
+from palpate.produce.records import About, Item, Source
 from palpate.produce.store import Store
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "bruised_apple.py"
@@ -57,10 +58,15 @@ def test_a_sound_apple_is_sound_and_the_card_says_that_it_is_simulated(
     assert "item" in said
 
 
-def test_the_answer_is_kept_with_the_item(filled: Path) -> None:
-    assert ask(filled, "sound-2") == 0
-    with Store.open(filled) as store:
-        assert [verdict.text for verdict in store.verdicts_of("sound-2")] == ["sound", "sound"]
+def test_each_answer_is_kept_with_the_item(filled: Path) -> None:
+    def kept() -> list[str]:
+        with Store.open(filled) as store:
+            said = store.verdicts_of("sound-1", about=About.BRUISE, source=Source.PALPATE)
+        return [verdict.text for verdict in said]
+
+    before = kept()
+    assert ask(filled, "sound-1", "--bruised-share", "0.05") == 0
+    assert kept() == [*before, "sound"]
 
 
 @pytest.mark.parametrize(
@@ -85,8 +91,6 @@ def test_mistakes_are_told_in_one_line(
 def test_an_item_without_a_kind_can_not_be_learned_about(
     filled: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from palpate.produce.records import Item
-
     with Store.open(filled) as store:
         store.add_item(Item(item_id="thing"))
     assert ask(filled, "thing", "--learn") == 2
