@@ -76,7 +76,7 @@ def test_each_answer_is_kept_with_the_item(filled: Path) -> None:
         (("A17", "--learn"), "learning takes 10 of each"),
         (("A17", "--learn", "--model", "m.json"), "give one of them"),
         (("A17", "--model", "no-such.json"), "no-such.json"),
-        (("A17", "--bruised-share", "1.5"), "1.5"),
+        (("A17", "--bruised-share", "1.5"), "--bruised-share"),
     ],
 )
 def test_mistakes_are_told_in_one_line(
