@@ -1,7 +1,7 @@
 """The picture of a report for docs/images: `python docs/generate_report.py`.
 
-A simulated crate is sorted, and the report of its batch is pictured. Takes some minutes; needs
-Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+Simulated items are taught and a few sorted; the report of that day is pictured. It takes minutes
+and needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import argparse
 import subprocess
 import sys
 import tempfile
+from datetime import datetime
 from pathlib import Path
 
 from playwright.sync_api import sync_playwright
@@ -29,18 +30,19 @@ def main() -> None:
     """Sort, report, picture."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images")
-    parser.add_argument("--items", type=int, default=36)
+    parser.add_argument("--items", type=int, default=5)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as play:
         store, page = str(Path(folder, "items.sqlite")), Path(folder, "report.html")
         crate = ["--rig", "sim-rigid", "--items", str(arguments.items), "--seed", "1"]
         rules = str(ROOT / "examples" / "sorting-rules.toml")
         palpate("sort", "--rules", rules, *crate, "--batch", "Monday", "--store", store)
-        palpate("report", "--batch", "Monday", "--store", store, "--out", str(page))
+        today = datetime.now().astimezone().date()
+        palpate("report", "--day", f"{today}", "--store", store, "--out", str(page))
         with play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser:
             view = browser.new_page(viewport=VIEW, color_scheme="light")
             view.goto(page.as_uri())
-            view.screenshot(path=arguments.out / "report-batch.png")
+            view.screenshot(path=arguments.out / "report-day.png")
 
 
 if __name__ == "__main__":

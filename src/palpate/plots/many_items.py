@@ -49,14 +49,25 @@ def size_stiffness_figure(pages: Sequence[ItemPage]) -> Figure | None:
                 ms=4.5 if len(points) < 200 else 2.5,
                 alpha=0.85,
                 mew=0,
-                label=None if colour == GREY else kind,
+                label="others" if colour == GREY else kind,
                 rasterized=len(points) > _MOST_VECTORS,
             )
         _log_axis(axis)
         axis.set_xlabel("size (mm)")
         axis.set_ylabel("stiffness (N/mm)")
         if len(looks) > 1:
-            figure.legend(loc="outside upper left", ncols=6, fontsize=8, columnspacing=1.2)
+            # All the grey ones are one entry.
+            handles, labels = axis.get_legend_handles_labels()
+            entries = dict(zip(labels, handles, strict=True))
+            figure.legend(
+                entries.values(),
+                entries,
+                loc="outside upper left",
+                ncols=7,
+                fontsize=8,
+                columnspacing=1.0,
+                handletextpad=0.2,
+            )
     return figure
 
 
