@@ -63,7 +63,7 @@ def judged(felt: Felt) -> list[Judged]:
     drift = drift_of(felt)
     with_reference, without = (_rule(felt, one) for one in (drift, None))
     single = _single_day(felt, drift)
-    published = _published(felt)
+    published, sign = _published(felt)
     found = []
     for number, fruit in list(enumerate(felt.others))[taught_of(felt)[1] :]:
         days, raw = (_days(felt, f"fruit-{number}", one) for one in (drift, None))
@@ -85,7 +85,7 @@ def judged(felt: Felt) -> list[Judged]:
                         "ours, no reference": STAGES.index(without.judge(raw[:count]).stage),
                         "one day alone": _likeliest(single, days[count - 1].firmness),
                         "own first day": own,
-                        "settled change": _likeliest(published, -change),
+                        "settled change": _likeliest(published, sign * change),
                     },
                     wait_days=fruit.day_of(RIPE) - day,
                     value_days=wait.value,
@@ -178,13 +178,18 @@ def _single_day(felt: Felt, drift: Drift) -> Boundaries:
     )
 
 
-def _published(felt: Felt) -> Boundaries:
-    """Learn thresholds on the settled change from the same labels as ours."""
+def _published(felt: Felt) -> tuple[Boundaries, float]:
+    """Learn thresholds on the settled change from the same labels as ours, and its direction.
+
+    Under one pressure a ripe fruit may read more than a hard one, for it lies against more pixels.
+    """
     taught = [(item_id, fruit, day) for item_id, fruit in taught_of(felt)[0] for day in range(DAYS)]
-    return Boundaries.learn(
-        [-felt.as_published[item_id, day] for item_id, _, day in taught],
-        [fruit.stage(day) for _, fruit, day in taught],
-    )
+    known = [one for one in taught if (one[0], one[2]) in felt.as_published]
+    changes = np.array([felt.as_published[item_id, day] for item_id, _, day in known])
+    labels = [fruit.stage(day) for _, fruit, day in known]
+    ranks = [STAGES.index(label) for label in labels]
+    sign = -float(np.sign(np.cov(changes, ranks)[0, 1])) or 1.0
+    return Boundaries.learn(sign * changes, labels), sign
 
 
 def _likeliest(rule: Boundaries, firmness: float) -> int:
