@@ -33,6 +33,7 @@ EXECUTED = (
     "items",
     "bruise",
     "sort",
+    "grasp-produce",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(

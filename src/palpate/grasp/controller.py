@@ -87,7 +87,10 @@ def _wait(belief: Belief, plan: Plan) -> Move:
     touched = any(moment.name == "touch" for moment in belief.result.moments[-1:])
     if belief.still_s < plan.wait_s and not touched:
         return belief, None
-    again = replace(belief, rest_ohm=None, staircase=(), touches=(), fingers=())
+    # Rest values are taken anew, from now on.
+    again = replace(
+        belief, rest_ohm=None, staircase=(), touches=(), fingers=(), still_since_s=belief.now_s
+    )
     return again.enter(Phase.APPROACH), None
 
 

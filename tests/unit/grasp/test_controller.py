@@ -62,6 +62,7 @@ def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
     result = run(replace(plan, tries=2, longest_s=300.0), bench)
     assert result.outcome is Outcome.NOTHING_THERE
     assert names(result).count("nothing_there") == 2
+    assert result.faults == (), "rest values are taken anew, from enough frames"
     assert bench.width_mm == 74.0
 
 
