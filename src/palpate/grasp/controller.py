@@ -166,16 +166,17 @@ def _adjust(belief: Belief, plan: Plan) -> Move:
     One-sided, because the sheet's answer to unloading was not calibrated.
     """
     missing_n = _missing_n(belief, plan)
-    short = missing_n > plan.target_tolerance * _goal_n(plan)
+    lifts = plan.lift_force_n is None or _lifts(belief, plan.lift_force_n)
+    short = missing_n > plan.target_tolerance * _goal_n(plan) or not lifts
     if short and belief.adjustments < plan.most_adjustments:
-        step = missing_n / slope_n(belief, plan)
+        step = max(missing_n / slope_n(belief, plan), plan.smallest_step)
         moved, command = closed_by(read(belief, plan), step, plan)
         if command is not None:
             moved = replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0)
             return moved.enter(Phase.SETTLE, note="adjusted"), command
-        if step >= plan.smallest_step and belief.damage_low_n < plan.safety.force_ceiling_n:
+        if belief.damage_low_n < plan.safety.force_ceiling_n:
             belief = belief.noted("damage_limit")
-    if plan.lift_force_n is not None and not _lifts(belief, plan.lift_force_n):
+    if not lifts:
         return _release(belief, plan, Outcome.TOO_WEAK)
     return belief.enter(Phase.HOLD, note="answer"), None
 

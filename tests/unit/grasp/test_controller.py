@@ -138,6 +138,8 @@ def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
 
     def pushed(*, timeout_s: float) -> Any:
         frame = read(bench, timeout_s=timeout_s)
+        # A sheet without any noise would count as stuck.
+        frame = replace(frame, counts=np.array(frame.counts) + frame.sequence % 2)
         if bench.force_n == 0 and bench.width_mm < bench.size_mm + 3.0:
             counts = np.array(frame.counts)
             counts[:2] = counts[:2] * 1.1
