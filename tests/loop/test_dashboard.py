@@ -26,7 +26,7 @@ WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}
 SIMULATED = ("--rig", "sim-rigid", "--object", "strawberry", "--seed", "3", "--speed", "10")
 SERVE = (sys.executable, "-W", "error", "-c", "from palpate.cli import main; main()", "serve")
 #: A page may wait for the twin this long; on a quiet machine it takes a second or two.
-PATIENCE_MS = 60_000
+PATIENCE_MS = 120_000
 
 
 @contextmanager

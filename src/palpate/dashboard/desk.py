@@ -56,7 +56,7 @@ class Desk:
         self.session = Session(send=self._send, on_grasped=self._keep)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceProcess | None = None
-        self._heard_s = time.monotonic()
+        self._heard_s: float | None = None
 
     def open(self) -> None:
         """Start the devices' process and open the first rig."""
@@ -104,8 +104,8 @@ class Desk:
 
     @property
     def silent_s(self) -> float:
-        """How long ago the devices' process said anything, seconds."""
-        return time.monotonic() - self._heard_s
+        """How long ago the devices' process said anything, seconds; 0 while it starts."""
+        return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
 
     def _keep(self, grasped: Grasped, item_id: str) -> None:
         """Remember a grasp of a named item; the database may take its time."""
