@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = (BLUE, GREEN, ORANGE)
+#: Where the axes are marked.
+FORCES_N = (0.3, 0.5, 1, 2, 3, 5, 10, 20, 30)
 
 
 class Gripped(Protocol):
@@ -42,6 +44,8 @@ class Gripped(Protocol):
 
 def hybrid_figure(found: Sequence[Gripped]) -> Figure:
     """Draw said against true force, and true force against the force of rupture."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
     with new_figure(columns=2, width_in=8.4, height_in=4.0) as (figure, axes):
         said_axis, limit_axis = axes[0]
         for fruit, colour in zip(dict.fromkeys(o.fruit for o in found), COLOURS, strict=False):
@@ -69,11 +73,15 @@ def hybrid_figure(found: Sequence[Gripped]) -> Figure:
         for axis in (said_axis, limit_axis):
             axis.axline((1, 1), slope=1, color=GREY, lw=0.8)
             axis.set(xscale="log", yscale="log")
+            for scale in (axis.xaxis, axis.yaxis):
+                scale.set_major_locator(FixedLocator(FORCES_N))
+                scale.set_major_formatter("{x:g}")
+                scale.set_minor_locator(NullLocator())
         said_axis.set(xlabel="true grip force (N)", ylabel="force said, with its interval (N)")
         limit_axis.set(xlabel="force of rupture (N)", ylabel="true grip force (N)")
         limit_axis.text(
             0.05, 0.93, "above the line: ruptured", transform=limit_axis.transAxes, color=INK
         )
         said_axis.legend(fontsize=8)
-        figure.suptitle("Recorded fruit, recorded sheets, real firmware", fontsize=10)
+        figure.suptitle("Recorded fruit on recorded sheets (simulated grasps)", fontsize=10)
     return figure
