@@ -1,0 +1,80 @@
+"""The studies of force control and presence: what they count, on grasps made by hand."""
+
+from __future__ import annotations
+
+from palpate.studies.force_control import report as force_report
+from palpate.studies.force_control import scores
+from palpate.studies.force_control_grasps import Gripped
+from palpate.studies.force_control_world import TARGETS_N, task
+from palpate.studies.presence import Session, report
+from palpate.twin.friction import N_PER_G
+from palpate.twin.objects import FRICTION
+
+
+def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> Gripped:
+    one = task(7, level="paper")
+    force_n = force_share * one.target_n
+    return Gripped(
+        task=one,
+        method="ours",
+        outcome="held",
+        force_n=force_n,
+        lifted=True,
+        dropped=False,
+        damaged=damaged,
+        said_n=one.target_n,
+        low_n=0.9 * one.target_n,
+        high_n=1.1 * one.target_n,
+        limited=limited,
+        on_target_s=2.0,
+    )
+
+
+def test_what_the_damage_limit_kept_below_is_no_miss() -> None:
+    found = [made(force_share=1.05), made(force_share=1.3), made(force_share=0.5, limited=True)]
+    counted = scores(found)
+    assert counted["aimed"] == 2
+    assert counted["within_10_percent"] == 0.5
+    assert counted["coverage"] == 1 / 3
+    assert counted["limited"] == 1
+
+
+def test_none_damaged_of_few_bounds_little() -> None:
+    few = scores([made(force_share=1.0)] * 10)
+    assert few["damaged"] == 0
+    assert 0.25 < few["damaged_rate_at_most"] < 0.27
+    assert scores([made(force_share=1.0, damaged=True)])["damaged_rate_at_most"] == 1.0
+
+
+def test_tasks_are_drawn_by_seed_and_can_be_lifted_at_their_target() -> None:
+    for seed in range(20):
+        one = task(seed, level="field")
+        assert one == task(seed, level="field")
+        assert TARGETS_N[0] <= one.target_n <= TARGETS_N[1]
+        weight_n = N_PER_G * one.obj.mass_g
+        assert weight_n <= 2 * FRICTION[0] * one.target_n
+        assert one.obj.yield_n < one.obj.rupture_n
+
+
+def test_the_report_says_simulated() -> None:
+    document = force_report([made(force_share=1.0)])
+    assert document.payload["simulated"] is True
+    assert "imulated" in document.title
+
+
+def test_presence_counts_what_was_missed_and_imagined() -> None:
+    def session(name: str, empty: int, outcome: str, said: int) -> Session:
+        return Session(
+            level="paper", name=name, empty_tries=empty, outcome=outcome, said_empty=said
+        )
+
+    counted = report(
+        [
+            session("kiwi", 1, "held", 1),
+            session("kiwi", 0, "held", 1),
+            session("", 3, "held", 1),
+            session("", 3, "nothing_there", 3),
+        ]
+    ).payload["summary"][0]
+    assert (counted["missed"], counted["imagined"]) == (1, 1)
+    assert counted["sessions_right"] == 2
