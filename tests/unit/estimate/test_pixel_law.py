@@ -1,0 +1,53 @@
+"""Force as a sum over pixels: the spread of the load drops out, doubts come from placements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.estimate.pixel_law import PixelForceLaw, Placements, fit_laws
+
+
+def sheet(gain_sd: float, *, seed: int = 0) -> Placements:
+    """Seven placements on one to four pixels; x = 0.3 F**1.4, later a fifth more."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for run in range(7):
+        touched = rng.permutation(4) < 1 + run % 4
+        gain = np.exp(gain_sd * rng.standard_normal())
+        for force_n in np.geomspace(0.5, 10, 12):
+            load = np.where(touched, force_n / touched.sum(), 0.0)
+            excess = gain * 0.3 * load**1.4
+            rows.append((run, excess, force_n, True))
+            rows.append((run, 1.2 * excess, force_n, False))
+    run, excess, force_n, early = zip(*rows, strict=True)
+    return Placements(
+        run=np.array(run, dtype=float),
+        pixel_excess=np.array(excess),
+        force_n=np.array(force_n),
+        early=np.array(early),
+    )
+
+
+def test_the_spread_of_the_load_drops_out() -> None:
+    reading, early, settled = fit_laws(sheet(0.0))
+    for touched in (1, 2, 4):
+        excess = np.where(np.arange(4) < touched, 0.3 * (4.0 / touched) ** 1.4, 0.0)[None, :]
+        assert abs(float(early.force_n(reading.reading(excess)).value) / 4.0 - 1) < 0.06
+        later = reading.reading(1.2 * excess)
+        assert abs(float(settled.force_n(later).value) / 4.0 - 1) < 0.06
+
+
+def test_doubts_grow_with_the_scatter_of_placements() -> None:
+    calm, wild = fit_laws(sheet(0.02))[2], fit_laws(sheet(0.4))[2]
+    assert wild.residual_sd > 2 * calm.residual_sd
+    narrow, wide = calm.force_n(3.0), wild.force_n(3.0)
+    assert wide.high - wide.low > narrow.high - narrow.low
+
+
+def test_nothing_read_may_still_be_a_faint_force() -> None:
+    law = PixelForceLaw(
+        log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.3, range=(0.3, 10.0)
+    )
+    nothing = law.force_n(0.0)
+    assert nothing.value == nothing.low == 0.0
+    assert 0.4 < nothing.high < 0.6
