@@ -65,5 +65,9 @@ def enough_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def law_as_dict(law: Any) -> dict[str, Any]:
-    """Return a law's name and numbers as plain values for a calibration file."""
-    return {"law": law.name, **asdict(law)}
+    """Return a law's name and numbers as plain values for a calibration file, as it reads back."""
+    return {"law": law.name, **{name: _listed(value) for name, value in asdict(law).items()}}
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(part) for part in value] if isinstance(value, tuple) else value

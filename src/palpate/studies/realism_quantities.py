@@ -20,6 +20,9 @@ SMALLEST_N = 0.5
 #: Creep is what happens between these times after the force is reached, the force's own share out.
 CREEP_FROM_S, CREEP_TO_S = 0.2, 1.2
 
+#: Steps from sample to sample that a rise needs to tell its slope: three, at 15 Hz, is 0.2 s.
+FEWEST_RISING = 3
+
 #: Load and excess conductance of one sensor, one pair per weight.
 Ladder = tuple[FloatArray, FloatArray]
 
@@ -74,7 +77,7 @@ def _within_press_exponent(presses: Sequence[Press]) -> float:
     for press in presses:
         trace = press.trace
         rising = slice(trace.first, trace.told + 1)
-        if trace.told - trace.first >= 4:
+        if trace.told - trace.first >= FEWEST_RISING:
             for found, values in ((forces, trace.force_n), (excesses, trace.excess)):
                 log = _log(values[rising])
                 found.append(log - log.mean())
