@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from palpate.settling.result import FloatArray
-from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.studies.equal_width import (
     CALIBRATION_INPUT,
     CLOSURE_MM,
@@ -16,11 +12,9 @@ from palpate.studies.equal_width import (
     Settled,
     settled_readings,
 )
+from palpate.studies.held_curves import draw_curves
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
-from palpate.studies.twin_session import GAP_MM, HOLD_S, LEVELS, STILL_S, Session, drawn
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from palpate.studies.twin_session import LEVELS, drawn
 
 #: Paper, Table 2: mean and standard deviation over 10 grasps, percent; Shore hardness.
 PUBLISHED = {
@@ -32,8 +26,6 @@ PUBLISHED = {
 #: The sheets are 40 mm thick, in their holder.
 WIDTH_MM, REPEATS = 40.0 - CLOSURE_MM, 10
 READING = "mean change"
-#: Sensor and grasps drawn in Figure 8b.
-SHOWN_SENSOR, SHOWN_GRASPS = 0, 5
 
 
 def command(as_json: JsonOption = False, out: OutOption = None) -> None:
@@ -86,50 +78,16 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "levels": {level: found[level].as_json(READING) for level in LEVELS},
             "sensors_in_order": ordered,
         },
-        figures={"figure8b": draw},
+        figures={
+            "figure8b": lambda: draw_curves(
+                {name: drawn(name, seed=SEED) for name in names},
+                width_mm=WIDTH_MM,
+                title="Figure 8b",
+            )
+        },
     )
 
 
 def _in_order(found: Settled) -> int:
     """Return on how many sensors a stiffer sheet changed more, for all four."""
     return int(np.sum(np.all(np.diff(found.means(READING), axis=0) < 0, axis=0)))
-
-
-def _curves(name: str, level: str) -> tuple[FloatArray, FloatArray]:
-    """Return times and mean relative change of a few grasps, shape (grasps, times)."""
-    session, obj = Session(SHOWN_SENSOR, level=level), drawn(name, seed=SEED)
-    session.place(obj)
-    curves = []
-    for _ in range(SHOWN_GRASPS):
-        session.close_to(obj.size_mm + GAP_MM)
-        session.world.clock.sleep_s(STILL_S)
-        rest_ohm = session.mean_ohm()
-        session.close_to(WIDTH_MM)
-        ohm = session.read(HOLD_S)
-        curves.append(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
-        session.gripper.release()
-        session.world.clock.sleep_s(HOLD_S)
-    shortest = min(map(len, curves))
-    time_s = np.arange(1, shortest + 1) / session.world.frame_rate_hz
-    return time_s, np.array([curve[:shortest] for curve in curves])
-
-
-def draw() -> Figure:
-    """Draw mean and spread of a few grasps of each sheet over time, both levels."""
-    from palpate.plots.style import BLUE, GREEN, ORANGE, PURPLE, new_figure
-
-    with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
-        for axis, level in zip(axes[0], LEVELS, strict=True):
-            for name, colour in zip(PUBLISHED, (PURPLE, GREEN, ORANGE, BLUE), strict=True):
-                time_s, curves = _curves(name, level)
-                mean, sd = curves.mean(axis=0), curves.std(axis=0, ddof=1)
-                axis.fill_between(time_s, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
-                axis.plot(time_s, mean, "--", color=colour, label=name)
-            axis.set(
-                xlabel="time from actuation (s)",
-                ylabel="mean relative change (%)",
-                title=f"Figure 8b, simulated, level {level}",
-                ylim=(-102, 25),
-            )
-        axes[0, 0].legend(ncols=2, loc="upper right")
-    return figure

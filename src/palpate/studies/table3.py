@@ -14,6 +14,7 @@ from palpate.studies.equal_width import (
     r_squared_table,
     settled_readings,
 )
+from palpate.studies.held_curves import draw_curves
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.twin_session import LEVELS, drawn
 
@@ -92,11 +93,17 @@ def report(
             "r_squared": r_squared_payload(conditions, ratings),
         },
         figures={
-            "figure9": lambda: draw_lines(
+            "figure9b": lambda: draw_curves(
+                dict(zip(names, balls, strict=True)),
+                width_mm=width_mm,
+                title="Figure 9b",
+                fixture=True,
+            ),
+            "figure9c": lambda: draw_lines(
                 held,
                 ratings,
                 readings=(READING, "summed excess"),
                 xlabel="grip strength (lbs)",
-            )
+            ),
         },
     )

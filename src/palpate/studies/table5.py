@@ -238,7 +238,7 @@ def _report(errors: dict[str, dict[str, FloatArray]], *, sensors: int, repeats: 
         ),
         tables=[table],
         payload={"rows": rows, "sensors": sensors, "repeats": repeats, "grasps": count},
-        figures={"table5": lambda: _figure(rows)},
+        figures={"figure12": lambda: _figure(rows)},
     )
 
 
