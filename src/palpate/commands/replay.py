@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -73,10 +72,7 @@ def _decide_again(source: Replay, *, clock: Clock) -> GraspResult:
     from palpate.recording import ReplayGripper
     from palpate.sensor.calibration import Calibration
 
-    with tempfile.TemporaryDirectory() as folder:
-        text = Path(folder, "calibration.json")
-        text.write_text(source.info.calibration or "")
-        calibration = Calibration.load(text)
+    calibration = Calibration.from_text(source.info.calibration or "", where="the recording")
     gripper = ReplayGripper(source)
     plan = plan_grasp(calibration, gripper=gripper, target_force_n=source.info.target_force_n)
     return run_grasp(plan, array=source, gripper=gripper, clock=clock)

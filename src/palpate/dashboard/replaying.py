@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import closing
 from pathlib import Path
 from threading import Event
@@ -85,10 +84,7 @@ def _plan_of(replay: Replay) -> Plan | None:
     info = replay.info
     if info.gripper is None or info.calibration is None:
         return None
-    with tempfile.TemporaryDirectory() as folder:
-        text = Path(folder, "calibration.json")
-        text.write_text(info.calibration)
-        calibration = Calibration.load(text)
+    calibration = Calibration.from_text(info.calibration, where="the recording")
     gripper = ReplayGripper(replay)
     # It holds for as long as the recording does.
     endless = {"hold_s": float("inf"), "longest_s": float("inf")}
