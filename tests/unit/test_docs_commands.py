@@ -6,6 +6,7 @@ need a board stand in `console` blocks behind a `$`; of those the verb and its o
 
 from __future__ import annotations
 
+import importlib
 import re
 import runpy
 import shlex
@@ -18,6 +19,7 @@ import typer
 from palpate.cli import VERBS, build_app
 from palpate.commands.calibrate import STEPS
 from palpate.commands.outcome import run
+from palpate.commands.study import STUDIES
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Pages whose `sh` and `python` blocks are run.
@@ -86,6 +88,12 @@ def shown_commands() -> list[tuple[str, str]]:
     ]
 
 
+def study_options(name: str) -> set[str]:
+    app = typer.Typer(add_completion=False)
+    app.command()(importlib.import_module(f"palpate.studies.{STUDIES[name][0]}").command)
+    return {option for parameter in typer.main.get_command(app).params for option in parameter.opts}
+
+
 @pytest.mark.parametrize(("page", "line"), shown_commands())
 def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line: str) -> None:
     _, verb, *arguments = shlex.split(line, comments=True)
@@ -95,6 +103,8 @@ def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line
         return
     command = typer.main.get_command(build_app()).commands[verb]
     known = {name for parameter in command.params for name in parameter.opts}
+    if verb == "study":
+        known |= study_options(arguments[0])
     assert {word for word in arguments if word.startswith("--")} <= known
 
 
