@@ -22,6 +22,7 @@ SIMULATED = (
     ("table5",),
     ("stiffness", "--grasps=12"),
     ("staircases", "--sheets=3"),
+    ("size",),
     ("environment",),
     ("fatigue",),
     ("noise",),
@@ -38,6 +39,7 @@ REAL = (
         "--holds=holds_cbsilicone.csv.gz",
     ),
     ("real-holds", "--holds=holds_cbsilicone.csv.gz", "--holds=holds_velostat.csv.gz"),
+    ("settling-limits", "--holds=holds_cbsilicone.csv.gz"),
     ("force-ladders", "--ladders=velostat_force_ladders.csv"),
     ("presses", "--recordings=velostat_presses.csv.gz"),
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     from palpate.grasp.belief import Observation
     from palpate.grasp.result import GraspResult
     from palpate.produce.keeping import Keeper
-    from palpate.produce.records import Grasp
     from palpate.rig import Rig
 
 
@@ -36,10 +34,20 @@ class Memory:
 
         `stored` is True where the store has it, False where it waits, None where it is lost.
         """
-        from palpate.produce.records_json import CalibrationText
+        from palpate.produce.of_grasp import records_of
 
-        calibration = CalibrationText(content=rig.calibration.as_text())
-        grasp = self._grasp(result, calibration=calibration.content, rig=rig, recording=recording)
+        calibration, grasp = records_of(
+            result,
+            item_id=self._item_id,
+            seen=self._seen,
+            layout=rig.array.layout,
+            rig=rig.name,
+            drive=rig.gripper.limits.drive,
+            origin=rig.origin,
+            calibration=rig.calibration.as_text(),
+            recording=recording,
+            angle_deg=self._angle_deg,
+        )
         stored: bool | None = None
         try:
             stored = self._keeper.keep(calibration, grasp)
@@ -48,30 +56,6 @@ class Memory:
         if stored is False:
             self._say("has the grasp, until it is written to the store by the next that finds it")
         return {"item_id": self._item_id, "grasp_id": grasp.grasp_id, "stored": stored}
-
-    def _grasp(
-        self, result: GraspResult, *, calibration: str, rig: Rig, recording: Path | None
-    ) -> Grasp:
-        from palpate.produce.felt_pixels import felt_pixels
-        from palpate.produce.records import MEASURED, Grasp
-        from palpate.produce.store_writing import calibration_id_of
-
-        measured = {name: getattr(result, name) for name in MEASURED}
-        return Grasp(
-            item_id=self._item_id,
-            taken_at=datetime.now(UTC),
-            rig=rig.name,
-            drive=rig.gripper.limits.drive,
-            origin=rig.origin,
-            outcome=result.outcome,
-            measurements={name: value for name, value in measured.items() if value is not None},
-            pixel_settled_percent=felt_pixels(self._seen, result=result, layout=rig.array.layout),
-            decision_time_s=result.decision_time_s,
-            peak_force_n=result.peak_force_n,
-            angle_deg=self._angle_deg,
-            calibration_id=calibration_id_of(calibration),
-            recording=None if recording is None else str(recording.resolve()),
-        )
 
     def _say(self, text: str) -> None:
         keeper = self._keeper

@@ -5,7 +5,6 @@ The store is opened for each look and each grasp: it may be away, and others use
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,10 +91,7 @@ class Ledger:
 
 def _records(result: GraspResult, *, recording: Path, item_id: str) -> tuple[Record, ...]:
     """Return the grasp, and the calibration it rests on, as the store takes them."""
-    from palpate.produce.felt_pixels import felt_pixels
-    from palpate.produce.records import MEASURED, Grasp
-    from palpate.produce.records_json import CalibrationText
-    from palpate.produce.store_writing import calibration_id_of
+    from palpate.produce.of_grasp import records_of
 
     with RecordingReader(recording) as reader:
         info = reader.info
@@ -104,20 +100,14 @@ def _records(result: GraspResult, *, recording: Path, item_id: str) -> tuple[Rec
             for frame, state in observations(reader)
             if state is not None
         ]
-    calibration, gripper = info.calibration or "", info.gripper
-    measured = {name: getattr(result, name) for name in MEASURED}
-    grasp = Grasp(
+    return records_of(
+        result,
         item_id=item_id,
-        taken_at=datetime.now(UTC),
+        seen=seen,
+        layout=info.layout,
         rig=info.rig or "",
-        drive="width" if gripper is None else gripper.drive,
+        drive="width" if info.gripper is None else info.gripper.drive,
         origin=info.origin,
-        outcome=result.outcome,
-        measurements={name: one for name, one in measured.items() if one is not None},
-        pixel_settled_percent=felt_pixels(seen, result=result, layout=info.layout),
-        decision_time_s=result.decision_time_s,
-        peak_force_n=result.peak_force_n,
-        calibration_id=calibration_id_of(calibration),
-        recording=str(recording.resolve()),
+        calibration=info.calibration or "",
+        recording=recording,
     )
-    return (CalibrationText(content=calibration), grasp)

@@ -1,0 +1,69 @@
+"""What the store keeps of a grasp: result, what each pixel felt, the calibration behind both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from palpate.grasp.belief import Observation
+from palpate.grasp.result import GraspResult
+from palpate.produce.felt_pixels import felt_pixels
+from palpate.produce.records import MEASURED, Drive, Grasp
+from palpate.produce.records_json import CalibrationText
+from palpate.produce.store_writing import calibration_id_of
+from palpate.recording import Origin
+from palpate.sensor.array import ArrayLayout
+
+
+def records_of(
+    result: GraspResult,
+    *,
+    item_id: str,
+    seen: Sequence[Observation],
+    layout: ArrayLayout,
+    rig: str,
+    drive: Drive,
+    origin: Origin,
+    calibration: str,
+    recording: Path | None,
+    angle_deg: float | None = None,
+) -> tuple[CalibrationText, Grasp]:
+    """Return the calibration and the grasp, in the order in which a store takes them.
+
+    Parameters
+    ----------
+    result : GraspResult
+        What the grasp came to, now.
+    item_id : str
+        What was grasped.
+    seen : sequence of Observation
+        All that was observed.
+    layout : ArrayLayout
+        Of the sensor.
+    rig, drive, origin : str
+        What it was grasped with, and whether that was real.
+    calibration : str
+        The whole text of the calibration file.
+    recording : Path or None
+        Where the frames are.
+    angle_deg : float, optional
+        Side of the item that the first finger touched.
+    """
+    measured = {name: getattr(result, name) for name in MEASURED}
+    grasp = Grasp(
+        item_id=item_id,
+        taken_at=datetime.now(UTC),
+        rig=rig,
+        drive=drive,
+        origin=origin,
+        outcome=result.outcome,
+        measurements={name: value for name, value in measured.items() if value is not None},
+        pixel_settled_percent=felt_pixels(seen, result=result, layout=layout),
+        decision_time_s=result.decision_time_s,
+        peak_force_n=result.peak_force_n,
+        angle_deg=angle_deg,
+        calibration_id=calibration_id_of(calibration),
+        recording=None if recording is None else str(recording.resolve()),
+    )
+    return CalibrationText(content=calibration), grasp
