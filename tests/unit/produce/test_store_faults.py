@@ -204,6 +204,7 @@ def test_a_server_that_stops_meanwhile(postgresql_url: str) -> None:
             )
         # The pool notices, and connects anew.
         store.add_item(Item(item_id="A17"))
+        assert [item.item_id for item in store.items()] == ["A17"]
         engine.dispose()
 
 
