@@ -133,6 +133,7 @@ class _Judge:
         self._rules: dict[tuple[str, Drive], RipenessRule | InputError] = {}
 
     def judged(self, item: Item) -> Judged:
+        """Judge one item by what it was taught on the same kind of fingers."""
         from palpate.produce.identify_store import drive_of
         from palpate.produce.ripeness_store import history_of, judge
 

@@ -29,6 +29,7 @@ class Answer:
 
 
 def counted(said: Sequence[Answer]) -> dict[str, Any]:
+    """Return shares of known items and strangers that one method named rightly."""
     known = [one for one in said if one.item.known]
     strangers = [one for one in said if not one.item.known]
     named = [one for one in known if one.said != UNKNOWN]
@@ -59,6 +60,7 @@ def _given(one: Answer) -> float:
 
 
 def summary_table(summary: Sequence[dict[str, Any]]) -> Table:
+    """Return how many items each method named, how many rightly, how many strangers it found."""
     return Table(
         title="Kinds named, and strangers found (stated: 5 % of known items called unknown)",
         columns=(
@@ -88,6 +90,7 @@ def summary_table(summary: Sequence[dict[str, Any]]) -> Table:
 
 
 def strangers_table(best: Sequence[Answer], levels: Sequence[str]) -> Table:
+    """Return what each kind that was never taught was taken for."""
     rows = []
     for kind in dict.fromkeys(one.item.kind for one in best if not one.item.known):
         row = [kind]
@@ -119,6 +122,7 @@ def confusion(best: Sequence[Answer], level: str) -> tuple[list[str], list[str],
 
 
 def confusion_table(best: Sequence[Answer], level: str) -> Table:
+    """Return true kinds against what was said, at one level."""
     true, said, counts = confusion(best, level)
     return Table(
         title=f"True kind (rows) and what was said, {level}, {SORTED_GRASPS} grasps",

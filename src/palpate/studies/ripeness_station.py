@@ -130,6 +130,7 @@ class _Bench:
         self._reference = draw_object(np.random.default_rng([sensor, 34]), REFERENCE)
 
     def morning(self, day: int, *, surroundings: Environment) -> None:
+        """Begin a day: a new world around the same sensor, in these surroundings."""
         self._day, self._surroundings = day, surroundings
         self._rng = np.random.default_rng([self._sensor, 35, day])
         self._world = World(
@@ -151,10 +152,12 @@ class _Bench:
         )
 
     def feel_reference(self) -> None:
+        """Grasp the object that does not ripen."""
         for _ in range(REFERENCE_GRASPS):
             self._feel(self._reference, item_id=REFERENCE_ID)
 
     def feel_fruits(self, fruits: Sequence[Avocado], *, name: str, day: int) -> None:
+        """Grasp each fruit as a user would, and once more in the paper's way."""
         for number, fruit in enumerate(fruits):
             for _ in range(GRASPS_PER_DAY):
                 spot = fruit.spot(day, rng=self._rng, follows=self._gripper == "soft")
