@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -17,6 +17,9 @@ from palpate.settling.result import FloatArray
 from palpate.settling.scoring import settled_value
 from palpate.signal.transient import peak_index
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CUTOFFS_S = (1.0, 2.5, 5.0)
 HORIZON_S = 20.0
@@ -70,6 +73,7 @@ def report(file: Path) -> StudyReport:
             _table("Real: median |error|, % of the settled value (90th percentile)", real, _median),
             _table("Drawn: mean |error|, % of the settled value", drawn, _mean),
         ],
+        figures={"settling-limits": lambda: _figure(real, drawn)},
         payload={
             "real_median_percent": _payload(real, np.median),
             "drawn_mean_percent": _payload(drawn, np.mean),
@@ -234,6 +238,30 @@ def _table(
         columns=("predictor", *(f"{cutoff_s:g} s" for cutoff_s in CUTOFFS_S)),
         rows=[(name, *map(cell, errors)) for name, errors in rows.items()],
     )
+
+
+def _figure(real: Mapping[str, list[FloatArray]], drawn: Mapping[str, list[FloatArray]]) -> Figure:
+    from palpate.plots.style import SPARE_LOOKS, look_of, new_figure
+
+    with new_figure(columns=2, width_in=11.0, height_in=4.4) as (figure, axes):
+        for axis, rows, of, title in (
+            (axes[0, 0], real, np.median, "real holds: median |error|"),
+            (axes[0, 1], drawn, np.mean, "drawn from a formula: mean |error|"),
+        ):
+            for index, (name, errors) in enumerate(rows.items()):
+                colour, marker = look_of(name) if name in METHODS else SPARE_LOOKS[index % 3]
+                line = "-" if name in METHODS else "--" if index < len(SPARE_LOOKS) else ":"
+                values = [of(error) for error in errors]
+                axis.plot(CUTOFFS_S, values, line, color=colour, marker=marker, label=name)
+            axis.set(
+                xlabel="cut-off (s)",
+                ylabel="error (% of the settled value)",
+                title=title,
+                yscale="log",
+                xticks=CUTOFFS_S,
+            )
+            axis.legend(fontsize=7)
+    return figure
 
 
 def _payload(

@@ -43,6 +43,8 @@ def test_learners_stand_beside_ours_on_every_hold(tmp_path, monkeypatch):
     assert sum("same specimens" in name for name in real) == 4
     # On pure logarithms a line over ln(t + t0) needs no training; all must be near it.
     assert all(error < 5 for errors in real.values() for error in errors)
+    panels = found.figures["settling-limits"]().axes
+    assert [len(panel.lines) for panel in panels] == [6, 5]
 
 
 def test_too_few_holds_are_refused(tmp_path):
