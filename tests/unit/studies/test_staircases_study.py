@@ -57,7 +57,7 @@ def test_table5_report(tmp_path: Path) -> None:
     assert rows["field", "ours, 1 s"]["published_ratio"] is None
     assert rows["paper", "ours, 2.5 s"]["ratio"] == 1
     assert "Simulated" in (tmp_path / "table5.md").read_text()
-    assert (tmp_path / "table5.png").stat().st_size > 1000
+    assert (tmp_path / "figure12.png").stat().st_size > 1000
 
 
 def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
