@@ -30,6 +30,8 @@ _MOST_FRAMES = 1000
 #: The rate is that of the frames of the last seconds.
 _RATE_S = 2.0
 _FORECAST_S = 0.2
+#: A last update that is not taken within this is lost.
+_FAREWELL_S = 2.0
 _STALE = SafetyLimits()
 #: The loop's own period is told from so many frames.
 _PERIODS = 1000
@@ -80,9 +82,9 @@ class Outlet:
         self._thread.start()
 
     def close(self) -> None:
-        """Send what there is, and end."""
+        """Send what there is, and end; a page that no longer reads is not waited for."""
         self._closed.set()
-        self._thread.join()
+        self._thread.join(_FAREWELL_S)
 
     def note(self, note: Note) -> None:
         """Send this; notes are never dropped, and come before later frames."""

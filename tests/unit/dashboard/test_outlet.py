@@ -7,6 +7,7 @@ import threading
 import numpy as np
 import pytest
 
+from palpate.dashboard import outlet as outlet_module
 from palpate.dashboard.messages import Source, Trouble, Update
 from palpate.dashboard.outlet import Outlet
 from palpate.sensor.array import RIGID_LAYOUT, Frame
@@ -84,3 +85,24 @@ def test_a_page_that_is_gone_is_told_once() -> None:
     outlet.start()
     assert gone.wait(30)
     outlet.close()
+
+
+def test_ending_does_not_wait_for_a_page_that_reads_no_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(outlet_module, "_FAREWELL_S", 0.01)
+    stuck, sending = threading.Event(), threading.Event()
+
+    def send(_: Update) -> None:
+        sending.set()
+        stuck.wait()
+
+    hanging = Outlet(send, on_lost=lambda: None)
+    hanging.start()
+    assert sending.wait(10)
+    ended = threading.Thread(target=hanging.close)
+    ended.start()
+    ended.join(10)
+    waited = ended.is_alive()
+    stuck.set()
+    assert not waited
