@@ -161,7 +161,11 @@ def test_stop_mid_grasp_stops_the_twin_within_100_ms(driver: Page, folder: Path,
     can_press(driver, "#grasp")
     driver.locator("#grasp").click()
     expect(driver.locator(".pixel").first).to_be_visible()
-    driver.wait_for_function("document.querySelectorAll('.move').length > 3")
+    # The fingers of this grasp, not the marks of the one before.
+    driver.wait_for_function(
+        "parseFloat(document.querySelector('#fingers').textContent"
+        ".match(/([0-9.]+) mm apart/)[1]) < 72"
+    )
     if how == "button":
         driver.locator("#stop").click()
     else:
