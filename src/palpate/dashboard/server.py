@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from palpate.dashboard.desk import Desk, Settings
-from palpate.dashboard.gate import Gate, check_token, is_loopback
 from palpate.dashboard.view import document
 from palpate.errors import DeviceError, MissingExtraError
 
@@ -40,17 +39,19 @@ def serve(
     MissingExtraError
         If NiceGUI is not installed.
     """
-    check_token(host, token)
     # NiceGUI wants a folder for what this page does not store.
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir(), "palpate-page")))
     try:
         import uvicorn
         from fastapi import FastAPI
         from nicegui import ui
+
+        from palpate.dashboard.gate import Gate, check_token, is_loopback
     except ModuleNotFoundError as error:
         raise MissingExtraError(
             f"{error.name} is not installed: pip install 'palpate[dashboard]'"
         ) from error
+    check_token(host, token)
     listening = _listen(host, port)
     desk = Desk(settings)
     app = FastAPI(openapi_url=None)

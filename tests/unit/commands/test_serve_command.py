@@ -57,3 +57,16 @@ def test_nothing_but_serving_loads_the_web() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ended.stdout.strip() == "[]"
+
+
+def test_a_missing_extra_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("palpate.dashboard.server", "palpate.dashboard.gate"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    for name in ("starlette", "starlette.datastructures", "fastapi", "nicegui", "uvicorn"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert run(build_app(), ["serve"], name="palpate") == 2
+    said = capsys.readouterr().err
+    assert "pip install 'palpate[dashboard]'" in said
+    assert said.count("\n") == 1
