@@ -160,9 +160,9 @@ class _Bench:
         """Grasp each fruit as a user would, and once more in the paper's way."""
         for number, fruit in enumerate(fruits):
             for _ in range(GRASPS_PER_DAY):
-                spot = fruit.spot(day, rng=self._rng, follows=self._gripper == "soft")
+                spot = fruit.spot(day, rng=self._rng)
                 self._feel(spot, item_id=f"{name}-{number}")
-            spot = fruit.spot(day, rng=self._rng, follows=self._gripper == "soft")
+            spot = fruit.spot(day, rng=self._rng)
             change = self._settled_percent(spot, fruit=fruit)
             self.as_published[f"{name}-{number}", day] = change
 

@@ -9,6 +9,7 @@ import tracemalloc
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -122,9 +123,7 @@ def _speed_rows(plan: Plan) -> list[dict[str, Any]]:
         found = {n: _peer_s(f, peer_holds) * size for n, f in peers.items() if f is not None}
         for method in METHODS:
             found[method] = _median_s(
-                lambda holds=holds, method=method: predict_settled(  # type: ignore[misc]
-                    time_s, holds, cutoff_s=CUTOFF_S, method=method
-                ),
+                partial(predict_settled, time_s, holds, cutoff_s=CUTOFF_S, method=method),
                 repeats=repeats,
             )
         again = _peer_s(_by_curve_fit, peer_holds) * size

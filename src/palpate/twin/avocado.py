@@ -99,26 +99,16 @@ class Avocado:
             low, high = (low, day) if softer else (day, high)
         return high
 
-    def spot(self, day: float, *, rng: np.random.Generator, follows: bool = False) -> TwinObject:
-        """Return what one grasp meets on a day: the fruit as it is at one spot.
-
-        `follows` is for fingers that hold their force rather than their place, as those driven by
-        pressure do: under them a fruit creeps instead of relaxing. The twin's plant knows fingers
-        that keep their place alone, so for them the fruit has crept already: it is as soft as it
-        gets under a lasting force, and relaxes no more.
-        """
+    def spot(self, day: float, *, rng: np.random.Generator) -> TwinObject:
+        """Return what one grasp meets on a day: the fruit as it is at one spot."""
         firmness_n = self.force_at_1mm_n(day) * float(np.exp(self.spot_log_sd * rng.normal()))
         rupture_n = self.rupture_per_root * float(np.sqrt(firmness_n))
-        share = self.relaxing_share
-        if follows:
-            firmness_n *= 1.0 - sum(share)
-            share = tuple(0.0 for _ in share)
         return TwinObject(
             name="avocado",
             size_mm=self.size_mm + self.waist_sd_mm * float(rng.normal()),
             contact="hertz",
             force_at_1mm_n=firmness_n,
-            relaxing_share=share,
+            relaxing_share=self.relaxing_share,
             relaxing_time_s=self.relaxing_time_s,
             flat=False,
             yield_n=rupture_n * uniform(rng, _YIELD_SHARE),

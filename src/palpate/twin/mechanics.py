@@ -62,11 +62,18 @@ def object_force_n(
 
 
 def series_force_n(
-    obj: TwinObject, closure_mm: float, *, compliance: Compliance, ruptured: bool = False
+    obj: TwinObject,
+    closure_mm: float,
+    *,
+    compliance: Compliance,
+    ruptured: bool = False,
+    kept: float = 1.0,
+    carried_n: float = 0.0,
 ) -> float:
-    """Return the elastic force when object and gripper share a closure.
+    """Return the object's elastic force when it shares a closure with the gripper.
 
-    Solves deformation + deflection(force(deformation)) = closure. The left side rises and is
+    The gripper feels kept * elastic + carried_n of it (`palpate.twin.squeeze`), but never a pull.
+    Solves deformation + deflection(felt force(deformation)) = closure. The left side rises and is
     solved by Newton steps kept inside a shrinking bracket.
     """
     if closure_mm <= 0:
@@ -74,12 +81,14 @@ def series_force_n(
     low, high = 0.0, closure_mm
     deformation = 0.5 * closure_mm
     for _ in range(60):
-        force_n, slope = object_force_n(obj, deformation, ruptured=ruptured)
-        excess = deformation + compliance.deflection_mm(force_n) - closure_mm
+        elastic_n, slope = object_force_n(obj, deformation, ruptured=ruptured)
+        felt_n = max(kept * elastic_n + carried_n, 0.0)
+        excess = deformation + compliance.deflection_mm(felt_n) - closure_mm
         if abs(excess) < 1e-10:
             break
         low, high = (low, deformation) if excess > 0 else (deformation, high)
-        step = excess / (1.0 + compliance.slope_mm_per_n(force_n) * slope)
+        felt_slope = kept * slope if felt_n > 0 else 0.0
+        step = excess / (1.0 + compliance.slope_mm_per_n(felt_n) * felt_slope)
         newton = deformation - step
         deformation = newton if low < newton < high else 0.5 * (low + high)
     return object_force_n(obj, deformation, ruptured=ruptured)[0]

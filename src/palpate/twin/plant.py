@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
-from palpate.twin.mechanics import Compliance, Motion, PixelGrid, pixel_shares, series_force_n
+from palpate.twin.mechanics import Compliance, Motion, PixelGrid, pixel_shares
 from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import Ranges, uniform
+from palpate.twin.squeeze import Squeeze
 from palpate.twin.velostat import Creep, Environment, Sheet
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -45,9 +46,7 @@ class State:
     placed: int
     contacts: int
     closure_mm: float
-    elastic_n: float
-    relaxing_n: FloatArray
-    force_n: float
+    squeeze: Squeeze
     felt_n: FloatArray
     target: FloatArray
     creep: FloatArray
@@ -58,6 +57,11 @@ class State:
     pull_n: float = 0.0
     slide: Slide = AT_REST
     touch_n: tuple[float, ...] = ()
+
+    @property
+    def force_n(self) -> float:
+        """Grip force."""
+        return self.squeeze.force_n
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +105,6 @@ def follow_line(
     """
     decay, mean = exact_step(rate)
     return end - mean * (end - start) - decay * (start - value)
-
-
-@lru_cache(maxsize=16)
-def _relaxation(obj: TwinObject) -> tuple[FloatArray, FloatArray]:
-    """Return an object's relaxing shares and their time constants."""
-    return np.array(obj.relaxing_share), np.array(obj.relaxing_time_s)
 
 
 class Plant:
@@ -160,9 +158,7 @@ class Plant:
             contacts=0,
             closure_mm=self._closure_mm(obj, width_mm + self._backlash_mm, error_mm=0.0),
             finger_mm=width_mm + self._backlash_mm,
-            elastic_n=0.0,
-            relaxing_n=np.zeros(len(obj.relaxing_share) if obj else 0),
-            force_n=0.0,
+            squeeze=Squeeze.none(obj),
             felt_n=np.zeros(pixels),
             target=np.zeros(pixels),
             creep=np.zeros((self.placement(0, 0).creep.tau_s.size, pixels)),
@@ -215,21 +211,20 @@ class Plant:
             closure_mm = max(closure_mm, 0.0)
         elif state.closure_mm < 0:
             closure_mm = min(closure_mm, -1e-9)
-        elastic_n, relaxing_n, force_n = self._force(state, closure_mm, time_s - state.time_s)
+        squeeze = self._squeezed(state, closure_mm, time_s - state.time_s)
+        force_n = squeeze.force_n
         slide = self._slide(state, force_n, time_s - state.time_s)
         felt_n, target = self._target(state, closure_mm, force_n, placement)
         motion = state.motion
         if force_n > self._lock_force_n and motion.to_mm < width_mm:
             motion = replace(motion, to_mm=width_mm)
-        bursts = state.obj is not None and elastic_n >= state.obj.rupture_n
+        bursts = state.obj is not None and squeeze.elastic_n >= state.obj.rupture_n
         following = replace(
             self._relaxed(state, time_s, target, width_mm, placement.creep),
             motion=motion,
             contacts=contacts,
             closure_mm=closure_mm,
-            elastic_n=elastic_n,
-            relaxing_n=relaxing_n,
-            force_n=force_n,
+            squeeze=squeeze,
             felt_n=felt_n,
             peak_force_n=max(state.peak_force_n, force_n),
             ruptured=state.ruptured or bursts,
@@ -240,30 +235,23 @@ class Plant:
 
     def _without_object(self, state: State) -> State:
         """Return the state once the object has slid off the pads."""
-        nothing = np.zeros(0)
-        return replace(
-            state, obj=None, closure_mm=-np.inf, elastic_n=0.0, relaxing_n=nothing, force_n=0.0
-        )
+        return replace(state, obj=None, closure_mm=-np.inf, squeeze=Squeeze())
 
     def between(self, state: State, following: State, time_s: float) -> State:
         """Return the state at a time between a node and the one after it."""
         if time_s >= following.time_s:
             return following
         share = (time_s - state.time_s) / (following.time_s - state.time_s)
-        elastic_n = state.elastic_n + share * (following.elastic_n - state.elastic_n)
         target = state.target + share * (following.target - state.target)
         placement = self.placement(following.placed, following.contacts)
-        relaxing_n, force_n = self._relaxed_force(state, elastic_n, time_s - state.time_s)
         width_mm = state.motion.width_mm(time_s)
         closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
-        force_n = force_n if closure_mm > 0 else 0.0
+        squeeze = self._squeeze_between(state, following, share, touching=closure_mm > 0)
         return replace(
             self._relaxed(state, time_s, target, width_mm, placement.creep),
             closure_mm=closure_mm,
-            elastic_n=elastic_n,
-            relaxing_n=relaxing_n,
-            force_n=force_n,
-            peak_force_n=max(state.peak_force_n, force_n),
+            squeeze=squeeze,
+            peak_force_n=max(state.peak_force_n, squeeze.force_n),
             felt_n=state.felt_n + share * (following.felt_n - state.felt_n),
         )
 
@@ -327,28 +315,29 @@ class Plant:
         nearest = min(state.time_s + step_s, state.motion.end_s)
         return contact_s if state.time_s < contact_s < nearest else nearest
 
-    def _force(
-        self, state: State, closure_mm: float, step_s: float
-    ) -> tuple[float, FloatArray, float]:
-        elastic_n = 0.0
-        if state.obj is not None and closure_mm > 0:
-            elastic_n = series_force_n(
-                state.obj, closure_mm, compliance=self.compliance, ruptured=state.ruptured
-            )
-        relaxing_n, force_n = self._relaxed_force(state, elastic_n, step_s)
-        return elastic_n, relaxing_n, force_n if closure_mm > 0 else 0.0
-
-    def _relaxed_force(
-        self, state: State, elastic_n: float, step_s: float
-    ) -> tuple[FloatArray, float]:
-        """Return the object's relaxing parts and the force, the elastic force having moved."""
+    def _squeezed(self, state: State, closure_mm: float, step_s: float) -> Squeeze:
         if state.obj is None:
-            return state.relaxing_n, 0.0
-        share, time_s = _relaxation(state.obj)
-        decay, mean = exact_step(step_s / time_s)
-        relaxing_n = state.relaxing_n * decay + share * (elastic_n - state.elastic_n) * mean
-        force_n = elastic_n * (1.0 - float(share.sum())) + float(relaxing_n.sum())
-        return relaxing_n, max(force_n, 0.0)
+            return Squeeze()
+        return state.squeeze.closed(
+            state.obj,
+            closure_mm,
+            step_s=step_s,
+            compliance=self.compliance,
+            ruptured=state.ruptured,
+        )
+
+    def _squeeze_between(
+        self, state: State, following: State, share: float, *, touching: bool
+    ) -> Squeeze:
+        if state.obj is None:
+            return Squeeze()
+        before_n, after_n = state.squeeze.elastic_n, following.squeeze.elastic_n
+        return state.squeeze.changed(
+            state.obj,
+            elastic_n=before_n + share * (after_n - before_n),
+            step_s=share * (following.time_s - state.time_s),
+            touching=touching,
+        )
 
     def _target(
         self, state: State, closure_mm: float, force_n: float, placement: Placement

@@ -17,6 +17,7 @@ from palpate.twin.objects import TwinObject
 from palpate.twin.plant import Plant, State
 from palpate.twin.ranges import ranges_of, uniform
 from palpate.twin.readout import Readout
+from palpate.twin.squeeze import Squeeze
 from palpate.twin.truth import Truth
 from palpate.twin.velostat import Environment, draw_sheet
 
@@ -211,9 +212,7 @@ class World:
                 obj=obj,
                 placed=now.placed + 1,
                 closure_mm=-np.inf if obj is None else obj.size_mm - now.finger_mm,
-                elastic_n=0.0,
-                relaxing_n=np.zeros(len(obj.relaxing_share) if obj else 0),
-                force_n=0.0,
+                squeeze=Squeeze.none(obj),
                 peak_force_n=0.0,
                 ruptured=False,
                 pull_n=0.0,
@@ -291,7 +290,7 @@ class World:
             force_n=end.force_n,
             stiffness_n_per_mm=end.force_n / deformation_mm if end.force_n > 0 else None,
             peak_force_n=peak_force_n,
-            damaged=obj is not None and peak_force_n >= obj.yield_n,
+            damaged=obj is not None and (self._latest.ruptured or peak_force_n >= obj.yield_n),
         )
 
     # -- inside -----------------------------------------------------------------------------------

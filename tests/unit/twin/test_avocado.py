@@ -50,13 +50,3 @@ def test_spots_of_one_fruit_differ_and_never_burst_at_the_grip_force(
     assert np.std([spot.size_mm for spot in spots]) == pytest.approx(AVOCADOS.waist_sd_mm, rel=0.15)
     softest = [fruit.spot(9.0, rng=rng) for fruit in fruits]
     assert min(spot.yield_n for spot in softest) > 5.0
-
-
-def test_under_fingers_that_follow_it_has_crept_already(fruits: list[Avocado]) -> None:
-    fruit = fruits[1]
-    kept = fruit.spot(1.0, rng=np.random.default_rng(7))
-    followed = fruit.spot(1.0, rng=np.random.default_rng(7), follows=True)
-    left = 1.0 - sum(fruit.relaxing_share)
-    assert followed.force_at_1mm_n == pytest.approx(left * kept.force_at_1mm_n)
-    assert sum(followed.relaxing_share) == 0.0
-    assert sum(kept.relaxing_share) == pytest.approx(sum(fruit.relaxing_share))

@@ -63,7 +63,8 @@ def test_opening_puts_it_down_first() -> None:
 def test_sliding_moves_the_load_over_the_pixels() -> None:
     world = gripped(1.5)
     before = world.pixel_resistance_ohm(3.0)
-    world.lift(more_n=0.7)
+    carried_n = 2 * 0.5 * world.force_n(3.0)
+    world.lift(more_n=1.01 * carried_n - 100.0 * N_PER_G)
     after = world.pixel_resistance_ohm(3.0 + 0.06)
     assert world.force_n(3.061) > 0
     assert np.abs(after / before - 1).max() > 0.01
