@@ -219,8 +219,13 @@ class Plant:
         if force_n > self._lock_force_n and motion.to_mm < width_mm:
             motion = replace(motion, to_mm=width_mm)
         bursts = state.obj is not None and squeeze.elastic_n >= state.obj.rupture_n
+        creep, spike = self._relaxed(state, time_s, target, width_mm, placement.creep)
         following = replace(
-            self._relaxed(state, time_s, target, width_mm, placement.creep),
+            state,
+            time_s=time_s,
+            target=target,
+            creep=creep,
+            spike=spike,
             motion=motion,
             contacts=contacts,
             closure_mm=closure_mm,
@@ -247,8 +252,13 @@ class Plant:
         width_mm = state.motion.width_mm(time_s)
         closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
         squeeze = self._squeeze_between(state, following, share, touching=closure_mm > 0)
+        creep, spike = self._relaxed(state, time_s, target, width_mm, placement.creep)
         return replace(
-            self._relaxed(state, time_s, target, width_mm, placement.creep),
+            state,
+            time_s=time_s,
+            target=target,
+            creep=creep,
+            spike=spike,
             closure_mm=closure_mm,
             squeeze=squeeze,
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
@@ -383,8 +393,8 @@ class Plant:
 
     def _relaxed(
         self, state: State, time_s: float, target: FloatArray, width_mm: float, creep: Creep
-    ) -> State:
-        """Return the state with creep and spikes moved under a target that goes in a line."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return creep and spikes, moved under a target that goes in a line."""
         step_s = time_s - state.time_s
         moved = follow_line(
             state.creep, start=state.target, end=target, rate=step_s / creep.tau_s[:, None]
@@ -395,4 +405,4 @@ class Plant:
         jump = np.abs(target - state.target)
         push = self.sheet.spike_per_mm * travel_mm + self.sheet.spike_per_target * jump
         spike = state.spike * fall + push * average
-        return replace(state, time_s=time_s, target=target, creep=moved, spike=spike)
+        return moved, spike

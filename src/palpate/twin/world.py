@@ -317,6 +317,8 @@ class World:
             raise ValueError(
                 f"the world is at {self._node.time_s:.4f} s and can't go back to {time_s:.4f} s"
             )
+        if time_s == self._latest.time_s:
+            return self._latest
         while self._next.time_s <= time_s:
             self._node, self._next = self._next, self._plant.next_node(self._next)
         self._latest = self._node
