@@ -5,8 +5,8 @@ pseudo-terminal, `palpate serve` reads and records it: with nobody looking, with
 Chromium, with nobody again. Told are the loop's period, the memory of both processes, and whether
 the recording is complete.
 
-On a machine that others load, `--realtime` (root) schedules the board and the devices' process
-before them, as on a robot; the server and the browsers stay as they are.
+With `--realtime` (needs the right to) the board and the devices' process come before all others,
+the latter by `palpate serve --realtime`; the server and the browsers stay as they are.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from palpate.dashboard.realtime import put_first
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.recording import load_recording
 from palpate.sensor.array import RIGID_LAYOUT
@@ -103,10 +104,10 @@ def board_on_a_line(rate_hz: float) -> Iterator[tuple[str, int]]:
 
 
 @contextmanager
-def serving(folder: Path, rig: Path) -> Iterator[tuple[str, int]]:
+def serving(folder: Path, rig: Path, *, realtime: bool) -> Iterator[tuple[str, int]]:
     """Serve a rig; yield the address and the process."""
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve", "--port", "0"]
-    command += ["--rig", str(rig), "--folder", str(folder)]
+    command += ["--rig", str(rig), "--folder", str(folder), *(["--realtime"] if realtime else [])]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder
@@ -136,12 +137,6 @@ def devices_of(pid: int) -> int:
     """Return the devices' process: the large one of the server's children."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     return max(map(int, children), key=_resident_mb)
-
-
-def make_realtime(pid: int) -> None:
-    """Schedule every thread of a process before those that are not so."""
-    for thread in Path(f"/proc/{pid}/task").iterdir():
-        os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(1))
 
 
 def _resident_mb(pid: int) -> float:
@@ -198,18 +193,18 @@ def main() -> None:
     with (
         tempfile.TemporaryDirectory() as folder,
         board_on_a_line(options.rate_hz) as (port, board),
-        serving(Path(folder), write_rig(Path(folder), port=port, rate_hz=options.rate_hz)) as (
-            address,
-            pid,
-        ),
+        serving(
+            Path(folder),
+            write_rig(Path(folder), port=port, rate_hz=options.rate_hz),
+            realtime=options.realtime,
+        ) as (address, pid),
         sync_playwright() as play,
         play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
     ):
         first = look(browser, address)
         record(first, wanted=True)
         if options.realtime:
-            make_realtime(board)
-            make_realtime(devices_of(pid))
+            put_first(board)
         first.context.close()
         time.sleep(5.0)
         watch(address, pid, seconds=options.alone, what="no viewer")

@@ -39,6 +39,14 @@ def serve(
         str | None,
         typer.Option(help="What a visitor must know.", envvar="PALPATE_TOKEN", show_envvar=True),
     ] = None,
+    realtime: Annotated[
+        bool,
+        typer.Option(
+            "--realtime",
+            help="Schedule the devices before all else, so that no viewer on this machine holds "
+            "them up (Linux; needs the right to).",
+        ),
+    ] = False,
 ) -> None:
     """Show pixels, prediction and verdict in a browser; grasp, calibrate, examine, replay.
 
@@ -64,6 +72,7 @@ def serve(
         seed=seed,
         speed=speed,
         benches={"sim-rigid": open_simulated_bench},
+        realtime=realtime,
     )
     serve_page(settings, host=host, port=port, token=token, announce=_announce)
 

@@ -35,6 +35,8 @@ class Settings:
         Of the rig that is opened at the start, where it is simulated.
     benches : dict
         Opens the bench with a load cell, by the rig's name.
+    realtime : bool
+        Whether the devices' process comes before all others.
     """
 
     rigs: tuple[str, ...]
@@ -45,6 +47,7 @@ class Settings:
     seed: int
     speed: float
     benches: dict[str, BenchOpener]
+    realtime: bool = False
 
 
 class Desk:
@@ -61,8 +64,10 @@ class Desk:
     def open(self) -> None:
         """Start the devices' process and open the first rig."""
         self._loop = asyncio.get_running_loop()
-        self._process = DeviceProcess(self._arrived, benches=self.settings.benches)
         settings = self.settings
+        self._process = DeviceProcess(
+            self._arrived, benches=settings.benches, realtime=settings.realtime
+        )
         first = OpenRig(
             name=settings.rigs[0],
             object_name=settings.object_name,

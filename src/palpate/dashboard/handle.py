@@ -9,6 +9,7 @@ from contextlib import suppress
 
 from palpate.dashboard.devices import run_devices
 from palpate.dashboard.messages import Goodbye, Lost, Order, Update, Urgent
+from palpate.dashboard.realtime import put_first
 from palpate.dashboard.station import BenchOpener
 
 #: A grasp that is stopped, a hand that opens: more than this means that the process hangs.
@@ -24,6 +25,13 @@ class DeviceProcess:
         Called from a thread of its own with every update, and with `Lost` when the process ends.
     benches : dict, optional
         Opens the bench with a load cell, by the rig's name; functions of modules.
+    realtime : bool
+        Whether it comes before all other processes.
+
+    Raises
+    ------
+    InputError
+        If it may not.
     """
 
     def __init__(
@@ -31,6 +39,7 @@ class DeviceProcess:
         on_update: Callable[[Update | Lost], None],
         *,
         benches: dict[str, BenchOpener] | None = None,
+        realtime: bool = False,
     ) -> None:
         # Spawned: a fork of a process with threads may hang.
         context = multiprocessing.get_context("spawn")
@@ -41,6 +50,8 @@ class DeviceProcess:
         )
         self._process.start()
         theirs.close()
+        if realtime and self._process.pid is not None:
+            put_first(self._process.pid)
         self._sending = threading.Lock()
         self._thread = threading.Thread(target=self._receive, name="receive", daemon=True)
         self._thread.start()

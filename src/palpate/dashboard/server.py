@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.dashboard.desk import Desk, Settings
+from palpate.dashboard.realtime import check_realtime
 from palpate.dashboard.view import document
 from palpate.errors import DeviceError, MissingExtraError
 
@@ -33,7 +34,7 @@ def serve(
     Raises
     ------
     InputError
-        If others could reach it without a token.
+        If others could reach it without a token, or the devices may not come first.
     DeviceError
         If the port is taken.
     MissingExtraError
@@ -52,6 +53,8 @@ def serve(
             f"{error.name} is not installed: pip install 'palpate[dashboard]'"
         ) from error
     check_token(host, token)
+    if settings.realtime:
+        check_realtime()
     listening = _listen(host, port)
     desk = Desk(settings)
     app = FastAPI(openapi_url=None)
