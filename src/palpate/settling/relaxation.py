@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from palpate.holds import Hold
 from palpate.settling.bins import noise_scatter
 from palpate.settling.conditionals import WALK_FROM_S, Conditionals, conditionals
+from palpate.settling.default_prior import DEFAULT_PRIOR
 from palpate.settling.intervals import UNCALIBRATED, IntervalScale
-from palpate.settling.prior import DEFAULT_PRIOR, Prior
+from palpate.settling.prior import Prior
 from palpate.settling.result import FloatArray, SettledEstimate, Status
 from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 from palpate.signal.transient import peak_index

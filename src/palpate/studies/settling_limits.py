@@ -67,7 +67,8 @@ def report(file: Path) -> StudyReport:
             f"Real recordings: {file.name}, {len(known)} holds. Learners are tested on tenths of "
             "the holds that they were not trained on, but know the specimens; relaxation does not.",
             f"Drawn from a formula (not a sensor): {TESTED} holds of the family that meets the "
-            "recorded row of Table 1. The Bayes estimator knows the family; relaxation does not.",
+            "recorded row of Table 1. The Bayes estimator knows the family; to relaxation it is "
+            "one of several.",
         ),
         tables=[
             _table("Real: median |error|, % of the settled value (90th percentile)", real, _median),
