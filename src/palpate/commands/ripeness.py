@@ -51,13 +51,13 @@ def ripeness(
 
     Stages are learned from items of the same kind that people labelled (palpate items NAME
     --set kind=avocado --say ripeness=ripe); without labels an item is judged by its own first
-    day. The answer is kept with the item.
+    day, taken as hard. The answer is kept with the item, unless it is no more than that assumption.
 
     Example: palpate ripeness A17 --reference ball --plot a17.png
     """
     from palpate.commands.ripeness_report import document, print_report
     from palpate.plots.style import check_plot_path, require_plots
-    from palpate.produce.ripeness_store import verdict_of
+    from palpate.produce.ripeness_store import assumed, verdict_of
     from palpate.produce.store import Store
 
     names = _names(stages, ripe=ripe)
@@ -71,6 +71,8 @@ def ripeness(
         judge = _Judge(kept, reference=reference, stages=names, ripe=ripe)
         judged = [judge.judged(item) for item in asked]
         for one in judged:
+            if assumed(one.ripeness, one.history):
+                continue
             kept.add_verdict(verdict_of(one.ripeness, one.history))
     if plot is not None:
         from palpate.plots.ripeness import item_figure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.produce.ripeness import Days
-from palpate.produce.ripeness_store import ItemHistory, explanation
+from palpate.produce.ripeness_store import ItemHistory, assumed, explanation
 
 if TYPE_CHECKING:
     from palpate.commands.ripeness import Judged
@@ -54,7 +54,7 @@ def print_report(judged: Sequence[Judged]) -> None:
         table.add_row(
             one.item.item_id,
             f"[bold]{one.ripeness.stage}[/]",
-            f"{100 * chance:.0f} %",
+            "assumed" if assumed(one.ripeness, one.history) else f"{100 * chance:.0f} %",
             _waiting(one.ripeness.days_to_ripe),
             f"{len(one.history.grasps)} times on {days} day{'s' * (days > 1)}",
         )

@@ -148,7 +148,7 @@ class Identifier:
         if few or not counts:
             raise InputError(
                 f"each kind needs at least {FEWEST_ITEMS} labelled items with a grasp; found "
-                f"{', '.join(few) or 'none at all'}; label more"
+                f"{', '.join(few) or 'none at all'}; label more: palpate items NAME --set kind=..."
             )
         self.kinds = tuple(counts)
         self.own_share = _own_share(self._taught)

@@ -174,10 +174,17 @@ def verdict_of(ripeness: Ripeness, history: ItemHistory) -> Verdict:
     )
 
 
+def assumed(ripeness: Ripeness, history: ItemHistory) -> bool:
+    """Whether a judgement is no finding: without labels the first day is hard by assumption."""
+    return ripeness.basis == "first day" and len(history.days) == 1
+
+
 def explanation(ripeness: Ripeness, history: ItemHistory) -> str:
     """Return why, in a sentence that a person can check."""
     count, days = len(history.grasps), len(history.days)
     felt = f"felt {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
+    if assumed(ripeness, history):
+        return f"{felt}: its first day is taken as hard, there is nothing yet to compare it with"
     chance = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"
     basis = {
         "labels": "by items that people labelled",

@@ -119,6 +119,17 @@ def _reasons(rule: Rule, evidence: Evidence) -> str:
     return ", ".join(parts)
 
 
+def _all_words(book: RuleBook, evidence: Evidence) -> str:
+    """Name all that is known of what any rule asks for."""
+    parts = [_kind_words(evidence)]
+    if evidence.ripeness and any(rule.ripeness is not None for rule in book.rules):
+        best = max(evidence.ripeness, key=lambda stage: evidence.ripeness[stage])
+        parts.append(f"{best} {_percent(evidence.ripeness[best])}")
+    if evidence.bruised is not None and any(rule.bruised is not None for rule in book.rules):
+        parts.append(f"bruised {_percent(evidence.bruised)}")
+    return ", ".join(parts)
+
+
 def _kind_words(evidence: Evidence) -> str:
     identity = evidence.identity
     if identity is None:
@@ -138,7 +149,7 @@ def _no_rule(book: RuleBook, evidence: Evidence) -> str:
     """Say why no rule is sure: the one that came nearest, and what it lacked."""
     nearest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
     low, high = nearest.probability(evidence)
-    known = _kind_words(evidence)
+    known = _all_words(book, evidence)
     if high <= 1.0 - nearest.confidence:
         return f"{known}, which no rule takes"
     lacking = _lacking(nearest, evidence)

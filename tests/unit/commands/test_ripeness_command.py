@@ -90,6 +90,22 @@ def test_an_item_of_no_kind_is_judged_by_its_first_day(
     assert item["stage"] in ("ripe", "overripe")
 
 
+def test_a_first_day_without_labels_is_an_assumption_and_not_kept(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Store.open(made, create=False) as store, Store.open(tmp_path / "new.sqlite") as alone:
+        alone.add_item(Item(item_id="new"))
+        first = store.grasps_of("fruit-1")[0]
+        object.__setattr__(first, "item_id", "new")
+        alone.add_grasp(first)
+    assert palpate("new", "--store", "new.sqlite") == 0
+    said = capsys.readouterr().out
+    assert "assumed" in said
+    assert "nothing yet to compare it with" in " ".join(said.split())
+    with Store.open(tmp_path / "new.sqlite", create=False) as alone:
+        assert alone.verdicts_of("new") == ()
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

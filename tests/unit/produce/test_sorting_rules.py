@@ -105,6 +105,14 @@ def test_what_no_rule_takes_is_said_so() -> None:
     assert "which no rule takes" in found.why
 
 
+def test_all_that_rules_ask_for_is_named_where_none_takes_it() -> None:
+    soon = Rule(bin="shop", ripeness=frozenset({"ripe"}), bruised=False, line=4)
+    book = RuleBook(rules=(KIWI, soon), default_bin="by hand")
+    stages = {"hard": 0.97, "ripe": 0.03}
+    known = Evidence(identity=looks(0.01, 0.98), ripeness=stages, bruised=0.1, grasps=3)
+    assert "lime 98 %, hard 97 %, bruised 10 %, which no rule takes" in decide(book, known).why
+
+
 def test_nothing_is_decided_before_the_first_grasp() -> None:
     assert decide(BOOK, Evidence()).again
 
