@@ -28,17 +28,10 @@ class ClosingState(NamedTuple):
         The force level just passed.
     log_stiffness : float
         ln of the secant stiffness (N/mm) over the upper half of the force.
-    log_early_stiffness : float
-        The same between a quarter and a half of the force.
-    flattening : float
-        ln of (stiffness over the last fifth of the force / secant stiffness): negative once the
-        curve bends over.
     """
 
     force_n: float
     log_stiffness: float
-    log_early_stiffness: float
-    flattening: float
 
 
 class ClosingCurve:
@@ -99,14 +92,7 @@ class ClosingCurve:
         if math.isnan(upper):
             # Too little force since the curve began: all of it is the best there is.
             upper = self._log_slope(0.0, force_n)
-        early = self._log_slope(force_n / 4, force_n / 2)
-        tangent = self._log_slope(0.8 * force_n, force_n)
-        return ClosingState(
-            force_n=force_n,
-            log_stiffness=upper,
-            log_early_stiffness=upper if math.isnan(early) else early,
-            flattening=0.0 if math.isnan(tangent) else tangent - upper,
-        )
+        return ClosingState(force_n=force_n, log_stiffness=upper)
 
     def _log_slope(self, low_n: float, high_n: float) -> float:
         """Return ln of the slope between two forces, NaN where the curve doesn't span them."""

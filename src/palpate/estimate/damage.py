@@ -1,9 +1,9 @@
 """A damage limit learned while closing: where the object will rupture, and where to stop before.
 
 Two answers from one closing curve. The *prediction* is the likely rupture force with a lower bound.
-The *guard* stops closing at the force where the hazard of the next step passes a threshold set so
-that at most a nominal share of objects like those seen ruptures. Both work with a force from any
-source, with the kind of object known or not.
+The *guard* stops closing where the force has come so near to it that at most a nominal share of
+objects like those seen ruptures. Both work with a force from any source, with the kind of object
+known or not.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from palpate.estimate.closing import ClosingCurve, ClosingState
-from palpate.estimate.hazard import Hazard, fit_hazard
 from palpate.estimate.strength import FEWEST, Strength, fit_strength
 
 Path: TypeAlias = Sequence[ClosingState]
@@ -27,8 +26,8 @@ NOMINAL_RATE = 0.01
 #: Probability that the rupture force lies above the lower bound.
 LOWER_BOUND_LEVEL = 0.95
 FOLDS = 5
-#: Stands for the hazard passed by an object that ruptured before its first force level.
-LOWEST_HAZARD = 1e-4
+#: Stands for the load borne by an object that ruptured before its first force level.
+LEAST_LOAD = -6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +41,8 @@ class DamageLimit:
     predicted_n, low_n : float
         Likely rupture force, and the force that it exceeds with probability 0.95.
     score : float
-        Hazard of the next 5 % of force, in terms that mean the same for every kind of object.
+        The load: how far the force has come, in standard deviations of the belief about the
+        rupture force, which mean the same for every kind of object.
     stop : bool
         Whether closing should stop here.
     """
@@ -60,22 +60,15 @@ class DamageModel:
 
     Attributes
     ----------
-    hazard : Hazard
-        Chance of rupture in the next step.
-    tails : mapping of str to (float, float)
-        By kind: median of the ln of the critical hazard, and how far its lower tenth lies below.
-        The critical hazard of an object is the smallest threshold that would have ruptured it, by
-        models fitted without it.
     critical_scores : ndarray, shape (n_objects,)
-        The critical hazards of all objects in those terms, ascending.
+        The critical loads of all objects, ascending: the largest that each bore, by models fitted
+        without it.
     strengths : mapping of str to Strength
         Prediction of the rupture force, by kind; ``""`` serves the kinds that have none.
     low_shares : mapping of str to float
         Lower bound as a share of the prediction, by kind.
     """
 
-    hazard: Hazard
-    tails: Mapping[str, tuple[float, float]]
     critical_scores: NDArray[np.float64]
     strengths: Mapping[str, Strength]
     low_shares: Mapping[str, float]
@@ -104,10 +97,8 @@ class DamageModel:
     def limit(self, state: ClosingState, *, kind: str = "", stop_score: float) -> DamageLimit:
         """Return what one state of a closing curve says (kind ``""``: not known)."""
         kind = kind if kind in self.strengths else ""
-        location, spread = self.tails[kind]
-        hazard = self.hazard.per_step([state], kind=kind)[0]
-        score = float((np.log(hazard) - location) / spread)
-        predicted_n = self.strengths[kind].predict_n(state)
+        strength = self.strengths[kind]
+        score, predicted_n = strength.load(state), strength.predict_n(state)
         return DamageLimit(
             force_n=state.force_n,
             predicted_n=predicted_n,
@@ -183,44 +174,32 @@ def fit_damage_model(
             [paths[i] for i in chosen], rupture_force_n=limits_n[chosen].tolist()
         )
         low_shares[kind] = _low_share([paths[i] for i in chosen], limits_n[chosen])
-    critical = _critical_hazards(paths, limits_n, kinds=kinds, tell_apart=known)
-    tails = {kind: _tail(critical[[kind in ("", k) for k in kinds]]) for kind in ("", *known)}
-    of_each = np.array([tails[kind if kind in tails else ""] for kind in kinds])
+    critical = _critical_loads(paths, limits_n, kinds=kinds, tell_apart=known)
     return DamageModel(
-        hazard=fit_hazard(paths, rupture_force_n=limits_n.tolist(), kinds=kinds, tell_apart=known),
-        tails=tails,
-        critical_scores=np.sort((critical - of_each[:, 0]) / of_each[:, 1]),
-        strengths=strengths,
-        low_shares=low_shares,
+        critical_scores=np.sort(critical), strengths=strengths, low_shares=low_shares
     )
 
 
-def _critical_hazards(
+def _critical_loads(
     paths: Sequence[Path],
     limits_n: NDArray[np.float64],
     *,
     kinds: Sequence[str],
     tell_apart: Sequence[str],
 ) -> NDArray[np.float64]:
-    """Return the ln of the largest hazard that each object passed on its way to rupture."""
-    critical = np.empty(len(paths))
-    for inside, outside in _folds(len(paths)):
-        hazard = fit_hazard(
-            [paths[i] for i in inside],
-            rupture_force_n=limits_n[inside].tolist(),
-            kinds=[kinds[i] for i in inside],
-            tell_apart=tell_apart,
-        )
-        for i in outside:
-            survived = [state for state in paths[i] if state.force_n < limits_n[i]]
-            passed = hazard.per_step(survived, kind=kinds[i]) if survived else np.zeros(1)
-            critical[i] = np.log(max(passed.max(), LOWEST_HAZARD))
+    """Return the largest load that each object bore on its way to rupture."""
+    critical = np.full(len(paths), LEAST_LOAD)
+    for kind in ("", *tell_apart):
+        chosen = np.array([i for i in range(len(paths)) if kind in ("", kinds[i])])
+        for inside, outside in _folds(len(chosen)):
+            strength = fit_strength(
+                [paths[i] for i in chosen[inside]],
+                rupture_force_n=limits_n[chosen[inside]].tolist(),
+            )
+            for i in chosen[outside]:
+                loads = [strength.load(s) for s in paths[i] if s.force_n < limits_n[i]]
+                critical[i] = max(loads, default=LEAST_LOAD)
     return critical
-
-
-def _tail(log_critical: NDArray[np.float64]) -> tuple[float, float]:
-    tenth, median = np.quantile(log_critical, [0.1, 0.5])
-    return float(median), max(float(median - tenth), 0.1)
 
 
 def _low_share(paths: Sequence[Path], limits_n: NDArray[np.float64]) -> float:

@@ -1,8 +1,10 @@
-"""The force at which a held object will rupture, predicted from the closing curve so far.
+"""The force at which a held object will rupture, told by how stiff it is at half of that force.
 
-At each force the objects that survived it are a different population, so there is one small
-regression of ln(rupture force) on the stiffness for each force level, made of its survivors and of
-those at neighbouring levels.
+One line in logarithms, ln(rupture force) = a + b ln(stiffness), with the scatter about it. On
+recorded fruit neither more features of the curve (its early stiffness, how it bends, how far it has
+closed) nor a line of their own for every force predict better: they cost more in variance than they
+bring. The stiffness is taken over the last half of the force so far, so a curve that bends over
+lowers the prediction as it does.
 """
 
 from __future__ import annotations
@@ -11,32 +13,40 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.estimate.closing import LEVEL_STEP, ClosingState
+from palpate.estimate.closing import ClosingState
 
-#: Width of the neighbourhood, in ln(force).
-BANDWIDTH = 0.3
-#: Ridge, as a share of the neighbourhood's weight.
-RIDGE = 1e-3
-#: Fewest objects that a level's own regression may rest on; above it the last good one serves.
+#: Fewest objects that a line may rest on.
 FEWEST = 6
+#: Weight of a flat line among the objects: with hardly any spread in stiffness there is no slope.
+RIDGE = 1e-3
+#: Scatter is at least this, ln: a handful of objects may lie on a line by chance.
+LEAST_LOG_SD = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strength:
-    """One regression per force level, from `first_level` up in steps of `LEVEL_STEP`.
+    """A log-normal belief of the rupture force, given the stiffness.
 
     Attributes
     ----------
-    first_level : int
-        Index of the lowest level: its force is exp(index * LEVEL_STEP).
-    lines : ndarray, shape (n_levels, 4)
-        Mean ln(stiffness), mean ln(rupture force), slope, residual variance.
+    log_stiffness : float
+        Mean ln(stiffness) of the objects learned from.
+    log_force, slope : float
+        ln(rupture force, N) there, and its rise with ln(stiffness).
+    log_sd : float
+        Scatter about the line.
     """
 
-    first_level: int
-    lines: NDArray[np.float64]
+    log_stiffness: float
+    log_force: float
+    slope: float
+    log_sd: float
+
+    def median_n(self, state: ClosingState) -> float:
+        """Return the force that half of such objects bear, N."""
+        away = state.log_stiffness - self.log_stiffness
+        return float(np.exp(self.log_force + self.slope * away))
 
     def predict_n(self, state: ClosingState) -> float:
         """Return the rupture force, N, that minimises the expected relative error.
@@ -44,56 +54,50 @@ class Strength:
         For a log-normal belief that point lies one variance below the median: an error of
         prediction counts in share of the true value, so too high costs more than too low.
         """
-        level = round(np.log(state.force_n) / LEVEL_STEP) - self.first_level
-        center, mean, slope, variance = self.lines[min(max(level, 0), len(self.lines) - 1)]
-        log_n = mean + slope * (state.log_stiffness - center) - variance
         # It has survived this force already.
-        return max(float(np.exp(log_n)), state.force_n)
+        return max(self.median_n(state) * float(np.exp(-(self.log_sd**2))), state.force_n)
+
+    def load(self, state: ClosingState) -> float:
+        """Return how far the force has come, in standard deviations of ln from the median."""
+        return float(np.log(state.force_n / self.median_n(state)) / self.log_sd)
 
 
 def fit_strength(
     paths: Sequence[Sequence[ClosingState]], *, rupture_force_n: Sequence[float]
 ) -> Strength:
-    """Fit the regressions to closings that ended in rupture.
+    """Fit the line to closings that ended in rupture.
 
     Parameters
     ----------
     paths : sequence of sequences of ClosingState
-        The states of each closing; those past the rupture are passed over.
+        The states of each closing; one that has none from half of its rupture force on is passed
+        over.
     rupture_force_n : sequence of float
         Force at which each object ruptured.
 
     Raises
     ------
     ValueError
-        If fewer than `FEWEST` objects have a state before their rupture.
+        If fewer than `FEWEST` objects can be learned from.
     """
     rows = [
-        (item, np.log(state.force_n), state.log_stiffness, np.log(limit_n))
-        for item, (path, limit_n) in enumerate(zip(paths, rupture_force_n, strict=True))
-        for state in path
-        if state.force_n < limit_n
+        (half.log_stiffness, np.log(limit_n))
+        for path, limit_n in zip(paths, rupture_force_n, strict=True)
+        if (half := _at_half(path, limit_n)) is not None
     ]
-    items = np.array([row[0] for row in rows])
-    if len(np.unique(items)) < FEWEST:
-        raise ValueError(f"{len(np.unique(items))} closings to learn from; {FEWEST} are needed")
-    log_force, stiffness, target = np.array([row[1:] for row in rows]).T
-    first, last = (round(log_force.min() / LEVEL_STEP), round(log_force.max() / LEVEL_STEP))
-    lines = []
-    for level in range(first, last + 1):
-        distance = (log_force - level * LEVEL_STEP) / BANDWIDTH
-        if level > first and len(np.unique(items[np.abs(distance) < 1])) < FEWEST:
-            break
-        lines.append(_line(stiffness, target, weight=np.exp(-0.5 * distance**2)))
-    return Strength(first_level=first, lines=np.array(lines))
+    if len(rows) < FEWEST:
+        raise ValueError(f"{len(rows)} closings to learn from; {FEWEST} are needed")
+    stiffness, target = np.array(rows).T
+    x, y = stiffness - stiffness.mean(), target - target.mean()
+    slope = (x @ y) / (x @ x + RIDGE * len(rows))
+    log_sd = np.sqrt(np.sum((y - slope * x) ** 2) / (len(rows) - 2))
+    return Strength(
+        log_stiffness=float(stiffness.mean()),
+        log_force=float(target.mean()),
+        slope=float(slope),
+        log_sd=max(float(log_sd), LEAST_LOG_SD),
+    )
 
 
-def _line(
-    stiffness: NDArray[np.float64], target: NDArray[np.float64], *, weight: NDArray[np.float64]
-) -> tuple[float, float, float, float]:
-    center = np.average(stiffness, weights=weight)
-    mean = np.average(target, weights=weight)
-    x, y = stiffness - center, target - mean
-    slope = np.sum(weight * x * y) / (np.sum(weight * x * x) + RIDGE * weight.sum())
-    variance = np.average((y - slope * x) ** 2, weights=weight)
-    return float(center), float(mean), float(slope), float(variance)
+def _at_half(path: Sequence[ClosingState], limit_n: float) -> ClosingState | None:
+    return next((state for state in path if limit_n / 2 <= state.force_n < limit_n), None)
