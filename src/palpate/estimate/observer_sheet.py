@@ -26,38 +26,55 @@ from palpate.settling.result import Status
 MIDDLE_LOG_N = float(np.log(3.0))
 #: So many readings of the current after a stop make one.
 _READINGS = 3
+#: Between two stops the force goes in a line of the width, but for so much.
+_LINE_SHARE = 0.03
+#: Fainter forces tell nothing of a contact's gain.
+_FIRM_N = 1.0
 #: Linearisations of one reading: the force is an exponential of its errors.
 _ITERATIONS = 3
 #: Correlation time of the error that wanders, seconds: about a dwell.
 DRIFT_S = 3.0
+#: From session to session the torque of an ampere changes with the warmth of the motor: copper and
+#: magnets lose some percent from cold to warm.
+WARMTH_SD = 0.035
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Current:
-    """Servo current as a second witness: force = (current - zero) / slope, when still.
+    """Servo current as a second witness: (zero + way gear) + (1 + way share) ma_per_n force.
 
-    Friction of the gears holds some of the grip, or adds to it: how much depends on how the last
-    movement ended, and stays until the next.
+    While the fingers move, friction of the gears adds to the grip (way +1, closing) or takes from
+    it (-1, opening). At rest it holds anything in between (0, on average): how much depends on how
+    the last movement ended, and stays until the next.
 
     Attributes
     ----------
     zero_ma, ma_per_n : float
-        The line.
+        The line at rest.
+    gear_ma, gear_share : float
+        Friction without load, and as a share of the grip.
     sd_n : float
         Scatter of a single reading, newtons.
     stuck_n, stuck_share : float
         Scatter from one stop of the fingers to another: newtons, and a share of the force.
+    warmth_sd : float
+        Of the torque of an ampere, from session to session.
     """
 
     zero_ma: float
     ma_per_n: float
+    gear_ma: float
+    gear_share: float
     sd_n: float
     stuck_n: float
     stuck_share: float
+    warmth_sd: float = WARMTH_SD
 
-    def force_n(self, current_ma: ArrayLike) -> FloatArray:
+    def force_n(self, current_ma: ArrayLike, *, way: ArrayLike = 0.0) -> FloatArray:
         """Return the force that a current means, newtons."""
-        return (np.asarray(current_ma, dtype=float) - self.zero_ma) / self.ma_per_n
+        way = np.asarray(way, dtype=float)
+        above_ma = np.asarray(current_ma, dtype=float) - self.zero_ma - way * self.gear_ma
+        return np.asarray(above_ma / (self.ma_per_n * (1.0 + way * self.gear_share)))
 
     def stuck_sd_n(self, force_n: ArrayLike) -> FloatArray:
         """Return the scatter from stop to stop at a force, newtons."""
@@ -181,15 +198,21 @@ class SheetObserver:
 
     def __init__(self, model: SheetModel, *, level: float = 0.9) -> None:
         self._model, self._level = model, level
+        self._half_widths = float(norm.ppf(0.5 + level / 2))
         self._memory = SheetMemory(
             model.reading, knots=model.knots, time_constants_s=model.time_constants_s
         )
         self._last_s = float("nan")
         # Errors of ln force: a contact's own gain and exponent, and one that wanders (in its own
-        # standard deviations, which grow as the force gets faint).
-        self._mean = np.zeros(3)
-        self._covariance = np.diag(np.square([model.gain_sd, model.slope_sd, 1.0]))
+        # standard deviations, which grow as the force gets faint); last, the motor's warmth.
+        warmth_sd = 0.0 if model.current is None else model.current.warmth_sd
+        self._mean = np.zeros(4)
+        self._covariance = np.diag(np.square([model.gain_sd, model.slope_sd, 1.0, warmth_sd]))
         self._since_stop: list[float] = []
+        # Readings of the current on the way (N, mm); the last frame; width and ln force at rest.
+        self._on_way: list[tuple[float, float]] = []
+        self._last = (0, float("nan"), float("nan"))
+        self._rested: tuple[float, float] | None = None
         self._witnessed = False
         self._log_force, self._in_range = -np.inf, False
 
@@ -218,7 +241,7 @@ class SheetObserver:
         self._in_range = model.range[0] <= self._memory.log_reading <= model.range[1]
         self._wander(time_s)
         if model.current is not None and np.isfinite(current_ma):
-            self._witness(model.current, current_ma)
+            self._witness(model.current, current_ma, width_mm)
         return self._now()
 
     def tell(self, force_n: float) -> None:
@@ -231,43 +254,86 @@ class SheetObserver:
         """
         if not force_n > 0:
             raise ValueError("the force told must be above 0 N")
-        self._see(force_n, sd_n=0.01 * force_n)
+        self._see(
+            force_n, sd_n=0.01 * force_n, at=self._log_force, reach=self._reach(self._log_force)
+        )
 
-    def _witness(self, current: Current, current_ma: float) -> None:
-        """Take the current once after each stop: what the gears hold does not change until then."""
-        if self._memory.moved:
+    def _witness(self, current: Current, current_ma: float, width_mm: float) -> None:
+        """Take the current of the way once it is over, and that of the stop.
+
+        A frame was on the way if the next one has moved on the same way.
+        """
+        (last_way, last_ma, last_mm), way = self._last, self._memory.way
+        self._last = (way, current_ma, width_mm)
+        if way:
             self._since_stop = []
+            if last_way == way:
+                self._on_way.append((float(current.force_n(last_ma, way=way)), last_mm))
             return
-        self._since_stop.append(float(current.force_n(current_ma)))
-        if len(self._since_stop) != _READINGS:
+        self._since_stop.append(current_ma)
+        if len(self._since_stop) < _READINGS:
             return
+        if len(self._since_stop) == _READINGS:
+            self._hear_way(current, width_mm)
+            stopped_n = float(current.force_n(np.mean(self._since_stop)))
+            sd_n = np.hypot(current.stuck_sd_n(self._known_n), current.sd_n / np.sqrt(_READINGS))
+            self._hear(stopped_n, sd_n=float(sd_n), at=self._log_force)
+        self._rested = (width_mm, self._log_force)
+
+    def _hear_way(self, current: Current, width_mm: float) -> None:
+        """Take what was read on the way to this stop.
+
+        On the way itself the sheet is disturbed; so its force goes in a line from stop to stop.
+        """
+        readings, self._on_way = np.array(self._on_way).reshape(-1, 2), []
+        if self._rested is None or not len(readings):
+            return
+        from_mm, log_from = self._rested
+        done = (readings[:, 1] - from_mm) / (width_mm - from_mm) if width_mm != from_mm else np.inf
+        inside = (done > 0) & (done < 1)
+        if not inside.any():
+            return
+        ends_n = np.exp(np.clip([log_from, self._log_force], -7.0, 7.0))
+        if ends_n.min() < _FIRM_N:
+            # Contact began or ended on the way: no line.
+            return
+        at_n = float(ends_n @ [1 - done[inside].mean(), done[inside].mean()])
+        sd_n = np.hypot(current.sd_n / np.sqrt(inside.sum()), _LINE_SHARE * at_n)
+        self._hear(float(readings[inside, 0].mean()), sd_n=float(sd_n), at=float(np.log(at_n)))
+
+    def _hear(self, seen_n: float, *, sd_n: float, at: float) -> None:
+        """Take a force that the current tells, where the sheet says `at` (ln force)."""
         self._witnessed = True
-        expected_n = float(np.exp(min(self._log_force - float(self._reach @ self._mean), 7.0)))
-        sd_n = np.hypot(current.stuck_sd_n(expected_n), current.sd_n / np.sqrt(_READINGS))
-        self._see(float(np.mean(self._since_stop)), sd_n=float(sd_n))
+        # A warm motor gives less force for its current: what is seen is too much.
+        self._see(seen_n, sd_n=sd_n, at=at, reach=self._reach(at) - np.array([0.0, 0.0, 0.0, 1.0]))
 
     def _wander(self, time_s: float) -> None:
         """Let the wandering error forget."""
         if np.isfinite(self._last_s):
             keep = float(np.exp(-(time_s - self._last_s) / DRIFT_S))
-            scale = np.array([1.0, 1.0, keep])
+            scale = np.array([1.0, 1.0, keep, 1.0])
             self._mean = self._mean * scale
             self._covariance = self._covariance * np.outer(scale, scale)
             self._covariance[2, 2] += 1.0 - keep**2
         self._last_s = time_s
 
-    @property
-    def _reach(self) -> FloatArray:
-        """How far each error state enters ln force now."""
-        model, log_force = self._model, self._log_force
+    def _reach(self, log_force: float) -> FloatArray:
+        """How far each error state enters ln force where the sheet says so much."""
+        model = self._model
         wandering = float(model.wandering_sd(log_force))
-        return np.array([1.0, float(model.away(log_force)), wandering])
+        return np.array([1.0, float(model.away(log_force)), wandering, 0.0])
 
-    def _see(self, seen_n: float, *, sd_n: float) -> None:
+    @property
+    def _known_n(self) -> float:
+        """The force now by all that is known."""
+        corrected = self._log_force - float(self._reach(self._log_force) @ self._mean)
+        return float(np.exp(min(corrected, 7.0)))
+
+    def _see(self, seen_n: float, *, sd_n: float, at: float, reach: FloatArray) -> None:
         """Correct the errors by one reading of the force, linearised where it leads (iterated)."""
-        before, reach, state = self._mean, self._reach, self._mean
+        before, state = self._mean, self._mean
         for _ in range(_ITERATIONS):
-            expected_n = float(np.exp(np.clip(self._log_force - reach @ state, -7.0, 7.0)))
+            expected_n = float(np.exp(np.clip(at - reach @ state, -7.0, 7.0)))
             slope = -expected_n * reach
             spread = self._covariance @ slope
             variance = float(slope @ spread) + sd_n**2
@@ -277,11 +343,11 @@ class SheetObserver:
         self._covariance = self._covariance - np.outer(spread, spread) / variance
 
     def _now(self) -> Measurement:
-        reach = self._reach
+        reach = self._reach(self._log_force)
         log_force = self._log_force - float(reach @ self._mean)
         sd = float(np.sqrt(max(float(reach @ self._covariance @ reach), 0.0)))
         tail = self._model.tail_with_current if self._witnessed else self._model.tail
-        half = float(norm.ppf(0.5 + self._level / 2)) * tail * sd
+        half = self._half_widths * tail * sd
         return Measurement(
             value=float(np.exp(log_force)),
             low=float(np.exp(log_force - half)),

@@ -26,15 +26,22 @@ _KNOTS = (0.15, 0.4, 0.65, 0.88)
 #: Servo current is used where it leaves at most this share of the error: a handful of placements
 #: shows no smaller gain for sure.
 _HELPS = 0.8
+#: A current is believed to follow the force from so many readings and this correlation on.
+_FEWEST_READINGS, _FOLLOWS = 20, 0.5
 #: Fewer placements can't show how they differ.
 FEWEST_RUNS = 4
+#: Below this force errors count in newtons.
+_FIRM_N = 1.0
 #: Share of frames of falling force from which on unloading counts as seen.
 _UNLOADING_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """The loaded frames of one placement as terms, shape (frames, n_terms), and what was true."""
+    """The loaded frames of one placement as terms, shape (frames, n_terms), and what was true.
+
+    `way` is 1 or -1 for frames on the way of a closing or an opening, 0 for others.
+    """
 
     trace: LoadTraces
     terms: FloatArray
@@ -43,6 +50,7 @@ class _Run:
     current_ma: FloatArray
     still: NDArray[np.bool_]
     stop: NDArray[np.int64]
+    way: NDArray[np.int64]
 
     @property
     def log_force(self) -> FloatArray:
@@ -139,20 +147,20 @@ def _seen(
     times_s: tuple[float, ...],
 ) -> _Run:
     memory = SheetMemory(reading, knots=knots, time_constants_s=times_s)
-    terms, log_reading, moved = [], [], []
-    for frame in frames(run):
-        terms.append(memory.step(frame.time_s, frame.excess, width_mm=frame.width_mm))
-        log_reading.append(memory.log_reading)
-        moved.append(memory.moved)
+    terms, log_reading, ways = memory.run(
+        np.asarray(run.time_s), np.asarray(run.excess), width_mm=np.asarray(run.width_mm)
+    )
     loaded = np.asarray(run.force_n) > FAINT_N
     return _Run(
         trace=run,
-        terms=np.stack(terms)[loaded],
-        log_reading=np.array(log_reading)[loaded],
+        terms=terms[loaded],
+        log_reading=log_reading[loaded],
         force_n=np.asarray(run.force_n)[loaded],
         current_ma=np.asarray(run.current_ma)[loaded],
-        still=~np.array(moved)[loaded],
-        stop=np.cumsum(moved)[loaded],
+        still=(ways == 0)[loaded],
+        stop=np.cumsum(ways != 0)[loaded],
+        # A frame was on the way if the next one has moved on.
+        way=np.where(ways == np.append(ways[1:], 0), ways, 0)[loaded],
     )
 
 
@@ -160,7 +168,12 @@ def _weights(runs: Sequence[_Run], rising: slice) -> FloatArray:
     """Return weights; force rises with the reading, and creep only ever adds to a reading."""
     design = np.concatenate([run.terms for run in runs])
     target = np.concatenate([run.log_force for run in runs])
-    return least_absolute(design, target, np.ones(len(target)), rising=rising)
+    return least_absolute(design, target, _firmness(np.exp(target)), rising=rising)
+
+
+def _firmness(force_n: FloatArray) -> FloatArray:
+    """Return weights: of faint forces a logarithm says more of the threshold than of the law."""
+    return np.asarray(force_n**2 / (force_n**2 + _FIRM_N**2))
 
 
 def _doubts(runs: Sequence[_Run], left: Sequence[FloatArray]) -> dict[str, float]:
@@ -172,14 +185,16 @@ def _doubts(runs: Sequence[_Run], left: Sequence[FloatArray]) -> dict[str, float
     gains, slopes, wandering = [], [], []
     for run, error in zip(runs, left, strict=True):
         away = run.log_force - MIDDLE_LOG_N
-        ridge = np.diag([0.0, 0.05 * len(away)])
+        weight = _firmness(run.force_n)
+        ridge = np.diag([0.0, 0.05 * weight.sum()])
         design = np.column_stack([np.ones_like(away), away])
-        gain, slope = np.linalg.solve(design.T @ design + ridge, design.T @ error)
+        scaled = design * weight[:, None]
+        gain, slope = np.linalg.solve(scaled.T @ design + ridge, scaled.T @ error)
         gains.append(gain)
         slopes.append(slope)
         wandering.append(error - gain - slope * away)
     own, force_n = np.concatenate(wandering), np.concatenate([run.force_n for run in runs])
-    firm = force_n > 1
+    firm = force_n > _FIRM_N
     if firm.sum() < 20:
         firm = np.ones_like(firm)
     faint = np.abs(np.expm1(np.clip(own[~firm], -3, 1))) * force_n[~firm]
@@ -206,7 +221,10 @@ def _with_tails(
         return replace(model, tail=tail, tail_with_current=tail)
     both, alone_n, both_n = [], [], []
     for run, error, weights in zip(runs, left, folds, strict=True):
-        ratio, error_n = _with_current(replace(model, weights=tuple(weights.tolist())), run)
+        # The motor is as warm as where its line was fitted.
+        here = replace(model.current, warmth_sd=0.0)
+        left_out = replace(model, weights=tuple(weights.tolist()), current=here)
+        ratio, error_n = _with_current(left_out, run)
         both.append(ratio)
         both_n.append(error_n)
         alone_n.append(np.exp(run.log_force + error) - run.force_n)
@@ -244,37 +262,64 @@ def _unloading_seen(traces: LoadTraces) -> bool:
 
 
 def _current(runs: Sequence[_Run]) -> Current | None:
-    """Fit the servo's current to the force when still; None where it does not follow it."""
-    current, force_n = (
-        np.concatenate([getattr(run, name)[run.still] for run in runs])
-        for name in ("current_ma", "force_n")
+    """Fit the servo's current to the force, at rest and on the way; None where it doesn't follow."""
+    current, force_n, still, way = (
+        np.concatenate([getattr(run, name) for run in runs])
+        for name in ("current_ma", "force_n", "still", "way")
     )
-    if not np.isfinite(current).all() or current.size < 20:
+    used = still | (way != 0)
+    if not np.isfinite(current).all() or np.count_nonzero(used) < _FEWEST_READINGS:
         return None
-    design = np.column_stack([np.ones_like(force_n), force_n])
-    zero_ma, ma_per_n = least_absolute(design, current, np.ones_like(current))
-    if ma_per_n <= 0 or np.corrcoef(current, force_n)[0, 1] < 0.5:
+    # Readings of one stop share what the gears hold: together they count as one on the way.
+    weight = np.concatenate([_one_per_stop(run) for run in runs])
+    # In units of their spread, for which the fit's trace of ridge is made.
+    force_unit_n, unit_ma = float(np.std(force_n)), float(np.std(current))
+    force = force_n / force_unit_n
+    design = np.stack([np.ones_like(force), force, way, way * force], axis=1)
+    zero_ma, ma_per_n, gear_ma, turned_ma_per_n = (
+        least_absolute(design[used], current[used] / unit_ma, weight[used])
+        * unit_ma
+        / np.array([1.0, force_unit_n, 1.0, force_unit_n])
+    )
+    if ma_per_n <= 0 or np.corrcoef(current[used], force_n[used])[0, 1] < _FOLLOWS:
         return None
     line = Current(
-        zero_ma=float(zero_ma), ma_per_n=float(ma_per_n), sd_n=1.0, stuck_n=0.0, stuck_share=0.0
+        zero_ma=float(zero_ma),
+        ma_per_n=float(ma_per_n),
+        gear_ma=max(float(gear_ma), 0.0),
+        gear_share=float(np.clip(turned_ma_per_n / ma_per_n, 0.0, 0.8)),
+        sd_n=1.0,
+        stuck_n=0.0,
+        stuck_share=0.0,
     )
+    return replace(line, **_scatter(line, runs))
+
+
+def _one_per_stop(run: _Run) -> FloatArray:
+    """Return weights of readings of the current."""
+    shared = np.bincount(run.stop, weights=run.still)[run.stop]
+    return np.where(run.still, 1.0 / np.maximum(shared, 1.0), 1.0)
+
+
+def _scatter(line: Current, runs: Sequence[_Run]) -> dict[str, float]:
+    """Return the scatter of single readings, and from stop to stop."""
     errors, means, forces = [], [], []
     for run in runs:
+        error_n = line.force_n(run.current_ma, way=run.way) - run.force_n
         for stop in np.unique(run.stop[run.still]):
             mine = run.still & (run.stop == stop)
-            error_n = line.force_n(run.current_ma[mine]) - run.force_n[mine]
-            errors.append(error_n - error_n.mean())
-            means.append(abs(error_n.mean()))
+            errors.append(error_n[mine] - error_n[mine].mean())
+            means.append(abs(error_n[mine].mean()))
             forces.append(run.force_n[mine].mean())
+        errors.append(error_n[run.way != 0])
     # Mean absolute values, to standard deviations of a normal scatter.
     design = np.column_stack([np.ones(len(means)), forces])
     stuck_n, stuck_share = nnls(design, 1.25 * np.array(means))[0]
-    return replace(
-        line,
-        sd_n=max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 0.01),
-        stuck_n=float(stuck_n),
-        stuck_share=float(stuck_share),
-    )
+    return {
+        "sd_n": max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 0.01),
+        "stuck_n": float(stuck_n),
+        "stuck_share": float(stuck_share),
+    }
 
 
 #: Forces at which a calibration says what error to expect, newtons.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.estimate.creep import CreepStates, FloatArray
 
@@ -45,7 +46,8 @@ class SheetReading:
 
     def of(self, excess: ArrayLike) -> FloatArray:
         """Return the reading of frames, shape (..., pixels) to (...); dead pixels count nothing."""
-        load = np.maximum(np.nan_to_num(np.asarray(excess, dtype=float)), 0.0)
+        pixels = np.asarray(excess, dtype=float)
+        load = np.where(pixels > 0, pixels, 0.0)
         touched = (load / (load + _TOUCHED_EXCESS)).sum(axis=-1)
         return np.asarray((load**self.exponent).sum(axis=-1) + self.touch * touched)
 
@@ -72,16 +74,50 @@ def stretches(log_reading: ArrayLike, knots: tuple[float, ...]) -> FloatArray:
     return np.concatenate([below, between, above], axis=-1)
 
 
+class _Movements:
+    """The travel of the last closing and opening, fading, and the slack of hysteresis left."""
+
+    def __init__(self) -> None:
+        self._time_s = self._width_mm = float("nan")
+        self.closed_mm = self.opened_mm = self.slack_mm = 0.0
+        self.way = 0
+
+    def step(self, time_s: float, width_mm: float) -> None:
+        """Take the width at a time; NaN teaches nothing."""
+        step_s, step_mm = time_s - self._time_s, width_mm - self._width_mm
+        self._time_s, self._width_mm = time_s, width_mm
+        self.way = 0
+        if not math.isfinite(step_mm):
+            return
+        if abs(step_mm) > STILL_MM:
+            self.way = 1 if step_mm < 0 else -1
+        fading = math.exp(-step_s / _SPIKE_S)
+        self.closed_mm *= fading
+        self.opened_mm *= fading
+        if self.way > 0:
+            self.closed_mm -= step_mm
+            self.slack_mm = max(self.slack_mm + _TAKE_UP * step_mm, 0.0)
+        elif self.way < 0:
+            self.opened_mm += step_mm
+            self.slack_mm = min(self.slack_mm + step_mm, _BACKLASH_MM)
+
+    @property
+    def terms(self) -> tuple[float, float, float]:
+        """What was closed, what was opened, and the slack, mm."""
+        return self.closed_mm, self.opened_mm, self.slack_mm
+
+
 class SheetMemory:
-    """The terms that ln force is a weighted sum of, advanced frame by frame.
+    """The terms that ln force is a weighted sum of, frame by frame or for a whole run at once.
 
     They are: 1, the stretches of the log reading, and for a sheet with memory the log reading less
-    each of its low-passed copies, the travel of the last movement, and the slack of hysteresis.
+    each of its low-passed copies, the travel of the last closing and opening (a spike of resistance
+    stands against the rise of the force, and with its fall), and the slack of hysteresis.
 
     Attributes
     ----------
-    moved : bool
-        Whether the fingers moved in the last step.
+    way : int
+        Which way the fingers moved in the last step: 1 closing, -1 opening, 0 not at all.
     log_reading : float
         ln(reading + 0.1) now.
     """
@@ -96,9 +132,8 @@ class SheetMemory:
         self._reading, self._knots = reading, knots
         self._creep = CreepStates(time_constants_s=time_constants_s)
         self._remembers = bool(time_constants_s)
-        self._time_s = self._width_mm = float("nan")
-        self._travel_mm = self._slack_mm = 0.0
-        self.moved, self.log_reading = False, -np.inf
+        self._movements = _Movements()
+        self.way, self.log_reading = 0, -np.inf
 
     def step(self, time_s: float, excess: ArrayLike, *, width_mm: float) -> FloatArray:
         """Take one frame and return the terms, shape (n_terms,).
@@ -112,24 +147,47 @@ class SheetMemory:
         width_mm : float
             Reported opening; NaN where unknown: then nothing is learned of movements.
         """
-        self._creep.step(time_s, self._reading.of(excess)[None])
-        self._move(time_s, width_mm)
-        states = self._creep.states[0]
+        states, movement = self._taken(time_s, self._reading.of(excess)[None], width_mm)
         self.log_reading = float(states[0])
-        terms = np.concatenate([[1.0], stretches(states[0], self._knots)])
-        if not self._remembers:
-            return terms
-        return np.concatenate([terms, states[0] - states[1:], [self._travel_mm, self._slack_mm]])
+        self.way = self._movements.way
+        return self._terms(states, np.array(movement))
 
-    def _move(self, time_s: float, width_mm: float) -> None:
-        step_s, step_mm = time_s - self._time_s, width_mm - self._width_mm
-        self._time_s, self._width_mm = time_s, width_mm
-        self.moved = False
-        if not np.isfinite(step_mm):
-            return
-        self.moved = abs(step_mm) > STILL_MM
-        travel_mm = abs(step_mm) if self.moved else 0.0
-        self._travel_mm = self._travel_mm * float(np.exp(-step_s / _SPIKE_S)) + travel_mm
-        if self.moved:
-            opened_mm = step_mm if step_mm > 0 else _TAKE_UP * step_mm
-            self._slack_mm = min(max(self._slack_mm + opened_mm, 0.0), _BACKLASH_MM)
+    def run(
+        self, time_s: FloatArray, excess: FloatArray, *, width_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+        """Take the frames of a run; return terms, log readings, and the way of each step.
+
+        The same as step by step, with the pixels of all frames summed in one go.
+
+        Parameters
+        ----------
+        time_s, width_mm : ndarray, shape (n_times,)
+            As in `step`.
+        excess : ndarray, shape (n_times, pixels)
+            As in `step`.
+        """
+        readings, found, ways = self._reading.of(excess)[:, None], [], []
+        for now_s, reading, now_mm in zip(
+            time_s.tolist(), readings, width_mm.tolist(), strict=True
+        ):
+            found.append(self._taken(now_s, reading, now_mm))
+            ways.append(self._movements.way)
+        states = np.stack([states for states, _ in found])
+        terms = self._terms(states, np.array([movement for _, movement in found]))
+        return terms, states[:, 0], np.array(ways)
+
+    def _taken(
+        self, time_s: float, reading: FloatArray, width_mm: float
+    ) -> tuple[FloatArray, tuple[float, float, float]]:
+        """Advance by one frame; return log reading with its copies, and terms of movements."""
+        self._creep.step(time_s, reading)
+        self._movements.step(time_s, width_mm)
+        return self._creep.states[0].copy(), self._movements.terms
+
+    def _terms(self, states: FloatArray, movement: FloatArray) -> FloatArray:
+        """Put the terms together, shape (..., states) and (..., 3) to (..., n_terms)."""
+        now = states[..., :1]
+        terms = [np.ones_like(now), stretches(now[..., 0], self._knots)]
+        if self._remembers:
+            terms += [now - states[..., 1:], movement]
+        return np.concatenate(terms, axis=-1)

@@ -17,7 +17,11 @@ from palpate.signal.relative import excess_conductance
 
 #: A first touch of the load cell, newtons, and how slowly it is looked for.
 _TOUCH_N, _APPROACH_MM_PER_S = 0.05, 10.0
-_RATE_MM_PER_S = 20.0
+#: As slow as a grasp squeezes: a step of a millimetre lasts three frames, so that the servo's
+#: current is read on the way, when its friction is known.
+_RATE_MM_PER_S = 5.0
+#: Speed of opening before a run.
+_OPENING_MM_PER_S = 20.0
 _FRAME_TIMEOUT_S = 2.0
 #: Steps of a run are a share of this, so that stiff faces get small forces too.
 STEP_MM = 1.0
@@ -30,25 +34,31 @@ Row: TypeAlias = tuple[int, float, tuple[float, ...], float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Staircase:
-    """One run: how long it lasts, how far a step goes, and between which forces it stays."""
+    """One run: how long it lasts, how far a step goes, and between which forces it stays.
+
+    Each step keeps to the way of the last with the probability `onward`; else its way is drawn,
+    closing a little more often than not.
+    """
 
     duration_s: float
     highest_n: float
     step_mm: float = STEP_MM
     lowest_n: float = 0.3
+    onward: float = 0.0
 
 
 #: The guided runs: small and large forces mixed, fine steps among the coarse, so that stiff faces
-#: show small forces too and dwells come at every force.
+#: show small forces too and dwells come at every force. They keep to their way for long, because
+#: steps of chance alone seldom climb to the highest force, and no law is known beyond it.
 GUIDED = tuple(
-    Staircase(duration_s=40.0, highest_n=highest_n, step_mm=step_mm)
+    Staircase(duration_s=40.0, highest_n=highest_n, step_mm=step_mm, onward=0.75)
     for highest_n, step_mm in (
-        (4.0, 0.5),
-        (15.0, 0.5),
-        (8.0, 1.0),
-        (12.0, 1.0),
-        (3.0, 0.25),
         (6.0, 0.5),
+        (15.0, 0.5),
+        (12.0, 1.0),
+        (15.0, 1.0),
+        (4.0, 0.25),
+        (15.0, 0.5),
         (10.0, 1.0),
         (15.0, 1.0),
     )
@@ -92,9 +102,9 @@ def record_traces(
         reseat(run)
         recorder = _Recorder(bench, rest_ohm, run)
         recorder.approach()
-        ends_s = bench.clock.now_s() + staircase.duration_s
+        ends_s, closing = bench.clock.now_s() + staircase.duration_s, True
         while bench.clock.now_s() < ends_s:
-            closing = _closes(bench.cell.read_n(), staircase, rng)
+            closing = _closes(bench.cell.read_n(), staircase, rng, closing=closing)
             if not recorder.step(-staircase.step_mm if closing else staircase.step_mm):
                 break
             dwell_s = float(np.exp(rng.uniform(*np.log(DWELL_S))))
@@ -119,12 +129,15 @@ def record_traces(
     )
 
 
-def _closes(force_n: float, staircase: Staircase, rng: np.random.Generator) -> bool:
+def _closes(
+    force_n: float, staircase: Staircase, rng: np.random.Generator, *, closing: bool
+) -> bool:
+    """Return whether the next step closes; `closing` is what the last one did."""
     if force_n < staircase.lowest_n:
         return True
     if force_n > staircase.highest_n:
         return False
-    return bool(rng.random() < 0.55)
+    return closing if rng.random() < staircase.onward else bool(rng.random() < 0.55)
 
 
 class _Recorder:
@@ -137,7 +150,7 @@ class _Recorder:
     def approach(self) -> None:
         """Close until the cell feels the hand."""
         bench = self._bench
-        start = GripperCommand(target=bench.start, rate=_RATE_MM_PER_S)
+        start = GripperCommand(target=bench.start, rate=_OPENING_MM_PER_S)
         bench.gripper.command(start)
         while self._frame():
             pass

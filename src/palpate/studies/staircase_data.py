@@ -77,12 +77,14 @@ def _recorded(
 ) -> LoadTraces:
     rng = np.random.default_rng([sensor, session])
     world = World(None, seed=sensor + 1_000_003 * session, sheet_seed=sensor, level=level)
+    array = TwinArray(world)
     bench = Bench(
-        array=TwinArray(world),
+        array=array,
         gripper=TwinGripper(world),
         cell=TwinLoadCell(world),
         clock=world.clock,
         start=START_MM,
+        skip_until=array.skip_until,
     )
     return record_traces(
         bench,
