@@ -146,10 +146,7 @@ def _weighed(rig: str, *, seed: int, loads: Path | None, out: Path) -> Calibrati
         )
     loads_n = read_loads(loads) if loads is not None else _typed_loads()
     loads_n = checked_loads(loads_n, where="--loads" if loads is None else str(loads))
-    source = open_source(
-        rig=rig, port=None, layout=None, reference_ohm=None, rate_hz=None, baud=None
-    )
-    with closing(source):
+    with closing(open_source(rig=rig)) as source:
         layout = source.array.layout
         earlier = earlier_calibration(out, layout=layout, simulated=source.simulated)
         if earlier is None:

@@ -61,11 +61,8 @@ def command(
     Example: palpate calibrate rest --rig rig.toml
     """
     from palpate.commands.calibrate_bench import begun, earlier_calibration
-    from palpate.commands.sensor_source import open_source, refuse_beside_rig
+    from palpate.commands.sensor_source import open_source
 
-    refuse_beside_rig(
-        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
-    )
     source = open_source(
         rig=rig,
         port=port,

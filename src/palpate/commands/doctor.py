@@ -66,16 +66,13 @@ def doctor(
     Example: palpate doctor --port /dev/ttyACM0 --press
     """
     from palpate.commands.doctor_report import as_document, print_report
-    from palpate.commands.sensor_source import open_source, refuse_beside_rig
+    from palpate.commands.sensor_source import open_source
 
     if recording is not None:
         if rig is not None or port is not None:
             raise InputError("--recording excludes --rig and --port")
         examined = _of_recording(recording, duration_s=duration_s, press=press)
     else:
-        refuse_beside_rig(
-            rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
-        )
         source = open_source(
             rig=rig,
             port=port,

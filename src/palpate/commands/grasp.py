@@ -127,21 +127,10 @@ def _recorder(
     path: Path, *, rig: Rig, seed: int, target_force_n: float | None
 ) -> Iterator[Subscriber]:
     """Yield a subscriber that writes every observation to a recording."""
-    import palpate
     from palpate.grasp.belief import Observation
-    from palpate.recording import RecordingInfo, RecordingWriter
+    from palpate.rig.recorded import open_grasp_recording
 
-    info = RecordingInfo(
-        layout=rig.array.layout,
-        origin=rig.origin,
-        rig=rig.name,
-        calibration=rig.calibration.as_text(),
-        gripper=rig.gripper.limits,
-        target_force_n=target_force_n,
-        seed=seed if rig.simulated else None,
-        versions={"palpate": palpate.__version__},
-    )
-    with RecordingWriter(path, info=info) as writer:
+    with open_grasp_recording(path, rig=rig, seed=seed, target_force_n=target_force_n) as writer:
 
         def recorder(observation: Observation) -> None:
             writer.add_observation(observation.frame, gripper=observation.gripper)

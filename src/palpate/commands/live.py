@@ -40,11 +40,8 @@ def live(
     from palpate.clock import RealClock
     from palpate.commands.live_squeeze import paced
     from palpate.commands.live_view import DRAW_HZ, LiveView
-    from palpate.commands.sensor_source import open_source, refuse_beside_rig
+    from palpate.commands.sensor_source import open_source
 
-    refuse_beside_rig(
-        rig, port=port, layout=layout, reference_ohm=reference_ohm, rate_hz=rate_hz, baud=baud
-    )
     source = open_source(
         rig=rig,
         port=port,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -13,11 +12,12 @@ from typing import Any
 from palpate import __version__
 from palpate.clock import Clock, RealClock
 from palpate.commands.sensor_source import open_source
-from palpate.errors import DeviceError, InputError
+from palpate.errors import InputError
 from palpate.gripper.interface import GripperState
 from palpate.recording import LoadCells, RecordingInfo
 from palpate.rig import open_rig
-from palpate.sensor.array import RIGID_LAYOUT, PressureArray
+from palpate.rig.recorded import clock_zero_unix_ns, firmware_version, recording_info
+from palpate.sensor.array import PressureArray
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
@@ -85,9 +85,9 @@ def board_source(given: Mapping[str, Any], *, stack: ExitStack) -> Source:
     info = RecordingInfo(
         layout=array.layout,
         origin="hardware",
-        firmware_version=_firmware_version(array),
+        firmware_version=firmware_version(array),
         versions={"palpate": __version__},
-        clock_zero_unix_ns=time.time_ns() - time.monotonic_ns(),
+        clock_zero_unix_ns=clock_zero_unix_ns(),
     )
     return Source(name=array.name, array=array, clock=RealClock(), info=info)
 
@@ -113,16 +113,7 @@ def rig_source(
     stack.callback(rig.close)
     if rig.simulated and endless:
         raise InputError(f"--rig {name} is simulated and would never end: say how many --seconds")
-    info = RecordingInfo(
-        layout=rig.array.layout,
-        origin=rig.origin,
-        rig=rig.name,
-        firmware_version=_firmware_version(rig.array),
-        calibration=rig.calibration.as_text(),
-        seed=seed if rig.simulated else None,
-        versions={"palpate": __version__},
-        clock_zero_unix_ns=0 if rig.simulated else time.time_ns() - time.monotonic_ns(),
-    )
+    info = recording_info(rig, seed=seed)
     said = f"{name} (simulated)" if rig.simulated else name
     return Source(name=said, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state)
 
@@ -140,10 +131,7 @@ def _lacks_gripper(name: str) -> bool:
 
 def _array_source(path: str, *, stack: ExitStack) -> Source:
     """Open the array that a rig file names; its calibration goes along if it has been made."""
-    # The file states all that the other arguments stand for.
-    opened = open_source(
-        rig=path, port=None, layout=RIGID_LAYOUT.name, reference_ohm=4700.0, rate_hz=250.0
-    )
+    opened = open_source(rig=path)
     stack.callback(opened.array.close)
     calibration = opened.calibration_path
     made = calibration is not None and calibration.exists()
@@ -151,17 +139,9 @@ def _array_source(path: str, *, stack: ExitStack) -> Source:
         layout=opened.array.layout,
         origin="hardware",
         rig=path,
-        firmware_version=_firmware_version(opened.array),
+        firmware_version=firmware_version(opened.array),
         calibration=calibration.read_text() if calibration and made else None,
         versions={"palpate": __version__},
-        clock_zero_unix_ns=time.time_ns() - time.monotonic_ns(),
+        clock_zero_unix_ns=clock_zero_unix_ns(),
     )
     return Source(name=path, array=opened.array, clock=RealClock(), info=info)
-
-
-def _firmware_version(array: PressureArray) -> str | None:
-    if not isinstance(array, SerialArray):
-        return None
-    if array.identity is None:
-        raise DeviceError("the board was unplugged before the recording began")
-    return ".".join(map(str, array.identity.version))

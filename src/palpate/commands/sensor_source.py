@@ -133,44 +133,33 @@ def open_source(
     Parameters
     ----------
     rig : str, optional
-        Name of a rig, or a rig file; it states the rest itself, and what is given is not used.
+        Name of a rig, or a rig file; it states the rest itself.
     port, layout, reference_ohm, rate_hz, baud
         As in `palpate.sensor.board_array.open_board`; None is that function's default.
 
     Raises
     ------
     InputError
-        If rig or layout are at fault.
+        If rig or layout are at fault, or something is given that the rig states.
     DeviceError
         If the equipment isn't there.
     """
     from palpate.sensor.board_array import open_board
 
+    stated = {"port": port, "layout": layout, "reference_ohm": reference_ohm}
+    stated |= {"rate_hz": rate_hz, "baud": baud}
+    given: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
     if rig is None:
-        stated = {"layout": layout, "reference_ohm": reference_ohm}
-        stated |= {"port": port, "rate_hz": rate_hz, "baud": baud}
-        given: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
         array = open_board(**given)
         return Source(name=array.name, array=array)
+    if given:
+        option = next(iter(given)).replace("_", "-")
+        raise InputError(f"--{option}: a rig states that itself; leave it out beside --rig")
     if not rig.endswith(".toml"):
         return _of_rig(rig)
     path = Path(rig)
     described = _stated(path)
     return _of_rig(str(described["use"])) if "use" in described else _of_file(path, described)
-
-
-def refuse_beside_rig(rig: str | None, **given: object) -> None:
-    """Refuse options of a board where a rig is asked for: they would have no effect.
-
-    Raises
-    ------
-    InputError
-        If any of `given` is not None although there is a rig.
-    """
-    for name, value in given.items():
-        if rig is not None and value is not None:
-            option = name.replace("_", "-")
-            raise InputError(f"--{option}: a rig states that itself; leave it out beside --rig")
 
 
 def _of_rig(name: str) -> Source:

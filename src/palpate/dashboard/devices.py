@@ -42,13 +42,13 @@ from palpate.dashboard.messages import (
 )
 from palpate.dashboard.outlet import Outlet
 from palpate.dashboard.pacing import PacedArray
-from palpate.dashboard.recorder import open_recording
 from palpate.dashboard.replaying import play
 from palpate.dashboard.station import BenchOpener, Station, state_of
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.requests import Requests
 from palpate.recording import RecordingWriter
 from palpate.rig import open_rig
+from palpate.rig.recorded import recording_info
 from palpate.sensor.health import Health
 
 #: A silent sensor must not make an order wait; a lost one is asked again after a while.
@@ -255,9 +255,9 @@ class Devices:
                 self._writer.close()
             self._writer = None
             if order.file is not None and self._station is not None:
-                self._writer = open_recording(
-                    order.file, rig=self._station.rig, seed=self._station.seed
-                )
+                info = recording_info(self._station.rig, seed=self._station.seed)
+                order.file.parent.mkdir(parents=True, exist_ok=True)
+                self._writer = RecordingWriter(order.file, info=info)
         except (PalpateError, OSError) as error:
             self._writer = None
             self._complain(str(error))

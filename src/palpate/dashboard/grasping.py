@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from palpate.dashboard.messages import Grasp, Grasped, OpenHand
-from palpate.dashboard.recorder import open_recording
 from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
+from palpate.rig.recorded import open_grasp_recording
 
 #: The object is held until its release is asked for, but not for longer than this: sheet, object
 #: and servo suffer. Approach and squeeze have their own time.
@@ -28,7 +28,8 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
         longest_s=LONGEST_S,
     )
     station.catch_up()
-    with open_recording(
+    order.recording.parent.mkdir(parents=True, exist_ok=True)
+    with open_grasp_recording(
         order.recording, rig=rig, seed=station.seed, target_force_n=order.target_force_n
     ) as writer:
 

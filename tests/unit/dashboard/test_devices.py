@@ -218,6 +218,7 @@ def test_what_is_watched_is_recorded_without_a_gap(opened: Page, tmp_path: Path)
     opened.until(lambda update: Recording(None) in update.notes)
     recorded = load_recording(file)
     assert len(recorded.sequence) > 10
+    assert recorded.info.gripper is None, "no grasp: a replay plays it and decides nothing"
     assert np.all(np.diff(recorded.sequence) == 1)
 
 

@@ -1,0 +1,73 @@
+"""A recording of what a rig gives, and what it says of where it comes from."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from palpate import __version__
+from palpate.errors import DeviceError
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.rig import Rig
+from palpate.sensor.array import PressureArray
+from palpate.sensor.serial_array import SerialArray
+
+
+def open_grasp_recording(
+    path: Path, *, rig: Rig, seed: int, target_force_n: float | None
+) -> RecordingWriter:
+    """Begin the recording of a grasp: with the gripper's limits, so that it can be replayed.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or can't be made.
+    DeviceError
+        If the board is gone.
+    """
+    info = recording_info(rig, seed=seed)
+    info = replace(info, gripper=rig.gripper.limits, target_force_n=target_force_n)
+    return RecordingWriter(path, info=info)
+
+
+def recording_info(rig: Rig, *, seed: int) -> RecordingInfo:
+    """Return what a recording of a rig says of itself: a replay plays it, and decides nothing.
+
+    `seed` counts for simulated rigs.
+
+    Raises
+    ------
+    DeviceError
+        If the board is gone.
+    """
+    return RecordingInfo(
+        layout=rig.array.layout,
+        origin=rig.origin,
+        rig=rig.name,
+        firmware_version=firmware_version(rig.array),
+        calibration=rig.calibration.as_text(),
+        seed=seed if rig.simulated else None,
+        versions={"palpate": __version__},
+        clock_zero_unix_ns=0 if rig.simulated else clock_zero_unix_ns(),
+    )
+
+
+def clock_zero_unix_ns() -> int:
+    """Return the Unix time, nanoseconds, at which this process's monotonic clock read 0."""
+    return time.time_ns() - time.monotonic_ns()
+
+
+def firmware_version(array: PressureArray) -> str | None:
+    """Return the version that the board told, None where there is no board.
+
+    Raises
+    ------
+    DeviceError
+        If the board is gone.
+    """
+    if not isinstance(array, SerialArray):
+        return None
+    if array.identity is None:
+        raise DeviceError("the board was unplugged before the recording began")
+    return ".".join(map(str, array.identity.version))
