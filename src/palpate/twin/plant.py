@@ -10,23 +10,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
+from palpate.twin.lag import follow_line
 from palpate.twin.mechanics import Compliance, Motion, PixelGrid, pixel_shares
 from palpate.twin.objects import TwinObject
-from palpate.twin.ranges import Ranges, uniform
+from palpate.twin.placement import Placement, Placements
+from palpate.twin.ranges import Ranges
 from palpate.twin.squeeze import Squeeze
 from palpate.twin.velostat import Creep, Environment, Sheet
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
-#: How far off its centre an object in a fixture lies, as a share of the pitch of the pixels.
-_FIXTURE_OFF_CENTRE = 0.1
 #: Friction of what the object stands on before it is lifted: the finger that comes first feels it.
 _TABLE_FRICTION = 0.4
 #: Node spacing while the object is pulled, and while it slides, seconds.
@@ -64,49 +63,6 @@ class State:
         return self.squeeze.force_n
 
 
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """What differs from grasp to grasp: place, gains there, creep, width error, first finger."""
-
-    off_centre_mm: tuple[float, float]
-    gain: FloatArray
-    creep: Creep
-    width_error_mm: float
-    lead_mm: float
-    first_finger: int
-
-
-def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return decay and mean decay over a step, for step / time constant = `rate`.
-
-    Examples
-    --------
-    >>> decay, mean = exact_step(np.array([0.0, 1.0]))
-    >>> decay.round(3).tolist(), mean.round(3).tolist()
-    ([1.0, 0.368], [1.0, 0.632])
-    """
-    fall = np.expm1(-np.maximum(rate, 1e-12))
-    return 1.0 + fall, -fall / np.maximum(rate, 1e-12)
-
-
-def follow_line(
-    value: FloatArray, *, start: FloatArray, end: FloatArray, rate: FloatArray
-) -> FloatArray:
-    """Return where first-order lags end up when their target goes in a line over one step.
-
-    Parameters
-    ----------
-    value : ndarray
-        Lags at the start of the step.
-    start, end : ndarray
-        Target at both ends of the step.
-    rate : ndarray
-        Step / time constant.
-    """
-    decay, mean = exact_step(rate)
-    return end - mean * (end - start) - decay * (start - value)
-
-
 class Plant:
     """Object, gripper and sheet, without noise; a deterministic function of its seed.
 
@@ -141,10 +97,8 @@ class Plant:
         self._backlash_mm = backlash_mm
         self.sheet, self.compliance, self.grid = sheet, compliance, grid
         self.environment = environment
-        self._ranges, self._seed, self._lock_force_n = ranges, seed, lock_force_n
-        self._placement = lru_cache(maxsize=64)(self._draw_placement)
-        #: Which of the placements are in a fixture.
-        self.fixtures: set[int] = set()
+        self._lock_force_n = lock_force_n
+        self.placements = Placements(sheet=sheet, grid=grid, ranges=ranges, seed=seed)
 
     def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> State:
         """Return the state of an open gripper that has been still for long."""
@@ -170,32 +124,10 @@ class Plant:
     def surround(self, environment: Environment) -> None:
         """Change the surroundings, at once."""
         self.environment = environment
-        self._placement.cache_clear()
 
     def placement(self, placed: int, contacts: int) -> Placement:
         """Return what chance gave to the n-th object and contact."""
-        return self._placement(placed, contacts)
-
-    def _draw_placement(self, placed: int, contacts: int) -> Placement:
-        ranges, pixels = self._ranges, self.sheet.gain.size
-        where = np.random.default_rng([self._seed, 1, placed]).uniform(-1, 1, 2)
-        rng = np.random.default_rng([self._seed, 2, placed, contacts])
-        share = _FIXTURE_OFF_CENTRE if placed in self.fixtures else ranges.off_centre
-        spot = share * self.grid.pitch_mm * (where + 0.05 * rng.standard_normal(2))
-        common = ranges.place_common_log_sd * rng.standard_normal()
-        own = ranges.place_pixel_log_sd * rng.standard_normal(pixels)
-        used = replace(self.environment, cycles=self.environment.cycles + contacts)
-        gain = self.sheet.gain * self.sheet.gain_factor(used) * np.exp(common + own)
-        aside = np.random.default_rng([self._seed, 3, placed])
-        off_middle_mm = 0.0 if placed in self.fixtures else uniform(aside, ranges.off_middle_mm)
-        return Placement(
-            off_centre_mm=(float(spot[0]), float(spot[1])),
-            gain=gain,
-            creep=self.sheet.family.draw(rng),
-            width_error_mm=ranges.width_repeat_sd_mm * float(rng.standard_normal()),
-            lead_mm=2.0 * off_middle_mm,
-            first_finger=int(aside.integers(2)),
-        )
+        return self.placements.of(placed, contacts, environment=self.environment)
 
     def next_node(self, state: State) -> State:
         """Advance to the next node."""

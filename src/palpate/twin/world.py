@@ -202,7 +202,7 @@ class World:
             )
         self._hold = None
         if fixture:
-            self._plant.fixtures.add(now.placed + 1)
+            self._plant.placements.fixtures.add(now.placed + 1)
         moving = now.motion.end_s > now.time_s
         still = Motion(start_s=now.time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
         self._restart(

@@ -1,0 +1,41 @@
+"""First-order lags, integrated exactly under targets that go in straight lines."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+
+def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return decay and mean decay over a step, for step / time constant = `rate`.
+
+    Examples
+    --------
+    >>> decay, mean = exact_step(np.array([0.0, 1.0]))
+    >>> decay.round(3).tolist(), mean.round(3).tolist()
+    ([1.0, 0.368], [1.0, 0.632])
+    """
+    fall = np.expm1(-np.maximum(rate, 1e-12))
+    return 1.0 + fall, -fall / np.maximum(rate, 1e-12)
+
+
+def follow_line(
+    value: FloatArray, *, start: FloatArray, end: FloatArray, rate: FloatArray
+) -> FloatArray:
+    """Return where first-order lags end up when their target goes in a line over one step.
+
+    Parameters
+    ----------
+    value : ndarray
+        Lags at the start of the step.
+    start, end : ndarray
+        Target at both ends of the step.
+    rate : ndarray
+        Step / time constant.
+    """
+    decay, mean = exact_step(rate)
+    return end - mean * (end - start) - decay * (start - value)

@@ -1,0 +1,76 @@
+"""What chance gives to each object and each contact: where it lies, and how the sheet answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.twin.mechanics import PixelGrid
+from palpate.twin.ranges import Ranges, uniform
+from palpate.twin.velostat import Creep, Environment, Sheet
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: How far off its centre an object in a fixture lies, as a share of the pitch of the pixels.
+_FIXTURE_OFF_CENTRE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """What differs from grasp to grasp: place, gains there, creep, width error, first finger."""
+
+    off_centre_mm: tuple[float, float]
+    gain: FloatArray
+    creep: Creep
+    width_error_mm: float
+    lead_mm: float
+    first_finger: int
+
+
+class Placements:
+    """Placements of one session, the same whenever they are asked for.
+
+    Parameters
+    ----------
+    sheet, grid
+        What is touched.
+    ranges : Ranges
+        Scatter from grasp to grasp.
+    seed : int
+        Seed of that scatter.
+    """
+
+    def __init__(self, *, sheet: Sheet, grid: PixelGrid, ranges: Ranges, seed: int) -> None:
+        self._sheet, self._grid, self._ranges, self._seed = sheet, grid, ranges, seed
+        self._draw = lru_cache(maxsize=64)(self._drawn)
+        #: Which of the objects are in a fixture.
+        self.fixtures: set[int] = set()
+
+    def of(self, placed: int, contacts: int, *, environment: Environment) -> Placement:
+        """Return what chance gave to the n-th object and contact in these surroundings."""
+        return self._draw(placed, contacts, environment)
+
+    def _drawn(self, placed: int, contacts: int, environment: Environment) -> Placement:
+        ranges, pixels = self._ranges, self._sheet.gain.size
+        where = np.random.default_rng([self._seed, 1, placed]).uniform(-1, 1, 2)
+        rng = np.random.default_rng([self._seed, 2, placed, contacts])
+        share = _FIXTURE_OFF_CENTRE if placed in self.fixtures else ranges.off_centre
+        spot = share * self._grid.pitch_mm * (where + 0.05 * rng.standard_normal(2))
+        common = ranges.place_common_log_sd * rng.standard_normal()
+        own = ranges.place_pixel_log_sd * rng.standard_normal(pixels)
+        used = replace(environment, cycles=environment.cycles + contacts)
+        gain = self._sheet.gain * self._sheet.gain_factor(used) * np.exp(common + own)
+        aside = np.random.default_rng([self._seed, 3, placed])
+        off_middle_mm = 0.0 if placed in self.fixtures else uniform(aside, ranges.off_middle_mm)
+        return Placement(
+            off_centre_mm=(float(spot[0]), float(spot[1])),
+            gain=gain,
+            creep=self._sheet.family.draw(rng),
+            width_error_mm=ranges.width_repeat_sd_mm * float(rng.standard_normal()),
+            lead_mm=2.0 * off_middle_mm,
+            first_finger=int(aside.integers(2)),
+        )
