@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -27,6 +27,10 @@ CALIBRATED_MM, TESTED_MM = tuple(np.geomspace(0.6, 4.0, 10)), (1.2, 1.8, 2.5, 3.
 DEAD = (0, 1, 2, 4)
 #: What is done about dead pixels.
 REMEDIES = ("left out of the sum", "sum scaled to all pixels", "calibrated without them")
+
+#: Median |error|, %, by level, grid and face; errors by level, face and number of dead pixels.
+Counted: TypeAlias = dict[tuple[str, str, str], float]
+Broken: TypeAlias = dict[tuple[str, str, int], FloatArray]
 
 
 def command(as_json: JsonOption = False, out: OutOption = None) -> None:
@@ -82,56 +86,61 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             "large pixel is too kind to round things. Small pixels bend more under a round thing: "
             "their sum reads too much force, and only a calibration on round things helps.",
         ],
-        tables=[
-            Table(
-                title="Median |error| of force, percent, by pixels per finger",
-                columns=("grid", "tested on", *LEVELS),
-                rows=[
-                    [grid, face, *(f"{counted[level, grid, face]:.1f}" for level in LEVELS)]
-                    for grid in GRIDS
-                    for face in TESTED_ON
-                ],
-            ),
-            Table(
-                title="Median |error| of force, percent, with dead pixels of eight",
-                columns=(
-                    "dead",
-                    "tested on",
-                    *(f"{remedy}, {level}" for level in LEVELS for remedy in REMEDIES),
-                ),
-                rows=[
-                    [str(dead), face]
-                    + [
-                        f"{_median(broken[level, face, dead][:, index]):.1f}"
-                        for level in LEVELS
-                        for index in range(len(REMEDIES))
-                    ]
-                    for dead in DEAD
-                    for face in TESTED_ON
-                ],
-            ),
-        ],
-        payload={
-            "study": "pixels",
-            "origin": "twin",
-            "by_count": [
-                {"level": level, "grid": grid, "tested_on": face, "median_abs_error_percent": value}
-                for (level, grid, face), value in counted.items()
-            ],
-            "dead": [
-                {
-                    "level": level,
-                    "tested_on": face,
-                    "dead": dead,
-                    "median_abs_error_percent": {
-                        remedy: _median(values[:, index]) for index, remedy in enumerate(REMEDIES)
-                    },
-                }
-                for (level, face, dead), values in broken.items()
-            ],
-        },
+        tables=[_by_count(counted), _by_dead(broken)],
+        payload=_payload(counted, broken),
         figures={"pixels": lambda: draw(counted, broken)},
     )
+
+
+def _by_count(counted: Counted) -> Table:
+    return Table(
+        title="Median |error| of force, percent, by pixels per finger",
+        columns=("grid", "tested on", *LEVELS),
+        rows=[
+            [grid, face, *(f"{counted[level, grid, face]:.1f}" for level in LEVELS)]
+            for grid in GRIDS
+            for face in TESTED_ON
+        ],
+    )
+
+
+def _by_dead(broken: Broken) -> Table:
+    ways = [(level, index) for level in LEVELS for index in range(len(REMEDIES))]
+    return Table(
+        title="Median |error| of force, percent, with dead pixels of eight",
+        columns=("dead", "tested on", *(f"{REMEDIES[index]}, {level}" for level, index in ways)),
+        rows=[
+            [
+                str(dead),
+                face,
+                *(f"{_median(broken[level, face, dead][:, index]):.1f}" for level, index in ways),
+            ]
+            for dead in DEAD
+            for face in TESTED_ON
+        ],
+    )
+
+
+def _payload(counted: Counted, broken: Broken) -> dict[str, Any]:
+    return {
+        "study": "pixels",
+        "origin": "twin",
+        "by_count": [
+            {"level": level, "grid": grid, "tested_on": face, "median_abs_error_percent": value}
+            for (level, grid, face), value in counted.items()
+        ],
+        "dead": [
+            {
+                "level": level,
+                "tested_on": face,
+                "dead": dead,
+                "median_abs_error_percent": {
+                    remedy: _median(values[:, index]) for index, remedy in enumerate(REMEDIES)
+                },
+            }
+            for (level, face, dead), values in broken.items()
+        ],
+    }
 
 
 @lru_cache(maxsize=512)
@@ -197,9 +206,7 @@ def _median(values: object) -> float:
     return float(np.median(np.asarray(values)))
 
 
-def draw(
-    counted: dict[tuple[str, str, str], float], broken: dict[tuple[str, str, int], FloatArray]
-) -> Figure:
+def draw(counted: Counted, broken: Broken) -> Figure:
     """Draw error against pixels per finger, and against dead pixels."""
     from palpate.plots.style import BLUE, GREEN, ORANGE, new_figure
 
