@@ -42,6 +42,7 @@ REAL = (
     ("settling-limits", "--holds=holds_cbsilicone.csv.gz"),
     ("force-ladders", "--ladders=velostat_force_ladders.csv"),
     ("presses", "--recordings=velostat_presses.csv.gz"),
+    ("rupture", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
 )
 #: `palpate` of this interpreter, installed or not on the path.
 RUN = "import sys; from palpate.cli import main; sys.exit(main())"
