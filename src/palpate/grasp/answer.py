@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
+from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief
+from palpate.grasp.contact_gain import felt_by_gripper
 from palpate.grasp.plan import Plan
 from palpate.settling.result import SettledEstimate, Status
 
@@ -20,6 +22,9 @@ FloatArray = NDArray[np.float64]
 
 #: A normal variable at five points with their probabilities (Gauss-Hermite).
 _GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+#: Use and climate change a sheet's gain between calibration and grasp: log sd in force, as far as
+#: nobody checks (paper, Figures 3 and 4).
+_SINCE_SD = 0.05
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
 _FELT_PERCENT = -1.0
 
@@ -80,7 +85,7 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
 
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
     """Put the measurements into the result."""
-    force = settled_force(settled, plan=plan)
+    force = settled_force(settled, felt=felt_by_gripper(belief, plan), plan=plan)
     size_mm, stiffness = None, None
     if plan.give is not None:
         size = _contact_point(belief, plan, plan.give)
@@ -100,29 +105,35 @@ def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
     return replace(belief, result=result, peak_force_n=max(belief.peak_force_n, force.value))
 
 
-def settled_force(settled: Settled, *, plan: Plan) -> Measurement:
-    """Convert the settled reading to newtons.
+def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
+    """Convert the settled reading to newtons, and weigh in what the gripper itself felt.
 
-    Two doubts add in ln force: the law's own scatter, and what the forecast leaves open, carried
-    through the law.
+    Doubts add in ln force: the law's own scatter, use of the sheet since, and what the forecast
+    leaves open, carried through the law.
     """
     reading = settled.reading
-    law = plan.settled_law.force_n([reading.value, reading.low, reading.high], level=plan.level)
+    law = Gain.unknown(law_sd=plan.settled_law.residual_sd, more_sd=_SINCE_SD).applied(
+        plan.settled_law.force_n([reading.value, reading.low, reading.high], level=plan.level)
+    )
     value = float(law.value[0])
     status = Status.OK if bool(law.in_range[0]) else Status.SATURATED
+    status = reading.status if status is Status.OK else status
     if value <= 0:
-        return Measurement(
-            value=0.0, low=0.0, high=float(law.high[0]), unit="n", level=plan.level, status=status
-        )
-    down = np.hypot(_log_ratio(value, law.low[0]), _log_ratio(value, law.value[1]))
-    up = np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value))
+        low, high = 0.0, float(law.high[0])
+        return Measurement(value=0.0, low=low, high=high, unit="n", level=plan.level, status=status)
+    down = float(np.hypot(_log_ratio(value, law.low[0]), _log_ratio(value, law.value[1])))
+    up = float(np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value)))
+    if felt is not None:
+        reach = float(norm.ppf(0.5 + plan.level / 2))
+        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).told(felt, sheet_n=value)
+        value, down, up = value * float(np.exp(gain.log_mean)), *(reach * gain.log_sd,) * 2
     return Measurement(
         value=value,
         low=value * float(np.exp(-down)),
         high=value * float(np.exp(up)),
         unit="n",
         level=plan.level,
-        status=reading.status if status is Status.OK else status,
+        status=status,
     )
 
 
@@ -141,7 +152,7 @@ def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | Non
     if felt[first:].sum() < 2 or not hinted.any():
         return None
     reading = np.array([c.touch.reading for c in belief.staircase])
-    read = plan.early_law.force_n(reading, level=plan.level)
+    read = belief.gain.applied(plan.early_law.force_n(reading, level=plan.level))
     force = np.where(felt, read.value, 0.0)
     # Below the weakest reading of the calibration the law can't tell forces apart.
     floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
@@ -194,7 +205,9 @@ def _closing_curve(belief: Belief, plan: Plan, give: Give) -> ClosingCurve | Non
     # Drift can look like a faint touch long before the real one: no more than two steps of it.
     steps = belief.staircase[max(hinted.index(True) - 2, 0) :]
     felt = np.array([c.touch.shared_percent < _FELT_PERCENT for c in steps])
-    read = plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
+    read = belief.gain.applied(
+        plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
+    )
     nothing = plan.early_law.force_n(0.0, level=plan.level)
     reach = float(norm.ppf(0.5 + plan.level / 2))
     firmest = int(np.argmax(read.value))

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
+from palpate.estimate.gain import Gain
+from palpate.grasp.contact_gain import Pull, pulled
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
@@ -111,6 +113,12 @@ class Belief:
         Largest grip force so far.
     damage_low_n : float
         Lower bound of the force that damages the object, as the closing so far tells it.
+    pulls : tuple of Pull
+        Servo current at moments of the closing.
+    gain : Gain
+        How this contact reads against the laws of the sheet.
+    again : float
+        Closure to come back to, in the phase `ease`.
     sent : float
         Closure last commanded.
     fingers : tuple of ContactState
@@ -127,6 +135,8 @@ class Belief:
         Time of the first observation.
     now_s, closure : float
         Time of the last observation, and how far the hand was closed, mm or kPa.
+    behind : float
+        By how much less it reports to be closed, within the report's own errors.
     frames, lost, last_sequence : int
         Frames received, gaps, and the last number.
     """
@@ -144,6 +154,9 @@ class Belief:
     force_high_n: float = 0.0
     peak_force_n: float = 0.0
     damage_low_n: float = float("inf")
+    pulls: tuple[Pull, ...] = ()
+    gain: Gain = field(default_factory=lambda: Gain.unknown(law_sd=0.0))
+    again: float = float("nan")
     sent: float = float("nan")
     fingers: tuple[ContactState, ...] = ()
     tries: int = 0
@@ -153,6 +166,7 @@ class Belief:
     began_s: float | None = None
     now_s: float = 0.0
     closure: float = float("nan")
+    behind: float = 0.0
     frames: int = 0
     lost: int = 0
     last_sequence: int | None = None
@@ -204,11 +218,13 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         still_since = None
     elif still_since is None:
         still_since = frame.time_s
+    closure = _closure(belief, gripper, plan)
     belief = replace(
         belief,
         began_s=frame.time_s if belief.began_s is None else belief.began_s,
         now_s=frame.time_s,
-        closure=_closure(belief, gripper, plan),
+        closure=closure,
+        behind=max(closure - plan.gripper.closure(gripper), 0.0),
         still_since_s=still_since,
         frames=belief.frames + 1,
         lost=belief.lost + max(gap, 0),
@@ -218,7 +234,7 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     if belief.rest_ohm is None:
         return replace(belief, rest_frames=(*belief.rest_frames, ohm))
     if gripper.moving:
-        return replace(belief, touches=())
+        return replace(belief, touches=(), pulls=pulled(belief, gripper, plan))
     touch = _touch(frame.time_s, ohm, belief, plan)
     return noticed(replace(belief, touches=(*belief.touches, touch)))
 

@@ -6,8 +6,12 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
+from scipy.stats import norm
+
 from palpate.estimate.closing import ClosingCurve
+from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief, Closing
+from palpate.grasp.contact_gain import early_gain
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import DAMAGE_RATE, largest_step
 from palpate.gripper.interface import GripperCommand
@@ -16,8 +20,18 @@ from palpate.gripper.interface import GripperCommand
 _STIFFENING = 1.3
 #: The spike of a fine step has mostly faded, and a few frames have come.
 _QUICKEST_S = 0.2
+#: An object that relaxes presses a little harder now than when settled.
+_STILL_RELAXING = 1.03
+#: Share of the goal by which the hand opens below it before it comes back.
+_EASED_SHARE = 0.3
+#: Share of the way pressed so far that a step may add, beyond a fine one.
+_FURTHER = 1.2
+#: What a step may add on a rigid thing while the damage limit is not known at all, newtons.
+_UNKNOWN_N = 1.0
+#: A step that the servo's current is to tell of lasts so long: some frames must fall into it.
+_FELT_S = 0.27
 #: Share of what is missing to the target that one step of the squeeze may close.
-_BOLD = 0.6
+_BOLD = 0.75
 
 
 def approach_step(plan: Plan) -> float:
@@ -50,16 +64,17 @@ def read(belief: Belief, plan: Plan) -> Belief:
     if stairs and belief.moved_s < stairs[-1].touch.time_s:
         return belief
     stairs = (*stairs, Closing(closure=belief.closure, touch=touch))
-    force = plan.early_law.force_n(touch.reading, level=plan.level)
-    force_n, force_high_n = float(force.value), float(force.high)
-    belief = replace(
-        belief,
-        staircase=stairs,
-        force_n=force_n,
-        force_high_n=force_high_n,
-        peak_force_n=max(belief.peak_force_n, force_n),
-    )
+    belief = replace(belief, staircase=stairs)
+    belief = replace(belief, gain=early_gain(belief, plan))
+    force = belief.gain.applied(plan.early_law.force_n(touch.reading, level=plan.level))
+    belief = pressed(belief, force_n=float(force.value), force_high_n=float(force.high))
     return replace(belief, damage_low_n=_damage_low_n(belief, plan))
+
+
+def pressed(belief: Belief, *, force_n: float, force_high_n: float) -> Belief:
+    """Return the belief with another force now."""
+    peak_n = max(belief.peak_force_n, force_n)
+    return replace(belief, force_n=force_n, force_high_n=force_high_n, peak_force_n=peak_n)
 
 
 def closed_by(belief: Belief, step: float, plan: Plan) -> tuple[Belief, GripperCommand | None]:
@@ -72,24 +87,74 @@ def closed_by(belief: Belief, step: float, plan: Plan) -> tuple[Belief, GripperC
         damage_low_n=belief.damage_low_n,
         limits=plan.safety,
     )
-    step = min(step, safe, plan.gripper.span - belief.closure)
+    step = min(step, safe - belief.behind, plan.gripper.span - belief.closure)
     if step < plan.smallest_step:
         return belief, None
+    if belief.contact_s is not None and plan.current is not None:
+        rate = min(rate, step / _FELT_S)
     sent = belief.closure + step
     belief = replace(belief, still_since_s=None, touches=(), moved_s=belief.now_s, sent=sent)
     return belief, GripperCommand(target=plan.gripper.target(sent), rate=rate)
 
 
+def pressed_on(
+    belief: Belief, plan: Plan, *, missing_n: float
+) -> tuple[Belief, GripperCommand | None]:
+    """Close by what raises the settled force by as much as is missing."""
+    step = max(missing_n / slope_n(belief, plan), plan.smallest_step)
+    moved, command = closed_by(_settled(belief), step, plan)
+    return replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0), command
+
+
+def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, GripperCommand]:
+    """Open well beyond where the force will be what it should, to come back from below.
+
+    The sheet's answer to unloading was not calibrated, nor the play of the gears.
+    """
+    belief = _settled(belief)
+    slope, over_n = slope_n(belief, plan), belief.force_n - goal_n
+    again = belief.closure - max(over_n / slope, plan.smallest_step)
+    opened = max(again - _EASED_SHARE * goal_n / slope - plan.play, 0.0)
+    share = (1.0 - _EASED_SHARE) * goal_n / belief.force_n
+    belief = pressed(
+        belief, force_n=share * belief.force_n, force_high_n=share * belief.force_high_n
+    )
+    belief = replace(
+        belief,
+        again=again,
+        adjustments=belief.adjustments + 1,
+        next_forecast_s=0.0,
+        still_since_s=None,
+        touches=(),
+        moved_s=belief.now_s,
+        sent=opened,
+    )
+    return belief, GripperCommand(target=plan.gripper.target(opened), rate=plan.squeeze_rate)
+
+
+def _settled(belief: Belief) -> Belief:
+    """Return the belief with the settled force as that of now: the early law is for quick steps."""
+    force = belief.result.force_n
+    if force is None:
+        return belief
+    now = _STILL_RELAXING
+    return pressed(belief, force_n=now * force.value, force_high_n=now * force.high)
+
+
 def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     """Return the step that should raise the force by a fixed amount, or by more far from the goal.
 
-    No longer than the steps before contact until the force is well above what noise reads.
+    The first steps after a touch are fine, and none goes much further than the fingers have pressed
+    already: how steeply the force rises is known only as far as it was felt.
     """
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
-    steepest_n = slope_high_n(belief, plan)
-    faint = belief.force_n < plan.force_step_n
-    longest = approach_step(plan) if faint else 3.0 * plan.step
-    return max(min(rise_n / steepest_n, longest), plan.smallest_step)
+    gripped = _gripped(belief, plan)
+    pressed = belief.closure - gripped[0].closure if gripped else 0.0
+    longest = _FURTHER * pressed + plan.fine_step
+    if plan.damage is not None and math.isinf(belief.damage_low_n):
+        # Nothing is known of the limit yet: no step may do more than show some of the curve.
+        longest = _UNKNOWN_N / plan.steepest_n
+    return max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
 
 
 def slope_high_n(belief: Belief, plan: Plan) -> float:
@@ -99,8 +164,11 @@ def slope_high_n(belief: Belief, plan: Plan) -> float:
 
 def slope_n(belief: Belief, plan: Plan) -> float:
     """Return how steeply the force rose over the last steps, N per mm or kPa."""
-    law = plan.early_law
-    curve = [(c.closure, float(law.force_n(c.touch.reading).value)) for c in belief.staircase[-3:]]
+    law, gain = plan.early_law, belief.gain
+    curve = [
+        (c.closure, float(gain.applied(law.force_n(c.touch.reading)).value))
+        for c in belief.staircase[-3:]
+    ]
     slopes = [
         (f1 - f0) / (x1 - x0) for (x0, f0), (x1, f1) in pairwise(curve) if x1 > x0 and f1 > f0
     ]
@@ -110,18 +178,43 @@ def slope_n(belief: Belief, plan: Plan) -> float:
 def _damage_low_n(belief: Belief, plan: Plan) -> float:
     """Return the lower bound of the damage limit that the force-closure curve so far tells.
 
-    The guard's other rule, hazard of the next few percent of force, needs a finer and smoother
-    curve than a sheet gives in steps: there it takes every wobble of a reading for a bend.
+    Force and limit are read by one gain: where the force is less than it seems, so is the limit. So
+    the bound is sought over the gains that may be, and told as the largest of them reads forces,
+    for that is how the upper force is told.
     """
-    if plan.damage is None or plan.give is None:
+    give = plan.give if plan.bend is None else plan.bend.give
+    if plan.damage is None or give is None:
         return math.inf
+    reach = float(norm.ppf(0.5 + plan.level / 2)) * belief.gain.log_sd
+    bounds = [
+        _limit_n(belief, plan, give=give, factor=math.exp(off)) for off in (-reach, 0.0, reach)
+    ]
+    return math.exp(reach) * min(bounds)
+
+
+def _limit_n(belief: Belief, plan: Plan, *, give: Give, factor: float) -> float:
+    """Return the limit if all forces are `factor` times what they seem, as they seem."""
+    assert plan.damage is not None
+    mm_per_unit = 1.0 if plan.bend is None else plan.bend.mm_per_kpa
     curve, states = ClosingCurve(), []
-    # What one finger feels alone is no squeeze.
-    gripped = (c for c in belief.staircase if c.touch.shared_percent <= plan.hint_percent)
-    for stair in gripped:
-        force_n = float(plan.early_law.force_n(stair.touch.reading).value)
-        given_mm = float(plan.give.give_mm(force_n))
-        states += curve.push(stair.closure - given_mm, force_n=force_n)
+    for stair in _gripped(belief, plan):
+        said = belief.gain.applied(plan.early_law.force_n(stair.touch.reading))
+        force_n = factor * float(said.value)
+        deformed_mm = mm_per_unit * stair.closure - float(give.give_mm(force_n))
+        states += curve.push(deformed_mm, force_n=force_n)
     if not states:
         return math.inf
-    return plan.damage.bound_n(states[-1], kind=plan.kind, rate=DAMAGE_RATE)
+    return plan.damage.bound_n(states[-1], kind=plan.kind, rate=DAMAGE_RATE) / factor
+
+
+def _gripped(belief: Belief, plan: Plan) -> list[Closing]:
+    """Return the steps at which the object was squeezed: felt by both fingers, or surely pressed.
+
+    A faint touch of one finger alone is no squeeze, it may only push.
+    """
+    return [
+        stair
+        for stair in belief.staircase
+        if stair.touch.shared_percent <= plan.hint_percent
+        or float(plan.early_law.force_n(stair.touch.reading).value) > plan.force_step_n
+    ]

@@ -11,8 +11,9 @@ from palpate.grasp.closing import (
     approach_dwell_s,
     approach_step,
     closed_by,
+    eased,
+    pressed_on,
     read,
-    slope_n,
     wanted_step,
 )
 from palpate.grasp.phases import Phase
@@ -24,11 +25,11 @@ from palpate.gripper.interface import GripperCommand
 #: A handler's answer: what it believes now, and what it wants of the gripper (None: nothing).
 Move = tuple[Belief, GripperCommand | None]
 
-_HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.HOLD)
+_HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
 #: Less than this share of the strongest touch of this hold means that the object is gone.
 _LOST_SHARE = 0.35
 #: The squeeze ends a little below the target: what is left is corrected by settled forces.
-_NEAR = 0.85
+_NEAR = 0.93
 #: Missing this share of the target, there is no need to be sure before pressing on.
 _FAR = 0.07
 _RELEASE_TIMEOUT_S = 10.0
@@ -89,7 +90,13 @@ def _wait(belief: Belief, plan: Plan) -> Move:
         return belief, None
     # Rest values are taken anew, from now on.
     again = replace(
-        belief, rest_ohm=None, staircase=(), touches=(), fingers=(), still_since_s=belief.now_s
+        belief,
+        rest_ohm=None,
+        staircase=(),
+        pulls=(),
+        touches=(),
+        fingers=(),
+        still_since_s=belief.now_s,
     )
     return again.enter(Phase.APPROACH), None
 
@@ -161,24 +168,29 @@ def _settle(belief: Belief, plan: Plan) -> Move:
 
 
 def _adjust(belief: Belief, plan: Plan) -> Move:
-    """Press a little more if the settled force falls short; never less.
-
-    One-sided, because the sheet's answer to unloading was not calibrated.
-    """
-    missing_n = _missing_n(belief, plan)
+    """Correct the settled force, up or down, until it is near the target."""
     lifts = plan.lift_force_n is None or _lifts(belief, plan.lift_force_n)
-    short = missing_n > plan.target_tolerance * _goal_n(plan) or not lifts
-    if short and belief.adjustments < plan.most_adjustments:
-        step = max(missing_n / slope_n(belief, plan), plan.smallest_step)
-        moved, command = closed_by(read(belief, plan), step, plan)
-        if command is not None:
-            moved = replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0)
-            return moved.enter(Phase.SETTLE, note="adjusted"), command
-        if belief.damage_low_n < plan.safety.force_ceiling_n:
-            belief = belief.noted("damage_limit")
+    if belief.adjustments < plan.most_adjustments:
+        if _short(belief, plan):
+            moved, command = pressed_on(belief, plan, missing_n=_missing_n(belief, plan))
+            if command is not None:
+                return moved.enter(Phase.SETTLE, note="adjusted"), command
+            if belief.damage_low_n < plan.safety.force_ceiling_n:
+                belief = belief.noted("damage_limit")
+        elif _over(belief, plan):
+            moved, command = eased(belief, plan, goal_n=_goal_n(plan))
+            return moved.enter(Phase.EASE, note="eased"), command
     if not lifts:
         return _release(belief, plan, Outcome.TOO_WEAK)
     return belief.enter(Phase.HOLD, note="answer"), None
+
+
+def _ease(belief: Belief, plan: Plan) -> Move:
+    """Close again from below, as every force that the sheet was calibrated with was reached."""
+    if belief.still_s < plan.confirm_s:
+        return belief, None
+    belief, command = closed_by(belief, belief.again - belief.closure, plan)
+    return belief.enter(Phase.SETTLE, note="adjusted"), command
 
 
 def _hold(belief: Belief, plan: Plan) -> Move:
@@ -208,6 +220,7 @@ HANDLERS: dict[Phase, Callable[[Belief, Plan], Move]] = {
     Phase.SQUEEZE: _squeeze,
     Phase.SETTLE: _settle,
     Phase.ADJUST: _adjust,
+    Phase.EASE: _ease,
     Phase.HOLD: _hold,
     Phase.RELEASE: _releasing,
     Phase.STOPPED: _nothing,
@@ -239,12 +252,28 @@ def _missing_n(belief: Belief, plan: Plan) -> float:
     return max(missing_n, plan.lift_force_n - force.low)
 
 
+def _short(belief: Belief, plan: Plan) -> bool:
+    """Whether the settled force falls short by more than is tolerated, or is not sure to lift."""
+    short = _missing_n(belief, plan) > plan.target_tolerance * _goal_n(plan)
+    return short or not (plan.lift_force_n is None or _lifts(belief, plan.lift_force_n))
+
+
+def _over(belief: Belief, plan: Plan) -> bool:
+    """Whether the settled force is above the target by more than is tolerated, and may be less."""
+    force, goal_n = belief.result.force_n, _goal_n(plan)
+    if force is None or plan.target_force_n is None:
+        return False
+    low_n = force.low * goal_n / max(force.value, goal_n)
+    enough = plan.lift_force_n is None or low_n >= plan.lift_force_n
+    return enough and force.value > (1.0 + plan.target_tolerance) * goal_n
+
+
 def _on_target(belief: Belief, plan: Plan) -> Belief:
     """Note when the settled force is first told to be on target since the last movement."""
     moments = belief.result.moments
     told = any(m.name == "on_target" and m.time_s > belief.moved_s for m in moments)
     near = _missing_n(belief, plan) <= plan.target_tolerance * _goal_n(plan)
-    if plan.target_force_n is None or told or not near:
+    if plan.target_force_n is None or told or not near or _over(belief, plan):
         return belief
     return belief.noted("on_target")
 

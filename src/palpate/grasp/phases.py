@@ -6,7 +6,8 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """What the grasp is doing. `adjust` returns to `settle`; `stopped` is the only end.
+    """What the grasp is doing. `adjust` returns to `settle`,
+    through `ease` where the force was too large; `stopped` is the only end.
 
     `wait` is the open hand between two tries, where nothing was there; `approach` follows it.
     """
@@ -17,6 +18,7 @@ class Phase(StrEnum):
     SQUEEZE = "squeeze"
     SETTLE = "settle"
     ADJUST = "adjust"
+    EASE = "ease"
     HOLD = "hold"
     RELEASE = "release"
     STOPPED = "stopped"

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.estimate.bend import Bend
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw
 from palpate.estimate.pixel_law import PixelReading
+from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.stiffness import Give
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
@@ -41,6 +43,10 @@ class Plan:
         Predictor of the settled value.
     reading : PixelReading
         From the excess conductance of the pixels to what the laws read.
+    bend : Bend or None
+        How fingers driven by pressure close and give way, where two blocks told it.
+    current : CurrentLaw or None
+        Servo current over force while closing, where the gripper reports it and was calibrated.
     target_force_n : float or None
         Grip force to reach; None for a gentle squeeze, just enough to measure.
     lift_force_n : float or None
@@ -48,8 +54,8 @@ class Plan:
         The hand goes on closing until the lower bound of the settled force passes it, within
         what is safe, or gives the object back as `too_weak`. None: nothing will be lifted.
     damage : DamageModel or None
-        Learned from closings that ended in damage, for width-driven hands; None where none were
-        made, and only the ceiling protects the object.
+        Learned from closings that ended in damage; None where none were made, and only the ceiling
+        protects the object. Fingers driven by pressure can use it if they have a `bend`.
     kind : str
         Kind of object that the damage model knows; empty if unknown.
     safety : SafetyLimits
@@ -64,6 +70,8 @@ class Plan:
         First step after a hint; later ones follow from the stiffness seen.
     smallest_step : float
         Steps below this are not worth the movement's spike.
+    play : float
+        How far the drive may go back before the fingers follow: more than the backlash of gears.
     force_step_n : float
         Rise of force aimed at with each step of the squeeze.
     gentle_force_n : float
@@ -107,6 +115,8 @@ class Plan:
     gripper: GripperLimits
     settling: SettlingMethod
     reading: PixelReading = field(default_factory=PixelReading.summed)
+    bend: Bend | None = None
+    current: CurrentLaw | None = None
     target_force_n: float | None = None
     lift_force_n: float | None = None
     damage: DamageModel | None = None
@@ -117,6 +127,7 @@ class Plan:
     hint_percent: float = -3.0
     fine_step: float = 0.25
     smallest_step: float = 0.04
+    play: float = 0.3
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0
     fewest_steps: int = 3

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
+from palpate.estimate.bend import Bend
 from palpate.estimate.force import ForceLaw, PowerForceLaw
 from palpate.estimate.pixel_law import PixelReading, Placements, fit_laws
+from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.stiffness import Give
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import Gripper
@@ -52,6 +54,7 @@ def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) ->
         early_law=early,
         reading=reading,
         gripper=gripper.limits,
+        current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
         settling=Relaxation(),
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
@@ -95,10 +98,15 @@ def _by_pressure(block: BlockPairs) -> dict[str, Any]:
             f"this gripper is driven by pressure: its calibration needs {_FEWEST} readings of "
             f"pressure and force on a rigid block, and has {pressure_kpa.size}"
         )
-    slope_n_per_kpa = float(np.polyfit(pressure_kpa, force_n, 1)[0])
+    first = np.array(block.block_mm) == block.block_mm[0]
+    slope_n_per_kpa = float(np.polyfit(pressure_kpa[first], force_n[first], 1)[0])
     if slope_n_per_kpa <= 0:
         raise CalibrationError("on the rigid block the force must rise with the pressure")
-    return {"give": None, "steepest_n": _BEND_MARGIN * slope_n_per_kpa, **_PRESSURE_STEPS}
+    bend = None
+    if np.ptp(block.block_mm) > 0:
+        bend = Bend.fit(pressure_kpa, force_n=force_n, block_mm=block.block_mm)
+    steepest_n = _BEND_MARGIN * slope_n_per_kpa
+    return {"give": None, "bend": bend, "steepest_n": steepest_n, **_PRESSURE_STEPS}
 
 
 def pairs_at(

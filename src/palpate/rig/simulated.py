@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -11,18 +11,19 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
+from palpate.grasp.calibrating_current import measure_current
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.recording.contents import Origin
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import Calibration
+from palpate.sensor.calibration import BlockPairs, Calibration
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
 from palpate.twin.world import GripperKind, World
 
 #: What the load cell is faced with in turn: flat and round, soft and stiff, as a user has at hand.
 _FACES = ("ball-44lbs", "dragonskin-20", "ball-66lbs", "springs-8", "ball-33lbs", "dragonskin-10")
-_BLOCK_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 15.0, 3
+_BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,6 +182,22 @@ def calibrated(
     block = measure_block(
         bench, block_mm=_BLOCK_MM, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS, dwell_s=DWELL_S
     )
+    current = None
+    if kind == "rigid":
+        current = measure_current(bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS)
+    else:
+        larger = draw_object(rng, "rigid-block")
+        world.place(replace(larger, size_mm=larger.size_mm + _LARGER_MM - _BLOCK_MM))
+        block = _joined(
+            block,
+            measure_block(
+                bench,
+                block_mm=_LARGER_MM,
+                up_to_n=_BLOCK_N,
+                repeats=_BLOCK_REPEATS,
+                dwell_s=DWELL_S,
+            ),
+        )
     excess, force_n = pairs_at(force, since_move_s=HORIZON_S)
     return Calibration(
         sensor_id=f"twin-{seed}",
@@ -189,7 +206,18 @@ def calibrated(
         rest=rest,
         force=force,
         block=block,
+        current=current,
         force_law=PowerForceLaw.fit(excess, force_n=force_n).as_dict(),
+    )
+
+
+def _joined(first: BlockPairs, second: BlockPairs) -> BlockPairs:
+    """Return the closings on two blocks as one set."""
+    return BlockPairs(
+        block_mm=first.block_mm + second.block_mm,
+        width_mm=first.width_mm + second.width_mm,
+        force_n=first.force_n + second.force_n,
+        pressure_kpa=first.pressure_kpa + second.pressure_kpa,
     )
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from palpate.errors import CalibrationError
 from palpate.files import atomic_path
 from palpate.sensor.array import ADDED_LATER, ArrayLayout
+from palpate.sensor.current_pairs import CurrentPairs, current_pairs_from_dict
 from palpate.sensor.load_traces import LoadTraces, load_traces_from_dict
 from palpate.signal.circuit import Divider
 
@@ -149,6 +150,8 @@ class Calibration:
     observer : mapping
         The observer of force now fitted to `traces`, as its `as_dict` gave it. Its `unloading_seen`
         says whether hysteresis was seen.
+    current : CurrentPairs or None
+        Servo current beside the load cell while closing, where the gripper reports one.
     held_out : mapping
         Expected error at 1, 5 and 10 N from placements left out of the fit, percent.
 
@@ -171,6 +174,7 @@ class Calibration:
     humidity_percent: float | None = None
     traces: LoadTraces | None = None
     observer: Mapping[str, Any] = field(default_factory=dict)
+    current: CurrentPairs | None = None
     held_out: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -278,6 +282,8 @@ class Calibration:
                 f"this one reads up to {VERSION}); update palpate or calibrate again"
             )
         known = {k: v for k, v in document.items() if k not in ("format", "version")}
+        # Files made before the current was read lack it.
+        known = {"current": None, **known}
         if version == 1:
             known |= {"traces": None, "observer": {}, "held_out": {}}
         _same_names(known, [f.name for f in fields(cls)], where="the file")
@@ -297,6 +303,9 @@ class Calibration:
             "force": _pairs(ForcePairs, known["force"], where="force"),
             "block": _pairs(BlockPairs, known["block"], where="block"),
             "traces": None if known["traces"] is None else load_traces_from_dict(known["traces"]),
+            "current": None
+            if known["current"] is None
+            else current_pairs_from_dict(known["current"]),
         }
         return cls(**known)
 

@@ -39,8 +39,8 @@ def command(
     Example: palpate study force-control --grasps 100 --out reports
     """
     found: list[Gripped] = []
+    damage = learned_damage(seed=FIRST_SEED)
     for level in LEVELS:
-        damage = learned_damage(level=level, seed=FIRST_SEED)
         seeds = range(FIRST_SEED, FIRST_SEED + grasps)
         found += gripped([task(seed, level=level) for seed in seeds], damage=damage)
     report(found).emit(as_json=as_json, out=out)

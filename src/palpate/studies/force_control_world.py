@@ -33,10 +33,10 @@ _CYCLES = 300
 #: Things pressed until they yield, so that the limit can be learned.
 PRESSED = 120
 _STEP_MM, _PRESS_UP_TO_N = 0.02, 60.0
-#: How the sheet reads a closing: in steps of force, with a gain of its own (log sd), a wobble from
-#: step to step (log sd), an error of the closure (mm), and nothing below a first force.
-_RISE_N, _WOBBLE, _SLACK_MM, _BLIND_N = 0.7, 0.04, 0.03, 0.5
-_BLUR = {"paper": 0.1, "field": 0.4}
+#: How a hand reads a closing: in steps of force, with a wobble from step to step (log sd), an error
+#: of the closure (mm), and nothing below a first force. A gain of the whole curve is not among it:
+#: the hand weighs what it doesn't know of its gain itself.
+_RISE_N, _WOBBLE, _SLACK_MM, _BLIND_N = 0.7, 0.08, 0.03, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,11 +102,11 @@ def thing(
     )
 
 
-def learned_damage(*, level: str, seed: int) -> DamageModel:
+def learned_damage(*, seed: int) -> DamageModel:
     """Press other things in a test stand until they yield, and learn the limit from that.
 
     A user's step: the label is the force at which a thing yielded. The curves are coarsened and
-    blurred as the sheet will read them: a guard that learned from clean curves takes every wobble
+    blurred as the hand will read them: a guard that learned from clean curves takes every wobble
     of a reading for a bend. Things that stand more than the stand gives are left out.
     """
     paths, limits_n = list[list[ClosingState]](), list[float]()
@@ -114,22 +114,21 @@ def learned_damage(*, level: str, seed: int) -> DamageModel:
     while len(paths) < PRESSED:
         obj = thing(rng, size_mm=SIZES_MM["rigid"])
         if obj.yield_n < _PRESS_UP_TO_N:
-            paths.append(_pressed(obj, rng=rng, gain_sd=_BLUR[level]))
+            paths.append(_pressed(obj, rng=rng))
             limits_n.append(obj.yield_n)
     return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["thing"] * len(paths))
 
 
-def _pressed(obj: TwinObject, *, rng: np.random.Generator, gain_sd: float) -> list[ClosingState]:
-    """Return the states of a pressing, in the forces that a sheet would have read."""
+def _pressed(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]:
+    """Return the states of a pressing, in the forces that a hand would have read."""
     curve, states = ClosingCurve(), list[ClosingState]()
-    gain = float(np.exp(gain_sd * rng.standard_normal()))
     deformation_mm, force_n = 0.0, 0.0
     while force_n < obj.yield_n:
         read_n = force_n
         while force_n < min(read_n + _RISE_N, obj.yield_n):
             deformation_mm += _STEP_MM
             force_n = object_force_n(obj, deformation_mm, ruptured=False)[0]
-        said_n = gain * force_n * float(np.exp(_WOBBLE * rng.standard_normal()))
+        said_n = force_n * float(np.exp(_WOBBLE * rng.standard_normal()))
         if force_n > _BLIND_N:
             states += curve.push(deformation_mm + _SLACK_MM * rng.standard_normal(), force_n=said_n)
     return states

@@ -1,0 +1,113 @@
+"""How one contact reads against the sheet's law: what the law leaves open, and other witnesses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from palpate.estimate.force_pairs import FloatArray, ForceEstimate
+
+#: Where the logarithm of a gain is looked at, in standard deviations of what was known before.
+_GRID = np.linspace(-4.0, 4.0, 81)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredForce:
+    """A force measured without the sheet.
+
+    Attributes
+    ----------
+    force_n, sd_n : float
+        The force and its scatter.
+    log_sd : float
+        What may be wrong with it in proportion besides.
+    """
+
+    force_n: float
+    sd_n: float
+    log_sd: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gain:
+    """By how much the force of a contact differs from what the sheet's law says of it.
+
+    Attributes
+    ----------
+    log_mean, log_sd : float
+        Of ln (true force / force by the law).
+    law_sd : float
+        Scatter of ln force that the law's own intervals hold.
+    """
+
+    log_mean: float
+    log_sd: float
+    law_sd: float
+
+    @classmethod
+    def unknown(cls, *, law_sd: float, more_sd: float = 0.0) -> Gain:
+        """Return what the sheet's calibration alone says, and what it can't know besides.
+
+        Examples
+        --------
+        >>> round(Gain.unknown(law_sd=0.03, more_sd=0.04).log_sd, 6)
+        0.05
+        """
+        return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, more_sd)), law_sd=law_sd)
+
+    def told(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
+        """Return the gain once a force was measured; `sheet_n` is that by the sheet's law.
+
+        Compared in newtons: a force that may be anything from a half to nothing has no logarithm
+        to speak of.
+
+        Examples
+        --------
+        >>> measured = MeasuredForce(force_n=2.2, sd_n=0.2, log_sd=0.0)
+        >>> told = Gain.unknown(law_sd=0.1).told(measured, sheet_n=2.0)
+        >>> round(told.log_mean, 2), round(told.log_sd, 2)
+        (0.05, 0.07)
+        """
+        if not (sheet_n > 0 and self.log_sd > 0):
+            return self
+        log_gain = self.log_mean + self.log_sd * _GRID
+        expected_n = sheet_n * np.exp(log_gain)
+        variance = measured.sd_n**2 + (expected_n * measured.log_sd) ** 2
+        log_weight = -0.5 * ((measured.force_n - expected_n) ** 2 / variance + _GRID**2)
+        weight = np.exp(log_weight - log_weight.max())
+        weight /= weight.sum()
+        mean = float(weight @ log_gain)
+        spread = float(np.sqrt(weight @ (log_gain - mean) ** 2))
+        return Gain(log_mean=mean, log_sd=spread, law_sd=self.law_sd)
+
+    def applied(self, said: ForceEstimate) -> ForceEstimate:
+        """Return what the law says with the gain in it; what it says of faint forces stays.
+
+        Examples
+        --------
+        >>> law_sd = np.log(2.0) / norm.ppf(0.95)
+        >>> said = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
+        ...     in_range=np.array([True]), level=0.9)
+        >>> gain = Gain(log_mean=np.log(1.5), log_sd=law_sd / 2, law_sd=law_sd)
+        >>> gain.applied(said).value.round(3).tolist(), gain.applied(said).high.round(3).tolist()
+        ([3.0], [4.243])
+        """
+        reach = float(norm.ppf(0.5 + said.level / 2))
+        factor, read = float(np.exp(self.log_mean)), said.value > 0
+        value = np.where(read, said.value, 1.0)
+        up = self._reaches(np.log(np.where(read, said.high, 1.0) / value), reach)
+        down = self._reaches(np.log(value / np.maximum(said.low, 1e-9 * value)), reach)
+        return ForceEstimate(
+            value=factor * said.value,
+            low=np.where(read & (said.low > 0), factor * value * np.exp(-down), 0.0),
+            high=np.where(read, factor * value * np.exp(up), said.high),
+            in_range=said.in_range,
+            level=said.level,
+        )
+
+    def _reaches(self, log_half: FloatArray, reach: float) -> FloatArray:
+        """Return half widths of ln force with this doubt in the place of the law's own."""
+        beside = np.maximum(log_half**2 - (reach * self.law_sd) ** 2, 0.0)
+        return np.asarray(np.sqrt(beside + (reach * self.log_sd) ** 2))

@@ -1,0 +1,75 @@
+"""What the gripper itself feels of the grip, beside the sheet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimate.gain import Gain, MeasuredForce
+
+if TYPE_CHECKING:
+    from palpate.grasp.belief import Belief
+    from palpate.grasp.plan import Plan
+    from palpate.gripper.interface import GripperState
+
+#: A grasp loads the sheet in a few large steps, the calibration in many small ones: read soon
+#: after a step, the sheet lags by another amount than it was calibrated with (log sd).
+_HASTE_SD = 0.12
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pull:
+    """Servo current at one moment of a closing movement."""
+
+    closure: float
+    current_ma: float
+
+
+def pulled(belief: Belief, gripper: GripperState, plan: Plan) -> tuple[Pull, ...]:
+    """Return the readings of the closing so far, with this one if it is of a movement of it."""
+    closure = plan.gripper.closure(gripper)
+    closing = gripper.moving and closure < belief.sent and belief.contact_s is not None
+    if not closing or math.isnan(gripper.current_ma):
+        return belief.pulls
+    return (*belief.pulls, Pull(closure=closure, current_ma=gripper.current_ma))
+
+
+def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
+    """Return what the gripper itself says of the force at the present closure, if it can."""
+    if plan.current is None or not belief.pulls or not belief.staircase:
+        return None
+    closure = np.array([stair.closure for stair in belief.staircase])
+    reading = np.array([stair.touch.reading for stair in belief.staircase])
+    force_n = plan.early_law.force_n(reading).value
+    at = np.array([belief.closure, *(pull.closure for pull in belief.pulls)])
+    sheet_n = _between(at, closure, force_n)
+    if not sheet_n[0] > 0:
+        return None
+    current_ma = np.array([pull.current_ma for pull in belief.pulls])
+    return plan.current.measured(current_ma, share=sheet_n[1:] / sheet_n[0])
+
+
+def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatArray:
+    """Return the sheet's force at closures between its steps, and beyond the last one."""
+    found = np.interp(at, closure, force_n)
+    if closure.size > 1:
+        # Corrections go beyond the staircase: there the force goes on as its last steps did.
+        slope = max(force_n[-1] - force_n[-2], 0.0) / (closure[-1] - closure[-2])
+        found += slope * np.maximum(at - closure[-1], 0.0)
+    return np.asarray(found)
+
+
+def early_gain(belief: Belief, plan: Plan) -> Gain:
+    """Return how this contact reads, soon after a step, against the sheet's early law."""
+    gain = Gain.unknown(law_sd=plan.early_law.residual_sd, more_sd=_HASTE_SD)
+    felt = felt_by_gripper(belief, plan)
+    if felt is None:
+        return gain
+    sheet_n = float(plan.early_law.force_n(belief.staircase[-1].touch.reading).value)
+    return gain.told(felt, sheet_n=sheet_n)
