@@ -19,13 +19,14 @@ from scipy.stats import norm
 from palpate.errors import CalibrationError
 from palpate.estimate.creep import FloatArray
 from palpate.estimate.measurement import Measurement
+from palpate.estimate.sheet_current import Current
 from palpate.estimate.sheet_memory import SheetMemory, SheetReading
 from palpate.settling.result import Status
 
 #: Where a contact's own gain is quoted: ln of 3 N, the middle of a grasp's forces.
 MIDDLE_LOG_N = float(np.log(3.0))
-#: So many readings of the current after a stop make one.
-_READINGS = 3
+#: So many frames after a stop the spike of the movement is over.
+_CALM = 3
 #: Between two stops the force goes in a line of the width, but for so much.
 _LINE_SHARE = 0.03
 #: Fainter forces tell nothing of a contact's gain.
@@ -34,51 +35,6 @@ _FIRM_N = 1.0
 _ITERATIONS = 3
 #: Correlation time of the error that wanders, seconds: about a dwell.
 DRIFT_S = 3.0
-#: From session to session the torque of an ampere changes with the warmth of the motor: copper and
-#: magnets lose some percent from cold to warm.
-WARMTH_SD = 0.035
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Current:
-    """Servo current as a second witness: (zero + way gear) + (1 + way share) ma_per_n force.
-
-    While the fingers move, friction of the gears adds to the grip (way +1, closing) or takes from
-    it (-1, opening). At rest it holds anything in between (0, on average): how much depends on how
-    the last movement ended, and stays until the next.
-
-    Attributes
-    ----------
-    zero_ma, ma_per_n : float
-        The line at rest.
-    gear_ma, gear_share : float
-        Friction without load, and as a share of the grip.
-    sd_n : float
-        Scatter of a single reading, newtons.
-    stuck_n, stuck_share : float
-        Scatter from one stop of the fingers to another: newtons, and a share of the force.
-    warmth_sd : float
-        Of the torque of an ampere, from session to session.
-    """
-
-    zero_ma: float
-    ma_per_n: float
-    gear_ma: float
-    gear_share: float
-    sd_n: float
-    stuck_n: float
-    stuck_share: float
-    warmth_sd: float = WARMTH_SD
-
-    def force_n(self, current_ma: ArrayLike, *, way: ArrayLike = 0.0) -> FloatArray:
-        """Return the force that a current means, newtons."""
-        way = np.asarray(way, dtype=float)
-        above_ma = np.asarray(current_ma, dtype=float) - self.zero_ma - way * self.gear_ma
-        return np.asarray(above_ma / (self.ma_per_n * (1.0 + way * self.gear_share)))
-
-    def stuck_sd_n(self, force_n: ArrayLike) -> FloatArray:
-        """Return the scatter from stop to stop at a force, newtons."""
-        return self.stuck_n + self.stuck_share * np.asarray(force_n, dtype=float)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,10 +164,11 @@ class SheetObserver:
         warmth_sd = 0.0 if model.current is None else model.current.warmth_sd
         self._mean = np.zeros(4)
         self._covariance = np.diag(np.square([model.gain_sd, model.slope_sd, 1.0, warmth_sd]))
-        self._since_stop: list[float] = []
-        # Readings of the current on the way (N, mm); the last frame; width and ln force at rest.
+        # Readings of the current on the way (N, mm) and since; the last frame's way, current and
+        # width; width and ln force at the last stop.
         self._on_way: list[tuple[float, float]] = []
         self._last = (0, float("nan"), float("nan"))
+        self._since_stop: list[float] = []
         self._rested: tuple[float, float] | None = None
         self._witnessed = False
         self._log_force, self._in_range = -np.inf, False
@@ -259,7 +216,7 @@ class SheetObserver:
         )
 
     def _witness(self, current: Current, current_ma: float, width_mm: float) -> None:
-        """Take the current of the way once it is over, and that of the stop.
+        """Take the current of the way once it is over, or else that of the stop.
 
         A frame was on the way if the next one has moved on the same way.
         """
@@ -270,42 +227,48 @@ class SheetObserver:
             if last_way == way:
                 self._on_way.append((float(current.force_n(last_ma, way=way)), last_mm))
             return
-        self._since_stop.append(current_ma)
-        if len(self._since_stop) < _READINGS:
-            return
-        if len(self._since_stop) == _READINGS:
-            self._hear_way(current, width_mm)
-            stopped_n = float(current.force_n(np.mean(self._since_stop)))
-            sd_n = np.hypot(current.stuck_sd_n(self._known_n), current.sd_n / np.sqrt(_READINGS))
-            self._hear(stopped_n, sd_n=float(sd_n), at=self._log_force)
-        self._rested = (width_mm, self._log_force)
+        self._since_stop.append(float(current.force_n(current_ma)))
+        if len(self._since_stop) == _CALM and not self._hear_way(current, width_mm):
+            self._hear_stop(current)
+        if len(self._since_stop) >= _CALM:
+            self._rested = (width_mm, self._log_force)
 
-    def _hear_way(self, current: Current, width_mm: float) -> None:
-        """Take what was read on the way to this stop.
+    def _hear_way(self, current: Current, width_mm: float) -> bool:
+        """Take what was read on the way to this stop; return whether there was anything.
 
         On the way itself the sheet is disturbed; so its force goes in a line from stop to stop.
         """
         readings, self._on_way = np.array(self._on_way).reshape(-1, 2), []
-        if self._rested is None or not len(readings):
-            return
+        if self._rested is None or not len(readings) or width_mm == self._rested[0]:
+            return False
         from_mm, log_from = self._rested
-        done = (readings[:, 1] - from_mm) / (width_mm - from_mm) if width_mm != from_mm else np.inf
+        done = (readings[:, 1] - from_mm) / (width_mm - from_mm)
         inside = (done > 0) & (done < 1)
-        if not inside.any():
-            return
         ends_n = np.exp(np.clip([log_from, self._log_force], -7.0, 7.0))
-        if ends_n.min() < _FIRM_N:
-            # Contact began or ended on the way: no line.
+        # From or to a faint force contact may have begun or ended on the way: no line.
+        if not inside.any() or ends_n.min() < _FIRM_N:
+            return False
+        half = float(done[inside].mean())
+        at_n = float(ends_n @ [1.0 - half, half])
+        sd_n = float(np.hypot(current.sd_n / np.sqrt(inside.sum()), _LINE_SHARE * at_n))
+        self._hear(float(readings[inside, 0].mean()), sd_n=sd_n, at=float(np.log(at_n)))
+        return True
+
+    def _hear_stop(self, current: Current) -> None:
+        """Take what the gears hold at this stop, once: it does not change until the next."""
+        at = self._log_force
+        expected_n = float(np.exp(np.clip(at - self._reach(at) @ self._mean, -7.0, 7.0)))
+        if expected_n < _FIRM_N:
             return
-        at_n = float(ends_n @ [1 - done[inside].mean(), done[inside].mean()])
-        sd_n = np.hypot(current.sd_n / np.sqrt(inside.sum()), _LINE_SHARE * at_n)
-        self._hear(float(readings[inside, 0].mean()), sd_n=float(sd_n), at=float(np.log(at_n)))
+        sd_n = float(np.hypot(current.stuck_sd_n(expected_n), current.sd_n / np.sqrt(_CALM)))
+        self._hear(float(np.mean(self._since_stop)), sd_n=sd_n, at=at)
 
     def _hear(self, seen_n: float, *, sd_n: float, at: float) -> None:
-        """Take a force that the current tells, where the sheet says `at` (ln force)."""
+        """Take a force that the current tells where the sheet says `at` (ln force)."""
         self._witnessed = True
         # A warm motor gives less force for its current: what is seen is too much.
-        self._see(seen_n, sd_n=sd_n, at=at, reach=self._reach(at) - np.array([0.0, 0.0, 0.0, 1.0]))
+        reach = self._reach(at) - np.array([0.0, 0.0, 0.0, 1.0])
+        self._see(seen_n, sd_n=sd_n, at=at, reach=reach)
 
     def _wander(self, time_s: float) -> None:
         """Let the wandering error forget."""
@@ -322,12 +285,6 @@ class SheetObserver:
         model = self._model
         wandering = float(model.wandering_sd(log_force))
         return np.array([1.0, float(model.away(log_force)), wandering, 0.0])
-
-    @property
-    def _known_n(self) -> float:
-        """The force now by all that is known."""
-        corrected = self._log_force - float(self._reach(self._log_force) @ self._mean)
-        return float(np.exp(min(corrected, 7.0)))
 
     def _see(self, seen_n: float, *, sd_n: float, at: float, reach: FloatArray) -> None:
         """Correct the errors by one reading of the force, linearised where it leads (iterated)."""

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
 from palpate.errors import CalibrationError
 from palpate.estimate.creep import CONTACT_EXCESS, FloatArray
 from palpate.estimate.observer_fit import least_absolute
-from palpate.estimate.observer_sheet import MIDDLE_LOG_N, Current, SheetModel, SheetObserver
+from palpate.estimate.observer_sheet import MIDDLE_LOG_N, SheetModel, SheetObserver
+from palpate.estimate.sheet_current import Current, fit_line
 from palpate.estimate.sheet_memory import STILL_MM, SUMMED, SheetMemory, SheetReading
 from palpate.estimate.sheet_reading_fit import FAINT_N, best_reading
 from palpate.sensor.load_traces import LoadTraces, frames
@@ -23,11 +23,9 @@ from palpate.sensor.load_traces import LoadTraces, frames
 SHEET_TIMES_S = (0.1, 0.3, 1.0, 3.0, 10.0)
 #: Where the law may bend: at these shares of the loaded frames.
 _KNOTS = (0.15, 0.4, 0.65, 0.88)
-#: Servo current is used where it leaves at most this share of the error: a handful of placements
-#: shows no smaller gain for sure.
-_HELPS = 0.8
-#: A current is believed to follow the force from so many readings and this correlation on.
-_FEWEST_READINGS, _FOLLOWS = 20, 0.5
+#: Servo current is used where it leaves at most this share of the error on placements left out
+#: of the fit.
+_HELPS = 1.0
 #: Fewer placements can't show how they differ.
 FEWEST_RUNS = 4
 #: Below this force errors count in newtons.
@@ -85,7 +83,7 @@ def fit_sheet(traces: LoadTraces, *, memory: bool = True) -> SheetModel:
 def fit_current(traces: LoadTraces) -> Current | None:
     """Return the line from servo current to force; None where the current does not follow it."""
     placements = [run for run in traces.runs() if (np.asarray(run.force_n) > FAINT_N).any()]
-    return _current([_seen(run, reading=SUMMED, knots=(0.0,), times_s=()) for run in placements])
+    return fit_line([_seen(run, reading=SUMMED, knots=(0.0,), times_s=()) for run in placements])
 
 
 def without_current(model: SheetModel) -> SheetModel:
@@ -127,7 +125,7 @@ def _fitted(traces: LoadTraces, *, memory: bool) -> tuple[SheetModel, FloatArray
         tail_with_current=1.0,
         range=(float(log_reading.min()), float(log_reading.max())),
         unloading_seen=_unloading_seen(traces),
-        current=_current(runs) if memory else None,
+        current=fit_line(runs) if memory else None,
     )
     return _with_tails(model, runs, left, folds), np.concatenate(left), log_force
 
@@ -259,67 +257,6 @@ def _unloading_seen(traces: LoadTraces) -> bool:
         1,
     )
     return bool(share > _UNLOADING_SHARE)
-
-
-def _current(runs: Sequence[_Run]) -> Current | None:
-    """Fit the servo's current to the force, at rest and on the way; None where it doesn't follow."""
-    current, force_n, still, way = (
-        np.concatenate([getattr(run, name) for run in runs])
-        for name in ("current_ma", "force_n", "still", "way")
-    )
-    used = still | (way != 0)
-    if not np.isfinite(current).all() or np.count_nonzero(used) < _FEWEST_READINGS:
-        return None
-    # Readings of one stop share what the gears hold: together they count as one on the way.
-    weight = np.concatenate([_one_per_stop(run) for run in runs])
-    # In units of their spread, for which the fit's trace of ridge is made.
-    force_unit_n, unit_ma = float(np.std(force_n)), float(np.std(current))
-    force = force_n / force_unit_n
-    design = np.stack([np.ones_like(force), force, way, way * force], axis=1)
-    zero_ma, ma_per_n, gear_ma, turned_ma_per_n = (
-        least_absolute(design[used], current[used] / unit_ma, weight[used])
-        * unit_ma
-        / np.array([1.0, force_unit_n, 1.0, force_unit_n])
-    )
-    if ma_per_n <= 0 or np.corrcoef(current[used], force_n[used])[0, 1] < _FOLLOWS:
-        return None
-    line = Current(
-        zero_ma=float(zero_ma),
-        ma_per_n=float(ma_per_n),
-        gear_ma=max(float(gear_ma), 0.0),
-        gear_share=float(np.clip(turned_ma_per_n / ma_per_n, 0.0, 0.8)),
-        sd_n=1.0,
-        stuck_n=0.0,
-        stuck_share=0.0,
-    )
-    return replace(line, **_scatter(line, runs))
-
-
-def _one_per_stop(run: _Run) -> FloatArray:
-    """Return weights of readings of the current."""
-    shared = np.bincount(run.stop, weights=run.still)[run.stop]
-    return np.where(run.still, 1.0 / np.maximum(shared, 1.0), 1.0)
-
-
-def _scatter(line: Current, runs: Sequence[_Run]) -> dict[str, float]:
-    """Return the scatter of single readings, and from stop to stop."""
-    errors, means, forces = [], [], []
-    for run in runs:
-        error_n = line.force_n(run.current_ma, way=run.way) - run.force_n
-        for stop in np.unique(run.stop[run.still]):
-            mine = run.still & (run.stop == stop)
-            errors.append(error_n[mine] - error_n[mine].mean())
-            means.append(abs(error_n[mine].mean()))
-            forces.append(run.force_n[mine].mean())
-        errors.append(error_n[run.way != 0])
-    # Mean absolute values, to standard deviations of a normal scatter.
-    design = np.column_stack([np.ones(len(means)), forces])
-    stuck_n, stuck_share = nnls(design, 1.25 * np.array(means))[0]
-    return {
-        "sd_n": max(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 0.01),
-        "stuck_n": float(stuck_n),
-        "stuck_share": float(stuck_share),
-    }
 
 
 #: Forces at which a calibration says what error to expect, newtons.

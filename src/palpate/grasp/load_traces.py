@@ -17,9 +17,9 @@ from palpate.signal.relative import excess_conductance
 
 #: A first touch of the load cell, newtons, and how slowly it is looked for.
 _TOUCH_N, _APPROACH_MM_PER_S = 0.05, 10.0
-#: As slow as a grasp squeezes: a step of a millimetre lasts three frames, so that the servo's
-#: current is read on the way, when its friction is known.
-_RATE_MM_PER_S = 5.0
+#: As slow as a grasp squeezes: some frames of a slow readout fall into a step of a millimetre, so
+#: that the servo's current is read on the way, when its friction is known.
+_RATE_MM_PER_S = 3.5
 #: Speed of opening before a run.
 _OPENING_MM_PER_S = 20.0
 _FRAME_TIMEOUT_S = 2.0

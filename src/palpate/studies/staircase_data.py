@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.observer_sheet import Current, SheetModel, SheetObserver
+from palpate.estimate.observer_sheet import SheetModel, SheetObserver
 from palpate.estimate.observer_sheet_fit import fit_current, fit_sheet, without_current
+from palpate.estimate.sheet_current import Current
 from palpate.estimate.sheet_reading_fit import FAINT_N
 from palpate.grasp.calibrating import Bench
 from palpate.grasp.load_traces import GUIDED, Staircase, record_traces

@@ -66,7 +66,7 @@ def test_opening_leaves_slack_and_closing_takes_it_up() -> None:
         for k, width in enumerate(widths)
     ]
     assert slack == pytest.approx([0.0, 0.3, 0.5, 0.0])
-    assert memory.moved
+    assert memory.way == 1
 
 
 def test_a_width_that_is_not_known_teaches_no_movement() -> None:
@@ -75,4 +75,4 @@ def test_a_width_that_is_not_known_teaches_no_movement() -> None:
     )
     memory.step(0.0, [1.0], width_mm=float("nan"))
     assert memory.step(0.1, [5.0], width_mm=float("nan"))[-2:].tolist() == [0.0, 0.0]
-    assert not memory.moved
+    assert memory.way == 0

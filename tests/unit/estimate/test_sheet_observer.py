@@ -15,8 +15,19 @@ from palpate.estimate.observer_sheet_fit import (
 from palpate.sensor.load_traces import LoadTraces, frames
 
 
-def invented(seed: int, *, runs: int = 8, gain_sd: float = 0.05, ma: float = 12.0) -> LoadTraces:
-    """Staircases on a sheet: excess = gain F^1.2, half of it at once, half with 1 s."""
+def invented(
+    seed: int,
+    *,
+    runs: int = 8,
+    gain_sd: float = 0.05,
+    ma: float = 12.0,
+    gear_ma: float = 0.0,
+    way_frames: int = 1,
+) -> LoadTraces:
+    """Staircases on a sheet: excess = gain F^1.2, half of it at once, half with 1 s.
+
+    A step takes `way_frames`. On the way gears take all of their friction, at rest any part of it.
+    """
     rng = np.random.default_rng(seed)
     columns: dict[str, list[object]] = {
         name: [] for name in ("run", "time_s", "excess", "width_mm", "current_ma", "force_n")
@@ -24,21 +35,27 @@ def invented(seed: int, *, runs: int = 8, gain_sd: float = 0.05, ma: float = 12.
     for run in range(runs):
         gain = np.exp(gain_sd * rng.standard_normal())
         force, width, next_s = float(rng.uniform(0.5, 5.0)), 40.0, 0.0
-        slow = np.log(force)
+        slow, left, up, held = np.log(force), 0, True, 0.0
         for k in range(120):
             time_s = k / 15
-            if time_s >= next_s:
-                up = force < 0.8 or (force < 8 and rng.random() < 0.55)
-                force *= 1.6 if up else 1 / 1.6
-                width += -1.0 if up else 1.0
-                next_s = time_s + float(np.exp(rng.uniform(np.log(0.3), np.log(3))))
+            if time_s >= next_s and not left:
+                up, left = force < 0.8 or (force < 8 and rng.random() < 0.55), way_frames
+                dwell_s = float(np.exp(rng.uniform(np.log(0.3), np.log(3))))
+                next_s = time_s + way_frames / 15 + dwell_s
+            if left:
+                force *= 1.6 ** ((1 if up else -1) / way_frames)
+                width += (-1.0 if up else 1.0) / way_frames
+                left -= 1
+                # The last frame of a step is read at its end.
+                held = (1.0 if up else -1.0) if left else float(rng.uniform(-1, 1))
             slow += (np.log(force) - slow) * (1 - np.exp(-1 / 15))
             felt = np.exp(1.2 * (0.5 * np.log(force) + 0.5 * slow)) * gain
             columns["run"].append(run)
             columns["time_s"].append(time_s)
             columns["excess"].append((felt * np.array([0.6, 0.4])).tolist())
             columns["width_mm"].append(width)
-            columns["current_ma"].append(ma * force + 6 * rng.standard_normal())
+            noise_ma = 6 * rng.standard_normal()
+            columns["current_ma"].append(ma * force + held * gear_ma + noise_ma)
             columns["force_n"].append(force)
     return LoadTraces(**columns)  # type: ignore[arg-type]
 
@@ -68,7 +85,8 @@ def fitted(guided: LoadTraces) -> SheetModel:
 
 
 def test_memory_beats_the_static_law_by_half(guided: LoadTraces, fitted: SheetModel) -> None:
-    tested = invented(2, runs=4)
+    # Placements with no gain of their own: what is left is the law, and memory.
+    tested = invented(2, runs=4, gain_sd=0.0)
     sheet = without_current(fitted)
     errors, coverage = followed(sheet, tested)
     static, _ = followed(fit_sheet(guided, memory=False), tested)
@@ -84,6 +102,20 @@ def test_current_settles_the_gain_of_a_contact() -> None:
     assert model.current is not None
     assert model.current.ma_per_n == pytest.approx(12.0, rel=0.05)
     assert np.median(np.abs(both)) < 0.5 * np.median(np.abs(alone))
+
+
+def test_friction_of_the_gears_is_known_on_the_way() -> None:
+    guided = invented(8, gain_sd=0.5, gear_ma=40.0, way_frames=4)
+    tested = invented(9, gain_sd=0.5, gear_ma=40.0, way_frames=4)
+    model = fit_sheet(guided)
+    assert model.current is not None
+    assert model.current.gear_ma == pytest.approx(40.0, rel=0.1)
+    both, coverage = followed(model, tested)
+    alone, _ = followed(without_current(model), tested)
+    # By the second half of each run a few steps have been heard.
+    late = [np.abs(errors.reshape(8, 120)[:, 60:]).mean() for errors in (both, alone)]
+    assert late[0] < 0.5 * late[1]
+    assert coverage > 0.7
 
 
 def test_a_current_that_says_nothing_is_left_out() -> None:
