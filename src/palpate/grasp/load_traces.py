@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
 from palpate.grasp.calibrating import Bench, measure_rest
-from palpate.gripper.interface import GripperCommand
+from palpate.gripper.interface import GripperCommand, GripperState
+from palpate.sensor.array import Frame
 from palpate.sensor.load_traces import LoadTraces
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance
@@ -29,7 +31,16 @@ STEP_MM = 1.0
 DWELL_S = (0.2, 5.0)
 
 
-Row: TypeAlias = tuple[int, float, tuple[float, ...], float, float, float]
+Columns: TypeAlias = dict[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One frame with what gripper and cell said at its time."""
+
+    frame: Frame
+    state: GripperState
+    force_n: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,11 +107,11 @@ def record_traces(
     CalibrationError
         If the load cell never feels the hand.
     """
-    rows: list[Row] = []
+    runs: list[Columns] = []
     for run, staircase in enumerate(staircases):
         rest_ohm = np.array(measure_rest(bench, duration_s=1.0).ohm)
         reseat(run)
-        recorder = _Recorder(bench, rest_ohm, run)
+        recorder = _Recorder(bench)
         recorder.approach()
         ends_s, closing = bench.clock.now_s() + staircase.duration_s, True
         while bench.clock.now_s() < ends_s:
@@ -110,23 +121,16 @@ def record_traces(
             dwell_s = float(np.exp(rng.uniform(*np.log(DWELL_S))))
             recorder.read(dwell_s)
             if progress is not None:
-                progress(run, recorder.rows[-1][-1])
-        rows += recorder.rows
+                progress(run, recorder.rows[-1].force_n)
+        runs.append(recorder.columns(run, rest_ohm=rest_ohm))
     bench.gripper.release()
-    if not any(row[-1] > _TOUCH_N for row in rows):
+    columns = {name: np.concatenate([one[name] for one in runs]) for name in runs[0]}
+    if not (columns["force_n"] > _TOUCH_N).any():
         raise CalibrationError(
             "force calibration: the hand closed fully and the load cell felt nothing; "
             "is the cell between the fingers, and connected?"
         )
-    columns = list(zip(*rows, strict=True))
-    return LoadTraces(
-        run=columns[0],
-        time_s=columns[1],
-        excess=columns[2],
-        width_mm=columns[3],
-        current_ma=columns[4],
-        force_n=columns[5],
-    )
+    return LoadTraces(**columns)
 
 
 def _closes(
@@ -143,9 +147,27 @@ def _closes(
 class _Recorder:
     """Reads every frame of one run, with what gripper and cell say at its time."""
 
-    def __init__(self, bench: Bench, rest_ohm: np.ndarray, run: int) -> None:
-        self._bench, self._rest_ohm, self._run = bench, rest_ohm, run
-        self.rows: list[Row] = []
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self.rows: list[_Row] = []
+
+    def columns(self, run: int, *, rest_ohm: NDArray[np.float64]) -> Columns:
+        """Return what was read, as `LoadTraces` keeps it."""
+        frames = [row.frame for row in self.rows]
+        ohm = pixel_resistance_ohm(
+            np.stack([frame.counts for frame in frames]),
+            layout=self._bench.array.layout,
+            oversampling=frames[0].oversampling,
+        )
+        excess = excess_conductance(ohm, rest_ohm=rest_ohm)
+        return {
+            "run": np.full(len(frames), float(run)),
+            "time_s": np.array([frame.time_s for frame in frames]),
+            "excess": excess.reshape(len(frames), -1),
+            "width_mm": np.array([row.state.width_mm for row in self.rows]),
+            "current_ma": np.array([row.state.current_ma for row in self.rows]),
+            "force_n": np.array([row.force_n for row in self.rows]),
+        }
 
     def approach(self) -> None:
         """Close until the cell feels the hand."""
@@ -158,7 +180,7 @@ class _Recorder:
         self.read(0.5)
         command = GripperCommand(target=bench.gripper.limits.lowest, rate=_APPROACH_MM_PER_S)
         bench.gripper.command(command)
-        while self._frame() and self.rows[-1][-1] < _TOUCH_N:
+        while self._frame() and self.rows[-1].force_n < _TOUCH_N:
             pass
         bench.gripper.stop()
 
@@ -182,20 +204,6 @@ class _Recorder:
     def _frame(self) -> bool:
         """Read one frame; return whether the fingers move."""
         bench = self._bench
-        frame = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
-        ohm = pixel_resistance_ohm(
-            frame.counts, layout=bench.array.layout, oversampling=frame.oversampling
-        )
-        excess = excess_conductance(ohm, rest_ohm=self._rest_ohm).ravel()
-        state, force_n = bench.gripper.state(), bench.cell.read_n()
-        self.rows.append(
-            (
-                self._run,
-                frame.time_s,
-                tuple(excess.tolist()),
-                state.width_mm,
-                state.current_ma,
-                force_n,
-            )
-        )
+        frame, state = bench.array.read(timeout_s=_FRAME_TIMEOUT_S), bench.gripper.state()
+        self.rows.append(_Row(frame, state, bench.cell.read_n()))
         return state.moving
