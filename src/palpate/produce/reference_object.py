@@ -24,8 +24,10 @@ from palpate.produce.records import Drive, Grasp
 
 #: Drift is taken to wander by so much in the root of a day (sheets that break in lose 10 to 40 % of
 #: their conductance in a few days, and a firm reference shows it about doubled) and to jump by so
-#: much from day to day with the weather. What a few grasps scatter more than that is smoothed away.
+#: much from day to day with the weather; or by any of these shares of that: a sensor that has
+#: broken in shows it by how little its reference moves beyond its scatter.
 _WANDER, _WEATHER = 0.1, 0.05
+_SHARES = np.geomspace(1 / 16, 2.0, 11)
 #: Least share of the deformation read that is taken to be the fruit's.
 _LEAST_SHARE = 0.2
 FloatArray = NDArray[np.float64]
@@ -141,13 +143,20 @@ class Drift:
 def _smoothed(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
     """Return the expected drift of each day, given what was read on all of them.
 
-    The first day's own scatter is part of all days alike, and does no harm: everything is compared
-    on the scale of that day.
+    The first day's scatter is in the change of every later one. How much of what is read is drift
+    is weighed by how probable it makes all of it (marginal likelihood).
     """
-    drift = _WANDER**2 * np.minimum.outer(day, day)
-    drift[1:, 1:] += _WEATHER**2 * np.eye(day.size - 1)
-    read = drift + np.diag(np.maximum(variance, 1e-9))
-    return np.asarray(drift @ np.linalg.solve(read, moved))
+    since, read = day[1:] - day[0], moved[1:]
+    usual = _WANDER**2 * np.minimum.outer(since, since) + _WEATHER**2 * np.eye(since.size)
+    scatter = np.diag(np.maximum(variance[1:], 1e-9)) + variance[0]
+    drifts, log_weights = [], []
+    for share in _SHARES:
+        drift = share**2 * usual
+        solved = np.linalg.solve(drift + scatter, read)
+        log_weights.append(-0.5 * (read @ solved + np.linalg.slogdet(drift + scatter)[1]))
+        drifts.append(drift @ solved)
+    weight = np.exp(np.array(log_weights) - max(log_weights))
+    return np.concatenate([[0.0], weight @ np.array(drifts) / weight.sum()])
 
 
 def _slope_mm_per_n(give: Give) -> float:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from palpate.errors import InputError
 from palpate.estimate.stiffness import Give
@@ -16,8 +18,9 @@ from palpate.produce.reference_object import Drift
 from palpate.produce.ripeness import RipenessRule, judge_by_first_day
 from palpate.produce.ripeness_stages import RIPE, STAGES, Boundaries
 from palpate.produce.ripeness_store import history_of
-from palpate.studies.ripeness_station import DAYS, REFERENCE_ID, Felt
+from palpate.studies.ripeness_station import DAYS, GRASPS_PER_DAY, REFERENCE_ID, Felt
 from palpate.twin.avocado import Avocado
+from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N
 
 FloatArray = NDArray[np.float64]
 
@@ -29,6 +32,10 @@ WAYS = {
     "own first day": "no labels: softening since the item's first day, reference used",
     "settled change": "the paper's way: change at one width or pressure, learned thresholds",
 }
+
+
+#: Distances from a boundary (ln of the force at 1 mm) between which errors are told apart.
+MARGINS = (0.0, np.log(1.1), np.log(1.25), np.log(1.5), np.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +54,11 @@ class Judged:
         What ours said of it, with the reference object.
     day : int
         Which morning.
+    margin : float
+        How far the true firmness is from the nearest boundary, ln of the force at 1 mm.
+    possible : float
+        Probability that as many grasps that day, measured without any error, fall into the true
+        stage: each meets another spot of the fruit.
     """
 
     truth: int
@@ -56,6 +68,8 @@ class Judged:
     low_days: float
     high_days: float
     day: int
+    margin: float
+    possible: float
 
 
 def judged(felt: Felt) -> list[Judged]:
@@ -65,7 +79,7 @@ def judged(felt: Felt) -> list[Judged]:
     single = _single_day(felt, drift)
     published, sign = _published(felt)
     found = []
-    for number, fruit in list(enumerate(felt.others))[taught_of(felt)[1] :]:
+    for number, fruit in enumerate(felt.others):
         days, raw = (_days(felt, f"fruit-{number}", one) for one in (drift, None))
         for count in range(1, len(days) + 1):
             day = round(days[count - 1].day)
@@ -92,9 +106,20 @@ def judged(felt: Felt) -> list[Judged]:
                     low_days=wait.low,
                     high_days=wait.high,
                     day=day,
+                    **_limits(fruit, day=day),
                 )
             )
     return found
+
+
+def _limits(fruit: Avocado, *, day: int) -> dict[str, float]:
+    """Return margin and possible share, as of `Judged`."""
+    bounds = np.array([np.inf, *np.log(AVOCADO_BOUNDS_N), -np.inf])
+    above = np.log(fruit.force_at_1mm_n(day)) - bounds
+    stage = STAGES.index(fruit.stage(day))
+    spread = fruit.spot_log_sd / np.sqrt(GRASPS_PER_DAY)
+    softer, firmer = norm.cdf(-above[[stage + 1, stage]] / spread)
+    return {"margin": float(np.abs(above).min()), "possible": float(firmer - softer)}
 
 
 def drift_of(felt: Felt) -> Drift:
@@ -117,6 +142,8 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
             if off.size
             else None
         )
+    found["possible"] = float(np.mean([row.possible for row in rows]))
+    found["by_margin"] = _by_margin(rows)
     waiting = [row for row in rows if row.wait_days > 0]
     found["days_to_ripe"] = {
         "fruit_days": len(waiting),
@@ -126,6 +153,23 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
         ),
         "median_width_days": float(np.median([r.high_days - r.low_days for r in waiting])),
     }
+    return found
+
+
+def _by_margin(rows: Sequence[Judged]) -> list[dict[str, float]]:
+    """Say how often ours is exact by how far the fruit is from a boundary."""
+    found = []
+    for low, high in pairwise(MARGINS):
+        there = [row for row in rows if low <= row.margin < high]
+        if there:
+            found.append(
+                {
+                    "from_percent": 100 * float(np.expm1(low)),
+                    "fruit_days": len(there),
+                    "exact": float(np.mean([row.said["ours"] == row.truth for row in there])),
+                    "possible": float(np.mean([row.possible for row in there])),
+                }
+            )
     return found
 
 
@@ -143,23 +187,11 @@ def _days(felt: Felt, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
     return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
 
 
-def taught_of(felt: Felt) -> tuple[list[tuple[str, Avocado]], int]:
-    """Return the fruits that a person labels, and how many of the others are among them.
-
-    The labelled ones, and as many of the others, in order, as it takes to have seen every stage.
-    """
-    taught = [(f"labelled-{number}", fruit) for number, fruit in enumerate(felt.labelled)]
-    promoted = 0
-    for number, fruit in enumerate(felt.others):
-        if {one.stage(day) for _, one in taught for day in range(DAYS)} == set(STAGES):
-            break
-        taught.append((f"fruit-{number}", fruit))
-        promoted = number + 1
-    return taught, promoted
-
-
 def _labelled(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
-    return [(fruit, _days(felt, item_id, drift)) for item_id, fruit in taught_of(felt)[0]]
+    return [
+        (fruit, _days(felt, f"labelled-{number}", drift))
+        for number, fruit in enumerate(felt.labelled)
+    ]
 
 
 def _rule(felt: Felt, drift: Drift | None) -> RipenessRule:
@@ -183,10 +215,13 @@ def _published(felt: Felt) -> tuple[Boundaries, float]:
 
     Under one pressure a ripe fruit may read more than a hard one, for it lies against more pixels.
     """
-    taught = [(item_id, fruit, day) for item_id, fruit in taught_of(felt)[0] for day in range(DAYS)]
-    known = [one for one in taught if (one[0], one[2]) in felt.as_published]
-    changes = np.array([felt.as_published[item_id, day] for item_id, _, day in known])
-    labels = [fruit.stage(day) for _, fruit, day in known]
+    known = [
+        (change, fruit.stage(day))
+        for number, fruit in enumerate(felt.labelled)
+        for day in range(DAYS)
+        if (change := felt.as_published.get((f"labelled-{number}", day))) is not None
+    ]
+    changes, labels = np.array([change for change, _ in known]), [label for _, label in known]
     ranks = [STAGES.index(label) for label in labels]
     sign = -float(np.sign(np.cov(changes, ranks)[0, 1])) or 1.0
     return Boundaries.learn(sign * changes, labels), sign

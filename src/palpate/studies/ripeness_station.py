@@ -31,12 +31,13 @@ from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.avocado import Avocado, draw_avocado
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.produce_ranges import STATION
+from palpate.twin.produce_ranges import AVOCADO_STAGES, STATION
 from palpate.twin.ranges import uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 
-DAYS, GRASPS_PER_DAY, REFERENCE_GRASPS = 4, 3, 5
+#: Mornings; grasps of each fruit on each (the paper makes ten); grasps of the reference object.
+DAYS, GRASPS_PER_DAY, REFERENCE_GRASPS = 4, 6, 6
 REFERENCE, REFERENCE_ID = "ball-44lbs", "reference"
 #: The labelled fruits are felt first; the others come a week later, when the sensor is older.
 LATER_DAYS = 7
@@ -85,15 +86,20 @@ class Felt:
 def run_station(
     sensor: int, *, level: str, gripper: GripperKind, aging: bool, labelled: int, others: int
 ) -> Felt:
-    """Feel some fruits on four mornings each; `aging` switches wear and weather on."""
+    """Feel some fruits on four mornings each; `aging` switches wear and weather on.
+
+    More fruits than `labelled` are labelled where these do not show every stage.
+    """
     rng = np.random.default_rng([sensor, 31])
     bench = _Bench(sensor, level=level, gripper=gripper)
-    first = tuple(draw_avocado(rng) for _ in range(labelled))
+    first = [draw_avocado(rng) for _ in range(labelled)]
+    while first and {one.stage(day) for one in first for day in range(DAYS)} != set(AVOCADO_STAGES):
+        first.append(draw_avocado(rng))
     second = tuple(draw_avocado(rng) for _ in range(others))
     weather = np.random.default_rng([sensor, 32])
     # A new sheet was pressed some sixty times for its calibration.
     cycles = 60.0
-    for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
+    for begins, fruits, name in ((0, tuple(first), "labelled"), (LATER_DAYS, second, "fruit")):
         for day in range(DAYS if fruits else 0):
             surroundings = Environment()
             if aging:
@@ -109,7 +115,7 @@ def run_station(
         cycles += (LATER_DAYS - DAYS) * uniform(weather, STATION.cycles_per_day)
     return Felt(
         calibration=bench.calibration,
-        labelled=first,
+        labelled=tuple(first),
         others=second,
         grasps=tuple(bench.grasps),
         damaged=bench.damaged,

@@ -246,6 +246,23 @@ def test_scatter_of_the_reference_is_not_taken_for_drift() -> None:
     assert drift.advice == ""
 
 
+def test_a_reference_that_stands_still_is_believed_to() -> None:
+    """Mornings that differ by no more than their grasps scatter are no drift at all."""
+    rng = np.random.default_rng(4)
+
+    def left(wear: float) -> float:
+        ball = [
+            grasp("ball", 4.0 * math.exp(wear * day + 0.06 * rng.standard_normal()), day=float(day))
+            for day in (0, 1, 2, 3, 7, 8, 9, 10)
+            for _ in range(6)
+        ]
+        moved = Drift.learn(ball, drive="width").moved
+        return float(np.max(np.abs(np.array(moved) - wear * np.array((0, 1, 2, 3, 7, 8, 9, 10)))))
+
+    assert left(0.0) < 0.03
+    assert left(-0.03) < 0.06
+
+
 def test_a_worn_sensor_is_advised_about() -> None:
     ball = [
         grasp("ball", value, day=day) for value, day in ((4.0, 0), (4.1, 0), (2.0, 5), (2.1, 5))

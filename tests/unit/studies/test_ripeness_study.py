@@ -18,7 +18,14 @@ from palpate.produce.firmness import firmness_of
 from palpate.produce.records import Grasp
 from palpate.studies.ripeness import report
 from palpate.studies.ripeness_scores import drift_of, judged, scores
-from palpate.studies.ripeness_station import DAYS, REFERENCE_ID, Felt, run_station
+from palpate.studies.ripeness_station import (
+    DAYS,
+    GRASPS_PER_DAY,
+    REFERENCE_GRASPS,
+    REFERENCE_ID,
+    Felt,
+    run_station,
+)
 from palpate.twin.avocado import Avocado, draw_avocado
 
 FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
@@ -32,8 +39,8 @@ def station() -> Felt:
 def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
     fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
     ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
-    assert len(fruit) == 3 * DAYS
-    assert len(ball) == 5 * DAYS
+    assert len(fruit) == GRASPS_PER_DAY * DAYS
+    assert len(ball) == REFERENCE_GRASPS * DAYS
     assert all(grasp.outcome is Outcome.HELD and grasp.simulated for grasp in station.grasps)
     assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
     assert len({grasp.temperature_c for grasp in fruit}) == DAYS
@@ -126,6 +133,17 @@ def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None
     assert found["ours"]["within_one"] == 1.0
     assert found["settled change"]["exact"] < 0.6
     assert found["days_to_ripe"]["coverage"] > 0.7
+
+
+def test_limits_are_those_of_spots_and_boundaries(station: Felt) -> None:
+    felt = made_up(station, worn=0.0)
+    rows = judged(felt)
+    assert all(0.0 < row.possible <= 1.0 and row.margin >= 0.0 for row in rows)
+    near, far = min(rows, key=lambda r: r.margin), max(rows, key=lambda r: r.margin)
+    assert near.possible < 0.9 < 0.999 < far.possible
+    found = scores(rows)
+    assert sum(one["fruit_days"] for one in found["by_margin"]) == len(rows)
+    assert found["by_margin"][0]["possible"] < found["possible"] < 1.0
 
 
 def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_path: Path) -> None:
