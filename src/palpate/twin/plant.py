@@ -28,6 +28,8 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Friction of what the object stands on before it is lifted: the finger that comes first feels it.
 _TABLE_FRICTION = 0.4
+#: An object this near, beyond where one finger may meet it first, may be touched, mm.
+_NEAR_MM = 1.0
 #: Node spacing while the object is pulled, and while it slides, seconds.
 _PULLED_S, _SLIDING_S = 0.02, 0.005
 #: Node spacing: at least, and at most, seconds; travel of the fingers from node to node, mm; share
@@ -251,11 +253,22 @@ class Plant:
         if state.pull_n > 0:
             return state.time_s + (_SLIDING_S if state.slide.speed_mm_per_s > 0 else _PULLED_S)
         still_s = state.time_s - state.motion.end_s
+        usual_s = _GROWTH * still_s if still_s >= 0 else _TRAVEL_MM / state.motion.rate_mm_per_s
+        step_s = min(max(usual_s, self._clear_s(state), _SHORTEST_S), _LONGEST_S)
         if still_s >= 0:
-            return state.time_s + min(max(_GROWTH * still_s, _SHORTEST_S), _LONGEST_S)
-        step_s = min(max(_TRAVEL_MM / state.motion.rate_mm_per_s, _SHORTEST_S), _LONGEST_S)
+            return state.time_s + step_s
         nearest = min(state.time_s + step_s, state.motion.end_s)
         return contact_s if state.time_s < contact_s < nearest else nearest
+
+    def _clear_s(self, state: State) -> float:
+        """Return for how long nothing will press: what fades until then is exact over any step."""
+        if state.closure_mm >= 0 or state.target.any():
+            return 0.0
+        motion = state.motion
+        if state.obj is None or motion.to_mm >= motion.width_mm(state.time_s):
+            return np.inf
+        lead_mm = self.placement(state.placed, state.contacts).lead_mm
+        return (-state.closure_mm - lead_mm - _NEAR_MM) / motion.rate_mm_per_s
 
     def _squeezed(self, state: State, closure_mm: float, step_s: float) -> Squeeze:
         if state.obj is None:
