@@ -18,17 +18,7 @@ if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration, RestValues
     from palpate.twin.world import World
 
-#: What a simulated user has at hand: flat and round, soft and stiff.
-FACES = (
-    "ball-44lbs",
-    "dragonskin-20",
-    "ball-66lbs",
-    "springs-8",
-    "ball-33lbs",
-    "dragonskin-10",
-    "springs-4",
-    "ecoflex-10",
-)
+#: No face of the load cell is larger.
 _START_MM = 51.0
 
 
@@ -59,8 +49,7 @@ def open_twin_bench(rig: str, *, seed: int) -> TwinBench:
     DeviceError
         If the rig isn't one of the simulated ones with rigid fingers.
     """
-    from palpate.grasp.calibrating import Bench
-    from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+    from palpate.rig.twin_bench import FACES, twin_bench
     from palpate.twin.objects import draw_object
     from palpate.twin.world import World
 
@@ -71,15 +60,8 @@ def open_twin_bench(rig: str, *, seed: int) -> TwinBench:
         )
     rng = np.random.default_rng([seed, 12])
     world: World = World(None, seed=seed + 2_000_003, sheet_seed=seed)
-    bench = Bench(
-        array=TwinArray(world),
-        gripper=TwinGripper(world),
-        cell=TwinLoadCell(world),
-        clock=world.clock,
-        start=_START_MM,
-    )
     return TwinBench(
-        bench=bench,
+        bench=twin_bench(world, start=_START_MM),
         reseat=lambda run: world.place(draw_object(rng, FACES[run % len(FACES)])),
         place_block=lambda: world.place(draw_object(rng, "rigid-block")),
     )

@@ -28,7 +28,7 @@ _SHAPES = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
 _SCATTERS = {0.02: 0.4, 0.05: 0.4, 0.12: 0.2}
 #: This contact's exponent against the law's, because the load spreads over the pixels as it grows:
 #: scatter per unit of ln force, about the middle of the forces.
-_TILT_SD, _MIDDLE_N = 0.04, 3.0
+_TILT_SD, _MIDDLE_N = 0.05, 3.0
 #: A step that raises the force at one go is read low, because the sheet lags: by so much of the
 #: rise (in ln force) that is not yet forgotten, of which a share is forgotten with each step.
 _LAGS, _FORGOTTEN = (0.0, 0.12, 0.24), 0.3
@@ -37,10 +37,10 @@ _LAGS, _FORGOTTEN = (0.0, 0.12, 0.24), 0.3
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
 #: A staircase is no clean step, of which alone the settling is known: its forecast is off (ln
 #: force) by so much beyond its own interval.
-_FORECAST_SD = 0.1
+_FORECAST_SD = 0.05
 #: The doubts above are not independent, and so too many: on development objects the answers lay
 #: within so much of the interval that they make together.
-_TOO_WIDE = 0.7
+_TOO_WIDE = 0.9
 #: A reading below so many scatters of faint forces may be drift before the contact: such a step
 #: says only that the force was no larger.
 _FELT = 2.0

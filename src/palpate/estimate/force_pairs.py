@@ -64,6 +64,27 @@ def enough_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return x, y
 
 
+def law_sd(gradient: FloatArray, *, covariance: ArrayLike, residual_sd: float) -> FloatArray:
+    """Return the standard deviation of a law's prediction: of its coefficients, and its scatter.
+
+    Parameters
+    ----------
+    gradient : ndarray, shape (..., coefficients)
+        Of the prediction by the coefficients.
+    covariance : array_like, shape (coefficients, coefficients)
+        Of the coefficients.
+    residual_sd : float
+        Scatter of the calibration about the law.
+
+    Examples
+    --------
+    >>> law_sd(np.array([[1.0, 2.0]]), covariance=np.eye(2), residual_sd=2.0).tolist()
+    [3.0]
+    """
+    known = np.einsum("...i,ij,...j->...", gradient, np.asarray(covariance), gradient)
+    return np.asarray(np.sqrt(residual_sd**2 + known))
+
+
 def law_as_dict(law: Any) -> dict[str, Any]:
     """Return a law's name and numbers as plain values for a calibration file, as it reads back."""
     return {"law": law.name, **{name: _listed(value) for name, value in asdict(law).items()}}

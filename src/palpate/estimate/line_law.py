@@ -15,6 +15,7 @@ from palpate.estimate.force_pairs import (
     checked_pairs,
     enough_pairs,
     law_as_dict,
+    law_sd,
 )
 
 
@@ -81,9 +82,8 @@ class LineForceLaw:
         slope, intercept = self.coefficients
         value = slope * x + intercept
         gradient = np.stack([x, np.ones_like(x)], axis=-1)
-        cov = np.array(self.covariance)
-        variance = self.residual_sd**2 + np.einsum("...i,ij,...j->...", gradient, cov, gradient)
-        half = student_t.ppf(0.5 + level / 2, self.pairs - 2) * np.sqrt(variance)
+        sd = law_sd(gradient, covariance=self.covariance, residual_sd=self.residual_sd)
+        half = student_t.ppf(0.5 + level / 2, self.pairs - 2) * sd
         return ForceEstimate(
             value=np.maximum(value, 0.0),
             low=np.maximum(value - half, 0.0),

@@ -19,6 +19,7 @@ from palpate.estimate.force_pairs import (
     checked_pairs,
     enough_pairs,
     law_as_dict,
+    law_sd,
 )
 
 #: Forces below which readings scatter by newtons rather than by percent, as multiples of the
@@ -127,11 +128,10 @@ class PowerForceLaw:
         grown = np.exp(log_scale + exponent * log_x)
         value = offset + grown
         gradient = np.stack([grown, grown * log_x, np.ones_like(grown)], axis=-1) / value[..., None]
-        cov = np.array(self.covariance)
-        variance = self.residual_sd**2 + np.einsum("...i,ij,...j->...", gradient, cov, gradient)
+        sd = law_sd(gradient, covariance=self.covariance, residual_sd=self.residual_sd)
         freedom = self.pairs - (3 if offset > 0 else 2)
         reach = float(student_t.ppf(0.5 + level / 2, freedom))
-        spread, faint_n = np.exp(reach * np.sqrt(variance)), reach * self.floor_n
+        spread, faint_n = np.exp(reach * sd), reach * self.floor_n
         low = value - np.hypot(value - value / spread, faint_n)
         return ForceEstimate(
             value=np.where(responds, value, 0.0),

@@ -10,19 +10,20 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.estimate.force import PowerForceLaw
-from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
+from palpate.grasp.calibrating import measure_block, measure_force, measure_rest
 from palpate.grasp.calibrating_current import measure_current
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.recording.contents import Origin
 from palpate.rig import Rig
+from palpate.rig.twin_bench import FACES, twin_bench
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import BlockPairs, Calibration
-from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
 from palpate.twin.world import GripperKind, World
 
-#: What the load cell is faced with in turn: flat and round, soft and stiff, as a user has at hand.
-_FACES = ("ball-44lbs", "dragonskin-20", "ball-66lbs", "springs-8", "ball-33lbs", "dragonskin-10")
+#: So many of the bench's faces are used.
+_FACED = 6
 _BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
 
 
@@ -154,22 +155,14 @@ def calibrated(
     from the twin's own values, and the object to be grasped is not among the faces.
     """
     rng = np.random.default_rng([seed, 11])
-    faces = [name for name in _FACES if name != apart_from]
+    faces = [name for name in FACES[:_FACED] if name != apart_from]
 
     def face(run: int) -> TwinObject:
         return draw_object(rng, faces[run % len(faces)])
 
     world = World(None, seed=seed + 1_000_003, sheet_seed=seed, level=level, gripper=kind)
     protocol = _PROTOCOLS[kind]
-    array = TwinArray(world)
-    bench = Bench(
-        array=array,
-        gripper=TwinGripper(world),
-        cell=TwinLoadCell(world),
-        clock=world.clock,
-        start=protocol.start,
-        skip_until=array.skip_until,
-    )
+    bench = twin_bench(world, start=protocol.start)
     rest = measure_rest(bench)
     force = measure_force(
         bench,

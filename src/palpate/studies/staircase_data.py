@@ -12,27 +12,15 @@ from palpate.estimate.observer_sheet import SheetModel, SheetObserver
 from palpate.estimate.observer_sheet_fit import fit_current, fit_sheet, without_current
 from palpate.estimate.sheet_current import Current
 from palpate.estimate.sheet_reading_fit import FAINT_N
-from palpate.grasp.calibrating import Bench
 from palpate.grasp.load_traces import GUIDED, Staircase, record_traces
+from palpate.rig.twin_bench import FACES, twin_bench
 from palpate.sensor.load_traces import LoadTraces, frames
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray
-from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
-#: What the load cell is faced with in turn while calibrating, and what is grasped afterwards: no
-#: name is in both.
-FACES = (
-    "ball-44lbs",
-    "dragonskin-20",
-    "ball-66lbs",
-    "springs-8",
-    "ball-33lbs",
-    "dragonskin-10",
-    "springs-4",
-    "ecoflex-10",
-)
+#: What is grasped after the calibration: no name is among the faces of the load cell.
 GRASPED = ("ball-40lbs", "ball-55lbs", "springs-2", "springs-6", "tomato", "avocado-day-2")
 #: A test staircase: 20 s in steps of 1 mm, turned back at this force.
 TEST = Staircase(duration_s=20.0, highest_n=12.0)
@@ -78,17 +66,8 @@ def _recorded(
 ) -> LoadTraces:
     rng = np.random.default_rng([sensor, session])
     world = World(None, seed=sensor + 1_000_003 * session, sheet_seed=sensor, level=level)
-    array = TwinArray(world)
-    bench = Bench(
-        array=array,
-        gripper=TwinGripper(world),
-        cell=TwinLoadCell(world),
-        clock=world.clock,
-        start=START_MM,
-        skip_until=array.skip_until,
-    )
     return record_traces(
-        bench,
+        twin_bench(world, start=START_MM),
         staircases=staircases,
         reseat=lambda run: world.place(draw_object(rng, names[run])),
         rng=rng,

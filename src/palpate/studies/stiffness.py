@@ -13,10 +13,11 @@ import typer
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrated
+from palpate.sensor.calibration import Calibration
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
-from palpate.twin.world import World
+from palpate.twin.world import GripperKind, World
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,6 +25,11 @@ if TYPE_CHECKING:
 LEVELS = ("paper", "field")
 #: Two decades, N/mm.
 RANGE_N_PER_MM = (0.5, 50.0)
+#: Hand -> squeezes: gentle, just enough to measure, and firm (newtons), as far as the hand can.
+HANDS: dict[GripperKind, tuple[float | None, ...]] = {"rigid": (None, 10.0), "soft": (None, 4.0)}
+#: Where the summary is cut: fingers, pads and servo are a spring of about 4 N/mm, soft fingers one
+#: of a quarter of a newton per millimetre.
+EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +37,8 @@ class Answer:
     """One grasp: what was said of the stiffness and what was true, N/mm; NaN where not answered."""
 
     level: str
+    hand: str
+    squeeze: str
     truth: float
     value: float
     low: float
@@ -39,11 +47,8 @@ class Answer:
 
 
 def command(
-    grasps: Annotated[int, typer.Option(help="Grasps of each level.", min=4)] = 24,
-    target_force_n: Annotated[
-        float | None,
-        typer.Option(help="Grip force to reach; a gentle squeeze by default.", min=0.5),
-    ] = None,
+    grasps: Annotated[int, typer.Option(help="Objects of each level and hand.", min=4)] = 24,
+    seed: Annotated[int, typer.Option(help="First sensor.", min=0)] = 700,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -52,14 +57,17 @@ def command(
     Example: palpate study stiffness --out reports
     """
     answers = [
-        _answer(level, seed=700 + k, stiffness=float(stiffness), target_force_n=target_force_n)
+        answer
         for level in LEVELS
+        for hand in HANDS
         for k, stiffness in enumerate(np.geomspace(*RANGE_N_PER_MM, grasps))
+        for answer in answers_of(level, hand, seed=seed + k, stiffness=float(stiffness))
     ]
-    _report(answers, target_force_n=target_force_n).emit(as_json=as_json, out=out)
+    _report(answers).emit(as_json=as_json, out=out)
 
 
-def _answer(level: str, *, seed: int, stiffness: float, target_force_n: float | None) -> Answer:
+def answers_of(level: str, hand: GripperKind, *, seed: int, stiffness: float) -> list[Answer]:
+    """Calibrate one sensor and hand, and grasp one object with each squeeze."""
     rng = np.random.default_rng([seed, 21])
     obj = TwinObject(
         name=f"{stiffness:.2g} N/mm",
@@ -70,8 +78,19 @@ def _answer(level: str, *, seed: int, stiffness: float, target_force_n: float | 
         relaxing_time_s=(0.5, 3.0, 20.0),
         flat=bool(rng.random() < 0.5),
     )
-    calibration = calibrated(seed=seed, level=level, apart_from="")
-    world = World(obj, seed=seed, sheet_seed=seed, level=level)
+    calibration = calibrated(seed=seed, level=level, apart_from="", kind=hand)
+    return [_answer(obj, calibration, level, hand, seed, force_n) for force_n in HANDS[hand]]
+
+
+def _answer(
+    obj: TwinObject,
+    calibration: Calibration,
+    level: str,
+    hand: GripperKind,
+    seed: int,
+    target_force_n: float | None,
+) -> Answer:
+    world = World(obj, seed=seed, sheet_seed=seed, level=level, gripper=hand)
     gripper = TwinGripper(world)
     result = run_grasp(
         plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n),
@@ -80,17 +99,16 @@ def _answer(level: str, *, seed: int, stiffness: float, target_force_n: float | 
         clock=world.clock,
     )
     truth, found = world.truth().stiffness_n_per_mm, result.stiffness_n_per_mm
-    if truth is None or found is None:
-        return Answer(
-            level=level, truth=stiffness, value=np.nan, low=np.nan, high=np.nan, status="none"
-        )
+    answered = truth is not None and found is not None
     return Answer(
         level=level,
-        truth=truth,
-        value=found.value,
-        low=found.low,
-        high=found.high,
-        status=str(found.status),
+        hand=hand,
+        squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
+        truth=obj.force_at_1mm_n if truth is None else truth,
+        value=found.value if answered and found else np.nan,
+        low=found.low if answered and found else np.nan,
+        high=found.high if answered and found else np.nan,
+        status=str(found.status) if answered and found else "none",
     )
 
 
@@ -107,16 +125,21 @@ def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
     }
 
 
-def _report(answers: Sequence[Answer], *, target_force_n: float | None) -> StudyReport:
-    edges = (RANGE_N_PER_MM[0], 5.0, RANGE_N_PER_MM[1])
-    squeeze = "a gentle squeeze" if target_force_n is None else f"{target_force_n:g} N"
+def _summary(answers: Sequence[Answer]) -> list[dict[str, Any]]:
+    """Return scores of each level, hand and squeeze: of all objects, and by their stiffness."""
     summary = []
-    for level in LEVELS:
-        mine = [one for one in answers if one.level == level]
-        summary.append({"level": level, "range": "all", **_scores(mine)})
-        for low, high in pairwise(edges):
+    for key in dict.fromkeys((one.level, one.hand, one.squeeze) for one in answers):
+        mine = [one for one in answers if (one.level, one.hand, one.squeeze) == key]
+        named = dict(zip(("level", "hand", "squeeze"), key, strict=True))
+        summary.append({**named, "range": "all", **_scores(mine)})
+        for low, high in pairwise(EDGES_N_PER_MM):
             part = [one for one in mine if low <= one.truth < high]
-            summary.append({"level": level, "range": f"{low:g}-{high:g} N/mm", **_scores(part)})
+            summary.append({**named, "range": f"{low:g}-{high:g} N/mm", **_scores(part)})
+    return summary
+
+
+def _report(answers: Sequence[Answer]) -> StudyReport:
+    summary = _summary(answers)
     keys = {
         "median_abs_error_percent": "median error, %",
         "coverage": "coverage (0.9)",
@@ -124,9 +147,10 @@ def _report(answers: Sequence[Answer], *, target_force_n: float | None) -> Study
     }
     table = Table(
         title="Stiffness of linear objects over two decades",
-        columns=("level", "range", "grasps", "answered", *keys.values()),
+        columns=("level", "hand", "squeeze", "range", "grasps", "answered", *keys.values()),
         rows=[
-            [row["level"], row["range"], str(row["grasps"]), str(row["answered"])]
+            [row["level"], row["hand"], row["squeeze"], row["range"]]
+            + [str(row["grasps"]), str(row["answered"])]
             + ["-" if row[key] is None else f"{row[key]:.2f}" for key in keys]
             for row in summary
         ],
@@ -136,8 +160,11 @@ def _report(answers: Sequence[Answer], *, target_force_n: float | None) -> Study
         title="Stiffness in N/mm, pads, fingers and servo taken out (simulated)",
         provenance=(
             "Simulated: each grasp on a sensor and gripper of its own, calibrated by a user's "
-            f"steps (load cell with changing faces, rigid block), then one grasp ({squeeze}) of an "
-            "object it never saw. True: secant stiffness at the settled force.",
+            "steps (load cell with changing faces, rigid blocks), then one grasp of an object it "
+            "never saw: a gentle squeeze, or to a force. True: secant stiffness at the settled "
+            "force.",
+            "The give of the hand is in series: where it is a times the object's own, an error of "
+            "the force comes back 1 + a times in the stiffness.",
         ),
         tables=[table],
         payload={
@@ -159,24 +186,33 @@ def _report(answers: Sequence[Answer], *, target_force_n: float | None) -> Study
 def _figure(answers: Sequence[Answer]) -> Figure:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.8, 4.2), layout="constrained")
-    for panel, level in zip(figure.subplots(1, 2, sharex=True, sharey=True), LEVELS, strict=True):
-        mine = [one for one in answers if one.level == level and np.isfinite(one.value)]
-        truth, value = (np.array([getattr(o, n) for o in mine]) for n in ("truth", "value"))
-        ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
-        panel.errorbar(
-            truth,
-            value,
-            yerr=ends if len(mine) else None,
-            fmt="o",
-            ms=4,
-            lw=1,
-            color="#0072B2",
-            ecolor="#88B8DA",
-        )
-        panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#999999", lw=1)
-        panel.set(xscale="log", yscale="log", xlabel="true stiffness, N/mm", title=f"twin, {level}")
-        panel.set_ylim(RANGE_N_PER_MM[0] / 4, RANGE_N_PER_MM[1] * 12)
-        panel.spines[["top", "right"]].set_visible(False)
-    figure.axes[0].set_ylabel("stiffness said, with its interval, N/mm")
+    figure = Figure(figsize=(8.8, 8.0), layout="constrained")
+    panels = figure.subplots(len(HANDS), len(LEVELS), sharex=True, sharey=True)
+    for row, (hand, forces_n) in zip(panels, HANDS.items(), strict=True):
+        for panel, level in zip(row, LEVELS, strict=True):
+            firm = f"{forces_n[-1]:g} N"
+            mine = [
+                one
+                for one in answers
+                if (one.level, one.hand, one.squeeze) == (level, hand, firm)
+                and np.isfinite(one.value)
+            ]
+            truth, value = (np.array([getattr(o, n) for o in mine]) for n in ("truth", "value"))
+            ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
+            panel.errorbar(
+                truth,
+                value,
+                yerr=ends if len(mine) else None,
+                fmt="o",
+                ms=3,
+                lw=1,
+                color="#0072B2",
+                ecolor="#88B8DA",
+            )
+            panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#999999", lw=1)
+            panel.set(xscale="log", yscale="log", title=f"twin, {level}, {hand} hand, {firm}")
+            panel.set_ylim(RANGE_N_PER_MM[0] / 4, RANGE_N_PER_MM[1] * 12)
+            panel.spines[["top", "right"]].set_visible(False)
+    figure.supxlabel("true stiffness, N/mm")
+    figure.supylabel("stiffness said, with its interval, N/mm")
     return figure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,11 +62,19 @@ def test_table5_report(tmp_path: Path) -> None:
 
 
 def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
-    given = stiffness.Answer(level="paper", truth=2.0, value=2.2, low=1.0, high=4.0, status="ok")
-    none = stiffness.Answer(
-        level="paper", truth=9.0, value=np.nan, low=np.nan, high=np.nan, status="none"
+    given = stiffness.Answer(
+        level="paper",
+        hand="rigid",
+        squeeze="10 N",
+        truth=2.0,
+        value=2.2,
+        low=1.0,
+        high=4.0,
+        status="ok",
     )
-    report = stiffness._report([given, none], target_force_n=None)
+    nan = float("nan")
+    none = replace(given, truth=9.0, value=nan, low=nan, high=nan, status="none")
+    report = stiffness._report([given, none])
     report.write(tmp_path)
     document = json.loads((tmp_path / "stiffness.json").read_text())
     overall = document["summary"][0]
