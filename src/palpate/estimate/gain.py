@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from palpate.estimate.force_pairs import FloatArray, ForceEstimate
 
@@ -87,14 +87,14 @@ class Gain:
 
         Examples
         --------
-        >>> law_sd = np.log(2.0) / norm.ppf(0.95)
+        >>> law_sd = np.log(2.0) / ndtri(0.95)
         >>> said = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
         ...     in_range=np.array([True]), level=0.9)
         >>> gain = Gain(log_mean=np.log(1.5), log_sd=law_sd / 2, law_sd=law_sd)
         >>> gain.applied(said).value.round(3).tolist(), gain.applied(said).high.round(3).tolist()
         ([3.0], [4.243])
         """
-        reach = float(norm.ppf(0.5 + said.level / 2))
+        reach = float(ndtri(0.5 + said.level / 2))
         factor, read = float(np.exp(self.log_mean)), said.value > 0
         value = np.where(read, said.value, 1.0)
         up = self._reaches(np.log(np.where(read, said.high, 1.0) / value), reach)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from palpate.estimate.force_pairs import FloatArray, ForceEstimate, enough_pairs
 
@@ -176,7 +176,7 @@ class PixelForceLaw:
         """Return the force of each reading, of any shape."""
         x = np.maximum(np.asarray(reading, dtype=float), 0.0)
         value = np.exp(self.log_scale) * x**self.exponent
-        half = float(norm.ppf(0.5 + level / 2))
+        half = float(ndtri(0.5 + level / 2))
         # A faint force scatters by newtons, a firm one in proportion.
         floor_n = half * self.floor_n
         up = np.hypot(value * np.expm1(half * self.residual_sd), floor_n)
@@ -277,7 +277,7 @@ def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelFo
 
     Sorted by what is said, for that is all that a grasp will know.
     """
-    tenth, firm = float(norm.ppf(0.95)), said > _FIRM_N
+    tenth, firm = float(ndtri(0.95)), said > _FIRM_N
     log_error = np.abs(np.log(said[firm] / np.maximum(force[firm], 0.1)))
     error_n = np.abs(said[~firm] - force[~firm])
     return replace(

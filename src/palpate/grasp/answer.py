@@ -25,6 +25,8 @@ _GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 #: Use and climate change a sheet's gain between calibration and grasp: log sd in force, as far as
 #: nobody checks (paper, Figures 3 and 4).
 _SINCE_SD = 0.05
+#: What is left at the horizon of the force while closing: things relax by a percent or two.
+_RELAXED = 0.985
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
 _FELT_PERCENT = -1.0
 
@@ -84,25 +86,31 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
 
 
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
-    """Put the measurements into the result."""
+    """Put the settled force into the result."""
     force = settled_force(settled, felt=felt_by_gripper(belief, plan), plan=plan)
-    size_mm, stiffness = None, None
-    if plan.give is not None:
-        size = _contact_point(belief, plan, plan.give)
-        if size is not None:
-            size_mm = _size(size, plan, plan.give)
-            stiffness = _stiffness(belief, force, plan, plan.give)
     began_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
     result = replace(
         belief.result,
         decision_time_s=round(belief.now_s - began_s, 6),
         settled_percent=settled.relative_percent,
         force_n=force,
-        size_mm=size_mm,
-        stiffness_n_per_mm=stiffness,
         peak_force_n=max(belief.peak_force_n, force.value),
     )
     return replace(belief, result=result, peak_force_n=max(belief.peak_force_n, force.value))
+
+
+def examined(belief: Belief, *, plan: Plan) -> Belief:
+    """Put size and stiffness into the result, where the hand can tell them."""
+    force = belief.result.force_n
+    size = None if plan.give is None else _contact_point(belief, plan, plan.give)
+    if plan.give is None or size is None or force is None:
+        return belief
+    result = replace(
+        belief.result,
+        size_mm=_size(size, plan, plan.give),
+        stiffness_n_per_mm=_stiffness(belief, force, plan, plan.give),
+    )
+    return replace(belief, result=result)
 
 
 def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:
@@ -125,7 +133,9 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     up = float(np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value)))
     if felt is not None:
         reach = float(norm.ppf(0.5 + plan.level / 2))
-        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).told(felt, sheet_n=value)
+        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).told(
+            replace(felt, force_n=_RELAXED * felt.force_n), sheet_n=value
+        )
         value, down, up = value * float(np.exp(gain.log_mean)), *(reach * gain.log_sd,) * 2
     return Measurement(
         value=value,

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from scipy.stats import norm
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from palpate.estimate.closing import ClosingCurve
 from palpate.estimate.stiffness import Give
@@ -28,8 +31,10 @@ _EASED_SHARE = 0.3
 _FURTHER = 1.2
 #: What a step may add on a rigid thing while the damage limit is not known at all, newtons.
 _UNKNOWN_N = 1.0
+#: Share of the room to the damage limit that one step may take.
+_SHARE_OF_ROOM = 0.5
 #: A step that the servo's current is to tell of lasts so long: some frames must fall into it.
-_FELT_S = 0.27
+_FELT_S = 0.33
 #: Share of what is missing to the target that one step of the squeeze may close.
 _BOLD = 0.75
 
@@ -149,12 +154,17 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     """
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
     gripped = _gripped(belief, plan)
-    pressed = belief.closure - gripped[0].closure if gripped else 0.0
-    longest = _FURTHER * pressed + plan.fine_step
-    if plan.damage is not None and math.isinf(belief.damage_low_n):
+    way = belief.closure - gripped[0].closure if gripped else 0.0
+    longest = _FURTHER * way + plan.fine_step
+    wanted = max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
+    if plan.damage is None:
+        return wanted
+    if math.isinf(belief.damage_low_n):
         # Nothing is known of the limit yet: no step may do more than show some of the curve.
-        longest = _UNKNOWN_N / plan.steepest_n
-    return max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
+        return min(wanted, _UNKNOWN_N / plan.steepest_n)
+    # The limit is told anew at every step: it is come near to in several.
+    room_n = belief.damage_low_n - belief.force_high_n
+    return min(wanted, _SHARE_OF_ROOM * room_n / slope_high_n(belief, plan))
 
 
 def slope_high_n(belief: Belief, plan: Plan) -> float:
@@ -164,11 +174,8 @@ def slope_high_n(belief: Belief, plan: Plan) -> float:
 
 def slope_n(belief: Belief, plan: Plan) -> float:
     """Return how steeply the force rose over the last steps, N per mm or kPa."""
-    law, gain = plan.early_law, belief.gain
-    curve = [
-        (c.closure, float(gain.applied(law.force_n(c.touch.reading)).value))
-        for c in belief.staircase[-3:]
-    ]
+    last = belief.staircase[-3:]
+    curve = zip((c.closure for c in last), _forces_n(last, belief, plan).tolist(), strict=True)
     slopes = [
         (f1 - f0) / (x1 - x0) for (x0, f0), (x1, f1) in pairwise(curve) if x1 > x0 and f1 > f0
     ]
@@ -185,7 +192,7 @@ def _damage_low_n(belief: Belief, plan: Plan) -> float:
     give = plan.give if plan.bend is None else plan.bend.give
     if plan.damage is None or give is None:
         return math.inf
-    reach = float(norm.ppf(0.5 + plan.level / 2)) * belief.gain.log_sd
+    reach = float(ndtri(0.5 + plan.level / 2)) * belief.gain.log_sd
     bounds = [
         _limit_n(belief, plan, give=give, factor=math.exp(off)) for off in (-reach, 0.0, reach)
     ]
@@ -196,12 +203,12 @@ def _limit_n(belief: Belief, plan: Plan, *, give: Give, factor: float) -> float:
     """Return the limit if all forces are `factor` times what they seem, as they seem."""
     assert plan.damage is not None
     mm_per_unit = 1.0 if plan.bend is None else plan.bend.mm_per_kpa
+    stairs = _gripped(belief, plan)
+    force_n = factor * _forces_n(stairs, belief, plan)
+    deformed_mm = mm_per_unit * np.array([c.closure for c in stairs]) - give.give_mm(force_n)
     curve, states = ClosingCurve(), []
-    for stair in _gripped(belief, plan):
-        said = belief.gain.applied(plan.early_law.force_n(stair.touch.reading))
-        force_n = factor * float(said.value)
-        deformed_mm = mm_per_unit * stair.closure - float(give.give_mm(force_n))
-        states += curve.push(deformed_mm, force_n=force_n)
+    for at_mm, at_n in zip(deformed_mm.tolist(), force_n.tolist(), strict=True):
+        states += curve.push(at_mm, force_n=at_n)
     if not states:
         return math.inf
     return plan.damage.bound_n(states[-1], kind=plan.kind, rate=DAMAGE_RATE) / factor
@@ -210,11 +217,16 @@ def _limit_n(belief: Belief, plan: Plan, *, give: Give, factor: float) -> float:
 def _gripped(belief: Belief, plan: Plan) -> list[Closing]:
     """Return the steps at which the object was squeezed: felt by both fingers, or surely pressed.
 
-    A faint touch of one finger alone is no squeeze, it may only push.
+    A faint touch of one finger alone is no squeeze, it may only push. The step before the first
+    one is where the curve begins.
     """
-    return [
-        stair
-        for stair in belief.staircase
-        if stair.touch.shared_percent <= plan.hint_percent
-        or float(plan.early_law.force_n(stair.touch.reading).value) > plan.force_step_n
-    ]
+    force_n = _forces_n(belief.staircase, belief, plan)
+    shared = np.array([stair.touch.shared_percent for stair in belief.staircase])
+    gripped = np.flatnonzero((shared <= plan.hint_percent) | (force_n > plan.force_step_n))
+    return list(belief.staircase[max(int(gripped[0]) - 1, 0) :]) if gripped.size else []
+
+
+def _forces_n(stairs: Sequence[Closing], belief: Belief, plan: Plan) -> NDArray[np.float64]:
+    """Return the forces of steps, soon after each, by the sheet and this contact's gain."""
+    said = plan.early_law.force_n(np.array([stair.touch.reading for stair in stairs]))
+    return np.asarray(math.exp(belief.gain.log_mean) * said.value)

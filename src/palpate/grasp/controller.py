@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from palpate.grasp.answer import answered, forecast, sure_enough
+from palpate.grasp.answer import answered, examined, forecast, sure_enough
 from palpate.grasp.belief import Belief, Observation, observed, rezeroed
 from palpate.grasp.closing import (
     approach_dwell_s,
@@ -30,8 +30,6 @@ _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
 _LOST_SHARE = 0.35
 #: The squeeze ends a little below the target: what is left is corrected by settled forces.
 _NEAR = 0.93
-#: Missing this share of the target, there is no need to be sure before pressing on.
-_FAR = 0.07
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
 
@@ -155,15 +153,19 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
 
 
 def _settle(belief: Belief, plan: Plan) -> Move:
-    """Stand still until the settled force can be told well enough, or is surely too little."""
+    """Stand still until the settled force can be told well enough, or is clearly not the target."""
     if belief.still_s < plan.decide_after_s or belief.still_s < belief.next_forecast_s:
         return belief, None
     belief = replace(belief, next_forecast_s=belief.still_s + _FORECAST_EVERY_S)
     settled = forecast(belief, plan=plan)
     belief = answered(belief, settled, plan=plan)
     belief = _on_target(belief, plan)
-    if _far(belief, plan) or sure_enough(settled, plan=plan) or belief.still_s >= plan.decide_by_s:
-        return belief.enter(Phase.ADJUST), None
+    if (
+        _astray(belief, plan)
+        or sure_enough(settled, plan=plan)
+        or belief.still_s >= plan.decide_by_s
+    ):
+        return examined(belief, plan=plan).enter(Phase.ADJUST), None
     return belief, None
 
 
@@ -268,6 +270,14 @@ def _over(belief: Belief, plan: Plan) -> bool:
     return enough and force.value > (1.0 + plan.target_tolerance) * goal_n
 
 
+def _astray(belief: Belief, plan: Plan) -> bool:
+    """Whether the target is missed by so much that there is no need to be sure by how much."""
+    if plan.target_force_n is None or belief.adjustments >= plan.most_adjustments:
+        return False
+    missing_n = _missing_n(belief, plan)
+    return missing_n > plan.target_tolerance * _goal_n(plan) or _over(belief, plan)
+
+
 def _on_target(belief: Belief, plan: Plan) -> Belief:
     """Note when the settled force is first told to be on target since the last movement."""
     moments = belief.result.moments
@@ -276,12 +286,6 @@ def _on_target(belief: Belief, plan: Plan) -> Belief:
     if plan.target_force_n is None or told or not near or _over(belief, plan):
         return belief
     return belief.noted("on_target")
-
-
-def _far(belief: Belief, plan: Plan) -> bool:
-    """Whether the target is missed by so much that there is no need to be sure by how much."""
-    force, target_n = belief.result.force_n, plan.target_force_n
-    return force is not None and target_n is not None and force.value < (1.0 - _FAR) * target_n
 
 
 def _lifts(belief: Belief, lift_force_n: float) -> bool:

@@ -264,11 +264,11 @@ def _blindly_lifted(world: World, task: Task, *, method: str) -> Gripped:
     )
 
 
-def gripped(tasks: Sequence[Task], *, damage: DamageModel) -> list[Gripped]:
-    """Grip every task in every way that its hand allows."""
-    found: list[Gripped] = []
-    for one in tasks:
-        found += [ours(one, damage=damage), waiting(one, damage=damage), fixed_extra(one)]
+def gripped(tasks: Sequence[Task], *, damage: DamageModel, compared: int) -> list[Gripped]:
+    """Grip every task by ours, and the first ones in every other way that their hand allows."""
+    found = [ours(one, damage=damage) for one in tasks]
+    for one in tasks[:compared]:
+        found += [waiting(one, damage=damage), fixed_extra(one)]
         if one.kind == "rigid":
             found.append(by_current(one))
     return found

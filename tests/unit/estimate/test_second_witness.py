@@ -1,0 +1,111 @@
+"""Current law, gain of a contact, and bending fingers: what they refuse, and how sure they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.errors import CalibrationError
+from palpate.estimate.bend import Bend
+from palpate.estimate.force_pairs import ForceEstimate
+from palpate.estimate.gain import Gain, MeasuredForce
+from palpate.estimate.servo_force import CurrentLaw
+from palpate.sensor.current_pairs import CurrentPairs
+
+
+def pairs(*, ma_per_n: float = 16.0, noise_ma: float = 6.0, count: int = 200) -> CurrentPairs:
+    rng = np.random.default_rng(5)
+    force_n = np.linspace(0.0, 12.0, count)
+    current_ma = 40.0 + ma_per_n * force_n + noise_ma * rng.standard_normal(count)
+    return CurrentPairs(force_n=tuple(force_n.tolist()), current_ma=tuple(current_ma.tolist()))
+
+
+def test_current_law_is_read_off_noisy_readings() -> None:
+    law = CurrentLaw.fit(pairs())
+    assert law.zero_ma == pytest.approx(40.0, abs=4 * law.zero_sd_ma)
+    assert law.ma_per_n == pytest.approx(16.0, rel=0.02)
+    assert law.noise_ma == pytest.approx(6.0, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (pairs(count=5), "5 readings"),
+        (CurrentPairs(force_n=(), current_ma=()), "0 readings over 0.0 N"),
+        (pairs(ma_per_n=-16.0), "must rise with the force"),
+    ],
+)
+def test_current_law_refuses(given: CurrentPairs, words: str) -> None:
+    with pytest.raises(CalibrationError, match=words):
+        CurrentLaw.fit(given)
+
+
+def test_current_pairs_of_unequal_length_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="2 forces and 1 currents"):
+        CurrentPairs(force_n=(1.0, 2.0), current_ma=(50.0,))
+    with pytest.raises(CalibrationError, match="finite"):
+        CurrentPairs(force_n=(1.0,), current_ma=(float("nan"),))
+
+
+def test_stated_scatter_of_a_measured_force_is_the_real_one() -> None:
+    law = CurrentLaw(zero_ma=40.0, ma_per_n=16.0, zero_sd_ma=0.0, noise_ma=6.0)
+    rng, share = np.random.default_rng(7), np.linspace(0.1, 1.0, 15)
+    found = [
+        law.measured(40.0 + 16.0 * 3.0 * share + 6.0 * rng.standard_normal(15), share=share)
+        for _ in range(400)
+    ]
+    forces = np.array([one.force_n for one in found if one is not None])
+    assert len(forces) == 400
+    assert forces.mean() == pytest.approx(3.0, abs=0.02)
+    assert forces.std() == pytest.approx(found[0].sd_n if found[0] else 0.0, rel=0.1)
+
+
+def test_no_reading_of_a_grip_measures_nothing() -> None:
+    law = CurrentLaw.fit(pairs())
+    assert law.measured([], share=[]) is None
+    assert law.measured([45.0], share=[0.0]) is None
+
+
+def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() -> None:
+    measured = MeasuredForce(force_n=4.0, sd_n=0.05, log_sd=0.0)
+    from_sheet = Gain.unknown(law_sd=0.5).told(measured, sheet_n=2.0)
+    assert np.exp(from_sheet.log_mean) == pytest.approx(2.0, rel=0.03)
+    assert from_sheet.log_sd < 0.05
+    sure = Gain.unknown(law_sd=0.02).told(
+        MeasuredForce(force_n=4.0, sd_n=3.0, log_sd=0.0), sheet_n=2.0
+    )
+    assert abs(sure.log_mean) < 0.01
+    assert sure.log_sd == pytest.approx(0.02, rel=0.05)
+
+
+def test_nothing_read_leaves_the_gain_as_it_was() -> None:
+    gain = Gain.unknown(law_sd=0.1)
+    measured = MeasuredForce(force_n=4.0, sd_n=0.1, log_sd=0.0)
+    assert gain.told(measured, sheet_n=0.0) == gain
+
+
+def test_unknown_gain_leaves_what_the_law_says_and_more_doubt_widens_it() -> None:
+    said = ForceEstimate(
+        value=np.array([0.0, 2.0]),
+        low=np.array([0.0, 1.8]),
+        high=np.array([0.3, 2.3]),
+        in_range=np.array([False, True]),
+        level=0.9,
+    )
+    same = Gain.unknown(law_sd=0.05).applied(said)
+    assert same.value.tolist() == said.value.tolist()
+    assert same.high == pytest.approx(said.high)
+    assert same.low == pytest.approx(said.low)
+    wide = Gain.unknown(law_sd=0.05, more_sd=0.2).applied(said)
+    assert wide.high[1] > 2.7
+    assert wide.low[1] < 1.5
+    assert wide.high[0] == 0.3
+
+
+def test_blocks_of_one_size_tell_no_millimetres() -> None:
+    force_n = np.linspace(0.5, 6.0, 8)
+    with pytest.raises(CalibrationError, match="two sizes"):
+        Bend.fit(24.0 + 2.6 * force_n, force_n=force_n, block_mm=np.full(8, 40.0))
+    sizes = np.repeat([40.0, 50.0], 4)
+    with pytest.raises(CalibrationError, match="higher pressure"):
+        Bend.fit(sizes + force_n, force_n=force_n, block_mm=sizes)

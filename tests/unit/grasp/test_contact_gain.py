@@ -1,0 +1,147 @@
+"""A spring in a hand whose servo tells its current: what that mends, up and down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.estimate.servo_force import CurrentLaw
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.interface import GripperCommand, GripperState
+
+LAW = CurrentLaw(zero_ma=40.0, ma_per_n=16.0, zero_sd_ma=0.5, noise_ma=6.0)
+
+
+@pytest.fixture
+def slow(bench: Any) -> Any:
+    """A hand that takes its time, so that frames fall into its movements, and tells its current.
+
+    Its sheet reads `gain` times what it was calibrated to.
+    """
+
+    class Slow(type(bench)):  # type: ignore[misc]
+        gain, reading = 1.0, False
+        begun, way = (0.0, 74.0), GripperCommand(target=74.0, rate=60.0)
+        rng = np.random.default_rng(3)
+
+        @property
+        def width_mm(self) -> float:
+            since_s, from_mm = self.begun
+            done_mm = (self.clock.now_s() - since_s) * self.way.rate
+            whole_mm = self.way.target - from_mm
+            return from_mm + float(np.sign(whole_mm)) * min(done_mm, abs(whole_mm))
+
+        @width_mm.setter
+        def width_mm(self, value: float) -> None:
+            assert value == 74.0
+
+        @property
+        def force_n(self) -> float:
+            true_n = float(super().force_n)
+            return self.gain * true_n if self.reading else true_n
+
+        def read(self, *, timeout_s: float) -> Any:
+            self.reading = True
+            frame = super().read(timeout_s=timeout_s)
+            self.reading = False
+            return frame
+
+        def state(self) -> GripperState:
+            moving = self.width_mm != self.way.target
+            current = 40.0 + 16.0 * self.force_n + 6.0 * self.rng.standard_normal()
+            return GripperState(
+                time_s=self.clock.now_s(),
+                width_mm=self.width_mm,
+                current_ma=current if moving else self.rng.uniform(-200, 200),
+                moving=moving,
+            )
+
+        def command(self, wanted: GripperCommand) -> GripperCommand:
+            self.begun, self.way = (self.clock.now_s(), self.width_mm), wanted
+            return wanted
+
+    return Slow()
+
+
+def run(plan: Plan, bench: Any, *, watch: Any = None) -> GraspResult:
+    watchers = [] if watch is None else [watch]
+    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=watchers)
+
+
+def held_n(plan: Plan, bench: Any) -> tuple[GraspResult, float]:
+    forces = list[float]()
+
+    def at_hold(belief: Any) -> None:
+        if belief.phase is Phase.HOLD:
+            forces.append(bench.force_n)
+
+    result = run(plan, bench, watch=at_hold)
+    assert result.outcome is Outcome.HELD
+    return result, forces[-1]
+
+
+def doubted(plan: Plan) -> Plan:
+    """Return the plan of a sheet whose gain is known to a third."""
+    law = replace(plan.early_law, residual_sd=0.35)
+    return replace(plan, early_law=law, settled_law=law, target_force_n=4.0)
+
+
+@pytest.mark.parametrize("gain", [0.6, 1.5])
+def test_current_mends_a_sheet_that_reads_otherwise_here(
+    plan: Plan, slow: Any, gain: float
+) -> None:
+    slow.gain = gain
+    result, force_n = held_n(replace(doubted(plan), current=LAW), slow)
+    assert force_n == pytest.approx(4.0, rel=0.15)
+    assert result.force_n is not None
+    assert result.force_n.low <= force_n <= result.force_n.high
+    assert result.force_n.high / result.force_n.low < 1.6
+
+
+def test_without_current_the_sheet_is_believed(plan: Plan, slow: Any) -> None:
+    slow.gain = 0.6
+    _, force_n = held_n(doubted(plan), slow)
+    assert force_n == pytest.approx(4.0 / 0.6, rel=0.15)
+
+
+def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
+    """The object stiffens under the last step; the hand opens, and comes back from below."""
+    phases, forces = list[Phase](), list[float]()
+
+    def watch(belief: Any) -> None:
+        if belief.phase is Phase.SETTLE and not phases.count(Phase.EASE):
+            # Something pushes the fingers' object thicker once.
+            slow.size_mm = 50.9
+        phases.append(belief.phase)
+        forces.append(slow.force_n)
+
+    result = run(replace(plan, target_force_n=4.0), slow, watch=watch)
+    names = [moment.name for moment in result.moments if moment.finger is None]
+    assert "eased" in names
+    assert names.index("eased") < names.index("answer")
+    last = [force for phase, force in zip(phases, forces, strict=True) if phase is Phase.HOLD][-1]
+    assert last == pytest.approx(4.0, rel=0.1)
+    eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase is Phase.EASE]
+    assert min(eased_n) < 0.8 * 4.0
+
+
+def test_nothing_is_closed_on_what_the_hand_is_behind(plan: Plan, bench: Any) -> None:
+    """A hand that sticks within the error of its own report does not add up small steps."""
+    safety = replace(plan.safety, force_ceiling_n=2.0)
+    stuck_mm = 50.0
+
+    def command(wanted: GripperCommand) -> GripperCommand:
+        bench.commands.append(wanted)
+        bench.width_mm = max(wanted.target, stuck_mm)
+        return wanted
+
+    bench.command = command
+    run(replace(plan, target_force_n=2.0, safety=safety, longest_s=20.0), bench)
+    closest_mm = min(one.target for one in bench.commands)
+    assert (stuck_mm - closest_mm) * plan.steepest_n < safety.force_ceiling_n
