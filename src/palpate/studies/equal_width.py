@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.settling.result import FloatArray
-from palpate.studies.report import Table
+from palpate.studies.report import StudyReport, Table
 from palpate.studies.twin_session import LEVELS, Reading, Session, grasps
 from palpate.twin.objects import TwinObject
 
@@ -80,17 +80,26 @@ def settled_readings(
     repeats: int,
     sensors: int,
     fixture: bool = False,
+    anew: bool = False,
 ) -> dict[str, Settled]:
-    """Grasp each object so often at one width on each sensor; level -> what was read."""
+    """Grasp each object so often at one width on each sensor; level -> what was read.
+
+    `anew` places it before every grasp, else once.
+    """
     found = {}
     for level in LEVELS:
         values = {name: np.empty((len(objects), sensors, repeats)) for name in READINGS}
         for sensor in range(sensors):
             for index, obj in enumerate(objects):
                 session = Session(sensor, level=level, trial=index)
-                (made,) = grasps(
-                    session, obj, widths_mm=[width_mm], repeats=repeats, fixture=fixture
-                )
+                each = 1 if anew else repeats
+                made = [
+                    reading
+                    for _ in range(repeats // each)
+                    for reading in grasps(
+                        session, obj, widths_mm=[width_mm], repeats=each, fixture=fixture
+                    )[0]
+                ]
                 for name, of in READINGS.items():
                     values[name][index, sensor] = [of(reading) for reading in made]
         found[level] = Settled(names=tuple(obj.name for obj in objects), values=values)
@@ -152,6 +161,95 @@ def r_squared_payload(
         }
         for condition, found in conditions.items()
     }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineStudy:
+    """What a study of a line through objects of known rating is of.
+
+    Attributes
+    ----------
+    name, title, figure : str
+        On the command line, in words, and the file of its figure.
+    reading : str
+        Name in `READINGS` of what the published R^2 is of.
+    published_r_squared : float
+        Paper, section 3.2.
+    ratings : sequence of float
+        Of each object.
+    rated : str
+        What the rating is, with its unit.
+    """
+
+    name: str
+    title: str
+    figure: str
+    reading: str
+    published_r_squared: float
+    ratings: Sequence[float]
+    rated: str
+
+    def report(
+        self,
+        conditions: Mapping[str, Mapping[str, Settled]],
+        *,
+        main: str,
+        provenance: Sequence[str],
+        changes: tuple[str, tuple[str, ...], Sequence[Sequence[str]]],
+        payload: Mapping[str, Any],
+        figures: Mapping[str, Callable[[], Figure]] | None = None,
+    ) -> StudyReport:
+        """Put changes and R^2 beside the published ones.
+
+        Parameters
+        ----------
+        conditions : mapping
+            Condition -> level -> settled readings.
+        main : str
+            The condition whose changes are shown.
+        provenance : sequence of str
+            What else is to be said of the grasps.
+        changes : tuple
+            Title of the table of changes, its first columns, and their cells for each object.
+        payload, figures : mapping
+            What the study has of its own.
+        """
+        shown = conditions[main]
+        title, columns, leads = changes
+        published = (self.reading, self.published_r_squared)
+        return StudyReport(
+            name=self.name,
+            title=self.title,
+            provenance=[*provenance, CALIBRATION_INPUT],
+            tables=[
+                Table(
+                    title=title,
+                    columns=(*columns, *LEVELS),
+                    rows=[
+                        [*lead, *(shown[level].cell(self.reading, index) for level in LEVELS)]
+                        for index, lead in enumerate(leads)
+                    ],
+                ),
+                r_squared_table(conditions, self.ratings, published=published),
+            ],
+            payload={
+                "study": self.name,
+                "origin": "twin",
+                **payload,
+                "published_r_squared": self.published_r_squared,
+                "levels": {level: shown[level].as_json(self.reading) for level in LEVELS},
+                "r_squared": r_squared_payload(conditions, self.ratings),
+            },
+            figures={
+                **(figures or {}),
+                self.figure: lambda: draw_lines(
+                    shown,
+                    self.ratings,
+                    readings=(self.reading, "summed excess"),
+                    xlabel=self.rated,
+                ),
+            },
+        )
 
 
 def draw_lines(
