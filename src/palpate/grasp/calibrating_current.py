@@ -8,8 +8,8 @@ from palpate.grasp.calibrating import Bench
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.current_pairs import CurrentPairs
 
-#: So slowly that the cell's reading and the current are of one moment.
-_RATE_MM_PER_S, _POLL_S = 1.5, 0.05
+#: So slowly (mm or kPa a second) that the cell's reading and the current are of one moment.
+_RATE, _POLL_S = 1.5, 0.05
 
 
 def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPairs | None:
@@ -22,7 +22,7 @@ def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPai
     force_n, current_ma = list[float](), list[float]()
     for _ in range(repeats):
         _go(bench, GripperCommand(target=bench.start, rate=limits.fastest))
-        bench.gripper.command(GripperCommand(target=limits.lowest, rate=_RATE_MM_PER_S))
+        bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=_RATE))
         while True:
             bench.clock.sleep_s(_POLL_S)
             state, force = bench.gripper.state(), bench.cell.read_n()

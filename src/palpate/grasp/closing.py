@@ -33,8 +33,9 @@ _FURTHER = 1.2
 _UNKNOWN_N = 1.0
 #: Share of the room to the damage limit that one step may take.
 _SHARE_OF_ROOM = 0.5
-#: A step that the servo's current is to tell of lasts so long: some frames must fall into it.
-_FELT_S = 0.33
+#: A step that the servo's current is to tell of lasts so long: some frames must fall into it. More
+#: of them in a correction, which is made near the target.
+_FELT_S, CORRECTED_S = 0.27, 0.5
 #: Share of what is missing to the target that one step of the squeeze may close.
 _BOLD = 0.75
 
@@ -82,8 +83,13 @@ def pressed(belief: Belief, *, force_n: float, force_high_n: float) -> Belief:
     return replace(belief, force_n=force_n, force_high_n=force_high_n, peak_force_n=peak_n)
 
 
-def closed_by(belief: Belief, step: float, plan: Plan) -> tuple[Belief, GripperCommand | None]:
-    """Close by a step, cut to what is safe; no command if that is not worth a movement."""
+def closed_by(
+    belief: Belief, step: float, plan: Plan, *, lasting_s: float = _FELT_S
+) -> tuple[Belief, GripperCommand | None]:
+    """Close by a step, cut to what is safe; no command if that is not worth a movement.
+
+    A servo whose current is listened to takes at least `lasting_s` for it.
+    """
     rate = plan.rate if belief.contact_s is None else plan.squeeze_rate
     safe = largest_step(
         force_high_n=belief.force_high_n,
@@ -96,7 +102,7 @@ def closed_by(belief: Belief, step: float, plan: Plan) -> tuple[Belief, GripperC
     if step < plan.smallest_step:
         return belief, None
     if belief.contact_s is not None and plan.current is not None:
-        rate = min(rate, step / _FELT_S)
+        rate = min(rate, step / lasting_s)
     sent = belief.closure + step
     belief = replace(belief, still_since_s=None, touches=(), moved_s=belief.now_s, sent=sent)
     return belief, GripperCommand(target=plan.gripper.target(sent), rate=rate)
@@ -107,7 +113,7 @@ def pressed_on(
 ) -> tuple[Belief, GripperCommand | None]:
     """Close by what raises the settled force by as much as is missing."""
     step = max(missing_n / slope_n(belief, plan), plan.smallest_step)
-    moved, command = closed_by(_settled(belief), step, plan)
+    moved, command = closed_by(_settled(belief), step, plan, lasting_s=CORRECTED_S)
     return replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0), command
 
 

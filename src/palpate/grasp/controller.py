@@ -8,6 +8,7 @@ from dataclasses import replace
 from palpate.grasp.answer import answered, examined, forecast, sure_enough
 from palpate.grasp.belief import Belief, Observation, observed, rezeroed
 from palpate.grasp.closing import (
+    CORRECTED_S,
     approach_dwell_s,
     approach_step,
     closed_by,
@@ -154,7 +155,8 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
 
 def _settle(belief: Belief, plan: Plan) -> Move:
     """Stand still until the settled force can be told well enough, or is clearly not the target."""
-    if belief.still_s < plan.decide_after_s or belief.still_s < belief.next_forecast_s:
+    looking = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
+    if belief.still_s < max(looking, belief.next_forecast_s):
         return belief, None
     belief = replace(belief, next_forecast_s=belief.still_s + _FORECAST_EVERY_S)
     settled = forecast(belief, plan=plan)
@@ -191,7 +193,8 @@ def _ease(belief: Belief, plan: Plan) -> Move:
     """Close again from below, as every force that the sheet was calibrated with was reached."""
     if belief.still_s < plan.confirm_s:
         return belief, None
-    belief, command = closed_by(belief, belief.again - belief.closure, plan)
+    way = belief.again - belief.closure
+    belief, command = closed_by(belief, way, plan, lasting_s=CORRECTED_S)
     return belief.enter(Phase.SETTLE, note="adjusted"), command
 
 

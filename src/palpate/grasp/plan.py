@@ -91,6 +91,8 @@ class Plan:
         Wait between tries; a touch of the open fingers ends it.
     decide_after_s, decide_by_s : float
         Earliest and latest time of the answer, from the end of the last movement.
+    correct_after_s : float
+        Earliest time at which a force that is clearly not the target is corrected.
     decide_half_width : float
         The answer is given as soon as the interval of the settled excess conductance is narrower
         than this share of it, to either side.
@@ -141,6 +143,7 @@ class Plan:
     wait_s: float = 2.0
     decide_after_s: float = 0.8
     decide_by_s: float = 2.5
+    correct_after_s: float = 0.5
     decide_half_width: float = 0.05
     target_tolerance: float = 0.05
     most_adjustments: int = 6

@@ -87,7 +87,13 @@ def waiting(task: Task, *, damage: DamageModel) -> Gripped:
     until_s = HORIZON_S - 0.5
 
     def patient(plan: Plan) -> Plan:
-        return replace(plan, settling=Recorded(), decide_after_s=until_s, decide_by_s=until_s)
+        return replace(
+            plan,
+            settling=Recorded(),
+            correct_after_s=until_s,
+            decide_after_s=until_s,
+            decide_by_s=until_s,
+        )
 
     return _controlled(task, patient, method="wait 20 s after each move", damage=damage)
 
