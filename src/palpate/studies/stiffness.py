@@ -17,7 +17,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
-from palpate.twin.world import GripperKind, World
+from palpate.twin.world import World
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 LEVELS = ("paper", "field")
 #: Two decades, N/mm.
 RANGE_N_PER_MM = (0.5, 50.0)
-#: Hand -> squeezes: gentle, just enough to measure, and firm (newtons), as far as the hand can.
-HANDS: dict[GripperKind, tuple[float | None, ...]] = {"rigid": (None, 10.0), "soft": (None, 4.0)}
-#: Where the summary is cut: fingers, pads and servo are a spring of about 4 N/mm, soft fingers one
-#: of a quarter of a newton per millimetre.
+#: A gentle squeeze, just enough to measure, and a firm one, newtons.
+SQUEEZES_N = (None, 10.0)
+#: Where the summary is cut: fingers, pads and servo together are a spring of about 4 N/mm.
 EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
 
@@ -37,7 +36,6 @@ class Answer:
     """One grasp: what was said of the stiffness and what was true, N/mm; NaN where not answered."""
 
     level: str
-    hand: str
     squeeze: str
     truth: float
     value: float
@@ -47,7 +45,7 @@ class Answer:
 
 
 def command(
-    grasps: Annotated[int, typer.Option(help="Objects of each level and hand.", min=4)] = 24,
+    grasps: Annotated[int, typer.Option(help="Objects of each level.", min=4)] = 24,
     seed: Annotated[int, typer.Option(help="First sensor.", min=0)] = 700,
     as_json: JsonOption = False,
     out: OutOption = None,
@@ -59,15 +57,14 @@ def command(
     answers = [
         answer
         for level in LEVELS
-        for hand in HANDS
         for k, stiffness in enumerate(np.geomspace(*RANGE_N_PER_MM, grasps))
-        for answer in answers_of(level, hand, seed=seed + k, stiffness=float(stiffness))
+        for answer in answers_of(level, seed=seed + k, stiffness=float(stiffness))
     ]
     _report(answers).emit(as_json=as_json, out=out)
 
 
-def answers_of(level: str, hand: GripperKind, *, seed: int, stiffness: float) -> list[Answer]:
-    """Calibrate one sensor and hand, and grasp one object with each squeeze."""
+def answers_of(level: str, *, seed: int, stiffness: float) -> list[Answer]:
+    """Calibrate one sensor, and grasp one object with each squeeze."""
     rng = np.random.default_rng([seed, 21])
     obj = TwinObject(
         name=f"{stiffness:.2g} N/mm",
@@ -78,19 +75,18 @@ def answers_of(level: str, hand: GripperKind, *, seed: int, stiffness: float) ->
         relaxing_time_s=(0.5, 3.0, 20.0),
         flat=bool(rng.random() < 0.5),
     )
-    calibration = calibrated(seed=seed, level=level, apart_from="", kind=hand)
-    return [_answer(obj, calibration, level, hand, seed, force_n) for force_n in HANDS[hand]]
+    calibration = calibrated(seed=seed, level=level, apart_from="")
+    return [_answer(obj, calibration, level, seed, force_n) for force_n in SQUEEZES_N]
 
 
 def _answer(
     obj: TwinObject,
     calibration: Calibration,
     level: str,
-    hand: GripperKind,
     seed: int,
     target_force_n: float | None,
 ) -> Answer:
-    world = World(obj, seed=seed, sheet_seed=seed, level=level, gripper=hand)
+    world = World(obj, seed=seed, sheet_seed=seed, level=level)
     gripper = TwinGripper(world)
     result = run_grasp(
         plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n),
@@ -102,7 +98,6 @@ def _answer(
     answered = truth is not None and found is not None
     return Answer(
         level=level,
-        hand=hand,
         squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
         truth=obj.force_at_1mm_n if truth is None else truth,
         value=found.value if answered and found else np.nan,
@@ -126,11 +121,11 @@ def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
 
 
 def _summary(answers: Sequence[Answer]) -> list[dict[str, Any]]:
-    """Return scores of each level, hand and squeeze: of all objects, and by their stiffness."""
+    """Return scores of each level and squeeze: of all objects, and by their stiffness."""
     summary = []
-    for key in dict.fromkeys((one.level, one.hand, one.squeeze) for one in answers):
-        mine = [one for one in answers if (one.level, one.hand, one.squeeze) == key]
-        named = dict(zip(("level", "hand", "squeeze"), key, strict=True))
+    for key in dict.fromkeys((one.level, one.squeeze) for one in answers):
+        mine = [one for one in answers if (one.level, one.squeeze) == key]
+        named = dict(zip(("level", "squeeze"), key, strict=True))
         summary.append({**named, "range": "all", **_scores(mine)})
         for low, high in pairwise(EDGES_N_PER_MM):
             part = [one for one in mine if low <= one.truth < high]
@@ -147,9 +142,9 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
     }
     table = Table(
         title="Stiffness of linear objects over two decades",
-        columns=("level", "hand", "squeeze", "range", "grasps", "answered", *keys.values()),
+        columns=("level", "squeeze", "range", "grasps", "answered", *keys.values()),
         rows=[
-            [row["level"], row["hand"], row["squeeze"], row["range"]]
+            [row["level"], row["squeeze"], row["range"]]
             + [str(row["grasps"]), str(row["answered"])]
             + ["-" if row[key] is None else f"{row[key]:.2f}" for key in keys]
             for row in summary
@@ -160,7 +155,7 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
         title="Stiffness in N/mm, pads, fingers and servo taken out (simulated)",
         provenance=(
             "Simulated: each grasp on a sensor and gripper of its own, calibrated by a user's "
-            "steps (load cell with changing faces, rigid blocks), then one grasp of an object it "
+            "steps (load cell with changing faces, rigid block), then one grasp of an object it "
             "never saw: a gentle squeeze, or to a force. True: secant stiffness at the settled "
             "force.",
             "The give of the hand is in series: where it is a times the object's own, an error of "
@@ -187,15 +182,13 @@ def _figure(answers: Sequence[Answer]) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.8, 8.0), layout="constrained")
-    panels = figure.subplots(len(HANDS), len(LEVELS), sharex=True, sharey=True)
-    for row, (hand, forces_n) in zip(panels, HANDS.items(), strict=True):
+    panels = figure.subplots(len(SQUEEZES_N), len(LEVELS), sharex=True, sharey=True)
+    for row, squeeze in zip(panels, dict.fromkeys(one.squeeze for one in answers), strict=False):
         for panel, level in zip(row, LEVELS, strict=True):
-            firm = f"{forces_n[-1]:g} N"
             mine = [
                 one
                 for one in answers
-                if (one.level, one.hand, one.squeeze) == (level, hand, firm)
-                and np.isfinite(one.value)
+                if (one.level, one.squeeze) == (level, squeeze) and np.isfinite(one.value)
             ]
             truth, value = (np.array([getattr(o, n) for o in mine]) for n in ("truth", "value"))
             ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
@@ -210,7 +203,7 @@ def _figure(answers: Sequence[Answer]) -> Figure:
                 ecolor="#88B8DA",
             )
             panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#999999", lw=1)
-            panel.set(xscale="log", yscale="log", title=f"twin, {level}, {hand} hand, {firm}")
+            panel.set(xscale="log", yscale="log", title=f"twin, {level}, {squeeze}")
             panel.set_ylim(RANGE_N_PER_MM[0] / 4, RANGE_N_PER_MM[1] * 12)
             panel.spines[["top", "right"]].set_visible(False)
     figure.supxlabel("true stiffness, N/mm")

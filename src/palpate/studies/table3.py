@@ -73,9 +73,9 @@ def report(
             "Table 3 is the mean over pixels or the largest change, nor the width.",
             "In a fixture the ball lies within 1 mm of the middle: the published spread of 1 % "
             "over 30 trials allows for no more. Laid anywhere, it lies up to 6 mm off.",
-            "Placed once, a ball's place is an error that all its grasps share, and the largest pixel "
-            "feels it most; placed anew each time, 30 trials average it out. The paper does not "
-            "say which. The second was added after the first had given 0.83.",
+            "Placed once, a ball's place is an error that all its grasps share, and the largest "
+            "pixel feels it most; placed anew each time, 30 trials average it out. The paper does "
+            "not say which. The second was added after the first had given 0.83.",
             "The fixture, and one size for all the balls, were chosen after a first run without "
             "them had given R^2 = 0.09 for the largest pixel.",
         ],

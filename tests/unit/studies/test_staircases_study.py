@@ -64,7 +64,6 @@ def test_table5_report(tmp_path: Path) -> None:
 def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
     given = stiffness.Answer(
         level="paper",
-        hand="rigid",
         squeeze="10 N",
         truth=2.0,
         value=2.2,
