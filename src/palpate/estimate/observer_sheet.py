@@ -20,7 +20,7 @@ from palpate.errors import CalibrationError
 from palpate.estimate.creep import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.sheet_current import Current
-from palpate.estimate.sheet_memory import SheetMemory, SheetReading
+from palpate.estimate.sheet_memory import SheetMemory, SheetReading, terms_count
 from palpate.settling.result import Status
 
 #: Where a contact's own gain is quoted: ln of 3 N, the middle of a grasp's forces.
@@ -110,11 +110,11 @@ def sheet_model_from_dict(stored: dict[str, Any]) -> SheetModel:
     Raises
     ------
     CalibrationError
-        If a value is missing or unknown.
+        If a value is missing or unknown, or the terms are those of another version.
     """
     try:
         current = stored["current"]
-        return SheetModel(
+        model = SheetModel(
             **{
                 **stored,
                 "reading": SheetReading(**stored["reading"]),
@@ -127,6 +127,13 @@ def sheet_model_from_dict(stored: dict[str, Any]) -> SheetModel:
         )
     except (KeyError, TypeError) as error:
         raise CalibrationError(f"observer: {error}; calibrate again") from error
+    expected = terms_count(knots=model.knots, time_constants_s=model.time_constants_s)
+    if len(model.weights) != expected:
+        raise CalibrationError(
+            f"observer: {len(model.weights)} weights where this version has {expected} terms; "
+            "calibrate again"
+        )
+    return model
 
 
 class SheetObserver:

@@ -74,6 +74,18 @@ def stretches(log_reading: ArrayLike, knots: tuple[float, ...]) -> FloatArray:
     return np.concatenate([below, between, above], axis=-1)
 
 
+def terms_count(*, knots: tuple[float, ...], time_constants_s: tuple[float, ...]) -> int:
+    """Return how many terms `SheetMemory` has.
+
+    Examples
+    --------
+    >>> terms_count(knots=(0.0, 1.0), time_constants_s=())
+    4
+    """
+    memory = len(time_constants_s) + 3 if time_constants_s else 0
+    return 1 + len(knots) + 1 + memory
+
+
 class _Movements:
     """The travel of the last closing and opening, fading, and the slack of hysteresis left."""
 

@@ -52,11 +52,12 @@ def command(
             try:
                 guided = guided_traces(sensor, level=level)
                 tested = trial_traces(sensor, level=level, staircases=staircases)
+                found = followed(guided, tested)
             except CalibrationError as error:
                 # A pixel at the end of its converter: the guided steps refuse such a sheet.
                 sys.stderr.write(f"sheet {sensor}, {level}: refused: {error}\n")
                 continue
-            for name, each in followed(guided, tested).items():
+            for name, each in found.items():
                 runs[level][name] += each
     _report(runs, sheets=sheets, staircases=staircases).emit(as_json=as_json, out=out)
 
@@ -115,14 +116,16 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
         provenance=(
             "Simulated: sheets of the twin. Each was calibrated once by the guided steps (8 "
             "placements of a load cell, 40 s each, up and down with dwells of 0.2-5 s) and tested "
-            "on other objects in another session; steps of 1 mm, forces above 0.2 N. "
+            "on other objects in another session; steps of 1 mm at 3.5 mm/s, forces above 0.2 N. "
             "Sheets whose pixels saturate are refused, named on standard error and left out.",
             "The static law is fitted to the same traces by the same criterion as the observer. "
             "`own gain out` is the error with the median of each staircase taken away: what "
             "remains when the gain of that contact is known.",
             "The twin's servo current has gear friction that stops anywhere in its band, and a "
-            "motor that warms up (twin/servo_current.py): plausible, not measured. `both` uses the "
-            "current only where placements left out of the calibration say that it helps.",
+            "motor that warms up (twin/servo_current.py): plausible, not measured. On the way its "
+            "friction is exactly that of the gears, which is kind. `current` reads every frame as "
+            "if at rest; `both` hears the way, and leaves the current out where placements left "
+            "out of the calibration say that it harms.",
         ),
         tables=[table],
         payload={"summary": summary, "sheets": sheets, "staircases": staircases},

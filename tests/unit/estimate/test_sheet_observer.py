@@ -145,6 +145,8 @@ def test_outside_the_calibrated_range_it_says_so(fitted: SheetModel) -> None:
 def test_model_goes_through_a_file_unchanged(fitted: SheetModel) -> None:
     model = fitted
     assert sheet_model_from_dict(model.as_dict()) == model
+    with pytest.raises(CalibrationError, match="calibrate again"):
+        sheet_model_from_dict({**model.as_dict(), "weights": list(model.weights[1:])})
     with pytest.raises(CalibrationError, match="gain_sd"):
         sheet_model_from_dict({k: v for k, v in model.as_dict().items() if k != "gain_sd"})
 
