@@ -38,9 +38,9 @@ _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
 #: A staircase is no clean step, of which alone the settling is known: its forecast is off (ln
 #: force) by so much beyond its own interval.
 _FORECAST_SD = 0.05
-#: The doubts above are not independent, and so too many: on development objects the answers lay
+#: The doubts above are not independent, and so too many: nine tenths of 334 development grasps lay
 #: within so much of the interval that they make together.
-_TOO_WIDE = 0.9
+_TOO_WIDE = 0.75
 #: A reading below so many scatters of faint forces may be drift before the contact: such a step
 #: says only that the force was no larger.
 _FELT = 2.0
