@@ -92,14 +92,12 @@ def run_station(
     """
     rng = np.random.default_rng([sensor, 31])
     bench = _Bench(sensor, level=level, gripper=gripper)
-    first = [draw_avocado(rng) for _ in range(labelled)]
-    while first and {one.stage(day) for one in first for day in range(DAYS)} != set(AVOCADO_STAGES):
-        first.append(draw_avocado(rng))
+    first = draw_labelled(rng, labelled)
     second = tuple(draw_avocado(rng) for _ in range(others))
     weather = np.random.default_rng([sensor, 32])
     # A new sheet was pressed some sixty times for its calibration.
     cycles = 60.0
-    for begins, fruits, name in ((0, tuple(first), "labelled"), (LATER_DAYS, second, "fruit")):
+    for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
         for day in range(DAYS if fruits else 0):
             surroundings = Environment()
             if aging:
@@ -115,12 +113,20 @@ def run_station(
         cycles += (LATER_DAYS - DAYS) * uniform(weather, STATION.cycles_per_day)
     return Felt(
         calibration=bench.calibration,
-        labelled=tuple(first),
+        labelled=first,
         others=second,
         grasps=tuple(bench.grasps),
         damaged=bench.damaged,
         as_published=bench.as_published,
     )
+
+
+def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
+    """Draw fruits until there are enough and, if there are any, they show every stage in time."""
+    drawn = [draw_avocado(rng) for _ in range(fewest)]
+    while drawn and {one.stage(day) for one in drawn for day in range(DAYS)} != set(AVOCADO_STAGES):
+        drawn.append(draw_avocado(rng))
+    return tuple(drawn)
 
 
 class _Bench:

@@ -16,6 +16,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.firmness import firmness_of
 from palpate.produce.records import Grasp
+from palpate.produce.ripeness_stages import STAGES
 from palpate.studies.ripeness import report
 from palpate.studies.ripeness_scores import drift_of, judged, scores
 from palpate.studies.ripeness_station import (
@@ -24,6 +25,7 @@ from palpate.studies.ripeness_station import (
     REFERENCE_GRASPS,
     REFERENCE_ID,
     Felt,
+    draw_labelled,
     run_station,
 )
 from palpate.twin.avocado import Avocado, draw_avocado
@@ -133,6 +135,15 @@ def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None
     assert found["ours"]["within_one"] == 1.0
     assert found["settled change"]["exact"] < 0.6
     assert found["days_to_ripe"]["coverage"] > 0.7
+
+
+def test_labelled_fruits_show_every_stage() -> None:
+    for seed in range(5):
+        drawn = draw_labelled(np.random.default_rng(seed), 3)
+        seen = [{one.stage(day) for one in drawn[:n] for day in range(DAYS)} for n in (-1, None)]
+        assert seen[1] == set(STAGES)
+        assert len(drawn) == 3 or len(seen[0]) < len(STAGES)
+    assert draw_labelled(np.random.default_rng(0), 0) == ()
 
 
 def test_limits_are_those_of_spots_and_boundaries(station: Felt) -> None:
