@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 LEVELS = ("paper", "field")
 #: The first seed of the shown grasps; others were used to build the controller.
-FIRST_SEED = 200_000
+FIRST_SEED = 400_000
 #: Near enough to the target.
 NEAR = 0.1
 #: Things that the simpler ways are tried on: waiting takes them minutes each.
