@@ -127,6 +127,8 @@ class Belief:
         Closings that found nothing.
     adjustments : int
         Corrections made towards the target.
+    corrected : tuple of float or None
+        Closure and force before the last correction upwards.
     next_forecast_s : float
         When the settled value is worth predicting again.
     result : GraspResult
@@ -161,6 +163,7 @@ class Belief:
     fingers: tuple[ContactState, ...] = ()
     tries: int = 0
     adjustments: int = 0
+    corrected: tuple[float, float] | None = None
     next_forecast_s: float = 0.0
     result: GraspResult = field(default_factory=lambda: GraspResult(outcome=Outcome.STOPPED))
     began_s: float | None = None

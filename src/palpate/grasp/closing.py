@@ -25,6 +25,8 @@ _STIFFENING = 1.3
 _QUICKEST_S = 0.2
 #: An object that relaxes presses a little harder now than when settled.
 _STILL_RELAXING = 1.03
+#: How much less steep the force may turn out in a correction than the squeeze showed.
+_LESS_STEEP = 4.0
 #: Share of the goal by which the hand opens below it before it comes back.
 _EASED_SHARE = 0.3
 #: Share of the way pressed so far that a step may add, beyond a fine one.
@@ -112,9 +114,28 @@ def pressed_on(
     belief: Belief, plan: Plan, *, missing_n: float
 ) -> tuple[Belief, GripperCommand | None]:
     """Close by what raises the settled force by as much as is missing."""
-    step = max(missing_n / slope_n(belief, plan), plan.smallest_step)
+    step = max(missing_n / _corrected_slope_n(belief, plan), plan.smallest_step)
     moved, command = closed_by(_settled(belief), step, plan, lasting_s=CORRECTED_S)
-    return replace(moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0), command
+    corrected = (belief.closure, moved.force_n)
+    return replace(
+        moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0, corrected=corrected
+    ), command
+
+
+def _corrected_slope_n(belief: Belief, plan: Plan) -> float:
+    """Return how steeply the settled force rises: less than the last steps saw, if it has shown so.
+
+    Faint steps may have looked far too steep; one correction that fell short is not believed
+    wholly either.
+    """
+    slope, force = slope_n(belief, plan), belief.result.force_n
+    if belief.corrected is None or force is None:
+        return slope
+    closure, force_n = belief.corrected
+    way = belief.closure - closure
+    if not way > 0:
+        return slope
+    return min(slope, max((force.value - force_n) / way, slope / _LESS_STEEP))
 
 
 def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, GripperCommand]:

@@ -179,11 +179,11 @@ def _adjust(belief: Belief, plan: Plan) -> Move:
             moved, command = pressed_on(belief, plan, missing_n=_missing_n(belief, plan))
             if command is not None:
                 return moved.enter(Phase.SETTLE, note="adjusted"), command
-            if belief.damage_low_n < plan.safety.force_ceiling_n:
-                belief = belief.noted("damage_limit")
         elif _over(belief, plan):
             moved, command = eased(belief, plan, goal_n=_goal_n(plan))
             return moved.enter(Phase.EASE, note="eased"), command
+    if _short(belief, plan) and _limited(belief, plan):
+        belief = belief.noted("damage_limit")
     if not lifts:
         return _release(belief, plan, Outcome.TOO_WEAK)
     return belief.enter(Phase.HOLD, note="answer"), None
@@ -261,6 +261,15 @@ def _short(belief: Belief, plan: Plan) -> bool:
     """Whether the settled force falls short by more than is tolerated, or is not sure to lift."""
     short = _missing_n(belief, plan) > plan.target_tolerance * _goal_n(plan)
     return short or not (plan.lift_force_n is None or _lifts(belief, plan.lift_force_n))
+
+
+def _limited(belief: Belief, plan: Plan) -> bool:
+    """Whether the damage limit forbids what is missing."""
+    force = belief.result.force_n
+    if force is None or not belief.damage_low_n < plan.safety.force_ceiling_n:
+        return False
+    room_n = belief.damage_low_n - force.high
+    return _missing_n(belief, plan) > room_n or belief.adjustments < plan.most_adjustments
 
 
 def _over(belief: Belief, plan: Plan) -> bool:
