@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -27,7 +28,7 @@ from palpate.gripper.interface import GripperCommand
 Move = tuple[Belief, GripperCommand | None]
 
 _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
-#: Less than this share of the strongest touch of this hold means that the object is gone.
+#: Less than this share of the strongest touch of this grip means that the object is gone.
 _LOST_SHARE = 0.35
 #: The squeeze ends a little below the target: what is left is corrected by settled forces.
 _NEAR = 0.93
@@ -314,10 +315,13 @@ def _nothing_there(belief: Belief, plan: Plan) -> Move:
 
 
 def _grip_lost(belief: Belief) -> bool:
-    """Whether the sheet no longer feels what it felt since the last movement."""
+    """Whether the sheet no longer feels what it felt since the last movement, or in the squeeze."""
     if belief.still_s < 0.3 or len(belief.touches) < 6:
         return False
     strongest = max(t.reading for t in belief.touches)
+    came_back = not math.isnan(belief.again)
+    if belief.staircase and not came_back:
+        strongest = max(strongest, belief.staircase[-1].touch.reading)
     return belief.now.reading < _LOST_SHARE * strongest
 
 
