@@ -129,19 +129,3 @@ def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
     assert last == pytest.approx(4.0, rel=0.1)
     eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase is Phase.EASE]
     assert min(eased_n) < 0.8 * 4.0
-
-
-def test_nothing_is_closed_on_what_the_hand_is_behind(plan: Plan, bench: Any) -> None:
-    """A hand that sticks within the error of its own report does not add up small steps."""
-    safety = replace(plan.safety, force_ceiling_n=2.0)
-    stuck_mm = 50.0
-
-    def command(wanted: GripperCommand) -> GripperCommand:
-        bench.commands.append(wanted)
-        bench.width_mm = max(wanted.target, stuck_mm)
-        return wanted
-
-    bench.command = command
-    run(replace(plan, target_force_n=2.0, safety=safety, longest_s=20.0), bench)
-    closest_mm = min(one.target for one in bench.commands)
-    assert (stuck_mm - closest_mm) * plan.steepest_n < safety.force_ceiling_n

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
+
 from palpate.studies.force_control import report as force_report
 from palpate.studies.force_control import scores
-from palpate.studies.force_control_grasps import Gripped
-from palpate.studies.force_control_world import TARGETS_N, task
+from palpate.studies.force_control_grasps import Gripped, ours
+from palpate.studies.force_control_world import TARGETS_N, learned_damage, task
 from palpate.studies.presence import Session, report
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import FRICTION
+from palpate.twin.world import GripperKind
 
 
 def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> Gripped:
@@ -60,6 +65,18 @@ def test_the_report_says_simulated() -> None:
     document = force_report([made(force_share=1.0)])
     assert document.payload["simulated"] is True
     assert "imulated" in document.title
+
+
+@pytest.mark.parametrize("kind", ["rigid", "soft"])
+def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
+    drawn = task(7, level="paper")
+    tender = replace(drawn.obj, contact="linear", force_at_1mm_n=0.8, yield_n=3.0, rupture_n=3.6)
+    wanted = replace(drawn, kind=kind, obj=tender, target_n=7.0, lift_n=0.5)
+    found = ours(wanted, damage=learned_damage(seed=5))
+    assert found.limited
+    assert not found.damaged
+    assert found.outcome == "held" or not found.lifted
+    assert found.force_n < 3.0
 
 
 def test_presence_counts_what_was_missed_and_imagined() -> None:
