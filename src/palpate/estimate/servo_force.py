@@ -16,13 +16,11 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import CalibrationError
 from palpate.estimate.gain import MeasuredForce
+from palpate.estimate.sheet_current import WARMTH_SD
 from palpate.sensor.current_pairs import CurrentPairs
 
 #: A calibration of the current needs so many readings under load, and this range of force.
 _FEWEST, _RANGE_N = 10, 2.0
-#: From session to session the torque of an ampere changes with the warmth of the motor: copper and
-#: magnets of a servo lose some percent from cold to warm.
-_WARMTH_SD = 0.035
 #: How the force rose is told by a sheet that lags, and the thing relaxes a little once the fingers
 #: stand: a few percent off, the same for all readings.
 _SHAPE_SD = 0.05
@@ -122,5 +120,5 @@ class CurrentLaw:
         return MeasuredForce(
             force_n=end_n,
             sd_n=float(np.hypot(np.sqrt(covariance[0, 0]), self.zero_sd_ma / self.ma_per_n)),
-            log_sd=float(np.hypot(_WARMTH_SD, _SHAPE_SD)),
+            log_sd=float(np.hypot(WARMTH_SD, _SHAPE_SD)),
         )

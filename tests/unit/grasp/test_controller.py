@@ -10,6 +10,7 @@ import pytest
 
 from palpate.estimate.closing import ClosingCurve
 from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -64,6 +65,15 @@ def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
     assert names(result).count("nothing_there") == 2
     assert result.faults == (), "rest values are taken anew, from enough frames"
     assert bench.width_mm == 74.0
+
+
+def test_a_law_that_cannot_tell_nothing_from_too_much_grips_nothing(plan: Plan, bench: Any) -> None:
+    assert isinstance(plan.early_law, PowerForceLaw)
+    coarse = replace(plan.early_law, residual_sd=0.7, floor_n=9.0)
+    result = run(replace(plan, early_law=coarse), bench)
+    assert result.outcome is Outcome.FORCE_LIMIT
+    assert "calibrate the force again" in result.faults[0]
+    assert result.force_n is None
 
 
 @pytest.mark.parametrize("touched", [False, True])
