@@ -15,6 +15,7 @@ STEPS: dict[str, tuple[str, str]] = {
     "rest": ("calibrate_rest", "What each pixel reads with nothing on it"),
     "force": ("calibrate_force", "Newtons: a load cell, or dead weights, up and down"),
     "compliance": ("calibrate_compliance", "How far pads, fingers and servo give way"),
+    "cell": ("calibrate_cell", "What a count of the board's load cell weighs, by a known weight"),
     "settling": ("calibrate_settling", "Holds for `settle --fit-on`, from recorded grasps"),
 }
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,8 +24,8 @@ _START_MM = 51.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TwinBench:
-    """A bench on the twin and the hands of its user.
+class GuidedBench:
+    """A bench with a load cell, and the hands of its user.
 
     Attributes
     ----------
@@ -34,14 +35,71 @@ class TwinBench:
         Puts the load cell with the face of a run between the fingers.
     place_block : callable
         Puts the rigid block there.
+    simulated : bool
+        Whether all that is the twin.
     """
 
     bench: Bench
     reseat: Callable[[int], None]
     place_block: Callable[[], None]
+    simulated: bool
 
 
-def open_twin_bench(rig: str, *, seed: int) -> TwinBench:
+def has_load_cell(rig: str) -> bool:
+    """Return whether a rig, by name or file, has a load cell that palpate can read.
+
+    Raises
+    ------
+    InputError
+        If a rig file can't be read, or what it says of its load cells is at fault.
+    """
+    from palpate.rig.file import load_cells_stated
+
+    return rig == "sim-rigid" or (
+        rig.endswith(".toml") and load_cells_stated(Path(rig)) is not None
+    )
+
+
+@contextmanager
+def open_bench(rig: str, *, seed: int, ask: Callable[[str], None]) -> Iterator[GuidedBench]:
+    """Open the bench of a rig: the twin's, or a board's with a gripper, which is left open.
+
+    Parameters
+    ----------
+    rig : str
+        Name of a rig, or a rig file with `[load_cells]`.
+    seed : int
+        Of the simulated rig.
+    ask : callable
+        Says to the user of a real rig what to do, and returns when it is done.
+
+    Raises
+    ------
+    InputError
+        If the rig file is at fault.
+    DeviceError
+        If the rig has no load cell, equipment is missing, or a load cell does not read well.
+    """
+    if not (rig.endswith(".toml") and has_load_cell(rig)):
+        yield open_twin_bench(rig, seed=seed)
+        return
+    from palpate.rig.board_bench import open_board_bench
+
+    with open_board_bench(Path(rig)) as opened:
+
+        def placed(what: str) -> None:
+            ask(f"{what} between the open fingers, touching neither, then Enter")
+            opened.cell.tare()
+
+        yield GuidedBench(
+            bench=opened.bench,
+            reseat=lambda run: placed(f"placement {run + 1}: the load cell, with another face"),
+            place_block=lambda: placed("the rigid block with the load cell"),
+            simulated=False,
+        )
+
+
+def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
     """Open the bench of a simulated rig.
 
     Raises
@@ -55,15 +113,17 @@ def open_twin_bench(rig: str, *, seed: int) -> TwinBench:
 
     if rig != "sim-rigid":
         raise DeviceError(
-            f"rig {rig!r} has no load cell that palpate can read; calibrate with dead weights "
-            "(--loads CSV or typed), or try the steps on --rig sim-rigid"
+            f"rig {rig!r} has no load cell that palpate can read (a rig file names its own in "
+            "[load_cells]); calibrate with dead weights (--loads CSV or typed), or try the steps "
+            "on --rig sim-rigid"
         )
     rng = np.random.default_rng([seed, 12])
     world: World = World(None, seed=seed + 2_000_003, sheet_seed=seed)
-    return TwinBench(
+    return GuidedBench(
         bench=twin_bench(world, start=_START_MM),
         reseat=lambda run: world.place(draw_object(rng, FACES[run % len(FACES)])),
         place_block=lambda: world.place(draw_object(rng, "rigid-block")),
+        simulated=True,
     )
 
 

@@ -1,15 +1,20 @@
-"""`palpate calibrate compliance`: how far pads, fingers and servo give way."""
+"""`palpate calibrate compliance`: how far pads, fingers and servo give way, and its current."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.commands.calibrate_bench import GuidedBench
+    from palpate.estimate.stiffness import Give
+    from palpate.sensor.calibration import Calibration
 
 #: Closings are read so long after each step, so often, up to this force.
 _UP_TO_N, _REPEATS = 15.0, 3
@@ -28,46 +33,71 @@ def command(
 ) -> None:
     """Close on a rigid block of known size; all that closes further is the gripper itself.
 
+    Where the gripper reports its motor's current, that is read beside the force too.
+
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
-    from palpate.commands.calibrate_bench import earlier_calibration, open_twin_bench
+    from palpate.commands.calibrate_bench import open_bench
     from palpate.estimate.stiffness import Give
-    from palpate.grasp.calibrating import measure_block
-    from palpate.grasp.planning import DWELL_S
 
-    twin = open_twin_bench(rig, seed=seed)
-    limits = twin.bench.gripper.limits
-    if not limits.lowest < block_mm < limits.highest:
-        raise InputError(
-            f"--block-mm {block_mm:g}: the fingers reach from {limits.lowest:g} to "
-            f"{limits.highest:g} mm; is it in millimetres?"
-        )
-    earlier = earlier_calibration(out, layout=twin.bench.array.layout, simulated=True)
-    if earlier is None:
-        raise InputError(
-            f"{out} is not there yet; run `palpate calibrate force --rig {rig} --out {out}` first"
-        )
-    twin.place_block()
-    block = measure_block(
-        twin.bench, block_mm=block_mm, up_to_n=_UP_TO_N, repeats=_REPEATS, dwell_s=DWELL_S
-    )
+    with open_bench(rig, seed=seed, ask=_ask) as guided:
+        made = _measured(guided, block_mm=block_mm, rig=rig, out=out)
+    block = made.block
     give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
-    made = replace(earlier, block=block)
     made.save(out)
-    found = {
-        "file": str(out),
-        "simulated": made.origin == "simulated",
-        "readings": len(block.force_n),
-        "fingers_mm_per_n": give.slope_mm_per_n,
-        "pads_mm": float(sum(give.pad_mm)),
-        "zero_mm": give.zero_mm,
-        "residual_mm": give.residual_mm,
-        "largest_force_n": give.largest_force_n,
-    }
     if as_json:
-        print(json.dumps(found, indent=1, allow_nan=False))
+        print(json.dumps(_document(made, give, path=out), indent=1, allow_nan=False))
         return
     simulated = " (simulated)" if made.origin == "simulated" else ""
     print(f"{out}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
     print(f"fingers and servo give {give.slope_mm_per_n:.3f} mm/N, pads {sum(give.pad_mm):.2f} mm")
     print(f"width is off by {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")
+    if made.current is None:
+        print("no current reported")
+    else:
+        print(f"servo current: {len(made.current.force_n)} readings")
+
+
+def _ask(what: str) -> None:
+    typer.prompt(what, default="", err=True, show_default=False)
+
+
+def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:
+    """Close on the block, for the way and then for the current."""
+    from palpate.commands.calibrate_bench import earlier_calibration
+    from palpate.grasp.calibrating import measure_block
+    from palpate.grasp.calibrating_current import measure_current
+    from palpate.grasp.planning import DWELL_S
+
+    bench = guided.bench
+    limits = bench.gripper.limits
+    if not limits.lowest < block_mm < limits.highest:
+        raise InputError(
+            f"--block-mm {block_mm:g}: the fingers reach from {limits.lowest:g} to "
+            f"{limits.highest:g} mm; is it in millimetres?"
+        )
+    earlier = earlier_calibration(out, layout=bench.array.layout, simulated=guided.simulated)
+    if earlier is None:
+        raise InputError(
+            f"{out} is not there yet; run `palpate calibrate force --rig {rig} --out {out}` first"
+        )
+    guided.place_block()
+    block = measure_block(
+        bench, block_mm=block_mm, up_to_n=_UP_TO_N, repeats=_REPEATS, dwell_s=DWELL_S
+    )
+    current = measure_current(bench, up_to_n=_UP_TO_N, repeats=_REPEATS)
+    return replace(earlier, block=block, current=current)
+
+
+def _document(made: Calibration, give: Give, *, path: Path) -> dict[str, Any]:
+    return {
+        "file": str(path),
+        "simulated": made.origin == "simulated",
+        "readings": len(made.block.force_n),
+        "fingers_mm_per_n": give.slope_mm_per_n,
+        "pads_mm": float(sum(give.pad_mm)),
+        "zero_mm": give.zero_mm,
+        "residual_mm": give.residual_mm,
+        "largest_force_n": give.largest_force_n,
+        "current_readings": None if made.current is None else len(made.current.force_n),
+    }

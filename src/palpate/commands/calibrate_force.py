@@ -42,11 +42,14 @@ def command(
 ) -> None:
     """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
 
-    Simulated rigs have a load cell. On a real one, lay dead weights on the pad (typed, or --loads).
+    With a load cell: --rig sim-rigid, or a rig file with [load_cells]. Without one, lay dead
+    weights on the pad (typed, or --loads).
 
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
-    if rig == "sim-rigid" and loads is None:
+    from palpate.commands.calibrate_bench import has_load_cell
+
+    if loads is None and has_load_cell(rig):
         made = _guided(rig, seed=seed, out=out)
     else:
         made = _weighed(rig, seed=seed, loads=loads, out=out)
@@ -76,7 +79,7 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
         begun,
         earlier_calibration,
         now_text,
-        open_twin_bench,
+        open_bench,
     )
     from palpate.estimate.force import choose_law
     from palpate.estimate.observer_sheet_fit import expected_error_percent, fit_sheet
@@ -84,19 +87,25 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
     from palpate.grasp.load_traces import GUIDED, record_traces
     from palpate.grasp.planning import DWELL_S, HORIZON_S
 
-    twin = open_twin_bench(rig, seed=seed)
-    bench = twin.bench
-    earlier = earlier_calibration(out, layout=bench.array.layout, simulated=True)
-    with Progress(console=Console(stderr=True), transient=True) as shown:
+    shown = Progress(console=Console(stderr=True), transient=True)
+
+    def ask(what: str) -> None:
+        shown.stop()  # a bar that is redrawn would wipe the question out
+        typer.prompt(what, default="", err=True, show_default=False)
+        shown.start()
+
+    with open_bench(rig, seed=seed, ask=ask) as guided, shown:
+        bench, layout = guided.bench, guided.bench.array.layout
+        earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
         task = shown.add_task("settled holds", total=len(GUIDED) + len(_HOLDS_N))
 
         def placed(run: int) -> None:
             shown.update(task, description=f"settled holds, placement {run + 1}", advance=1)
-            twin.reseat(run)
+            guided.reseat(run)
 
         def placed_for_traces(run: int) -> None:
             shown.advance(task)
-            twin.reseat(run)
+            guided.reseat(run)
 
         def told(run: int, force_n: float) -> None:
             shown.update(task, description=f"up and down, placement {run + 1}: {force_n:.1f} N")
@@ -112,6 +121,7 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
             rng=np.random.default_rng(seed),
             progress=told,
         )
+        begin = earlier or begun(layout, rest=rest, simulated=guided.simulated)
     settled = np.isclose(pairs.since_move_s, HORIZON_S)
     law = choose_law(
         excess=np.array(pairs.excess)[settled],
@@ -119,7 +129,7 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
         force_n=np.array(pairs.force_n)[settled],
     ).law
     return replace(
-        earlier or begun(bench.array.layout, rest=rest, simulated=True),
+        begin,
         rest=rest,
         force=pairs,
         force_law=law.as_dict(),

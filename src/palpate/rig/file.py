@@ -4,16 +4,46 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import math
 import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from palpate.clock import RealClock
 from palpate.errors import InputError, PalpateError
+from palpate.gripper.interface import Gripper
 from palpate.rig import Rig, open_rig
+from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
 _EXAMPLE = 'e.g. open = "my_package.my_module:open_array"'
+#: How many load cells a board reads.
+_CELLS = (1, 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigFile:
+    """What a rig file states of a real rig, checked.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    calibration : Path
+        Made with this sensor on this gripper, or to be made.
+    array, gripper : object
+        Their tables, as they stand in the file.
+    newtons_per_count : tuple of float or None
+        Of each load cell in use, cell 0 first; None where the rig has none.
+    """
+
+    path: Path
+    calibration: Path
+    array: Any
+    gripper: Any
+    newtons_per_count: tuple[float, ...] | None
 
 
 def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
@@ -22,36 +52,22 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     Either ``use = "sim-rigid"``: another rig by name. Or a ``calibration`` file, and tables
     ``[array]`` and ``[gripper]`` each with ``open = "module:function"``; what else a table holds
     goes to that function by keyword. A gripper's function with a parameter ``array`` gets the open
-    array too: fingers on the sensor's own board.
+    array too: fingers on the sensor's own board. A table ``[load_cells]`` with
+    ``newtons_per_count = [...]`` is for calibrating.
 
     Raises
     ------
     InputError
         If the file can't be read, or lacks or misnames something; one line that says what.
     """
-    try:
-        stated = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise InputError(f"rig file {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"rig file {path}: {error}") from error
+    stated = _stated(path)
     if "use" in stated:
         if stated.keys() != {"use"}:
             raise InputError(f"rig file {path}: `use` stands alone; leave the rest out")
         return open_rig(str(stated["use"]), object_name=object_name, seed=seed)
-    wanted = {"calibration", "array", "gripper"}
-    if stated.keys() != wanted:
-        found = ", ".join(sorted(stated)) or "nothing"
-        raise InputError(
-            f"rig file {path}: needs `use`, or calibration, [array] and [gripper]; found {found}"
-        )
-    calibration = Calibration.load(path.parent / str(stated["calibration"]))
-    array = _opened(path, "array", stated["array"])
-    try:
-        gripper = _opened(path, "gripper", stated["gripper"], array=array)
-    except PalpateError:
-        array.close()
-        raise
+    rig_file = read_rig_file(path)
+    calibration = Calibration.load(rig_file.calibration)
+    array, gripper = open_devices(rig_file)
     return Rig(
         name=path.name,
         array=array,
@@ -59,6 +75,94 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
         clock=RealClock(),
         calibration=calibration,
     )
+
+
+def read_rig_file(path: Path) -> RigFile:
+    """Read the file of a real rig; nothing is opened.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read, or lacks or misnames something; one line that says what.
+    """
+    stated = _stated(path)
+    wanted = {"calibration", "array", "gripper"}
+    if stated.keys() - {"load_cells"} != wanted:
+        found = ", ".join(sorted(stated)) or "nothing"
+        raise InputError(
+            f"rig file {path}: needs `use`, or calibration, [array] and [gripper]; found {found}"
+        )
+    return RigFile(
+        path=path,
+        calibration=path.parent / str(stated["calibration"]),
+        array=stated["array"],
+        gripper=stated["gripper"],
+        newtons_per_count=_newtons_per_count(path, stated),
+    )
+
+
+def load_cells_stated(path: Path) -> tuple[float, ...] | None:
+    """Return the newtons per count that a rig file states for its load cells, None for none.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read, or its table ``[load_cells]`` is at fault.
+    """
+    return _newtons_per_count(path, _stated(path))
+
+
+def _newtons_per_count(path: Path, stated: Mapping[str, Any]) -> tuple[float, ...] | None:
+    if "load_cells" not in stated:
+        return None
+    table = stated["load_cells"]
+    if not isinstance(table, dict) or table.keys() != {"newtons_per_count"}:
+        found = ", ".join(sorted(table)) if isinstance(table, dict) else repr(table)
+        raise InputError(
+            f"rig file {path}: [load_cells] holds newtons_per_count = [...] and nothing else; "
+            f"found {found or 'nothing'}"
+        )
+    scales = table["newtons_per_count"]
+    if not isinstance(scales, list) or len(scales) not in _CELLS:
+        raise InputError(
+            f"rig file {path}: newtons_per_count is a list of one number for each load cell in "
+            f"use, 1 or 2; found {scales!r}"
+        )
+    for scale in scales:
+        if type(scale) not in (int, float) or not math.isfinite(scale) or scale == 0:
+            raise InputError(
+                f"rig file {path}: newtons_per_count: {scale!r} is no number of newtons per "
+                "count; `palpate calibrate cell` measures it"
+            )
+    return tuple(float(scale) for scale in scales)
+
+
+def open_devices(rig_file: RigFile) -> tuple[PressureArray, Gripper]:
+    """Open array and gripper; where the gripper does not open, the array is closed again.
+
+    Raises
+    ------
+    InputError
+        If an opener is misnamed or refuses what its table holds.
+    DeviceError
+        If equipment isn't there.
+    """
+    array = _opened(rig_file.path, "array", rig_file.array)
+    try:
+        gripper = _opened(rig_file.path, "gripper", rig_file.gripper, array=array)
+    except PalpateError:
+        array.close()
+        raise
+    return array, gripper
+
+
+def _stated(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"rig file {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"rig file {path}: {error}") from error
 
 
 def _opened(path: Path, part: str, table: Any, **shared: Any) -> Any:

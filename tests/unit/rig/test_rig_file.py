@@ -10,6 +10,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.rig import open_rig, rig_names
+from palpate.rig.file import read_rig_file
 
 
 @pytest.mark.parametrize(
@@ -42,6 +43,41 @@ def test_devices_by_module_and_function(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("types:SimpleNamespace", "types:Nothing", 1))
     with pytest.raises(InputError, match=r"\[array\] open = 'types:Nothing'"):
         open_rig(str(path))
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("load_cells = 3\n", "found 3"),
+        ("[load_cells]\n", "found nothing"),
+        ("[load_cells]\nnewtons_per_count = [1e-6]\ntare = 3\n", "newtons_per_count, tare"),
+        ("[load_cells]\nnewtons_per_count = 1e-6\n", "found 1e-06"),
+        ("[load_cells]\nnewtons_per_count = []\n", "1 or 2"),
+        ("[load_cells]\nnewtons_per_count = [1e-6, 1e-6, 1e-6]\n", "1 or 2"),
+        ("[load_cells]\nnewtons_per_count = [1e-6, '1e-6']\n", "'1e-6' is no number"),
+        ("[load_cells]\nnewtons_per_count = [0.0]\n", "0.0 is no number"),
+        ("[load_cells]\nnewtons_per_count = [nan]\n", "nan is no number"),
+        ("[load_cells]\nnewtons_per_count = [true]\n", "True is no number"),
+    ],
+)
+def test_faults_of_the_load_cells_are_named(tmp_path: Path, table: str, message: str) -> None:
+    path = tmp_path / "rig.toml"
+    head, tables = (table, "") if table.startswith("load_cells") else ("", table)
+    path.write_text(f"calibration = 'a.json'\n{head}{tables}[array]\n[gripper]\n")
+    with pytest.raises(InputError, match=rf"rig\.toml: .*{message}") as caught:
+        open_rig(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_load_cells_count_newtons(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "calibration = 'a.json'\n[array]\n[gripper]\n"
+        "[load_cells]\nnewtons_per_count = [4.7e-6, -1]\n"
+    )
+    assert read_rig_file(path).newtons_per_count == (4.7e-6, -1.0)
+    path.write_text("calibration = 'a.json'\n[array]\n[gripper]\n")
+    assert read_rig_file(path).newtons_per_count is None
 
 
 def shares(*, array: object, colour: str) -> tuple[object, str]:

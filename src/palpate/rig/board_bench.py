@@ -1,0 +1,91 @@
+"""The bench of a calibration on a real rig: a board with load cells, and a gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate.clock import Clock, RealClock
+from palpate.errors import InputError
+from palpate.grasp.calibrating import Bench
+from palpate.gripper.interface import Gripper
+from palpate.rig.board_cell import BoardLoadCell, board_with_cells
+from palpate.rig.file import open_devices, read_rig_file
+from palpate.sensor.array import PressureArray
+
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardBench:
+    """Devices of a real rig, the hand open and the load cells at zero.
+
+    Attributes
+    ----------
+    bench : Bench
+        The devices.
+    cell : BoardLoadCell
+        The bench's load cell, to be set to zero again where it is placed anew.
+    """
+
+    bench: Bench
+    cell: BoardLoadCell
+
+
+@contextmanager
+def open_board_bench(path: Path) -> Iterator[BoardBench]:
+    """Open the bench of a rig file with `[load_cells]`; at the end, however it comes, the hand too.
+
+    The calibration that the file names need not be there yet.
+
+    Raises
+    ------
+    InputError
+        If the rig file is at fault, or has no load cells.
+    DeviceError
+        If equipment is missing, or a load cell does not read as it should.
+    """
+    rig_file = read_rig_file(path)
+    if rig_file.newtons_per_count is None:
+        raise InputError(f"rig file {path}: has no table [load_cells]")
+    with ExitStack() as stack:
+        array, gripper = open_devices(rig_file)
+        stack.callback(gripper.close)
+        stack.callback(array.close)
+        yield stack.enter_context(
+            bench_of(
+                array,
+                gripper=gripper,
+                clock=RealClock(),
+                newtons_per_count=rig_file.newtons_per_count,
+            )
+        )
+
+
+@contextmanager
+def bench_of(
+    array: PressureArray, *, gripper: Gripper, clock: Clock, newtons_per_count: tuple[float, ...]
+) -> Iterator[BoardBench]:
+    """Open the hand, set the load cells to zero, and leave the hand open at the end.
+
+    Nobody knows how large the thing between the fingers is: the slow way begins at the open hand.
+    """
+    board = board_with_cells(array)
+    cell = BoardLoadCell(board, clock=clock, newtons_per_count=newtons_per_count)
+    _open(gripper, clock=clock)
+    cell.tare()
+    bench = Bench(
+        array=array, gripper=gripper, cell=cell, clock=clock, start=gripper.limits.target(0.0)
+    )
+    try:
+        yield BoardBench(bench=bench, cell=cell)
+    finally:
+        _open(gripper, clock=clock)
+
+
+def _open(gripper: Gripper, *, clock: Clock) -> None:
+    gripper.release()
+    while gripper.state().moving:
+        clock.sleep_s(_POLL_S)

@@ -1,0 +1,193 @@
+"""Load cells of a board as reference forces: a real serial array, a board on a pseudo-terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.unit.sensor.test_serial_array import Bench, PtyBoard
+
+from palpate.errors import DeviceError, InputError
+from palpate.gripper.interface import GripperCommand
+from palpate.rig.board_bench import bench_of
+from palpate.rig.board_cell import BoardLoadCell, board_with_cells, mean_counts
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import NO_READING, Contents, FrameMessage, LoadCell
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.world import World
+
+
+class WeighingBoard(PtyBoard):
+    """The board with two amplifiers; a cell's readings come at `reading_hz`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.raw = [0, 0]
+        self.weighed: Callable[[], list[int]] = lambda: self.raw
+        self.reading_hz = [80.0, 80.0]
+        self.read_until_us: int | None = None
+        self.asked = True
+
+    def frame(self) -> FrameMessage:
+        message = super().frame()
+        if not self.asked:
+            return message
+        now_us = message.time_us if self.read_until_us is None else self.read_until_us
+        return replace(
+            message,
+            load_cells=tuple(
+                LoadCell(raw=raw, sample=int(now_us * 1e-6 * hz) % 256)
+                for raw, hz in zip(self.weighed(), self.reading_hz, strict=True)
+            ),
+        )
+
+
+class Desk:
+    """The board, the array that reads it and the clock of both."""
+
+    def __init__(self) -> None:
+        self.clock, self.board = Bench(), WeighingBoard()
+        self.board.booted_s = self.clock.now_s()
+        self.clock.boards.append(self.board)
+        self.array = SerialArray(
+            self.clock.open(self.board.port),
+            clock=self.clock,
+            layout=RIGID_LAYOUT,
+            contents=Contents.LOAD_CELLS,
+        )
+
+    def cell(self, *newtons_per_count: float) -> BoardLoadCell:
+        return BoardLoadCell(self.array, clock=self.clock, newtons_per_count=newtons_per_count)
+
+
+@pytest.fixture
+def desk() -> Iterator[Desk]:
+    desk = Desk()
+    yield desk
+    desk.array.close()
+    for stream in desk.clock.streams:
+        stream.close()
+    desk.board.unplug()
+
+
+def test_forces_are_the_mean_of_two_cells_above_their_zeros(desk: Desk) -> None:
+    cell = desk.cell(1e-5, -2e-5)
+    desk.board.raw = [40_000, -9_000]
+    cell.tare()
+    assert cell.read_n() == 0
+    desk.board.raw = [40_000 + 600_000, -9_000 - 200_000]
+    desk.clock.sleep_s(0.02)
+    assert cell.read_n() == pytest.approx((6.0 + 4.0) / 2)
+
+
+def test_one_cell_alone_may_be_wired(desk: Desk) -> None:
+    cell = desk.cell(1e-5)
+    desk.board.raw = [500, NO_READING]
+    cell.tare()
+    desk.board.raw = [200_500, NO_READING]
+    desk.clock.sleep_s(0.02)
+    assert cell.read_n() == pytest.approx(2.0)
+
+
+def test_a_reading_is_of_now_after_a_pause_in_which_nobody_read(desk: Desk) -> None:
+    cell = desk.cell(1e-5, 1e-5)
+    cell.tare()
+    # Meanwhile the port's buffer fills with frames without load, and the rest is lost.
+    desk.clock.sleep_s(30.0)
+    desk.board.raw = [100_000, 100_000]
+    desk.clock.sleep_s(0.02)
+    assert cell.read_n() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("cell", [0, 1])
+def test_a_cell_without_a_reading_is_refused(desk: Desk, cell: int) -> None:
+    desk.board.raw[cell] = NO_READING
+    with pytest.raises(DeviceError, match=f"load cell {cell} gives no reading"):
+        desk.cell(1e-5, 1e-5).tare()
+
+
+@pytest.mark.parametrize("raw", [-(2**23), 2**23 - 1])
+def test_a_saturated_cell_is_refused(desk: Desk, raw: int) -> None:
+    cell = desk.cell(1e-5, 1e-5)
+    cell.tare()
+    desk.board.raw[1] = raw
+    desk.clock.sleep_s(0.02)
+    with pytest.raises(DeviceError, match="load cell 1 is at the end of its range"):
+        cell.read_n()
+
+
+def test_a_stuck_cell_is_refused_at_the_tare(desk: Desk) -> None:
+    desk.board.reading_hz[1] = 0.0
+    with pytest.raises(DeviceError, match="load cell 1 is stuck"):
+        desk.cell(1e-5, 1e-5).tare()
+
+
+def read_on(cell: BoardLoadCell, desk: Desk, *, pause_s: float) -> None:
+    for _ in range(60):
+        desk.clock.sleep_s(pause_s)
+        cell.read_n()
+
+
+@pytest.mark.parametrize("pause_s", [0.02, 20.0])
+def test_a_cell_that_sticks_later_is_refused(desk: Desk, pause_s: float) -> None:
+    cell = desk.cell(1e-5, 1e-5)
+    cell.tare()
+    desk.board.read_until_us = desk.board.device_us(desk.clock.now_s())
+    with pytest.raises(DeviceError, match=r"load cell \d is stuck"):
+        read_on(cell, desk, pause_s=pause_s)
+
+
+def test_a_slow_cell_lags_and_is_refused(desk: Desk) -> None:
+    desk.board.reading_hz[0] = 10.0
+    with pytest.raises(DeviceError, match=r"load cell 0 gives (9|10) readings a second.*RATE"):
+        desk.cell(1e-5, 1e-5).tare()
+
+
+def test_a_silent_board_is_named(desk: Desk) -> None:
+    cell = desk.cell(1e-5, 1e-5)
+    cell.tare()
+    desk.board.silent = True
+    desk.clock.sleep_s(1.0)
+    with pytest.raises(DeviceError, match="no frame with load cells"):
+        cell.read_n()
+
+
+def test_a_board_that_was_not_asked_says_what_to_put_into_the_rig_file(desk: Desk) -> None:
+    desk.board.asked = False
+    with pytest.raises(InputError, match="load_cells = true"):
+        mean_counts(desk.array, cells=(0,), clock=desk.clock)
+
+
+def test_another_kind_of_array_has_no_load_cells() -> None:
+    with pytest.raises(InputError, match="open_board"):
+        board_with_cells(TwinArray(World(None, seed=1)))
+
+
+def test_the_bench_opens_the_hand_and_leaves_it_open_whatever_happens(desk: Desk) -> None:
+    world = World(None, seed=1, clock=desk.clock)
+    gripper = TwinGripper(world)
+    gripper.command(GripperCommand(target=30.0, rate=60.0))
+    desk.clock.sleep_s(2.0)
+    desk.board.raw = [40_000, -9_000]
+    closed_mm = gripper.state().width_mm
+
+    def closes_and_fails() -> None:
+        with bench_of(
+            desk.array, gripper=gripper, clock=desk.clock, newtons_per_count=(1e-5, 1e-5)
+        ) as opened:
+            widths.append(gripper.state().width_mm)
+            assert opened.bench.start == gripper.limits.highest
+            assert opened.bench.cell.read_n() == 0
+            gripper.command(GripperCommand(target=30.0, rate=60.0))
+            desk.clock.sleep_s(0.5)
+            raise DeviceError("load cell 0 is stuck")
+
+    widths = list[float]()
+    with pytest.raises(DeviceError, match="stuck"):
+        closes_and_fails()
+    widths.append(gripper.state().width_mm)
+    assert closed_mm < 35
+    assert np.array(widths) == pytest.approx(gripper.limits.highest, abs=1.0)
