@@ -126,18 +126,17 @@ def _approach(belief: Belief, plan: Plan) -> Move:
         belief, command = closed_by(belief, wanted_step(belief, plan, goal_n=0.0), plan)
     if command is not None:
         return belief, command
-    if belief.now.shared_percent > plan.hint_percent:
+    if belief.force_high_n >= plan.safety.force_ceiling_n:
         return _blind(belief, plan)
     # A touch too weak to be contact, and no room to press harder: measure what there is.
     return belief.enter(Phase.SETTLE, note="contact"), None
 
 
 def _blind(belief: Belief, plan: Plan) -> Move:
-    """Open: before anything is felt, the calibration can't tell that it isn't too much already."""
+    """Open: the calibration can't tell that the little that is felt isn't too much already."""
     fault = (
-        f"by this calibration the force could be {belief.force_high_n:.1f} N before both fingers "
-        f"feel anything, and {plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the "
-        "force again"
+        f"by this calibration a faint touch could be {belief.force_high_n:.1f} N, and "
+        f"{plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the force again"
     )
     result = replace(belief.result, faults=(*belief.result.faults, fault))
     return _release(replace(belief, result=result), plan, Outcome.FORCE_LIMIT)
