@@ -133,14 +133,17 @@ def test_compliance_on_a_board_with_two_cells(
     rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
     begun(RIGID_LAYOUT, rest=rest, simulated=False).save(out)
     cell = TwinLoadCell(bench.world)
-    zeros = (30_000, -70_000)
+    zeros = [30_000, -70_000]
 
     def weighed() -> list[int]:
         force_n = cell.read_n()
         return [zeros[0] + round(force_n / 5e-6), zeros[1] - round(force_n / 4e-6)]
 
-    bench.board.weighed = weighed
-    bench.does = lambda _: bench.world.place(draw_object(np.random.default_rng(1), "rigid-block"))
+    def places(_: str) -> None:
+        bench.world.place(draw_object(np.random.default_rng(1), "rigid-block"))
+        zeros[0] += 3_000_000  # the block weighs on its cell
+
+    bench.board.weighed, bench.does = weighed, places
     arguments = ("--rig", str(bench.rig), "--out", str(out), "--block-mm", "40")
     assert call(calibrate_compliance.command, *arguments, "--json") == 0
     assert bench.asked[0].startswith("the rigid block with the load cell")

@@ -140,6 +140,17 @@ def test_a_cell_that_sticks_later_is_refused(desk: Desk, pause_s: float) -> None
         read_on(cell, desk, pause_s=pause_s)
 
 
+def test_a_cell_that_stuck_while_nobody_read_is_not_believed_even_once(desk: Desk) -> None:
+    cell = desk.cell(1e-5, 1e-5)
+    cell.tare()
+    cell.read_n()
+    desk.clock.sleep_s(5.1)
+    desk.board.read_until_us = desk.board.device_us(desk.clock.now_s())
+    desk.clock.sleep_s(5.0)
+    with pytest.raises(DeviceError, match=r"load cell \d is stuck"):
+        cell.read_n()
+
+
 def test_a_slow_cell_lags_and_is_refused(desk: Desk) -> None:
     desk.board.reading_hz[0] = 10.0
     with pytest.raises(DeviceError, match=r"load cell 0 gives (9|10) readings a second.*RATE"):
