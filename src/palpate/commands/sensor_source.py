@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,6 +143,7 @@ def open_source(
     DeviceError
         If the equipment isn't there.
     """
+    from palpate.rig.file import stated_in
     from palpate.sensor.board_array import open_board
 
     stated = {"port": port, "layout": layout, "reference_ohm": reference_ohm}
@@ -158,7 +158,7 @@ def open_source(
     if not rig.endswith(".toml"):
         return _of_rig(rig)
     path = Path(rig)
-    described = _stated(path)
+    described = stated_in(path)
     return _of_rig(str(described["use"])) if "use" in described else _of_file(path, described)
 
 
@@ -177,17 +177,8 @@ def _of_rig(name: str) -> Source:
 
 def _of_file(path: Path, stated: Mapping[str, object]) -> Source:
     """Open the array of a rig file; its calibration may still be to make."""
-    from palpate.rig.file import _opened
+    from palpate.rig.file import open_stated
 
     place = path.parent / str(stated["calibration"]) if "calibration" in stated else None
-    array: PressureArray = _opened(path, "array", stated.get("array"))
+    array: PressureArray = open_stated(path, "array", stated.get("array"))
     return Source(name=path.name, array=array, calibration_path=place)
-
-
-def _stated(path: Path) -> dict[str, object]:
-    try:
-        return tomllib.loads(path.read_text())
-    except OSError as error:
-        raise InputError(f"rig file {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"rig file {path}: {error}") from error

@@ -60,7 +60,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     InputError
         If the file can't be read, or lacks or misnames something; one line that says what.
     """
-    stated = _stated(path)
+    stated = stated_in(path)
     if "use" in stated:
         if stated.keys() != {"use"}:
             raise InputError(f"rig file {path}: `use` stands alone; leave the rest out")
@@ -85,7 +85,7 @@ def read_rig_file(path: Path) -> RigFile:
     InputError
         If the file can't be read, or lacks or misnames something; one line that says what.
     """
-    stated = _stated(path)
+    stated = stated_in(path)
     wanted = {"calibration", "array", "gripper"}
     if stated.keys() - {"load_cells"} != wanted:
         found = ", ".join(sorted(stated)) or "nothing"
@@ -109,7 +109,7 @@ def load_cells_stated(path: Path) -> tuple[float, ...] | None:
     InputError
         If the file can't be read, or its table ``[load_cells]`` is at fault.
     """
-    return _newtons_per_count(path, _stated(path))
+    return _newtons_per_count(path, stated_in(path))
 
 
 def _newtons_per_count(path: Path, stated: Mapping[str, Any]) -> tuple[float, ...] | None:
@@ -147,16 +147,23 @@ def open_devices(rig_file: RigFile) -> tuple[PressureArray, Gripper]:
     DeviceError
         If equipment isn't there.
     """
-    array = _opened(rig_file.path, "array", rig_file.array)
+    array = open_stated(rig_file.path, "array", rig_file.array)
     try:
-        gripper = _opened(rig_file.path, "gripper", rig_file.gripper, array=array)
+        gripper = open_stated(rig_file.path, "gripper", rig_file.gripper, array=array)
     except PalpateError:
         array.close()
         raise
     return array, gripper
 
 
-def _stated(path: Path) -> dict[str, Any]:
+def stated_in(path: Path) -> dict[str, Any]:
+    """Return what a rig file states, unchecked.
+
+    Raises
+    ------
+    InputError
+        If it can't be read.
+    """
     try:
         return tomllib.loads(path.read_text())
     except OSError as error:
@@ -165,7 +172,7 @@ def _stated(path: Path) -> dict[str, Any]:
         raise InputError(f"rig file {path}: {error}") from error
 
 
-def _opened(path: Path, part: str, table: Any, **shared: Any) -> Any:
+def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
     """Call the opener that a table names; it gets what is shared if it has a parameter for it."""
     where = table.get("open") if isinstance(table, dict) else None
     if not isinstance(where, str) or ":" not in where:
