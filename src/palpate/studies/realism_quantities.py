@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -22,6 +22,9 @@ CREEP_FROM_S, CREEP_TO_S = 0.2, 1.2
 
 #: Steps from sample to sample that a rise needs to tell its slope: three, at 15 Hz, is 0.2 s.
 FEWEST_RISING = 3
+
+#: So many places are pressed at once by a thing on the twin's sheet; draws of so many real ones.
+PLACES, _DRAWS = 8, 2000
 
 #: Load and excess conductance of one sensor, one pair per weight.
 Ladder = tuple[FloatArray, FloatArray]
@@ -55,19 +58,60 @@ def ladder_quantities(ladders: Sequence[Ladder]) -> dict[str, FloatArray]:
 def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
     """Return the gain's scatter per recording and the creep of each press."""
     exponent = _within_press_exponent(presses)
-    gains: dict[str, list[float]] = {}
     creeps = []
     for press in presses:
-        trace = press.trace
-        held = slice(trace.told, press.last_held + 1)
-        time_s = trace.time_s[held] - trace.time_s[trace.told]
-        log_gain = _log(trace.excess[held]) - exponent * _log(trace.force_n[held])
-        gains.setdefault(press.recording_id, []).append(float(log_gain[0]))
+        time_s, log_gain = _held_gain(press, exponent)
         if time_s[-1] >= CREEP_TO_S:
             early, late = np.interp([CREEP_FROM_S, CREEP_TO_S], time_s, log_gain)
             creeps.append(100 * np.expm1(late - early))
+    gains = log_gains(presses)
     scatter = [np.std(gain, ddof=1) for gain in gains.values() if len(gain) > 2]
     return {"gain scatter": np.array(scatter), "creep, %": np.array(creeps)}
+
+
+def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
+    """Return ln conductance at equal force of each press when its force was told, by recording."""
+    exponent = _within_press_exponent(presses)
+    gains: dict[str, list[float]] = {}
+    for press in presses:
+        gains.setdefault(press.recording_id, []).append(float(_held_gain(press, exponent)[1][0]))
+    return {name: np.array(gain) for name, gain in gains.items()}
+
+
+def _held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
+    """Return time since the force was told, and ln conductance less the force's share of it."""
+    trace = press.trace
+    held = slice(trace.told, press.last_held + 1)
+    log_gain = _log(trace.excess[held]) - exponent * _log(trace.force_n[held])
+    return trace.time_s[held] - trace.time_s[trace.told], log_gain
+
+
+def together(gains: Mapping[str, FloatArray]) -> FloatArray:
+    """Return the scatter of the mean conductance of eight places drawn from each recording.
+
+    That is what a sheet of eight pixels sums, if its pixels are places independent of each other.
+    """
+    rng = np.random.default_rng(0)
+    drawn = [
+        np.exp(rng.choice(gain, (_DRAWS, PLACES))).mean(axis=1)
+        for gain in gains.values()
+        if len(gain) >= PLACES
+    ]
+    return np.array([np.std(np.log(mean)) for mean in drawn])
+
+
+def halves(gains: Mapping[str, FloatArray]) -> FloatArray:
+    """Return |difference| / sqrt(2) of ln mean conductance of the first and last eight places.
+
+    Neighbours are pressed one after another and are alike, so that they average less.
+    """
+    return np.array(
+        [
+            abs(np.log(np.exp(gain[:PLACES]).mean() / np.exp(gain[-PLACES:]).mean())) / np.sqrt(2)
+            for gain in gains.values()
+            if len(gain) >= 2 * PLACES
+        ]
+    )
 
 
 def _within_press_exponent(presses: Sequence[Press]) -> float:

@@ -121,11 +121,11 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
             "The static law is fitted to the same traces by the same criterion as the observer. "
             "`own gain out` is the error with the median of each staircase taken away: what "
             "remains when the gain of that contact is known.",
-            "The twin's servo current has gear friction that stops anywhere in its band, and a "
-            "motor that warms up (twin/servo_current.py): plausible, not measured. On the way its "
-            "friction is exactly that of the gears, which is kind. `current` reads every frame as "
-            "if at rest; `both` hears the way, and leaves the current out where placements left "
-            "out of the calibration say that it harms.",
+            "The twin's servo current has gear friction that differs from movement to movement and "
+            "along the way, stops anywhere in its band, and a motor that warms up "
+            "(twin/servo_current.py): plausible, not measured. `current` reads every frame as if at "
+            "rest; `both` hears the way, and leaves the current out where placements left out of "
+            "the calibration say that it harms.",
         ),
         tables=[table],
         payload={"summary": summary, "sheets": sheets, "staircases": staircases},

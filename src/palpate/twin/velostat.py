@@ -258,7 +258,7 @@ def draw_sheet(
         Name in `FAMILIES`; by default one is drawn.
     """
     ranges = ranges_of(level)
-    drawn = str(rng.choice(list(FAMILIES)))
+    drawn = str(rng.choice(ranges.families))
     name = family or drawn
     if name not in FAMILIES:
         raise ValueError(f"no relaxation family {name!r}; there are: {', '.join(FAMILIES)}")

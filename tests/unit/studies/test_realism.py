@@ -9,13 +9,12 @@ import pytest
 
 from palpate.holds import Hold
 from palpate.studies import realism
-from palpate.studies.press_data import read_presses
 from palpate.studies.realism_quantities import (
+    halves,
     hold_quantities,
     ladder_quantities,
-    press_quantities,
+    together,
 )
-from palpate.studies.realism_twin import twin_presses
 
 
 def test_ladders_of_a_known_law() -> None:
@@ -43,12 +42,26 @@ def test_without_recordings_the_twin_stands_alone() -> None:
     assert [row[0].split(":")[0] for row in report.tables[0].rows] == list(realism.COMPARED)
 
 
-def test_places_of_a_field_sheet_scatter_as_real_ones(real_data: Path) -> None:
-    real = press_quantities(read_presses(real_data / "velostat_presses.csv.gz"))
-    pressed = [twin_presses(sensor, level="field", count=8)[0] for sensor in range(12)]
-    field = press_quantities([press for presses in pressed for press in presses])
-    for quantity in ("gain scatter", "creep, %"):
-        compared = realism.Comparison(
-            quantity=quantity, real=real[quantity], twin={"field": field[quantity]}
-        )
-        assert not compared.kinder("field")
+def test_eight_independent_places_average_and_alike_neighbours_do_not() -> None:
+    rng = np.random.default_rng(0)
+    mixed = {str(number): 0.6 * rng.standard_normal(16) for number in range(40)}
+    assert np.median(together(mixed)) == pytest.approx(0.6 / np.sqrt(8), rel=0.2)
+    sloping = {name: np.sort(gain) for name, gain in mixed.items()}
+    assert np.median(halves(sloping)) > 2 * np.median(halves(mixed))
+    assert halves({"few": np.zeros(12)}).size == 0
+
+
+def test_field_is_kinder_than_velostat_in_nothing(real_data: Path) -> None:
+    real = realism.real_quantities(
+        ladders=real_data / "velostat_force_ladders.csv",
+        presses=real_data / "velostat_presses.csv.gz",
+        holds=[real_data / "holds_velostat.csv.gz"],
+    )
+    field = realism.twin_quantities(level="field")
+    compared = [
+        realism.Comparison(quantity=name, real=values, twin={"field": field[name]})
+        for quantities in real.values()
+        for name, values in quantities.items()
+    ]
+    assert {one.quantity for one in compared} == set(realism.COMPARED)
+    assert [one.quantity for one in compared if one.kinder("field")] == []
