@@ -1,10 +1,11 @@
 """Force from the servo's current while the fingers close: a second witness beside the sheet.
 
-While a servo closes, the friction of its gears adds to the grip in full, so current is a line in
-force. At rest it is not: there friction holds any part of itself either way. One reading is coarse
-(some tenths of a newton), but a closing has many, and the sheet tells how the force rose from one
-to the next. What they say together of the force at the end is as good as a calibrated sheet, and
-knows nothing of wear or of where on the sheet the object lies.
+While a servo closes, the friction of its gears adds to the grip, so current is a line in force. At
+rest it is not: there friction holds any part of itself either way. One reading is coarse (some
+tenths of a newton), and so is one movement, because friction differs from one to the next; but a
+closing has several, and the sheet tells how the force rose through them. What they say together of
+the force at the end is as good as a calibrated sheet, and knows nothing of wear or of where on the
+sheet the object lies.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import CalibrationError
 from palpate.estimate.gain import MeasuredForce
+from palpate.estimate.gear_friction import GearFriction
 from palpate.estimate.sheet_current import WARMTH_SD
 from palpate.sensor.current_pairs import CurrentPairs
 
@@ -27,28 +29,32 @@ _SHAPE_SD = 0.05
 #: What a sheet may not show of a force (threshold of its pixels, typical), newtons, and the least
 #: share of the final force that a reading must have to say anything of it.
 _BLIND_N, _LEAST_SHARE = 0.25, 0.3
+#: Friction where no empty hand was closed: this share of it from movement to movement, and along
+#: the way (a guess for small geared servos, between a tenth and a quarter).
+_USUAL_SHARE = 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentLaw:
-    """current = zero + slope * force, while closing.
+    """current = gears + slope * force, while closing.
 
     Attributes
     ----------
-    zero_ma, ma_per_n : float
-        The line.
-    zero_sd_ma, noise_ma : float
-        Doubt of its zero, and scatter of a single reading.
+    gears : GearFriction
+        What is taken without load.
+    ma_per_n : float
+        The slope.
+    noise_ma : float
+        Scatter of a single reading.
     """
 
-    zero_ma: float
+    gears: GearFriction
     ma_per_n: float
-    zero_sd_ma: float
     noise_ma: float
 
     @classmethod
     def fit(cls, pairs: CurrentPairs) -> CurrentLaw:
-        """Fit the line.
+        """Fit the line, to readings on a load cell and, if there are any, of the empty hand.
 
         Raises
         ------
@@ -62,63 +68,94 @@ class CurrentLaw:
         >>> law = CurrentLaw.fit(
         ...     CurrentPairs(force_n=tuple(force_n), current_ma=tuple(current_ma))
         ... )
-        >>> round(law.zero_ma), round(law.ma_per_n), round(law.noise_ma)
+        >>> round(law.gears.mean_ma), round(law.ma_per_n), round(law.noise_ma)
         (40, 16, 3)
         """
-        force, current = np.array(pairs.force_n), np.array(pairs.current_ma)
+        force = np.array(pairs.force_n)
         reach_n = float(np.ptp(force)) if force.size else 0.0
         if force.size < _FEWEST or reach_n < _RANGE_N:
             raise CalibrationError(
                 f"current calibration: {force.size} readings over {reach_n:.1f} N; "
                 f"at least {_FEWEST} over {_RANGE_N:g} N are needed"
             )
-        (slope, zero), covariance = np.polyfit(force, current, 1, cov=True)
+        gears = GearFriction.fit(pairs)
+        slope, zero, noise_ma = _line(pairs, gears)
         if slope <= 0:
             raise CalibrationError(
                 "current calibration: the current must rise with the force; does the servo report "
                 "the current of the fingers' drive, with the sign of closing?"
             )
-        left = current - zero - slope * force
-        return cls(
-            zero_ma=float(zero),
-            ma_per_n=float(slope),
-            zero_sd_ma=float(np.sqrt(covariance[1, 1])),
-            noise_ma=float(np.sqrt(left @ left / (force.size - 2))),
-        )
+        if gears is None:
+            usual_ma = _USUAL_SHARE * abs(zero)
+            gears = GearFriction(mean_ma=zero, mean_sd_ma=usual_ma, movement_ma=usual_ma)
+        return cls(gears=gears, ma_per_n=slope, noise_ma=noise_ma)
 
-    def measured(self, current_ma: ArrayLike, *, share: ArrayLike) -> MeasuredForce | None:
+    def measured(
+        self,
+        current_ma: ArrayLike,
+        *,
+        share: ArrayLike,
+        width_mm: ArrayLike,
+        movement: ArrayLike,
+    ) -> MeasuredForce | None:
         """Return the force at the end of a closing; None if no reading is of a grip.
 
         A sheet that is blind to faint forces tells shares that are too small, the more so the
         smaller they are: force = share * end + (1 - share) * blind, `blind` some tenths of a
-        newton.
+        newton. Readings of one movement share what its friction is off.
 
         Parameters
         ----------
-        current_ma : array_like, shape (n,)
-            Readings while closing.
+        current_ma, width_mm : array_like, shape (n,)
+            Readings while closing, and where.
         share : array_like, shape (n,)
             Force at each, as a share of that at the end, by the sheet.
+        movement : array_like, shape (n,)
+            Equal for readings of one movement.
 
         Examples
         --------
-        >>> law = CurrentLaw(zero_ma=40.0, ma_per_n=16.0, zero_sd_ma=0.0, noise_ma=6.0)
+        >>> gears = GearFriction(mean_ma=40.0, mean_sd_ma=0.0, movement_ma=0.0)
+        >>> law = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0)
         >>> share = np.linspace(0.5, 1.0, 12)
-        >>> found = law.measured(40 + 16 * 5.0 * share, share=share)
+        >>> found = law.measured(
+        ...     40 + 16 * 5.0 * share, share=share, width_mm=30 - share, movement=[0] * 12
+        ... )
         >>> abs(found.force_n - 5.0) < 0.1, round(found.sd_n, 2)
         (True, 0.15)
         """
         share = np.asarray(share, dtype=float)
         if not share.size or not share.max() > _LEAST_SHARE:
             return None
-        force_n = (np.asarray(current_ma, dtype=float) - self.zero_ma) / self.ma_per_n
-        noise_n = self.noise_ma / self.ma_per_n
-        design = np.column_stack([share, 1.0 - share]) / noise_n
-        precision = design.T @ design + np.diag([0.0, 1.0 / _BLIND_N**2])
-        covariance = np.linalg.inv(precision)
-        end_n = float((covariance @ (design.T @ force_n))[0] / noise_n)
+        gears_ma = self.gears.at(np.asarray(width_mm, dtype=float))
+        force_n = (np.asarray(current_ma, dtype=float) - gears_ma) / self.ma_per_n
+        noise_n, movement_n = self.noise_ma / self.ma_per_n, self.gears.movement_ma / self.ma_per_n
+        alike = np.equal.outer(np.asarray(movement), np.asarray(movement))
+        scatter = noise_n**2 * np.eye(share.size) + movement_n**2 * alike
+        design = np.column_stack([share, 1.0 - share])
+        weighed = np.linalg.solve(scatter, design)
+        covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _BLIND_N**2]))
+        end_n = float((covariance @ (weighed.T @ force_n))[0])
+        mean_sd_n = self.gears.mean_sd_ma / self.ma_per_n
         return MeasuredForce(
             force_n=end_n,
-            sd_n=float(np.hypot(np.sqrt(covariance[0, 0]), self.zero_sd_ma / self.ma_per_n)),
+            sd_n=float(np.hypot(np.sqrt(covariance[0, 0]), mean_sd_n)),
             log_sd=float(np.hypot(WARMTH_SD, _SHAPE_SD)),
         )
+
+
+def _line(pairs: CurrentPairs, gears: GearFriction | None) -> tuple[float, float, float]:
+    """Return slope (mA/N), current without load, and the scatter of readings, mA.
+
+    Every movement has an offset of its own, so that friction that differs tilts no line.
+    """
+    force, current = np.array(pairs.force_n), np.array(pairs.current_ma)
+    number = np.array(pairs.movement or (0,) * force.size)
+    if gears is not None:
+        current = current - (gears.at(np.array(pairs.width_mm)) - gears.mean_ma)
+    offsets = np.equal.outer(number, np.unique(number)).astype(float)
+    design = np.column_stack([force, offsets])
+    found = np.linalg.lstsq(design, current, rcond=None)[0]
+    left = current - design @ found
+    freedom = max(force.size - found.size, 1)
+    return float(found[0]), float(found[1:].mean()), float(np.sqrt(left @ left / freedom))

@@ -1,15 +1,25 @@
-"""Calibration of the servo's current: slow closings on a block that carries the load cell."""
+"""Calibration of the servo's current: slow closings on a load cell, and of the empty hand."""
 
 from __future__ import annotations
 
 import math
 
+from palpate.errors import CalibrationError
 from palpate.grasp.calibrating import Bench
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.current_pairs import CurrentPairs
 
 #: So slowly (mm or kPa a second) that the cell's reading and the current are of one moment.
 _RATE, _POLL_S = 1.5, 0.05
+#: The empty hand closes faster: nothing changes on its way but the friction of the gears.
+_EMPTY_RATE = 3.0
+#: Short movements of the empty hand, as a grasp makes them: length (mm or kPa) and duration.
+_STEP, _STEP_S = 1.5, 0.38
+#: An empty hand whose load cell says more than this is not empty, newtons.
+_EMPTY_N = 0.5
+
+#: Force, current and width of single readings.
+_Rows = list[tuple[float, float, float, int]]
 
 
 def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPairs | None:
@@ -19,23 +29,71 @@ def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPai
     what the gears take without load.
     """
     limits = bench.gripper.limits
-    force_n, current_ma = list[float](), list[float]()
-    for _ in range(repeats):
+    rows = _Rows()
+    for movement in range(repeats):
         _go(bench, GripperCommand(target=bench.start, rate=limits.fastest))
         bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=_RATE))
-        while True:
-            bench.clock.sleep_s(_POLL_S)
-            state, force = bench.gripper.state(), bench.cell.read_n()
-            if not state.moving or force >= up_to_n:
-                break
-            if math.isfinite(state.current_ma):
-                force_n.append(force)
-                current_ma.append(state.current_ma)
+        _follow(bench, rows, movement=movement, up_to_n=up_to_n)
         bench.gripper.stop()
+    _release(bench)
+    return _pairs(rows)
+
+
+def measure_gears(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
+    """Close the empty hand, slowly in one go and then in short steps, and read the current.
+
+    The slow closings show where on the way the gears take more; the steps, how much that differs
+    from one movement to the next. Returns None where the gripper reports no current.
+
+    Raises
+    ------
+    CalibrationError
+        If the load cell feels something: the hand isn't empty.
+    """
+    limits = bench.gripper.limits
+    rows = _Rows()
+    for movement in range(sweeps):
+        _go(bench, GripperCommand(target=limits.target(0.0), rate=limits.fastest))
+        bench.gripper.command(GripperCommand(target=limits.target(limits.span), rate=_EMPTY_RATE))
+        _follow(bench, rows, movement=movement, up_to_n=math.inf)
+    _go(bench, GripperCommand(target=limits.target(0.0), rate=limits.fastest))
+    for step in range(1, int(limits.span / _STEP)):
+        target = limits.target(step * _STEP)
+        bench.gripper.command(GripperCommand(target=target, rate=_STEP / _STEP_S))
+        _follow(bench, rows, movement=sweeps + step, up_to_n=math.inf)
+    _release(bench)
+    if any(force > _EMPTY_N for force, *_ in rows):
+        raise CalibrationError(
+            "current calibration: the hand is to close empty here, and the load cell feels "
+            f"{max(rows)[0]:.1f} N; take the cell out from between the fingers"
+        )
+    return _pairs(rows)
+
+
+def _follow(bench: Bench, rows: _Rows, *, movement: int, up_to_n: float) -> None:
+    """Read force, current and width until the movement ends, or the force is reached."""
+    while True:
+        bench.clock.sleep_s(_POLL_S)
+        state, force = bench.gripper.state(), bench.cell.read_n()
+        if not state.moving or force >= up_to_n:
+            return
+        if math.isfinite(state.current_ma):
+            rows.append((force, state.current_ma, state.width_mm, movement))
+
+
+def _pairs(rows: _Rows) -> CurrentPairs | None:
+    if not rows:
+        return None
+    force_n, current_ma, width_mm, movement = zip(*rows, strict=True)
+    return CurrentPairs(
+        force_n=force_n, current_ma=current_ma, width_mm=width_mm, movement=movement
+    )
+
+
+def _release(bench: Bench) -> None:
     bench.gripper.release()
     while bench.gripper.state().moving:
         bench.clock.sleep_s(_POLL_S)
-    return CurrentPairs(force_n=tuple(force_n), current_ma=tuple(current_ma)) if force_n else None
 
 
 def _go(bench: Bench, command: GripperCommand) -> None:

@@ -25,10 +25,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pull:
-    """Servo current at one moment of a closing movement."""
+    """Servo current at one moment of the closing movement that began at `moved_s`."""
 
     closure: float
     current_ma: float
+    moved_s: float
 
 
 def pulled(belief: Belief, gripper: GripperState, plan: Plan) -> tuple[Pull, ...]:
@@ -37,7 +38,8 @@ def pulled(belief: Belief, gripper: GripperState, plan: Plan) -> tuple[Pull, ...
     closing = gripper.moving and closure < belief.sent and belief.contact_s is not None
     if not closing or math.isnan(gripper.current_ma):
         return belief.pulls
-    return (*belief.pulls, Pull(closure=closure, current_ma=gripper.current_ma))
+    pull = Pull(closure=closure, current_ma=gripper.current_ma, moved_s=belief.moved_s)
+    return (*belief.pulls, pull)
 
 
 def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
@@ -51,8 +53,12 @@ def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
     sheet_n = _between(at, closure, force_n)
     if not sheet_n[0] > 0:
         return None
-    current_ma = np.array([pull.current_ma for pull in belief.pulls])
-    return plan.current.measured(current_ma, share=sheet_n[1:] / sheet_n[0])
+    return plan.current.measured(
+        [pull.current_ma for pull in belief.pulls],
+        share=sheet_n[1:] / sheet_n[0],
+        width_mm=[plan.gripper.target(pull.closure) for pull in belief.pulls],
+        movement=[pull.moved_s for pull in belief.pulls],
+    )
 
 
 def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatArray:

@@ -10,14 +10,15 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.estimate.force import PowerForceLaw
-from palpate.grasp.calibrating import measure_block, measure_force, measure_rest
-from palpate.grasp.calibrating_current import measure_current
+from palpate.grasp.calibrating import Bench, measure_block, measure_force, measure_rest
+from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.recording.contents import Origin
 from palpate.rig import Rig
 from palpate.rig.twin_bench import FACES, twin_bench
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import BlockPairs, Calibration
+from palpate.sensor.current_pairs import CurrentPairs, joined
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
 from palpate.twin.world import GripperKind, World
@@ -177,7 +178,7 @@ def calibrated(
     )
     current = None
     if kind == "rigid":
-        current = measure_current(bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS)
+        current = _current(bench, world)
     else:
         larger = draw_object(rng, "rigid-block")
         world.place(replace(larger, size_mm=larger.size_mm + _LARGER_MM - _BLOCK_MM))
@@ -202,6 +203,14 @@ def calibrated(
         current=current,
         force_law=PowerForceLaw.fit(excess, force_n=force_n).as_dict(),
     )
+
+
+def _current(bench: Bench, world: World) -> CurrentPairs | None:
+    """Close on the block that carries the load cell, then with the hand empty."""
+    on_block = measure_current(bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS)
+    world.place(None)
+    empty = measure_gears(bench)
+    return None if on_block is None or empty is None else joined(on_block, empty)
 
 
 def _joined(first: BlockPairs, second: BlockPairs) -> BlockPairs:

@@ -23,6 +23,10 @@ class CurrentPairs:
         Reference: mean of the fingers' normal forces.
     current_ma : tuple of float
         What the servo reported at that moment.
+    width_mm : tuple of float
+        Opening at that moment; empty in older files.
+    movement : tuple of int
+        Number of the movement that the reading was taken in; empty in older files.
 
     Raises
     ------
@@ -32,13 +36,22 @@ class CurrentPairs:
 
     force_n: tuple[float, ...]
     current_ma: tuple[float, ...]
+    width_mm: tuple[float, ...] = ()
+    movement: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.force_n) != len(self.current_ma):
             raise CalibrationError(
                 f"current: {len(self.force_n)} forces and {len(self.current_ma)} currents"
             )
-        if not np.isfinite([*self.force_n, *self.current_ma]).all():
+        for name in ("width_mm", "movement"):
+            if len(getattr(self, name)) not in (0, len(self.force_n)):
+                raise CalibrationError(
+                    f"current: {len(self.force_n)} forces and {len(getattr(self, name))} {name}"
+                )
+        if bool(self.width_mm) != bool(self.movement):
+            raise CalibrationError("current: width_mm and movement go together")
+        if not np.isfinite([*self.force_n, *self.current_ma, *self.width_mm]).all():
             raise CalibrationError("current: every entry must be a finite number")
 
 
@@ -55,8 +68,31 @@ def current_pairs_from_dict(stored: Mapping[str, Any]) -> CurrentPairs:
     >>> current_pairs_from_dict({"force_n": [0.0, 5.0], "current_ma": [30.0, 110.0]}).force_n
     (0.0, 5.0)
     """
+    # Files made before widths and movements were kept lack them.
+    known = {"width_mm": (), "movement": (), **stored}
     names = {one.name for one in fields(CurrentPairs)}
-    if set(stored) != names:
-        wrong = ", ".join(sorted(names ^ set(stored)))
+    if set(known) != names:
+        wrong = ", ".join(sorted(names ^ set(known)))
         raise CalibrationError(f"current: missing or unknown: {wrong}; units are part of the names")
-    return CurrentPairs(**{name: tuple(stored[name]) for name in names})
+    return CurrentPairs(**{name: tuple(known[name]) for name in names})
+
+
+def joined(*parts: CurrentPairs) -> CurrentPairs:
+    """Return the readings of several runs as one, their movements numbered through.
+
+    Examples
+    --------
+    >>> one = CurrentPairs(force_n=(0.0,), current_ma=(40.0,), width_mm=(30.0,), movement=(0,))
+    >>> joined(one, one).movement
+    (0, 1)
+    """
+    numbers, first = list[int](), 0
+    for part in parts:
+        numbers += [first + number for number in part.movement]
+        first += 1 + max(part.movement, default=-1)
+    return CurrentPairs(
+        force_n=tuple(value for part in parts for value in part.force_n),
+        current_ma=tuple(value for part in parts for value in part.current_ma),
+        width_mm=tuple(value for part in parts for value in part.width_mm),
+        movement=tuple(numbers),
+    )

@@ -9,6 +9,7 @@ from palpate.errors import CalibrationError
 from palpate.estimate.bend import Bend
 from palpate.estimate.force_pairs import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
+from palpate.estimate.gear_friction import GearFriction
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.sensor.current_pairs import CurrentPairs
 
@@ -22,7 +23,8 @@ def pairs(*, ma_per_n: float = 16.0, noise_ma: float = 6.0, count: int = 200) ->
 
 def test_current_law_is_read_off_noisy_readings() -> None:
     law = CurrentLaw.fit(pairs())
-    assert law.zero_ma == pytest.approx(40.0, abs=4 * law.zero_sd_ma)
+    assert law.gears.mean_ma == pytest.approx(40.0, abs=2.0)
+    assert law.gears.movement_ma == pytest.approx(6.0, abs=0.5), "nobody closed the empty hand"
     assert law.ma_per_n == pytest.approx(16.0, rel=0.02)
     assert law.noise_ma == pytest.approx(6.0, rel=0.15)
 
@@ -47,23 +49,91 @@ def test_current_pairs_of_unequal_length_are_refused() -> None:
         CurrentPairs(force_n=(1.0,), current_ma=(float("nan"),))
 
 
-def test_stated_scatter_of_a_measured_force_is_the_real_one() -> None:
-    law = CurrentLaw(zero_ma=40.0, ma_per_n=16.0, zero_sd_ma=0.0, noise_ma=6.0)
+def test_readings_of_older_files_and_of_movements_are_told_apart() -> None:
+    with pytest.raises(CalibrationError, match="2 forces and 1 width_mm"):
+        CurrentPairs(force_n=(1.0, 2.0), current_ma=(5.0, 6.0), width_mm=(1.0,), movement=(0, 0))
+    with pytest.raises(CalibrationError, match="go together"):
+        CurrentPairs(force_n=(1.0,), current_ma=(5.0,), width_mm=(1.0,))
+
+
+def geared(*, movement_ma: float) -> CurrentLaw:
+    gears = GearFriction(mean_ma=40.0, mean_sd_ma=0.0, movement_ma=movement_ma)
+    return CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0)
+
+
+@pytest.mark.parametrize("movement_ma", [0.0, 8.0])
+def test_stated_scatter_of_a_measured_force_is_the_real_one(movement_ma: float) -> None:
+    law = geared(movement_ma=movement_ma)
     rng, share = np.random.default_rng(7), np.linspace(0.1, 1.0, 15)
+    movement = np.repeat(np.arange(3), 5)
     found = [
-        law.measured(40.0 + 16.0 * 3.0 * share + 6.0 * rng.standard_normal(15), share=share)
+        law.measured(
+            40.0
+            + 16.0 * 3.0 * share
+            + 6.0 * rng.standard_normal(15)
+            + (movement_ma * rng.standard_normal(3))[movement],
+            share=share,
+            width_mm=np.full(15, 30.0),
+            movement=movement,
+        )
         for _ in range(400)
     ]
     forces = np.array([one.force_n for one in found if one is not None])
     assert len(forces) == 400
-    assert forces.mean() == pytest.approx(3.0, abs=0.02)
+    assert forces.mean() == pytest.approx(3.0, abs=0.05)
     assert forces.std() == pytest.approx(found[0].sd_n if found[0] else 0.0, rel=0.1)
 
 
 def test_no_reading_of_a_grip_measures_nothing() -> None:
     law = CurrentLaw.fit(pairs())
-    assert law.measured([], share=[]) is None
-    assert law.measured([45.0], share=[0.0]) is None
+    assert law.measured([], share=[], width_mm=[], movement=[]) is None
+    assert law.measured([45.0], share=[0.0], width_mm=[30.0], movement=[0]) is None
+
+
+def closed_empty(*, movement_sd: float, seed: int = 3) -> CurrentPairs:
+    """Return two long closings and forty short ones of gears that take 36 to 44 mA on their way."""
+    rng = np.random.default_rng(seed)
+    runs = [np.linspace(70.0, 10.0, 400)] * 2
+    runs += [np.linspace(70.0 - 1.5 * k, 68.6 - 1.5 * k, 7) for k in range(40)]
+    factors = np.exp(movement_sd * rng.standard_normal(len(runs)))
+    currents = [
+        factor * (40.0 + 4.0 * np.sin(width / 2.0)) + 6.0 * rng.standard_normal(width.size)
+        for width, factor in zip(runs, factors, strict=True)
+    ]
+    return CurrentPairs(
+        force_n=(0.0,) * sum(run.size for run in runs),
+        current_ma=tuple(np.concatenate(currents).tolist()),
+        width_mm=tuple(np.concatenate(runs).tolist()),
+        movement=tuple(np.repeat(np.arange(len(runs)), [run.size for run in runs]).tolist()),
+    )
+
+
+@pytest.mark.parametrize("movement_sd", [0.0, 0.15])
+def test_empty_hand_tells_gears_along_the_way_and_from_movement_to_movement(
+    movement_sd: float,
+) -> None:
+    found = GearFriction.fit(closed_empty(movement_sd=movement_sd))
+    assert found is not None
+    width_mm = np.linspace(15.0, 65.0, 200)
+    assert found.mean_ma == pytest.approx(40.0, abs=max(3 * found.mean_sd_ma, 1.0))
+    shape = found.at(width_mm) - found.mean_ma
+    assert np.corrcoef(shape, np.sin(width_mm / 2.0))[0, 1] > 0.8
+    assert found.movement_ma == pytest.approx(40.0 * movement_sd, abs=1.6)
+
+
+def test_slope_is_not_tilted_by_movements_that_differ() -> None:
+    """Two closings to different forces, the further one with far more friction."""
+    force_n = np.concatenate([np.linspace(0.0, 4.0, 40), np.linspace(0.0, 8.0, 80)])
+    movement = np.repeat([0, 1], [40, 80])
+    law = CurrentLaw.fit(
+        CurrentPairs(
+            force_n=tuple(force_n.tolist()),
+            current_ma=tuple((np.array([40.0, 80.0])[movement] + 16.0 * force_n).tolist()),
+            width_mm=tuple((50.0 - 4.0 * force_n).tolist()),
+            movement=tuple(movement.tolist()),
+        )
+    )
+    assert law.ma_per_n == pytest.approx(16.0, rel=1e-3)
 
 
 def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() -> None:

@@ -12,7 +12,7 @@ import pytest
 from palpate.errors import CalibrationError
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.calibrating import Bench
-from palpate.grasp.calibrating_current import measure_current
+from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import plan_grasp
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
@@ -41,9 +41,24 @@ def test_current_while_closing_is_a_line_in_force(rigid: Calibration) -> None:
     law = CurrentLaw.fit(rigid.current)
     # 14 mA/N of grip and 5 to 25 % friction on top; gears take 20 to 60 mA (twin's ranges).
     assert 13.0 < law.ma_per_n < 18.5
-    assert 15.0 < law.zero_ma < 65.0
+    assert 15.0 < law.gears.mean_ma < 65.0
+    assert 0.0 < law.gears.movement_ma < 0.3 * law.gears.mean_ma
     assert 5.0 < law.noise_ma < 8.0
     assert min(rigid.current.force_n) < 0.1 < 12.0 < max(rigid.current.force_n)
+
+
+def test_empty_hand_shows_its_gears_over_the_whole_way_and_one_that_is_not_empty_is_refused() -> (
+    None
+):
+    world = World(None, seed=6)
+    found = measure_gears(bench_of(world), sweeps=1)
+    assert found is not None
+    assert min(found.width_mm) < 10.0 < 70.0 < max(found.width_mm)
+    assert len(set(found.movement)) > 30
+    world.place(draw_object(np.random.default_rng(1), "dragonskin-10"))
+    with pytest.raises(CalibrationError, match="close empty"):
+        measure_gears(bench_of(world), sweeps=1)
+    assert measure_gears(bench_of(World(None, seed=6, gripper="soft")), sweeps=1) is None
 
 
 def test_hand_is_open_afterwards_and_one_without_current_measures_none() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.estimate.gear_friction import GearFriction
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -15,7 +16,8 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand, GripperState
 
-LAW = CurrentLaw(zero_ma=40.0, ma_per_n=16.0, zero_sd_ma=0.5, noise_ma=6.0)
+GEARS = GearFriction(mean_ma=40.0, mean_sd_ma=0.5, movement_ma=0.0)
+LAW = CurrentLaw(gears=GEARS, ma_per_n=16.0, noise_ma=6.0)
 
 
 @pytest.fixture
