@@ -19,7 +19,7 @@ from scipy.stats import norm
 from palpate.errors import CalibrationError
 from palpate.estimate.creep import FloatArray
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.sheet_current import Current
+from palpate.estimate.sheet_current import Current, current_from_dict
 from palpate.estimate.sheet_memory import SheetMemory, SheetReading, terms_count
 from palpate.settling.result import Status
 
@@ -122,7 +122,7 @@ def sheet_model_from_dict(stored: dict[str, Any]) -> SheetModel:
                 "time_constants_s": tuple(stored["time_constants_s"]),
                 "weights": tuple(stored["weights"]),
                 "range": (stored["range"][0], stored["range"][1]),
-                "current": None if current is None else Current(**current),
+                "current": None if current is None else current_from_dict(current),
             }
         )
     except (KeyError, TypeError) as error:
@@ -232,7 +232,8 @@ class SheetObserver:
         if way:
             self._since_stop = []
             if last_way == way:
-                self._on_way.append((float(current.force_n(last_ma, way=way)), last_mm))
+                seen_n = float(current.force_n(last_ma, way=way, width_mm=last_mm))
+                self._on_way.append((seen_n, last_mm))
             return
         self._since_stop.append(float(current.force_n(current_ma)))
         if len(self._since_stop) == _CALM and not self._hear_way(current, width_mm):
@@ -257,7 +258,9 @@ class SheetObserver:
             return False
         half = float(done[inside].mean())
         at_n = float(ends_n @ [1.0 - half, half])
-        sd_n = float(np.hypot(current.sd_n / np.sqrt(inside.sum()), _LINE_SHARE * at_n))
+        way = 1 if width_mm < from_mm else -1
+        scatter_n = np.hypot(current.way_sd_n(at_n, way=way), _LINE_SHARE * at_n)
+        sd_n = float(np.hypot(scatter_n, current.sd_n / np.sqrt(inside.sum())))
         self._hear(float(readings[inside, 0].mean()), sd_n=sd_n, at=float(np.log(at_n)))
         return True
 

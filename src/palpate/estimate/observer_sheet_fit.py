@@ -12,11 +12,13 @@ from scipy.stats import t as student_t
 
 from palpate.errors import CalibrationError
 from palpate.estimate.creep import CONTACT_EXCESS, FloatArray
+from palpate.estimate.gear_friction import GearFriction
 from palpate.estimate.observer_fit import least_absolute
 from palpate.estimate.observer_sheet import MIDDLE_LOG_N, SheetModel, SheetObserver
 from palpate.estimate.sheet_current import Current, fit_line
 from palpate.estimate.sheet_memory import STILL_MM, SUMMED, SheetMemory, SheetReading
 from palpate.estimate.sheet_reading_fit import FAINT_N, best_reading
+from palpate.sensor.current_pairs import CurrentPairs
 from palpate.sensor.load_traces import LoadTraces, frames
 
 #: Log-spaced, from a frame of a slow readout to the length of a dwell's creep.
@@ -46,6 +48,7 @@ class _Run:
     log_reading: FloatArray
     force_n: FloatArray
     current_ma: FloatArray
+    width_mm: FloatArray
     still: NDArray[np.bool_]
     stop: NDArray[np.int64]
     way: NDArray[np.int64]
@@ -83,7 +86,8 @@ def fit_sheet(traces: LoadTraces, *, memory: bool = True) -> SheetModel:
 def fit_current(traces: LoadTraces) -> Current | None:
     """Return the line from servo current to force; None where the current does not follow it."""
     placements = [run for run in traces.runs() if (np.asarray(run.force_n) > FAINT_N).any()]
-    return fit_line([_seen(run, reading=SUMMED, knots=(0.0,), times_s=()) for run in placements])
+    runs = [_seen(run, reading=SUMMED, knots=(0.0,), times_s=()) for run in placements]
+    return fit_line(runs, gears=_empty_hand(placements))
 
 
 def without_current(model: SheetModel) -> SheetModel:
@@ -125,9 +129,33 @@ def _fitted(traces: LoadTraces, *, memory: bool) -> tuple[SheetModel, FloatArray
         tail_with_current=1.0,
         range=(float(log_reading.min()), float(log_reading.max())),
         unloading_seen=_unloading_seen(traces),
-        current=fit_line(runs) if memory else None,
+        current=fit_line(runs, gears=_empty_hand(placements)) if memory else None,
     )
     return _with_tails(model, runs, left, folds), np.concatenate(left), log_force
+
+
+def _empty_hand(placements: Sequence[LoadTraces]) -> GearFriction | None:
+    """Return what the gears took on the way to each placement, before anything was touched."""
+    force_n, current_ma, width_mm = list[float](), list[float](), list[float]()
+    movement: list[int] = []
+    for number, run in enumerate(placements):
+        at_mm = np.asarray(run.width_mm)
+        closing = np.diff(at_mm, append=at_mm[-1]) < -STILL_MM
+        free = closing & (np.cumsum(np.asarray(run.force_n) > FAINT_N) == 0)
+        force_n += np.asarray(run.force_n)[free].tolist()
+        current_ma += np.asarray(run.current_ma)[free].tolist()
+        width_mm += at_mm[free].tolist()
+        movement += [number] * int(free.sum())
+    if not current_ma or not np.isfinite(current_ma).all():
+        return None
+    return GearFriction.fit(
+        CurrentPairs(
+            force_n=tuple(force_n),
+            current_ma=tuple(current_ma),
+            width_mm=tuple(width_mm),
+            movement=tuple(movement),
+        )
+    )
 
 
 def _knots(placements: Sequence[LoadTraces], reading: SheetReading) -> tuple[float, ...]:
@@ -155,6 +183,7 @@ def _seen(
         log_reading=log_reading[loaded],
         force_n=np.asarray(run.force_n)[loaded],
         current_ma=np.asarray(run.current_ma)[loaded],
+        width_mm=np.asarray(run.width_mm)[loaded],
         still=(ways == 0)[loaded],
         stop=np.cumsum(ways != 0)[loaded],
         # A frame was on the way if the next one has moved on.
@@ -214,7 +243,12 @@ def _with_tails(
         np.abs(error) / (reach * model.sd(run.log_force + error))
         for run, error in zip(runs, left, strict=True)
     ]
-    tail = max(float(np.quantile(np.concatenate(alone), 0.9)) * few, 0.5)
+    # The doubts together say more or less than the errors that were seen: what current, which has
+    # doubts of its own, is weighed against is what was seen.
+    seen = max(float(np.quantile(np.concatenate(alone), 0.9)), 0.5)
+    doubts = ("gain_sd", "slope_sd", "drift_sd", "floor_n")
+    model = replace(model, **{name: seen * getattr(model, name) for name in doubts})
+    tail = few
     if model.current is None:
         return replace(model, tail=tail, tail_with_current=tail)
     both, alone_n, both_n = [], [], []
