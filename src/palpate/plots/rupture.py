@@ -16,6 +16,7 @@ LOOKS = {
     "ours, fruit unknown": ("relaxation", "--"),
     "cap per fruit": ("recorded", "-"),
     "stiffness rule": ("exponential", "-"),
+    "rule as published": ("exponential", ":"),
 }
 
 
@@ -32,6 +33,8 @@ def tradeoff_figure(entries: Sequence[Mapping[str, Any]]) -> Figure:
         for axis, fruit in zip(axes[0], fruits, strict=True):
             for method, (look, line) in LOOKS.items():
                 chosen = [e for e in entries if (e["fruit"], e["method"]) == (fruit, method)]
+                if not chosen:
+                    continue
                 color, marker = look_of(look)
                 axis.plot(
                     [100 * entry["rate_limit"] for entry in chosen],

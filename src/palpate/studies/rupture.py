@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.estimate.damage import NOMINAL_RATE, DamageModel, fit_damage_model
+from palpate.studies import rupture_limits
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.rupture_policies import (
     FruitClosing,
+    Scored,
     cap_scores,
     fit_rule,
     follow,
@@ -23,6 +24,7 @@ from palpate.studies.rupture_policies import (
     rule_scores,
     stop_forces,
 )
+from palpate.studies.rupture_published import PUBLISHED, published_scores
 from palpate.studies.rupture_tradeoff import RATES, Method, tradeoff
 from palpate.tables import read_table
 
@@ -131,7 +133,7 @@ def _report(
     rows: list[dict[str, Any]] = []
     rows_unknown: list[dict[str, Any]] = []
     tested: list[FruitClosing] = []
-    scores: dict[str, list[NDArray[np.float64]]] = {}
+    scores: dict[str, list[Scored]] = {}
     for training, test in splits:
         tested += test
         for known, collected in ((True, rows), (False, rows_unknown)):
@@ -159,18 +161,28 @@ def _report(
             scores.setdefault("stiffness rule", []).append(
                 rule_scores(closing, line=lines[closing.fruit])
             )
+    if all(closing.fruit in PUBLISHED for closing in tested):
+        scores["rule as published"] = [published_scores(closing) for closing in tested]
     entries = tradeoff([Method(name, scores[name]) for name in scores], closings=tested)
+    told = rupture_limits.told_half_load(splits)
     provenance = (
         f"Real recordings of fruit closed on until rupture; {split}.",
         f"Guard at a nominal rupture rate of {nominal_rate:.1%}; every sample used precedes the "
         "decision.",
-        "Trade-off: every method swept over its setting on the tested fruit, alike.",
+        "Trade-off: every method swept over its setting on the tested fruit, alike. Stiffness "
+        "rule: a line per fruit fitted to the training fruit, with our stiffness. Rule as "
+        "published: with its authors' constants and window; they fitted them to fruit that may be "
+        "among these.",
     )
     return StudyReport(
         name="rupture",
         title="Stopping before rupture",
         provenance=provenance,
-        tables=[_operating_table(rows, rows_unknown), _tradeoff_table(entries)],
+        tables=[
+            _operating_table(rows, rows_unknown),
+            rupture_limits.table(told),
+            _tradeoff_table(entries),
+        ],
         payload={
             "study": "rupture",
             "provenance": list(provenance),
@@ -178,6 +190,7 @@ def _report(
             "rows": rows,
             "rows_fruit_unknown": rows_unknown,
             "summary": _summary(rows, known=True) + _summary(rows_unknown, known=False),
+            "told_half_load": told,
             "tradeoff": entries,
         },
         figures={"rupture": lambda: _figure(entries)},
@@ -205,8 +218,8 @@ def _row(
     half = half_load(limits)
     stop_n = float(
         stop_forces(
-            [closing],
-            scores=[np.array([limit.score for limit in limits])],
+            [Scored(closing.force_n, np.array([limit.score for limit in limits]))],
+            rupture_force_n=[closing.rupture_force_n],
             at=np.array([stop_score]),
         )[0, 0]
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ class FruitClosing:
         Force of the sample at which each state became known: never below the state's own.
     states : sequence of ClosingState, length n_states
         What was known, strictly before the force first reached the label.
+    samples : ndarray, shape (n_samples, 2)
+        Closure (mm) and force (N) as recorded, up to there.
     """
 
     grasp_id: str
@@ -33,6 +36,14 @@ class FruitClosing:
     rupture_force_n: float
     force_n: NDArray[np.float64]
     states: Sequence[ClosingState]
+    samples: NDArray[np.float64]
+
+
+class Scored(NamedTuple):
+    """How near the limit a policy thinks to be, with the force at which it came to think so."""
+
+    force_n: NDArray[np.float64]
+    score: NDArray[np.float64]
 
 
 def follow(
@@ -47,9 +58,10 @@ def follow(
     curve = ClosingCurve()
     states: list[ClosingState] = []
     known_at_n: list[float] = []
-    for closure, force in zip(closure_mm.tolist(), force_n.tolist(), strict=True):
-        if force >= rupture_force_n:
-            break
+    above = np.flatnonzero(force_n >= rupture_force_n)
+    before = slice(above[0] if above.size else len(force_n))
+    samples = np.column_stack([closure_mm[before], force_n[before]])
+    for closure, force in samples.tolist():
         passed = curve.push(closure, force_n=force)
         states += passed
         known_at_n += [force] * len(passed)
@@ -59,6 +71,7 @@ def follow(
         rupture_force_n=rupture_force_n,
         force_n=np.array(known_at_n),
         states=states,
+        samples=samples,
     )
 
 
@@ -73,27 +86,25 @@ def half_load(limits: Sequence[DamageLimit]) -> DamageLimit | None:
     return limits[-1] if limits else None
 
 
-def our_scores(
-    closing: FruitClosing, *, model: DamageModel, kind_known: bool
-) -> NDArray[np.float64]:
+def our_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:
     """Return the guard's score at each state."""
     kind = closing.fruit if kind_known else ""
-    return np.array(
-        [model.limit(state, kind=kind, stop_score=np.inf).score for state in closing.states]
-    )
+    score = [model.limit(state, kind=kind, stop_score=np.inf).score for state in closing.states]
+    return Scored(closing.force_n, np.array(score))
 
 
-def cap_scores(closing: FruitClosing, *, median_n: float) -> NDArray[np.float64]:
+def cap_scores(closing: FruitClosing, *, median_n: float) -> Scored:
     """Score of the cap per fruit: force as a share of the fruit's median rupture force."""
-    return np.array([state.force_n / median_n for state in closing.states])
+    return Scored(closing.force_n, np.array([s.force_n for s in closing.states]) / median_n)
 
 
-def rule_scores(closing: FruitClosing, *, line: tuple[float, float]) -> NDArray[np.float64]:
+def rule_scores(closing: FruitClosing, *, line: tuple[float, float]) -> Scored:
     """Score of the linear stiffness rule: force as a share of what the rule predicts."""
     intercept_n, slope_mm = line
     stiffness = np.exp([state.log_stiffness for state in closing.states])
     predicted_n = np.maximum(intercept_n + slope_mm * stiffness, 0.1)
-    return np.array([state.force_n for state in closing.states]) / predicted_n
+    force_n = np.array([state.force_n for state in closing.states])
+    return Scored(closing.force_n, force_n / predicted_n)
 
 
 def fit_rule(closings: Sequence[FruitClosing]) -> tuple[float, float]:
@@ -109,18 +120,19 @@ def fit_rule(closings: Sequence[FruitClosing]) -> tuple[float, float]:
 
 
 def stop_forces(
-    closings: Sequence[FruitClosing],
+    scored: Sequence[Scored],
     *,
-    scores: Sequence[NDArray[np.float64]],
+    rupture_force_n: Sequence[float],
     at: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return where each closing stops when its score first reaches each setting.
 
     Parameters
     ----------
-    closings : sequence of FruitClosing, length n
-    scores : sequence of ndarray, shape (n_states,)
+    scored : sequence of Scored, length n
         One per closing.
+    rupture_force_n : sequence of float, length n
+        What the fruit stood.
     at : ndarray, shape (n_settings,)
         Scores at which to stop.
 
@@ -129,9 +141,9 @@ def stop_forces(
     ndarray, shape (n, n_settings)
         Force, N; the rupture force where it didn't stop in time.
     """
-    stops = np.empty((len(closings), len(at)))
-    for row, (closing, score) in enumerate(zip(closings, scores, strict=True)):
-        first = np.searchsorted(np.maximum.accumulate(score), at) if len(score) else 0 * at
-        forces = np.append(closing.force_n, closing.rupture_force_n)
-        stops[row] = forces[np.asarray(first, dtype=int)]
+    stops = np.empty((len(scored), len(at)))
+    for row, (one, limit_n) in enumerate(zip(scored, rupture_force_n, strict=True)):
+        highest = np.maximum.accumulate(one.score)
+        first = np.searchsorted(highest, at) if len(highest) else np.zeros(len(at), dtype=int)
+        stops[row] = np.append(one.force_n, limit_n)[first]
     return stops

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import beta
 
-from palpate.studies.rupture_policies import FruitClosing, stop_forces
+from palpate.studies.rupture_policies import FruitClosing, Scored, stop_forces
 
 #: Rates of rupture at which methods are compared.
 RATES = (0.01, 0.02, 0.03, 0.05, 0.075, 0.10)
@@ -19,10 +18,10 @@ LEVEL = 0.9
 
 
 class Method(NamedTuple):
-    """A way of stopping: its score at each state of each closing; it stops at a chosen score."""
+    """A way of stopping: its scores along each closing; it stops at a chosen one."""
 
     name: str
-    scores: Sequence[NDArray[np.float64]]
+    scores: Sequence[Scored]
 
 
 def tradeoff(
@@ -50,8 +49,9 @@ def tradeoff(
         of_chosen_n = limits_n[chosen][:, None]
         for method in methods:
             scores = [method.scores[i] for i in chosen]
-            settings = np.unique(np.quantile(np.concatenate(scores), np.linspace(0, 1, SETTINGS)))
-            stops_n = stop_forces([closings[i] for i in chosen], scores=scores, at=settings)
+            every = np.concatenate([one.score for one in scores])
+            settings = np.unique(np.quantile(every, np.linspace(0, 1, SETTINGS)))
+            stops_n = stop_forces(scores, rupture_force_n=limits_n[chosen].tolist(), at=settings)
             ruptured = np.sum(stops_n >= of_chosen_n, axis=0)
             firmness = np.mean(stops_n / of_chosen_n, axis=0)
             for rate in RATES:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.cli import run
 from palpate.commands.study import STUDIES
 from palpate.errors import InputError
 from palpate.studies import rupture
+from palpate.studies.rupture_policies import follow
+from palpate.studies.rupture_published import published_scores
 
 ROW_KEYS = {
     "grasp_id",
@@ -51,6 +54,7 @@ def test_on_real_fruit_it_is_firmer_than_a_cap(
     }
     for rate in (0.01, 0.05, 0.1):
         assert firmness["ours", rate] > firmness["cap per fruit", rate]
+        assert firmness["ours", rate] > firmness["rule as published", rate]
 
 
 def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
@@ -63,6 +67,37 @@ def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
             state.force_n <= force + 1e-9
             for state, force in zip(closing.states, closing.force_n, strict=True)
         )
+
+
+def test_fruit_without_published_constants_is_judged_without_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
+    for number in range(20):
+        stiffness = rng.uniform(2.0, 8.0)
+        index.append(f"p{number},pear,{2.0 * stiffness * rng.uniform(0.8, 1.2):.3f}")
+        curves += [f"p{number},{x:.2f},{stiffness * x:.4f}" for x in np.arange(0.0, 3.0, 0.02)]
+    files = tmp_path / "curves.csv", tmp_path / "index.csv"
+    files[0].write_text("\n".join(curves) + "\n")
+    files[1].write_text("\n".join(index) + "\n")
+    out = ["--out", str(tmp_path / "report"), "--json"]
+    assert run_study(["--curves", str(files[0]), "--index", str(files[1]), *out]) == 0
+    result = json.loads(capsys.readouterr().out)
+    methods = {entry["method"] for entry in result["tradeoff"]}
+    assert methods == {"ours", "ours, fruit unknown", "cap per fruit", "stiffness rule"}
+    assert (tmp_path / "report" / "rupture.png").stat().st_size > 10_000
+
+
+def test_the_published_rule_reads_the_stiffness_of_its_window() -> None:
+    closure_mm = np.arange(0.0, 2.0, 0.01)
+    closing = follow(
+        "k", fruit="kiwi", rupture_force_n=50.0, closure_mm=closure_mm, force_n=3.0 * closure_mm
+    )
+    scored = published_scores(closing)
+    assert scored.force_n.tolist() == (3.0 * closure_mm).tolist()
+    assert scored.score[:9] == pytest.approx(3.0 * closure_mm[:9] / 3.652)
+    assert scored.score[9:] == pytest.approx(3.0 * closure_mm[9:] / (2.78 * 3.0 + 0.345))
 
 
 def test_a_label_without_a_curve_is_named(tmp_path: Path) -> None:
