@@ -115,7 +115,9 @@ def test_a_grasp_through_the_board(plan: Plan, board: RegulatorBoard) -> None:
     assert result.force_n is not None
     assert result.force_n.value > 0.5
     assert result.size_mm is None
-    assert result.stiffness_n_per_mm is None
+    assert result.stiffness_n_per_mm is not None
+    truth = board.world.truth().stiffness_n_per_mm
+    assert truth is None or result.stiffness_n_per_mm.low <= truth
     assert board.pressure_kpa < 1.0
 
 

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from palpate.estimate.bend import Bend
 from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
+from palpate.estimate.soft_stiffness import soft_stiffness
 from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.contact_gain import felt_by_gripper
@@ -102,8 +104,13 @@ def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
 def examined(belief: Belief, *, plan: Plan) -> Belief:
     """Put size and stiffness into the result, where the hand can tell them."""
     force = belief.result.force_n
+    if force is None:
+        return belief
+    if plan.bend is not None:
+        soft = _soft_stiffness(belief, force, plan, plan.bend)
+        return replace(belief, result=replace(belief.result, stiffness_n_per_mm=soft))
     size = None if plan.give is None else _contact_point(belief, plan, plan.give)
-    if plan.give is None or size is None or force is None:
+    if plan.give is None or size is None:
         return belief
     result = replace(
         belief.result,
@@ -207,7 +214,27 @@ def _stiffness(belief: Belief, force: Measurement, plan: Plan, give: Give) -> Me
     return object_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
 
 
-def _closing_curve(belief: Belief, plan: Plan, give: Give) -> ClosingCurve | None:
+def stiffness_told(belief: Belief, force: Measurement, *, plan: Plan) -> Measurement | None:
+    """Return the object's secant stiffness at a force, if the hand can tell it and felt enough."""
+    if plan.bend is not None:
+        return _soft_stiffness(belief, force, plan, plan.bend)
+    return None if plan.give is None else _stiffness(belief, force, plan, plan.give)
+
+
+def _soft_stiffness(
+    belief: Belief, force: Measurement, plan: Plan, bend: Bend
+) -> Measurement | None:
+    """Return the same from fingers driven by pressure, as far as they tell it."""
+    curve = _closing_curve(belief, plan, bend.give, mm_per_unit=-bend.mm_per_kpa)
+    if curve is None:
+        return None
+    opening_mm = -bend.mm_per_kpa * plan.gripper.target(belief.closure) - bend.give.zero_mm
+    return soft_stiffness(curve, give=bend.give, opening_mm=opening_mm, force=force)
+
+
+def _closing_curve(
+    belief: Belief, plan: Plan, give: Give, *, mm_per_unit: float = 1.0
+) -> ClosingCurve | None:
     """Return the staircase read in early forces, from just before the first touch on."""
     hinted = [c.touch.shared_percent < plan.hint_percent for c in belief.staircase]
     if not any(hinted):
@@ -222,7 +249,8 @@ def _closing_curve(belief: Belief, plan: Plan, give: Give) -> ClosingCurve | Non
     reach = float(norm.ppf(0.5 + plan.level / 2))
     firmest = int(np.argmax(read.value))
     return ClosingCurve(
-        width_mm=np.array([plan.gripper.target(c.closure) for c in steps]) - give.zero_mm,
+        width_mm=mm_per_unit * np.array([plan.gripper.target(c.closure) for c in steps])
+        - give.zero_mm,
         force_n=np.where(felt, read.value, 0.0),
         gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / reach,
         floor_n=float(nothing.high) / reach,

@@ -123,9 +123,9 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
             "remains when the gain of that contact is known.",
             "The twin's servo current has gear friction that differs from movement to movement and "
             "along the way, stops anywhere in its band, and a motor that warms up "
-            "(twin/servo_current.py): plausible, not measured. `current` reads every frame as if at "
-            "rest; `both` hears the way, and leaves the current out where placements left out of "
-            "the calibration say that it harms.",
+            "(twin/servo_current.py): plausible, not measured. `current` reads every frame as if "
+            "at rest; `both` hears the way, and leaves the current out where placements left out "
+            "of the calibration say that it harms.",
         ),
         tables=[table],
         payload={"summary": summary, "sheets": sheets, "staircases": staircases},

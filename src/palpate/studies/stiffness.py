@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,19 +15,24 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
+from palpate.settling.result import Status
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
-from palpate.twin.world import World
+from palpate.twin.world import GripperKind, World
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LEVELS = ("paper", "field")
 #: Two decades, N/mm.
 RANGE_N_PER_MM = (0.5, 50.0)
-#: A gentle squeeze, just enough to measure, and a firm one, newtons.
-SQUEEZES_N = (None, 10.0)
+#: A gentle squeeze, just enough to measure, and a firm one that the hand can do, newtons.
+SQUEEZES_N: dict[GripperKind, tuple[float | None, ...]] = {
+    "rigid": (None, 10.0),
+    "soft": (None, 6.0),
+}
 #: Where the summary is cut: fingers, pads and servo together are a spring of about 4 N/mm.
 EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
@@ -35,6 +41,7 @@ EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 class Answer:
     """One grasp: what was said of the stiffness and what was true, N/mm; NaN where not answered."""
 
+    gripper: GripperKind
     level: str
     squeeze: str
     truth: float
@@ -56,15 +63,18 @@ def command(
     """
     answers = [
         answer
+        for gripper in SQUEEZES_N
         for level in LEVELS
         for k, stiffness in enumerate(np.geomspace(*RANGE_N_PER_MM, grasps))
-        for answer in answers_of(level, seed=seed + k, stiffness=float(stiffness))
+        for answer in answers_of(level, gripper=gripper, seed=seed + k, stiffness=float(stiffness))
     ]
     _report(answers).emit(as_json=as_json, out=out)
 
 
-def answers_of(level: str, *, seed: int, stiffness: float) -> list[Answer]:
-    """Calibrate one sensor, and grasp one object with each squeeze."""
+def answers_of(
+    level: str, *, seed: int, stiffness: float, gripper: GripperKind = "rigid"
+) -> list[Answer]:
+    """Calibrate one sensor on one hand, and grasp one object with each squeeze."""
     rng = np.random.default_rng([seed, 21])
     obj = TwinObject(
         name=f"{stiffness:.2g} N/mm",
@@ -75,18 +85,14 @@ def answers_of(level: str, *, seed: int, stiffness: float) -> list[Answer]:
         relaxing_time_s=(0.5, 3.0, 20.0),
         flat=bool(rng.random() < 0.5),
     )
-    calibration = calibrated(seed=seed, level=level, apart_from="")
-    return [_answer(obj, calibration, level, seed, force_n) for force_n in SQUEEZES_N]
+    calibration = calibrated(seed=seed, level=level, apart_from="", kind=gripper)
+    worlds = partial(World, obj, seed=seed, sheet_seed=seed, level=level, gripper=gripper)
+    return [_answer(worlds(), calibration, force_n, stiffness) for force_n in SQUEEZES_N[gripper]]
 
 
 def _answer(
-    obj: TwinObject,
-    calibration: Calibration,
-    level: str,
-    seed: int,
-    target_force_n: float | None,
+    world: World, calibration: Calibration, target_force_n: float | None, nominal: float
 ) -> Answer:
-    world = World(obj, seed=seed, sheet_seed=seed, level=level)
     gripper = TwinGripper(world)
     result = run_grasp(
         plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n),
@@ -97,9 +103,10 @@ def _answer(
     truth, found = world.truth().stiffness_n_per_mm, result.stiffness_n_per_mm
     answered = truth is not None and found is not None
     return Answer(
-        level=level,
+        gripper=world.gripper,
+        level=world.level,
         squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
-        truth=obj.force_at_1mm_n if truth is None else truth,
+        truth=nominal if truth is None else truth,
         value=found.value if answered and found else np.nan,
         low=found.low if answered and found else np.nan,
         high=found.high if answered and found else np.nan,
@@ -111,26 +118,33 @@ def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
     given = [one for one in answers if np.isfinite(one.value)]
     error = [100 * abs(one.value / one.truth - 1) for one in given]
     width = [one.high / one.low for one in given if one.low > 0]
+    bound = [one.low / one.truth for one in given]
     return {
         "grasps": len(answers),
         "answered": len(given),
+        "no_upper_end": sum(one.status == Status.SATURATED for one in given),
         "median_abs_error_percent": float(np.median(error)) if error else None,
         "coverage": float(np.mean([o.low <= o.truth <= o.high for o in given])) if given else None,
         "median_high_over_low": float(np.median(width)) if width else None,
+        "median_low_over_true": float(np.median(bound)) if bound else None,
     }
 
 
 def _summary(answers: Sequence[Answer]) -> list[dict[str, Any]]:
-    """Return scores of each level and squeeze: of all objects, and by their stiffness."""
+    """Return scores of each hand, level and squeeze: of all objects, and by their stiffness."""
     summary = []
-    for key in dict.fromkeys((one.level, one.squeeze) for one in answers):
-        mine = [one for one in answers if (one.level, one.squeeze) == key]
-        named = dict(zip(("level", "squeeze"), key, strict=True))
+    for key in dict.fromkeys(_kind(one) for one in answers):
+        mine = [one for one in answers if _kind(one) == key]
+        named = dict(zip(("gripper", "level", "squeeze"), key, strict=True))
         summary.append({**named, "range": "all", **_scores(mine)})
         for low, high in pairwise(EDGES_N_PER_MM):
             part = [one for one in mine if low <= one.truth < high]
             summary.append({**named, "range": f"{low:g}-{high:g} N/mm", **_scores(part)})
     return summary
+
+
+def _kind(one: Answer) -> tuple[str, str, str]:
+    return one.gripper, one.level, one.squeeze
 
 
 def _report(answers: Sequence[Answer]) -> StudyReport:
@@ -139,13 +153,17 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
         "median_abs_error_percent": "median error, %",
         "coverage": "coverage (0.9)",
         "median_high_over_low": "high / low",
+        "median_low_over_true": "low / true",
     }
     table = Table(
         title="Stiffness of linear objects over two decades",
-        columns=("level", "squeeze", "range", "grasps", "answered", *keys.values()),
+        columns=(
+            *("hand", "level", "squeeze", "range", "grasps", "answered", "no upper end"),
+            *keys.values(),
+        ),
         rows=[
-            [row["level"], row["squeeze"], row["range"]]
-            + [str(row["grasps"]), str(row["answered"])]
+            [row["gripper"], row["level"], row["squeeze"], row["range"]]
+            + [str(row[name]) for name in ("grasps", "answered", "no_upper_end")]
             + ["-" if row[key] is None else f"{row[key]:.2f}" for key in keys]
             for row in summary
         ],
@@ -160,6 +178,9 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
             "force.",
             "The give of the hand is in series: where it is a times the object's own, an error of "
             "the force comes back 1 + a times in the stiffness.",
+            "Soft fingers give way by nearly 4 mm/N: they tell the softest things, and of others a "
+            "lower end. Where there is no upper end the value is a middle of what is possible, and "
+            "`low / true` says how near the lower end comes.",
         ),
         tables=[table],
         payload={
@@ -181,31 +202,38 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
 def _figure(answers: Sequence[Answer]) -> Figure:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.8, 8.0), layout="constrained")
-    panels = figure.subplots(len(SQUEEZES_N), len(LEVELS), sharex=True, sharey=True)
-    for row, squeeze in zip(panels, dict.fromkeys(one.squeeze for one in answers), strict=False):
+    rows = list(dict.fromkeys((one.gripper, one.squeeze) for one in answers))
+    figure = Figure(figsize=(8.8, 3.6 * len(rows)), layout="constrained")
+    panels = figure.subplots(len(rows), len(LEVELS), sharex=True, sharey=True, squeeze=False)
+    for row, (gripper, squeeze) in zip(panels, rows, strict=True):
         for panel, level in zip(row, LEVELS, strict=True):
             mine = [
                 one
                 for one in answers
-                if (one.level, one.squeeze) == (level, squeeze) and np.isfinite(one.value)
+                if _kind(one) == (gripper, level, squeeze) and np.isfinite(one.value)
             ]
-            truth, value = (np.array([getattr(o, n) for o in mine]) for n in ("truth", "value"))
-            ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
-            panel.errorbar(
-                truth,
-                value,
-                yerr=ends if len(mine) else None,
-                fmt="o",
-                ms=3,
-                lw=1,
-                color="#0072B2",
-                ecolor="#88B8DA",
-            )
-            panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#999999", lw=1)
-            panel.set(xscale="log", yscale="log", title=f"twin, {level}, {squeeze}")
-            panel.set_ylim(RANGE_N_PER_MM[0] / 4, RANGE_N_PER_MM[1] * 12)
-            panel.spines[["top", "right"]].set_visible(False)
+            _draw(panel, mine)
+            panel.set_title(f"twin, {level}, {gripper} fingers, {squeeze}")
     figure.supxlabel("true stiffness, N/mm")
-    figure.supylabel("stiffness said, with its interval, N/mm")
+    figure.supylabel("stiffness said, with its interval, N/mm (grey: no upper end)")
     return figure
+
+
+def _draw(panel: Axes, answers: Sequence[Answer]) -> None:
+    for open_above, colour, pale in ((False, "#0072B2", "#88B8DA"), (True, "#777777", "#CCCCCC")):
+        mine = [one for one in answers if (one.status == Status.SATURATED) == open_above]
+        ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
+        panel.errorbar(
+            [one.truth for one in mine],
+            [one.value for one in mine],
+            yerr=ends if mine else None,
+            fmt="o",
+            ms=3,
+            lw=1,
+            color=colour,
+            ecolor=pale,
+        )
+    panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#222222", lw=1)
+    panel.set(xscale="log", yscale="log")
+    panel.set_ylim(RANGE_N_PER_MM[0] / 4, RANGE_N_PER_MM[1] * 12)
+    panel.spines[["top", "right"]].set_visible(False)

@@ -61,12 +61,15 @@ def test_its_recording_is_decided_again_alike(
     assert again["force_n"] is not None
 
 
-def test_soft_fingers_tell_neither_size_nor_stiffness(capsys: pytest.CaptureFixture[str]) -> None:
+def test_soft_fingers_tell_no_size_and_little_of_stiffness(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert grasp("--rig", "sim-soft", "--seed", "1", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["outcome"] == "held"
-    assert said["size_mm"] is said["stiffness_n_per_mm"] is said["previous_width_mm"] is None
-    for name in ("settled_percent", "force_n"):
+    assert said["size_mm"] is said["previous_width_mm"] is None
+    assert said["stiffness_n_per_mm"]["status"] == "saturated"
+    for name in ("settled_percent", "force_n", "stiffness_n_per_mm"):
         assert said[name]["low"] <= said["truth"][name] <= said[name]["high"]
 
 

@@ -63,6 +63,7 @@ def test_table5_report(tmp_path: Path) -> None:
 
 def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
     given = stiffness.Answer(
+        gripper="rigid",
         level="paper",
         squeeze="10 N",
         truth=2.0,
@@ -80,3 +81,4 @@ def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
     assert (overall["grasps"], overall["answered"]) == (2, 1)
     assert overall["median_abs_error_percent"] == pytest.approx(10.0)
     assert overall["coverage"] == 1
+    assert overall["no_upper_end"] == 0

@@ -1,0 +1,72 @@
+"""Stiffness from fingers that give way more than the object does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.estimate.closing_stiffness import ClosingCurve
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.soft_stiffness import soft_stiffness
+from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give
+from palpate.settling.result import Status
+
+GIVE = Give(
+    slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1, largest_force_n=15.0
+)
+FORCE_N = np.array([0.0, 0.6, 2.0, 4.0, 6.0])
+
+
+def grasped(
+    stiffness: float, *, gain: float = 1.0, half: float = 0.1, gain_sd: float = 0.1
+) -> Measurement:
+    """Close on an object of 40 mm, on a sheet that reads every force times the gain."""
+    width_mm = 40.0 - (3.5 + 1.0 / stiffness) * FORCE_N
+    width_mm[0] = 40.5
+    curve = ClosingCurve(width_mm=width_mm, force_n=gain * FORCE_N, gain_sd=gain_sd, floor_n=0.05)
+    read_n = gain * float(FORCE_N[-1])
+    held = Measurement(
+        value=read_n, low=read_n * (1 - half), high=read_n * (1 + half), unit="n", level=0.9
+    )
+    found = soft_stiffness(curve, give=GIVE, opening_mm=float(width_mm[-1]), force=held)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("stiffness", [0.1, 0.3, 0.6])
+def test_what_gives_way_as_much_as_the_fingers_is_told(stiffness: float) -> None:
+    found = grasped(stiffness)
+    assert found.low < stiffness < found.high
+    assert found.high / found.low < 6
+    assert found.value == pytest.approx(stiffness, rel=0.35)
+    assert found.status is Status.OK
+
+
+def test_of_stiffer_things_a_lower_end_is_told_and_no_upper_one() -> None:
+    found = grasped(20.0)
+    assert found.high == STIFFEST_N_PER_MM
+    assert found.status is Status.SATURATED
+    assert 0.8 < found.low < 20.0
+
+
+def test_a_force_known_better_tells_more() -> None:
+    rough, close = grasped(1.0, half=0.2), grasped(1.0, half=0.03)
+    assert close.low > rough.low
+    assert close.high <= rough.high
+
+
+def test_errors_of_the_sheet_lie_inside_the_interval() -> None:
+    rng, held = np.random.default_rng(0), []
+    for _ in range(200):
+        stiffness = float(np.exp(rng.uniform(np.log(0.2), np.log(30.0))))
+        found = grasped(stiffness, gain=float(np.exp(0.1 * rng.standard_normal())), half=0.165)
+        held.append(found.low <= stiffness <= found.high)
+    assert np.mean(held) > 0.88
+
+
+def test_nothing_felt_tells_nothing() -> None:
+    curve = ClosingCurve(
+        width_mm=np.array([50.0, 40.0]), force_n=np.zeros(2), gain_sd=0.1, floor_n=0.05
+    )
+    held = Measurement(value=1.0, low=0.9, high=1.1, unit="n", level=0.9)
+    assert soft_stiffness(curve, give=GIVE, opening_mm=40.0, force=held) is None
