@@ -31,14 +31,19 @@ def make_store(path: Path) -> None:
     chance = np.random.default_rng(11)
 
     def grasps(item_id: str, day: int, stiffness: float, *, week: int) -> list[Grasp]:
-        # A round fruit shows two thirds of what springs or a ball show (Hertz).
-        worn = 0.98 ** ((7 * week + day) * (1.0 if item_id == "ball" else 2 / 3))
+        # What is read as 5 N is more and more: it presses deeper, and a round fruit (Hertz) looks
+        # softer by two thirds of that.
+        read_over_true = 0.98 ** (7 * week + day)
+        # A ball is the same wherever it is touched; fruit is not.
+        scatter = 0.02 if item_id == "ball" else 0.08
         found = []
         for minute in range(GRASPS):
-            value = worn * stiffness * float(np.exp(0.08 * chance.standard_normal()))
+            value = stiffness * float(np.exp(scatter * chance.standard_normal()))
+            pressed_mm = 5.0 / value / read_over_true ** (2 / 3)
             felt = {
-                "stiffness_n_per_mm": (value, "n_per_mm"),
+                "stiffness_n_per_mm": (5.0 / pressed_mm, "n_per_mm"),
                 "force_n": (5.0, "n"),
+                "width_mm": (62.0 - pressed_mm, "mm"),
                 "settled_percent": (-45.0, "percent"),
             }
             found.append(

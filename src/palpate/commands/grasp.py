@@ -101,6 +101,7 @@ def grasp(
             gripper=devices.gripper,
             clock=devices.clock,
             subscribers=subscribers,
+            watchers=[] if memory is None else [memory.watch(plan)],
         )
         truth = None if devices.truth is None else dict(devices.truth())
         kept = {} if memory is None else memory.keep(result, rig=devices, recording=record)

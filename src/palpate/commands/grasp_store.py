@@ -11,7 +11,10 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.grasp.belief import Observation
+    from palpate.grasp.plan import Plan
     from palpate.grasp.result import GraspResult
+    from palpate.grasp.runner import Watcher
+    from palpate.produce.closing_firmness import ClosingWatch
     from palpate.produce.keeping import Keeper
     from palpate.rig import Rig
 
@@ -24,6 +27,14 @@ class Memory:
         self._item_id = item_id
         self._angle_deg = angle_deg
         self._seen: list[Observation] = []
+        self._closing: ClosingWatch | None = None
+
+    def watch(self, plan: Plan) -> Watcher:
+        """Return what is to watch the controller's beliefs of a grasp with this plan."""
+        from palpate.produce.closing_firmness import ClosingWatch
+
+        self._closing = ClosingWatch(plan)
+        return self._closing.see
 
     def see(self, observation: Observation) -> None:
         """Take the next observation."""
@@ -47,6 +58,7 @@ class Memory:
             calibration=rig.calibration.as_text(),
             recording=recording,
             angle_deg=self._angle_deg,
+            closing={} if self._closing is None else self._closing.measured(),
         )
         stored: bool | None = None
         try:

@@ -14,7 +14,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
 #: Readings are means over so long: before the first movement, and before the answer.
-_MEAN_S = 0.4
+MEAN_S = 0.4
 
 
 def felt_pixels(
@@ -35,8 +35,8 @@ def felt_pixels(
     if not answered or not observations:
         return None
     began_s = observations[0].frame.time_s
-    rest = _mean_ohm(observations, began_s - 1e-9, began_s + _MEAN_S, layout=layout)
-    held = _mean_ohm(observations, answered[-1] - _MEAN_S, answered[-1], layout=layout)
+    rest = _mean_ohm(observations, began_s - 1e-9, began_s + MEAN_S, layout=layout)
+    held = _mean_ohm(observations, answered[-1] - MEAN_S, answered[-1], layout=layout)
     percent = relative_change_percent(held, rest_ohm=rest)
     return tuple(
         tuple(float(one) if np.isfinite(one) else None for one in row) for row in percent.tolist()

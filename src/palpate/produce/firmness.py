@@ -35,7 +35,8 @@ class DayFelt:
     day : float
         Days since the item's first grasp, as a fraction.
     firmness : float
-        Mean over the grasps of the day, as `firmness_of` gives it.
+        Of the day's grasps, as `firmness_of` gives it; what is averaged is how soft they found the
+        item (compliance, or pixels that share), because errors lie evenly about that.
     grasps : int
         How many they were.
     spread : float
@@ -54,9 +55,10 @@ def firmness_of(grasp: Grasp) -> float | None:
     Returns
     -------
     float or None
-        Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N (round bodies
-        stiffen as the cube root of the force). By pressure: -ln of the number of pixels that share
-        the load. The two are not comparable with each other.
+        Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N: by the whole
+        closing (`palpate.produce.closing_firmness`), or, where that was not kept, from the answer
+        (round bodies stiffen as the cube root of the force). By pressure: -ln of the number of
+        pixels that share the load. The two are not comparable with each other.
 
     Examples
     --------
@@ -83,6 +85,9 @@ def firmness_of(grasp: Grasp) -> float | None:
     if grasp.drive == "pressure":
         pixels = grasp.pixel_settled_percent
         return None if pixels is None else _minus_log_sharing(pixels)
+    closing = grasp.measurements.get("firmness_n_per_mm")
+    if closing is not None:
+        return math.log(closing.value)
     stiffness = grasp.measurements.get("stiffness_n_per_mm")
     force = grasp.measurements.get("force_n")
     if stiffness is None or force is None or force.value <= 0 or stiffness.value <= 0:
@@ -103,12 +108,15 @@ def _minus_log_sharing(pixels: PixelPercent) -> float | None:
 def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
     """Gather times and firmness into days (24 h from the first grasp on), oldest first.
 
+    Scatter of a hard item's grasps runs far off on the hard side; of softness it does not.
+
     Examples
     --------
     >>> from datetime import UTC, datetime
     >>> first, later = datetime(2026, 5, 1, 8, tzinfo=UTC), datetime(2026, 5, 2, 10, tzinfo=UTC)
-    >>> [(day.day, day.firmness) for day in by_day([(later, 1.0), (first, 2.0), (first, 3.0)])]
-    [(0.0, 2.5), (1.0833333333333333, 1.0)]
+    >>> days = by_day([(later, 1.0), (first, 2.0), (first, 3.0)])
+    >>> [(round(day.day, 3), round(day.firmness, 3)) for day in days]
+    [(0.0, 2.38), (1.083, 1.0)]
     """
     ordered = sorted(felt)
     if not ordered:
@@ -123,7 +131,7 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
         days.append(
             DayFelt(
                 day=float(np.mean([since[index] for index in chosen])),
-                firmness=float(np.mean(values)),
+                firmness=-float(np.log(np.mean(np.exp(-np.array(values))))),
                 grasps=len(values),
                 spread=float(np.std(values, ddof=1)) if len(values) > 1 else math.nan,
             )

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 
+from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.felt_pixels import felt_pixels
-from palpate.produce.records import MEASURED, Drive, Grasp
+from palpate.produce.held_at import held_at
+from palpate.produce.records import Drive, Grasp
 from palpate.produce.records_json import CalibrationText
 from palpate.produce.store_writing import calibration_id_of
 from palpate.recording import Origin
 from palpate.sensor.array import ArrayLayout
+
+#: What a grasp answers; where the hand stood then is read off the gripper.
+_ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
 
 
 def records_of(
@@ -28,6 +34,7 @@ def records_of(
     calibration: str,
     recording: Path | None,
     angle_deg: float | None = None,
+    closing: Mapping[str, Measurement] = MappingProxyType({}),
 ) -> tuple[CalibrationText, Grasp]:
     """Return the calibration and the grasp, in the order in which a store takes them.
 
@@ -49,8 +56,10 @@ def records_of(
         Where the frames are.
     angle_deg : float, optional
         Side of the item that the first finger touched.
+    closing : mapping of str to Measurement, optional
+        What was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
     """
-    measured = {name: getattr(result, name) for name in MEASURED}
+    measured = {name: getattr(result, name) for name in _ANSWERED}
     grasp = Grasp(
         item_id=item_id,
         taken_at=datetime.now(UTC),
@@ -58,7 +67,11 @@ def records_of(
         drive=drive,
         origin=origin,
         outcome=result.outcome,
-        measurements={name: value for name, value in measured.items() if value is not None},
+        measurements={
+            **{name: value for name, value in measured.items() if value is not None},
+            **held_at(seen, result=result, drive=drive),
+            **closing,
+        },
         pixel_settled_percent=felt_pixels(seen, result=result, layout=layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,

@@ -26,6 +26,9 @@ MEASURED = MappingProxyType(
         "size_mm": "mm",
         "force_n": "n",
         "stiffness_n_per_mm": "n_per_mm",
+        "firmness_n_per_mm": "n_per_mm",
+        "width_mm": "mm",
+        "pressure_kpa": "kpa",
     }
 )
 #: Relative change of each pixel at the answer, rows of columns; None for one out of use.

@@ -1,10 +1,14 @@
 """Drift of the sensor told from softening of the fruit, by an object that does not change.
 
-A reference object (a rubber ball, springs between plates) is grasped like the fruit, a few times on
-each day. What its firmness seems to do is what wear and weather did to the sheet; fruit felt on the
-same day is freed of it. How much of it reaches a fruit depends on what gives way in series: a sheet
-that reads too little force makes the gripper's own give look like too little as well, and the less
-a fruit gives, the more that matters.
+A reference object (a rubber ball, springs between plates) is grasped like the fruit, some times on
+each day. What it seems to do is what wear and weather did to the sensor; fruit felt on the same day
+is freed of it.
+
+Fingers driven by width press one object as hard at one width on all days. So where the width at
+which the sensor says 5 N has moved, the sensor has; and a width is told to hundredths of a
+millimetre, where the object's stiffness is told to a tenth. Fingers driven by pressure tell
+firmness by how the load is shared, and what their reference seems to do in this is taken away as it
+is.
 """
 
 from __future__ import annotations
@@ -23,13 +27,15 @@ from palpate.produce.firmness import RIPENESS_N, by_day, firmness_of
 from palpate.produce.records import Drive, Grasp
 
 #: Drift is taken to wander by so much in the root of a day (sheets that break in lose 10 to 40 % of
-#: their conductance in a few days, and a firm reference shows it about doubled) and to jump by so
-#: much from day to day with the weather; or by any of these shares of that: a sensor that has
-#: broken in shows it by how little its reference moves beyond its scatter.
+#: their conductance in a few days) and to jump by so much from day to day with the weather; or by
+#: any of these shares of that: a sensor that has broken in, or that a servo's current seconds,
+#: shows it by how little its reference moves beyond its scatter.
 _WANDER, _WEATHER = 0.1, 0.05
 _SHARES = np.geomspace(1 / 16, 2.0, 11)
 #: Least share of the deformation read that is taken to be the fruit's.
 _LEAST_SHARE = 0.2
+#: How much more steeply than by its secant a ball's force rises: between a spring and Hertz (1.5).
+_STEEPER = 1.25
 FloatArray = NDArray[np.float64]
 
 _DAY_S = 86_400.0
@@ -39,7 +45,7 @@ _ADVISED = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """By how much the firmness of the reference object seemed to move since its first day.
+    """By how much the sensor seems to have moved since the reference object's first day.
 
     Attributes
     ----------
@@ -48,17 +54,17 @@ class Drift:
     days : tuple of float
         Days since then on which it was felt.
     moved : tuple of float
-        Change of ln stiffness (width) or of -ln sharing (pressure).
-    stiffness_n_per_mm : float or None
-        Of the reference, where it is known in these units.
+        Width: ln of the force that is read over the true one. Pressure: change of -ln sharing.
+    drive : {"width", "pressure"}
+        Of these two.
     give_mm_per_n : float
-        How far the gripper gives way per newton at the grip force.
+        How far a hand driven by width gives way per newton at the grip force.
     """
 
     first_at: datetime
     days: tuple[float, ...]
     moved: tuple[float, ...]
-    stiffness_n_per_mm: float | None
+    drive: Drive
     give_mm_per_n: float = 0.0
 
     @classmethod
@@ -79,16 +85,15 @@ class Drift:
         InputError
             If it was felt on fewer than two days.
         """
-        felt = [
-            (grasp.taken_at, firmness)
-            for grasp in grasps
-            if grasp.drive == drive and (firmness := firmness_of(grasp)) is not None
-        ]
-        days = by_day(felt)
+        used = [grasp for grasp in grasps if grasp.drive == drive]
+        give_mm_per_n = 0.0 if give is None else _slope_mm_per_n(give)
+        read = _firmness(used) if drive == "pressure" else _force(used, give_mm_per_n=give_mm_per_n)
+        days = by_day(read)
         if len(days) < 2:
+            kept = " with its width kept" if drive == "width" else ""
             raise InputError(
-                f"the reference object was felt on {len(days)} day(s) by a gripper driven by "
-                f"{drive}; grasp it on every day on which fruit is felt"
+                f"the reference object was felt on {len(days)} day(s){kept} by a gripper driven "
+                f"by {drive}; grasp it on every day on which fruit is felt"
             )
         known = [(day.spread, day.grasps) for day in days if day.grasps > 1]
         freedom = sum(count - 1 for _, count in known)
@@ -100,11 +105,11 @@ class Drift:
             variance=np.array([pooled / day.grasps for day in days]),
         )
         return cls(
-            first_at=min(at for at, _ in felt),
+            first_at=min(at for at, _ in read),
             days=tuple(day.day for day in days),
             moved=tuple(moved.tolist()),
-            stiffness_n_per_mm=math.exp(first.firmness) if drive == "width" else None,
-            give_mm_per_n=0.0 if give is None else _slope_mm_per_n(give),
+            drive=drive,
+            give_mm_per_n=give_mm_per_n,
         )
 
     def at(self, when: datetime) -> float:
@@ -115,19 +120,17 @@ class Drift:
     def corrected(self, firmness: float, *, at: datetime) -> float:
         """Return a firmness as the sensor would have read it on the reference's first day.
 
-        Compliances add. Where the sensor reads r times the true force, a linear reference of
-        compliance 1 / k reads as 1 / (k r) + c (1 / r - 1), and a round fruit (Hertz) as
-        r^(-2/3) / k + c (1 / r - 1), with c the gripper's give per newton.
+        Compliances add: of what a hand closes at 5 N read, its own give is taken out as of 5 N.
+        Where the true force is r times that, a round fruit (Hertz) of compliance C at 5 N reads as
+        r^(2/3) C + c ln r, with c the gripper's give per newton.
         """
         moved = self.at(at)
-        if self.stiffness_n_per_mm is None:
+        if self.drive == "pressure":
             return firmness - moved
-        give, reference = self.give_mm_per_n, 1.0 / self.stiffness_n_per_mm
-        more = (reference * math.exp(-moved) + give) / (reference + give)
         read = math.exp(-firmness)
         # So much of what was read is fruit at least, however far the sensor has drifted.
-        fruit = max(read - give * (more - 1.0), _LEAST_SHARE * read)
-        return -math.log(fruit) + 2.0 / 3.0 * math.log(more)
+        fruit = max(read + self.give_mm_per_n * moved, _LEAST_SHARE * read)
+        return -math.log(fruit) - 2.0 / 3.0 * moved
 
     @property
     def advice(self) -> str:
@@ -138,6 +141,34 @@ class Drift:
             f"the reference object reads {100 * math.expm1(self.moved[-1]):+.0f} % since its first "
             "day: calibrate force anew"
         )
+
+
+def _firmness(grasps: Sequence[Grasp]) -> list[tuple[datetime, float]]:
+    """Return the firmness of each grasp that tells one."""
+    return [
+        (grasp.taken_at, firmness)
+        for grasp in grasps
+        if (firmness := firmness_of(grasp)) is not None
+    ]
+
+
+def _force(grasps: Sequence[Grasp], *, give_mm_per_n: float) -> list[tuple[datetime, float]]:
+    """Return ln of the force read over the true one in each grasp, but for a constant.
+
+    From the width to which the hand would have closed for 5 N read; how steeply force rises over
+    width follows from the gripper's give and the object's own firmness on its first day.
+    """
+    days = by_day(_firmness(grasps))
+    if not days:
+        return []
+    way_mm_per_n = give_mm_per_n + math.exp(-days[0].firmness) / _STEEPER
+    found = []
+    for grasp in grasps:
+        width, force = grasp.measurements.get("width_mm"), grasp.measurements.get("force_n")
+        if width is not None and force is not None and firmness_of(grasp) is not None:
+            at_usual_mm = width.value + way_mm_per_n * (force.value - RIPENESS_N)
+            found.append((grasp.taken_at, at_usual_mm / (way_mm_per_n * RIPENESS_N)))
+    return [(at, one - found[0][1]) for at, one in found]
 
 
 def _smoothed(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:

@@ -11,6 +11,8 @@ from palpate.produce.firmness import DayFelt
 from palpate.produce.ripeness_course import Course
 from palpate.produce.ripeness_stages import RIPE, Boundaries
 
+#: A stage that is less probable than this is unsure.
+SURE = 0.9
 #: Probability that the interval of the days to ripe is meant to cover.
 LEVEL = 0.9
 #: By how much it is wider than the weighed courses say: a few labelled items leave the mean course
@@ -58,6 +60,11 @@ class Ripeness:
     firmness: float
     days_to_ripe: Days | None
     basis: str
+
+    @property
+    def unsure(self) -> bool:
+        """Whether another grasp on the same day is worth its while."""
+        return max(self.probabilities.values()) < SURE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

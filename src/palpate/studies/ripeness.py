@@ -10,14 +10,15 @@ import numpy as np
 import typer
 
 from palpate.errors import InputError
+from palpate.produce.ripeness import SURE
 from palpate.produce.ripeness_stages import STAGES
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate.studies.ripeness_felt import Felt, drift_of
 from palpate.studies.ripeness_scores import (
     MARGINS,
     WAYS,
     Judged,
     confusion,
-    drift_of,
     judged,
     scores,
 )
@@ -25,8 +26,8 @@ from palpate.studies.ripeness_station import (
     DAYS,
     GRASPS_PER_DAY,
     LATER_DAYS,
+    MOST_GRASPS,
     REFERENCE_GRASPS,
-    Felt,
     run_station,
 )
 from palpate.twin.world import GripperKind
@@ -139,8 +140,10 @@ def _provenance(found: Mapping[Condition, Sequence[Felt]]) -> list[str]:
         f"Each sensor: a calibration by a user's steps, then {LABELLED} labelled fruits for {DAYS} "
         "days (more where these did not show every stage) and, "
         f"{LATER_DAYS} days after their first, the others, which are judged; "
-        f"{GRASPS_PER_DAY} grasps a day in a nest that centres the fruit, "
-        f"{REFERENCE_GRASPS} of a rubber ball each morning. Judged on each day by the days up to "
+        f"{GRASPS_PER_DAY} grasps a day in a nest that centres the fruit, of the judged ones up to "
+        f"{MOST_GRASPS} while a stage is less than {100 * SURE:.0f} % sure, {REFERENCE_GRASPS} of "
+        "a rubber ball each morning, half before the fruit and half after it; rest values taken "
+        "anew each morning with the hand empty. Judged on each day by the days up to "
         "then.",
         "Aging: break-in and wear by 100 to 400 other grasps a day, mornings at 14.8 to 26.8 C.",
         "Labels are true stages; people err, and then no one is right more often than they are.",
@@ -191,7 +194,7 @@ def _limits_table(each: Mapping[Condition, Mapping[str, Any]]) -> Table:
         rows.append([*_named(condition), f"{100 * score['possible']:.1f}", *cells])
     return Table(
         title="Exact, %, by how far the force at 1 mm is from a boundary; (what "
-        f"{GRASPS_PER_DAY} grasps that day would reach if they measured without any error)",
+        "as many grasps that day would reach if they measured without any error)",
         columns=("level", "gripper", "aging", "possible, all", *spans),
         rows=rows,
     )

@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from palpate.errors import InputError
-from palpate.estimate.stiffness import Give
-from palpate.produce.firmness import DayFelt
 from palpate.produce.reference_object import Drift
-from palpate.produce.ripeness import RipenessRule, judge_by_first_day
+from palpate.produce.ripeness import judge_by_first_day
 from palpate.produce.ripeness_stages import RIPE, STAGES, Boundaries
-from palpate.produce.ripeness_store import history_of
-from palpate.studies.ripeness_station import DAYS, GRASPS_PER_DAY, REFERENCE_ID, Felt
+from palpate.studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
+from palpate.studies.ripeness_station import DAYS
 from palpate.twin.avocado import Avocado
 from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N
 
@@ -75,12 +73,12 @@ class Judged:
 def judged(felt: Felt) -> list[Judged]:
     """Judge every fruit that was not labelled, on every day by its days up to then."""
     drift = drift_of(felt)
-    with_reference, without = (_rule(felt, one) for one in (drift, None))
+    with_reference, without = (rule_of(felt, one) for one in (drift, None))
     single = _single_day(felt, drift)
     published, sign = _published(felt)
     found = []
     for number, fruit in enumerate(felt.others):
-        days, raw = (_days(felt, f"fruit-{number}", one) for one in (drift, None))
+        days, raw = (days_of(felt, f"fruit-{number}", one) for one in (drift, None))
         for count in range(1, len(days) + 1):
             day = round(days[count - 1].day)
             ours = with_reference.judge(days[:count])
@@ -106,30 +104,20 @@ def judged(felt: Felt) -> list[Judged]:
                     low_days=wait.low,
                     high_days=wait.high,
                     day=day,
-                    **_limits(fruit, day=day),
+                    **_limits(fruit, day=day, grasps=days[count - 1].grasps),
                 )
             )
     return found
 
 
-def _limits(fruit: Avocado, *, day: int) -> dict[str, float]:
+def _limits(fruit: Avocado, *, day: int, grasps: int) -> dict[str, float]:
     """Return margin and possible share, as of `Judged`."""
     bounds = np.array([np.inf, *np.log(AVOCADO_BOUNDS_N), -np.inf])
     above = np.log(fruit.force_at_1mm_n(day)) - bounds
     stage = STAGES.index(fruit.stage(day))
-    spread = fruit.spot_log_sd / np.sqrt(GRASPS_PER_DAY)
+    spread = fruit.spot_log_sd / np.sqrt(grasps)
     softer, firmer = norm.cdf(-above[[stage + 1, stage]] / spread)
     return {"margin": float(np.abs(above).min()), "possible": float(firmer - softer)}
-
-
-def drift_of(felt: Felt) -> Drift:
-    """Return the drift that a station's reference object shows."""
-    drive, block = felt.grasps[0].drive, felt.calibration.block
-    give = None
-    if drive == "width":
-        give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
-    grasps = [grasp for grasp in felt.grasps if grasp.item_id == REFERENCE_ID]
-    return Drift.learn(grasps, drive=drive, give=give)
 
 
 def scores(rows: Sequence[Judged]) -> dict[str, Any]:
@@ -181,30 +169,8 @@ def confusion(rows: Sequence[Judged]) -> NDArray[np.int64]:
     return table
 
 
-def _days(felt: Felt, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
-    grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
-    drive = felt.grasps[0].drive
-    return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
-
-
-def _labelled(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
-    return [
-        (fruit, _days(felt, f"labelled-{number}", drift))
-        for number, fruit in enumerate(felt.labelled)
-    ]
-
-
-def _rule(felt: Felt, drift: Drift | None) -> RipenessRule:
-    known = _labelled(felt, drift)
-    return RipenessRule.learn(
-        [days for _, days in known],
-        labels=[[fruit.stage(round(day.day)) for day in days] for fruit, days in known],
-        stages=STAGES,
-    )
-
-
 def _single_day(felt: Felt, drift: Drift) -> Boundaries:
-    known = [(fruit, day) for fruit, days in _labelled(felt, drift) for day in days]
+    known = [(fruit, day) for fruit, days in labelled_of(felt, drift) for day in days]
     return Boundaries.learn(
         [day.firmness for _, day in known], [fruit.stage(round(day.day)) for fruit, day in known]
     )

@@ -10,24 +10,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from uuid import UUID
 
 import numpy as np
 
 from palpate.grasp.belief import Observation
+from palpate.grasp.calibrating import measure_rest
 from palpate.grasp.planning import HORIZON_S, plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
+from palpate.produce.closing_firmness import ClosingWatch
 from palpate.produce.felt_pixels import felt_pixels
 from palpate.produce.firmness import RIPENESS_N
-from palpate.produce.records import Grasp
+from palpate.produce.held_at import held_at
+from palpate.produce.records import Drive, Grasp
+from palpate.produce.ripeness import RipenessRule
 from palpate.rig.simulated import calibrated
-from palpate.sensor.calibration import Calibration
+from palpate.rig.twin_bench import twin_bench
+from palpate.sensor.calibration import RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.settling.result import FloatArray
 from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.studies.ripeness_felt import REFERENCE_ID, Felt, days_of, drift_of, rule_of
 from palpate.twin.avocado import Avocado, draw_avocado
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
@@ -37,13 +43,16 @@ from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 
 #: Mornings; grasps of each fruit on each (the paper makes ten); grasps of the reference object.
-DAYS, GRASPS_PER_DAY, REFERENCE_GRASPS = 4, 6, 6
-REFERENCE, REFERENCE_ID = "ball-44lbs", "reference"
+DAYS, GRASPS_PER_DAY, REFERENCE_GRASPS = 4, 6, 10
+#: A fruit whose stage is still unsure is grasped as often again, up to so many times on one day.
+MOST_GRASPS = 18
+REFERENCE = "ball-44lbs"
 #: The labelled fruits are felt first; the others come a week later, when the sensor is older.
 LATER_DAYS = 7
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
-#: A fruit is laid into the nest, and the sheet forgets the last one.
-_PAUSE_S = 5.0
+#: A fruit is laid into the nest, and the sheet forgets the last one: as long as it reads so many
+#: percent below its rest, the user waits once more, but not for ever.
+_PAUSE_S, _REMEMBERS, _LONGEST_PAUSE_S = 5.0, -5.0, 30.0
 #: The fingers wait so far from it, by eye.
 _GAP_MM = 3.0
 #: Steps of the squeeze, newtons: five to the grip force.
@@ -53,34 +62,6 @@ _FRAME_RATE_HZ = 10.0
 #: The paper's way: closure beyond a caliper's size, or pressure, the same on all days; and the time
 #: over which readings are averaged.
 _CLOSED_BY_MM, _PRESSURE_KPA, _MEAN_S = 3.0, 28.0, 0.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Felt:
-    """What one station kept.
-
-    Attributes
-    ----------
-    calibration : Calibration
-        Made before the first day.
-    labelled, others : tuple of Avocado
-        The fruits; items `labelled-N` and `fruit-N`.
-    grasps : tuple of Grasp
-        All of them, also of the reference object.
-    damaged : int
-        Grasps in which a fruit was pressed beyond its yield.
-    as_published : dict of (str, int) to float
-        Item and its day -> settled change in percent as the paper takes it: fingers closed to one
-        width for this fruit (3 mm less than a caliper says) or to one pressure for all, held for
-        20 s, mean of pixels.
-    """
-
-    calibration: Calibration
-    labelled: tuple[Avocado, ...]
-    others: tuple[Avocado, ...]
-    grasps: tuple[Grasp, ...]
-    damaged: int
-    as_published: dict[tuple[str, int], float]
 
 
 def run_station(
@@ -97,7 +78,10 @@ def run_station(
     weather = np.random.default_rng([sensor, 32])
     # A new sheet was pressed some sixty times for its calibration.
     cycles = 60.0
+    rule = None
     for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
+        if first and name == "fruit":
+            rule = rule_of(learned := bench.kept(first), drift_of(learned))
         for day in range(DAYS if fruits else 0):
             surroundings = Environment()
             if aging:
@@ -108,17 +92,12 @@ def run_station(
                 )
                 cycles += uniform(weather, STATION.cycles_per_day)
             bench.morning(begins + day, surroundings=surroundings)
-            bench.feel_reference()
-            bench.feel_fruits(fruits, name=name, day=day)
+            # Half before the fruit and half after it: the servo warms up on the way.
+            bench.feel_reference(REFERENCE_GRASPS // 2)
+            bench.feel_fruits(fruits, name=name, day=day, rule=rule)
+            bench.feel_reference(REFERENCE_GRASPS - REFERENCE_GRASPS // 2)
         cycles += (LATER_DAYS - DAYS) * uniform(weather, STATION.cycles_per_day)
-    return Felt(
-        calibration=bench.calibration,
-        labelled=first,
-        others=second,
-        grasps=tuple(bench.grasps),
-        damaged=bench.damaged,
-        as_published=bench.as_published,
-    )
+    return bench.kept(first, second)
 
 
 def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
@@ -142,7 +121,11 @@ class _Bench:
         self._reference = draw_object(np.random.default_rng([sensor, 34]), REFERENCE)
 
     def morning(self, day: int, *, surroundings: Environment) -> None:
-        """Begin a day: a new world around the same sensor, in these surroundings."""
+        """Begin a day: a new world around the same sensor, in these surroundings.
+
+        Weather and wear move the rest values, so these are taken anew with the hand empty
+        (`palpate calibrate rest`): to a grasp, a sheet that reads a sixth lower looks pressed.
+        """
         self._day, self._surroundings = day, surroundings
         self._rng = np.random.default_rng([self._sensor, 35, day])
         self._world = World(
@@ -154,29 +137,51 @@ class _Bench:
             environment=surroundings,
             frame_rate_hz=_FRAME_RATE_HZ,
         )
+        calibration = replace(self.calibration, rest=_rest_of(self._world))
         self._array, self._hand = TwinArray(self._world), TwinGripper(self._world)
         self._plan = plan_grasp(
-            self.calibration,
+            calibration,
             gripper=self._hand,
             target_force_n=RIPENESS_N,
             force_step_n=_FORCE_STEP_N,
             hold_s=0.0,
         )
 
-    def feel_reference(self) -> None:
+    def feel_reference(self, times: int) -> None:
         """Grasp the object that does not ripen."""
-        for _ in range(REFERENCE_GRASPS):
+        for _ in range(times):
             self._feel(self._reference, item_id=REFERENCE_ID)
 
-    def feel_fruits(self, fruits: Sequence[Avocado], *, name: str, day: int) -> None:
+    def feel_fruits(
+        self, fruits: Sequence[Avocado], *, name: str, day: int, rule: RipenessRule | None
+    ) -> None:
         """Grasp each fruit as a user would, and once more in the paper's way."""
         for number, fruit in enumerate(fruits):
-            for _ in range(GRASPS_PER_DAY):
-                spot = fruit.spot(day, rng=self._rng)
-                self._feel(spot, item_id=f"{name}-{number}")
+            item_id, times = f"{name}-{number}", 0
+            while times == 0 or (times < MOST_GRASPS and self._unsure(item_id, rule=rule)):
+                for _ in range(GRASPS_PER_DAY):
+                    self._feel(fruit.spot(day, rng=self._rng), item_id=item_id)
+                times += GRASPS_PER_DAY
             spot = fruit.spot(day, rng=self._rng)
-            change = self._settled_percent(spot, fruit=fruit)
-            self.as_published[f"{name}-{number}", day] = change
+            self.as_published[item_id, day] = self._settled_percent(spot, fruit=fruit)
+
+    def kept(self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()) -> Felt:
+        """Return all that was felt so far."""
+        return Felt(
+            calibration=self.calibration,
+            labelled=labelled,
+            others=others,
+            grasps=tuple(self.grasps),
+            damaged=self.damaged,
+            as_published=self.as_published,
+        )
+
+    def _unsure(self, item_id: str, *, rule: RipenessRule | None) -> bool:
+        """Whether the fruit's stage is in doubt by what was felt up to now."""
+        if rule is None:
+            return False
+        felt = self.kept(())
+        return rule.judge(days_of(felt, item_id, drift_of(felt))).unsure
 
     def _wait_near(self, size_mm: float) -> None:
         """Bring the fingers near what lies in the nest, and let the sheet come to rest."""
@@ -184,7 +189,15 @@ class _Bench:
         gap_mm = math.ceil(size_mm) + _GAP_MM - OPEN_MM
         target = limits.highest + gap_mm if limits.drive == "width" else -gap_mm / SOFT_MM_PER_KPA
         self._hand.command(GripperCommand(target=target, rate=self._plan.rate))
+        give_up_s = self._world.clock.now_s() + _LONGEST_PAUSE_S
         self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
+        while self._remembered_percent() < _REMEMBERS and self._world.clock.now_s() < give_up_s:
+            self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
+
+    def _remembered_percent(self) -> float:
+        """Return how far the open hand still reads below the morning's rest values."""
+        now_ohm = self._mean_ohm(after_s=0.0)
+        return float(mean_change(relative_change_percent(now_ohm, rest_ohm=self._plan.rest_ohm)))
 
     def _settled_percent(self, spot: TwinObject, *, fruit: Avocado) -> float:
         """Close on a fruit as the paper does, and return what has settled after 20 s."""
@@ -210,6 +223,7 @@ class _Bench:
 
     def _feel(self, obj: TwinObject, *, item_id: str) -> None:
         world, observations = self._world, list[Observation]()
+        closing = ClosingWatch(self._plan)
         world.place(obj, fixture=True)
         self._wait_near(obj.size_mm)
         result = run_grasp(
@@ -218,6 +232,7 @@ class _Bench:
             gripper=self._hand,
             clock=world.clock,
             subscribers=[observations.append],
+            watchers=[closing.see],
         )
         self.damaged += world.truth(horizon_s=0.0).damaged
         measured = {
@@ -225,6 +240,8 @@ class _Bench:
             for name in ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
             if (value := getattr(result, name)) is not None
         }
+        drive: Drive = "width" if self._gripper == "rigid" else "pressure"
+        measured |= held_at(observations, result=result, drive=drive) | closing.measured()
         taken_at = _FIRST + timedelta(days=self._day, seconds=world.clock.now_s())
         self.grasps.append(
             Grasp(
@@ -232,7 +249,7 @@ class _Bench:
                 item_id=item_id,
                 taken_at=taken_at,
                 rig=f"sim-{self._gripper}",
-                drive="width" if self._gripper == "rigid" else "pressure",
+                drive=drive,
                 origin="twin",
                 outcome=result.outcome,
                 measurements=measured,
@@ -245,3 +262,11 @@ class _Bench:
                 humidity_percent=self._surroundings.humidity_percent,
             )
         )
+
+
+def _rest_of(world: World) -> RestValues:
+    """Return the rest values of an empty hand."""
+    bench = twin_bench(world, start=TwinGripper(world).limits.target(0.0))
+    rest = measure_rest(bench)
+    bench.array.close()
+    return rest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -27,7 +28,14 @@ FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
 HARD, SOFT, BOUNDS = math.log(6.0), math.log(1.0), (4.5, 2.5, 1.5)
 
 
-def grasp(item_id: str, stiffness: float, *, day: float = 0.0, force_n: float = 5.0) -> Grasp:
+def grasp(
+    item_id: str,
+    stiffness: float,
+    *,
+    day: float = 0.0,
+    force_n: float = 5.0,
+    width_mm: float = 60.0,
+) -> Grasp:
     def felt(value: float, unit: str) -> Measurement:
         return Measurement(value=value, low=0.9 * value, high=1.1 * value, unit=unit)
 
@@ -41,6 +49,7 @@ def grasp(item_id: str, stiffness: float, *, day: float = 0.0, force_n: float = 
         measurements={
             "stiffness_n_per_mm": felt(stiffness, "n_per_mm"),
             "force_n": felt(force_n, "n"),
+            "width_mm": felt(width_mm, "mm"),
         },
     )
 
@@ -206,26 +215,39 @@ def test_without_labels_an_item_is_judged_by_its_first_day() -> None:
     assert (said.stage, said.days_to_ripe, said.basis) == ("ripe", None, "first day")
 
 
-def drifted(truth: float, *, ratio: float, give: float, round_body: bool) -> float:
-    """Return the stiffness read at 5 N by a sensor that reads `ratio` times the true force."""
-    force_n = 5.0 / ratio
-    exponent = 2.0 / 3.0 if round_body else 1.0
+def drifted(item_id: str, truth: float, *, ratio: float, day: float) -> Grasp:
+    """Return a grasp at 5 N read, by a sensor that reads `ratio` times the true force.
+
+    Of a thing of 60 mm by a hand that gives way by 0.25 mm/N; the ball is like a spring, fruit is
+    round.
+    """
+    force_n, give = 5.0 / ratio, 0.25
+    exponent = 1.0 if item_id == "ball" else 2.0 / 3.0
     deformation = 5.0 / truth * (force_n / 5.0) ** exponent
-    return 5.0 / (deformation + give * (force_n - 5.0))
+    return grasp(
+        item_id,
+        5.0 / (deformation + give * (force_n - 5.0)),
+        day=day,
+        width_mm=60.0 - deformation - give * force_n,
+    )
+
+
+def ball_at(read_over_true: float, *, day: float) -> Grasp:
+    """Return a grasp of a ball of 4 N/mm by a hand that does not give way."""
+    return grasp("ball", 4.0, day=day, width_mm=60.0 + 5.0 / 4.0 / 1.25 * math.log(read_over_true))
 
 
 @pytest.mark.parametrize("fruit", [1.0, 2.5, 6.0])
 def test_the_reference_object_takes_drift_out_of_fruit(fruit: float) -> None:
-    give = 0.25
     ball = [
-        grasp("ball", drifted(4.0, ratio=ratio, give=give, round_body=False), day=day)
+        drifted("ball", 4.0, ratio=ratio, day=day)
         for day, ratio in ((0.0, 1.0), (6.0, 0.85))
         for _ in range(6)
     ]
     measured = Give.fit([0.0, 2.0, 4.0, 8.0], width_mm=[40.0, 39.5, 39.0, 38.0], block_mm=40.0)
     drift = Drift.learn(ball, drive="width", give=measured)
     at = FIRST + timedelta(days=6)
-    worn = grasp("fruit", drifted(fruit, ratio=0.85, give=give, round_body=True), day=6.0)
+    worn = drifted("fruit", fruit, ratio=0.85, day=6.0)
     felt = firmness_of(worn)
     assert felt is not None
     error, mended = (abs(one - math.log(fruit)) for one in (felt, drift.corrected(felt, at=at)))
@@ -234,15 +256,17 @@ def test_the_reference_object_takes_drift_out_of_fruit(fruit: float) -> None:
 
 
 def test_scatter_of_the_reference_is_not_taken_for_drift() -> None:
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(5)
     ball = [
-        grasp("ball", 4.0 * math.exp(0.5 * rng.standard_normal()), day=float(day))
+        ball_at(math.exp(0.5 * rng.standard_normal()), day=float(day))
         for day in (0, 1)
         for _ in range(2)
     ]
     drift = Drift.learn(ball, drive="width")
-    raw = [day.firmness for day in by_day((g.taken_at, firmness_of(g) or 0.0) for g in ball)]
-    assert abs(drift.moved[1]) < 0.4 * abs(raw[1] - raw[0])
+    widths = np.array([one.measurements["width_mm"].value for one in ball]).reshape(2, 2)
+    raw = float(np.diff(widths.mean(axis=1))[0])
+    assert abs(raw) > 0.1
+    assert abs(drift.moved[1]) < 0.4 * abs(raw)
     assert drift.advice == ""
 
 
@@ -252,7 +276,7 @@ def test_a_reference_that_stands_still_is_believed_to() -> None:
 
     def left(wear: float) -> float:
         ball = [
-            grasp("ball", 4.0 * math.exp(wear * day + 0.06 * rng.standard_normal()), day=float(day))
+            ball_at(math.exp(wear * day + 0.06 * rng.standard_normal()), day=float(day))
             for day in (0, 1, 2, 3, 7, 8, 9, 10)
             for _ in range(6)
         ]
@@ -264,12 +288,39 @@ def test_a_reference_that_stands_still_is_believed_to() -> None:
 
 
 def test_a_worn_sensor_is_advised_about() -> None:
-    ball = [
-        grasp("ball", value, day=day) for value, day in ((4.0, 0), (4.1, 0), (2.0, 5), (2.1, 5))
-    ]
+    ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.5, 5), (0.52, 5))]
     assert "calibrate force anew" in Drift.learn(ball, drive="width").advice
     with pytest.raises(InputError, match="was felt on 1 day"):
         Drift.learn(ball[:2], drive="width")
+
+
+def test_a_reference_whose_widths_were_not_kept_is_said_to_tell_nothing() -> None:
+    bare = [
+        replace(
+            one,
+            measurements={
+                name: felt for name, felt in one.measurements.items() if name != "width_mm"
+            },
+        )
+        for one in (ball_at(1.0, day=0), ball_at(1.0, day=3))
+    ]
+    with pytest.raises(InputError, match=r"0 day\(s\) with its width kept"):
+        Drift.learn(bare, drive="width")
+
+
+def test_the_closing_tells_more_than_the_answer() -> None:
+    answered = grasp("a", 3.0)
+    closing = Measurement(value=2.0, low=1.8, high=2.2, unit="n_per_mm")
+    watched = replace(
+        answered, measurements={**answered.measurements, "firmness_n_per_mm": closing}
+    )
+    assert firmness_of(answered) == pytest.approx(math.log(3.0))
+    assert firmness_of(watched) == pytest.approx(math.log(2.0))
+
+
+def test_a_day_is_the_mean_of_how_soft_its_grasps_were() -> None:
+    found = by_day((FIRST, math.log(value)) for value in (2.0, 2.0, 1e6))
+    assert math.exp(found[0].firmness) == pytest.approx(3.0, rel=1e-4)
 
 
 @pytest.fixture

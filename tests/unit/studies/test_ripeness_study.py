@@ -18,13 +18,12 @@ from palpate.produce.firmness import firmness_of
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness_stages import STAGES
 from palpate.studies.ripeness import report
-from palpate.studies.ripeness_scores import drift_of, judged, scores
+from palpate.studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
+from palpate.studies.ripeness_scores import judged, scores
 from palpate.studies.ripeness_station import (
     DAYS,
     GRASPS_PER_DAY,
     REFERENCE_GRASPS,
-    REFERENCE_ID,
-    Felt,
     draw_labelled,
     run_station,
 )
@@ -42,6 +41,9 @@ def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
     fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
     ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
     assert len(fruit) == GRASPS_PER_DAY * DAYS
+    assert all(
+        {"firmness_n_per_mm", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps
+    )
     assert len(ball) == REFERENCE_GRASPS * DAYS
     assert all(grasp.outcome is Outcome.HELD and grasp.simulated for grasp in station.grasps)
     assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
@@ -73,8 +75,8 @@ def made_up(station: Felt, *, worn: float) -> Felt:
     grasps: list[Grasp] = []
 
     def feel(item_id: str, stiffness: float, when: float) -> None:
-        drift = worn * min(when / 10.0, 1.0) * (1.0 if item_id == REFERENCE_ID else 2.0 / 3.0)
-        value = stiffness * math.exp(drift + 0.03 * rng.standard_normal())
+        drift = worn * min(when / 10.0, 1.0) + 0.03 * rng.standard_normal()
+        value = stiffness * math.exp(2.0 / 3.0 * drift)
         grasps.append(
             Grasp(
                 item_id=item_id,
@@ -88,6 +90,8 @@ def made_up(station: Felt, *, worn: float) -> Felt:
                     for name, one, unit in (
                         ("stiffness_n_per_mm", value, "n_per_mm"),
                         ("force_n", 5.0, "n"),
+                        # A ball of 4 N/mm, pressed by the more force the less of it is read.
+                        ("width_mm", 60.0 + 5.0 / 4.0 / 1.25 * drift, "mm"),
                     )
                 },
             )
@@ -99,7 +103,7 @@ def made_up(station: Felt, *, worn: float) -> Felt:
     for begins, fruits, name in ((0, labelled, "labelled"), (7, others, "fruit")):
         for day in range(DAYS):
             for _ in range(3):
-                feel(REFERENCE_ID, 0.01, begins + day)
+                feel(REFERENCE_ID, 4.0, begins + day)
                 for number, fruit in enumerate(fruits):
                     feel(f"{name}-{number}", stiffness(fruit, day), begins + day)
     published = {

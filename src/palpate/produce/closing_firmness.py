@@ -1,0 +1,165 @@
+"""Firmness of a round body from the whole of a closing, by fingers driven by width.
+
+The stiffness that a grasp answers leaves open how the object's force rises, for it knows nothing of
+the object. Fruit is round: its force goes with the 3/2th power of its deformation (Hertz). Then the
+width of every step, with the gripper's own give at that force put back, lies on a line over
+F^(2/3), whose slope is the fruit's softness, and where contact began drops out:
+
+    width + give(F) = size - softness F^(2/3).
+
+What was read at the last step before the force rose is no load but what the sheet remembers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.stiffness import Give
+from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.produce.firmness import RIPENESS_N
+from palpate.produce.records import MEASURED
+from palpate.settling.result import Status
+
+FloatArray = NDArray[np.float64]
+
+#: Name of this measurement.
+NAME = "firmness_n_per_mm"
+#: Hertz: deformation goes with this power of the force.
+_POWER = 2.0 / 3.0
+#: Scatter of ln force from step to step, and of the settled force against them.
+_STEP_SD, _SETTLED_SD = 0.05, 0.04
+#: While it is held, fruit relaxes by so much (ln force) against what its closing showed.
+_RELAXED, _RELAXED_SD = 0.10, 0.07
+#: A width is never known better, mm.
+_SHARPEST_MM = 0.03
+#: No body is harder than this, mm per N^(2/3): what scatter makes harder is put here.
+_HARDEST = 0.05
+#: A load below so many scatters of faint forces tells nothing.
+_FELT = 2.0
+_ROUNDS = 3
+
+
+class ClosingWatch:
+    """Watches one grasp for the firmness that its closing tells.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the grasp.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._held: Belief | None = None
+
+    def see(self, belief: Belief) -> None:
+        """Take what the controller makes of the next observation."""
+        if belief.phase is Phase.HOLD:
+            self._held = belief
+
+    def measured(self) -> dict[str, Measurement]:
+        """Return the firmness by its name; nothing where none was told."""
+        found = None if self._held is None else closing_firmness(self._held, plan=self.plan)
+        return {} if found is None else {NAME: found}
+
+
+def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
+    """Return the secant stiffness at 5 N of the round body that fits a closing; None if none does.
+
+    Parameters
+    ----------
+    belief : Belief
+        What the controller knew when it gave its answer.
+    plan : Plan
+        Of that grasp.
+    """
+    force = belief.result.force_n
+    if plan.give is None or force is None or force.value <= 0 or not belief.staircase:
+        return None
+    readings = [step.touch.reading for step in belief.staircase]
+    read_n = np.exp(belief.gain.log_mean) * plan.early_law.force_n(readings).value
+    reach = float(norm.ppf(0.5 + plan.level / 2))
+    floor_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
+    load_n, loaded = _load(read_n, floor_n=floor_n)
+    if not loaded.any():
+        return None
+    width_mm = np.array([plan.gripper.target(step.closure) for step in belief.staircase])
+    held_mm = plan.gripper.target(belief.closure)
+    softness, sd = round_softness(
+        np.append(width_mm[loaded], held_mm) - plan.give.zero_mm,
+        force_n=np.append(load_n[loaded], force.value),
+        floor_n=floor_n,
+        give=plan.give,
+    )
+    low, value, high = (
+        RIPENESS_N ** (1.0 - _POWER) / max(softness + off * reach * sd, _HARDEST)
+        for off in (1.0, 0.0, -1.0)
+    )
+    return Measurement(
+        value=value,
+        low=low,
+        high=high,
+        unit=MEASURED[NAME],
+        level=plan.level,
+        status=force.status if softness > _HARDEST else Status.SATURATED,
+    )
+
+
+def round_softness(
+    width_mm: FloatArray, *, force_n: FloatArray, floor_n: float, give: Give
+) -> tuple[float, float]:
+    """Fit the line; return its slope, mm per N^(2/3), and the slope's standard deviation.
+
+    Parameters
+    ----------
+    width_mm : ndarray, shape (n,)
+        Steps of a closing, zero taken out; the last is where the object was held.
+    force_n : ndarray, shape (n,)
+        Force read at each of them, newtons; the last is the settled one.
+    floor_n : float
+        Scatter of faint forces, newtons.
+    give : Give
+        Of pads, fingers and servo.
+
+    Examples
+    --------
+    A fruit of 60 mm that takes 4 N at 1 mm and has relaxed by a tenth when it is held:
+
+    >>> give = Give(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
+    ...     largest_force_n=15.0)
+    >>> force_n = np.array([1.0, 2.5, 4.0, 5.0])
+    >>> read_n = force_n * [1.0, 1.0, 1.0, np.exp(-0.1)]
+    >>> width_mm = 60.0 - (force_n / 4.0) ** (2 / 3) - 0.2 * read_n
+    >>> softness, _ = round_softness(width_mm, force_n=read_n, floor_n=0.05, give=give)
+    >>> round(softness**-1.5, 1)
+    4.0
+    """
+    elastic_n = force_n * np.exp([0.0] * (force_n.size - 1) + [_RELAXED])
+    touch_mm = width_mm + give.give_mm(force_n)
+    give_slope_mm = (give.give_mm(1.01 * force_n) - give.give_mm(force_n)) / 0.01
+    doubt = np.hypot(_STEP_SD, floor_n / force_n)
+    doubt[-1] = _SETTLED_SD
+    relaxed = np.array([0.0] * (force_n.size - 1) + [_RELAXED_SD])
+    design = np.column_stack([np.ones_like(elastic_n), -(elastic_n**_POWER)])
+    softness = 0.5
+    for _ in range(_ROUNDS):
+        slope_mm = _POWER * softness * elastic_n**_POWER
+        sd_mm = np.sqrt(
+            _SHARPEST_MM**2 + ((give_slope_mm + slope_mm) * doubt) ** 2 + (slope_mm * relaxed) ** 2
+        )
+        weighed = design / sd_mm[:, None]
+        found = np.linalg.lstsq(weighed, touch_mm / sd_mm, rcond=None)[0]
+        softness = max(float(found[1]), _HARDEST)
+    return float(found[1]), float(np.sqrt(np.linalg.pinv(weighed.T @ weighed)[1, 1]))
+
+
+def _load(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the load at each step, and at which steps there surely is one."""
+    before = int(np.argmin(read_n[: int(np.argmax(read_n)) + 1]))
+    load_n = np.asarray(read_n - read_n[before])
+    return load_n, (np.arange(read_n.size) > before) & (load_n > _FELT * floor_n)

@@ -1,0 +1,81 @@
+"""What a ripeness station kept, and what is learned from it: drift, and a rule from the labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate.estimate.stiffness import Give
+from palpate.produce.firmness import DayFelt
+from palpate.produce.records import Grasp
+from palpate.produce.reference_object import Drift
+from palpate.produce.ripeness import RipenessRule
+from palpate.produce.ripeness_stages import STAGES
+from palpate.produce.ripeness_store import history_of
+from palpate.sensor.calibration import Calibration
+from palpate.twin.avocado import Avocado
+
+#: Item of the reference object; those of fruits are `labelled-N` and `fruit-N`.
+REFERENCE_ID = "reference"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Felt:
+    """What one station kept.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        Made before the first day.
+    labelled, others : tuple of Avocado
+        The fruits; items `labelled-N` and `fruit-N`.
+    grasps : tuple of Grasp
+        All of them, also of the reference object.
+    damaged : int
+        Grasps in which a fruit was pressed beyond its yield.
+    as_published : dict of (str, int) to float
+        Item and its day -> settled change in percent as the paper takes it: fingers closed to one
+        width for this fruit (3 mm less than a caliper says) or to one pressure for all, held for
+        20 s, mean of pixels.
+    """
+
+    calibration: Calibration
+    labelled: tuple[Avocado, ...]
+    others: tuple[Avocado, ...]
+    grasps: tuple[Grasp, ...]
+    damaged: int
+    as_published: dict[tuple[str, int], float]
+
+
+def drift_of(felt: Felt) -> Drift:
+    """Return the drift that a station's reference object shows."""
+    drive, block = felt.grasps[0].drive, felt.calibration.block
+    give = None
+    if drive == "width":
+        give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    grasps = [grasp for grasp in felt.grasps if grasp.item_id == REFERENCE_ID]
+    return Drift.learn(grasps, drive=drive, give=give)
+
+
+def days_of(felt: Felt, item_id: str, drift: Drift | None) -> tuple[DayFelt, ...]:
+    """Return the days of an item, freed of drift where that is given."""
+    grasps = [grasp for grasp in felt.grasps if grasp.item_id == item_id]
+    drive = felt.grasps[0].drive
+    return history_of(grasps, item_id=item_id, drive=drive, drift=drift).days
+
+
+def labelled_of(felt: Felt, drift: Drift | None) -> list[tuple[Avocado, tuple[DayFelt, ...]]]:
+    """Return every labelled fruit with its days."""
+    return [
+        (fruit, days_of(felt, f"labelled-{number}", drift))
+        for number, fruit in enumerate(felt.labelled)
+    ]
+
+
+def rule_of(felt: Felt, drift: Drift | None) -> RipenessRule:
+    """Learn from the labelled fruits, whose labels are true stages."""
+    known = labelled_of(felt, drift)
+    return RipenessRule.learn(
+        [days for _, days in known],
+        labels=[[fruit.stage(round(day.day)) for day in days] for fruit, days in known],
+        stages=STAGES,
+    )

@@ -1,0 +1,102 @@
+"""Firmness of a round body from the whole of a closing, and where the hand stood."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.estimate.stiffness import Give
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.interface import GripperState
+from palpate.produce.closing_firmness import ClosingWatch, closing_firmness, round_softness
+from palpate.produce.held_at import held_at
+from palpate.rig.simulated import calibrated
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+GIVE = Give(
+    slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.3, residual_mm=0.02, largest_force_n=15.0
+)
+FORCES = np.array([1.0, 2.5, 4.0, 5.0])
+
+
+def closing(softness: float, *, give: Give = GIVE) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the widths of a closing on a fruit that has relaxed by a tenth at its last force."""
+    elastic = FORCES * np.exp([0.0, 0.0, 0.0, 0.1])
+    return np.asarray(62.0 - softness * elastic ** (2 / 3) - give.give_mm(FORCES))
+
+
+@pytest.mark.parametrize("softness", [0.15, 0.4, 1.2])
+def test_a_round_body_is_found_whatever_its_softness(softness: float) -> None:
+    found, sd = round_softness(closing(softness), force_n=FORCES, floor_n=0.05, give=GIVE)
+    assert found == pytest.approx(softness, rel=1e-6)
+    assert 0.0 < sd < softness
+
+
+def test_its_doubt_is_what_scatter_of_the_steps_makes() -> None:
+    rng = np.random.default_rng(2)
+    width = closing(0.4)
+    found, said = [], []
+    for _ in range(300):
+        read = FORCES * np.exp(0.05 * rng.standard_normal(4))
+        one, sd = round_softness(width, force_n=read, floor_n=0.01, give=GIVE)
+        found.append(one)
+        said.append(sd)
+    # The settled force is believed a little more, and how far fruit relaxes is open besides.
+    assert np.mean(found) == pytest.approx(0.4, rel=0.05)
+    assert 0.6 < np.std(found) / np.mean(said) < 1.2
+
+
+@pytest.fixture(scope="module")
+def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]]:
+    calibration = calibrated(seed=5, level="paper", apart_from="ball-44lbs")
+    world = World(
+        draw_object(np.random.default_rng(5), "ball-44lbs"), seed=5, sheet_seed=5, level="paper"
+    )
+    gripper = TwinGripper(world)
+    plan = plan_grasp(calibration, gripper=gripper, target_force_n=5.0, hold_s=0.0)
+    seen, beliefs, watch = list[Observation](), list[Belief](), ClosingWatch(plan)
+    result = run_grasp(
+        plan,
+        array=TwinArray(world),
+        gripper=gripper,
+        clock=world.clock,
+        subscribers=[seen.append],
+        watchers=[watch.see, beliefs.append],
+    )
+    assert watch.measured()["firmness_n_per_mm"] == closing_firmness(
+        next(one for one in reversed(beliefs) if one.phase == "hold"), plan=plan
+    )
+    return watch, result, seen, beliefs
+
+
+def test_a_grasp_that_was_watched_tells_firmness_and_width(
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+) -> None:
+    watch, result, seen, _ = watched
+    firmness = watch.measured()["firmness_n_per_mm"]
+    assert result.stiffness_n_per_mm is not None
+    assert firmness.low < result.stiffness_n_per_mm.value < firmness.high
+    width = held_at(seen, result=result, drive="width")["width_mm"]
+    assert 40.0 < width.low <= width.value <= width.high < 49.0
+
+
+def test_a_grasp_without_answer_tells_neither(
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+) -> None:
+    watch, result, seen, beliefs = watched
+    lost = replace(result, moments=())
+    assert held_at(seen, result=lost, drive="width") == {}
+    assert held_at((), result=result, drive="width") == {}
+    blind = [replace(one, gripper=GripperState(time_s=0.0, pressure_kpa=5.0)) for one in seen]
+    assert held_at(blind, result=result, drive="width") == {}
+    nothing = ClosingWatch(watch.plan)
+    nothing.see(beliefs[0])
+    assert nothing.measured() == {}
+    assert closing_firmness(beliefs[0], plan=watch.plan) is None
