@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,7 +62,9 @@ def has_load_cell(rig: str) -> bool:
 
 
 @contextmanager
-def open_bench(rig: str, *, seed: int, ask: Callable[[str], None]) -> Iterator[GuidedBench]:
+def open_bench(
+    rig: str, *, seed: int, ask: Callable[[str], None], placements: int = 1
+) -> Iterator[GuidedBench]:
     """Open the bench of a rig: the twin's, or a board's with a gripper, which is left open.
 
     Parameters
@@ -72,11 +75,13 @@ def open_bench(rig: str, *, seed: int, ask: Callable[[str], None]) -> Iterator[G
         Of the simulated rig.
     ask : callable
         Says to the user of a real rig what to do, and returns when it is done.
+    placements : int
+        How often the load cell will be placed, all steps together.
 
     Raises
     ------
     InputError
-        If the rig file is at fault.
+        If the rig file is at fault, or its fingers are driven by pressure.
     DeviceError
         If the rig has no load cell, equipment is missing, or a load cell does not read well.
     """
@@ -85,6 +90,8 @@ def open_bench(rig: str, *, seed: int, ask: Callable[[str], None]) -> Iterator[G
         return
     from palpate.rig.board_bench import open_board_bench
 
+    # Steps count their own runs from 0; whoever places the cell counts on.
+    number = count(1)
     with open_board_bench(Path(rig)) as opened:
 
         def placed(what: str) -> None:
@@ -93,7 +100,9 @@ def open_bench(rig: str, *, seed: int, ask: Callable[[str], None]) -> Iterator[G
 
         yield GuidedBench(
             bench=opened.bench,
-            reseat=lambda run: placed(f"placement {run + 1}: the load cell, with another face"),
+            reseat=lambda _: placed(
+                f"placement {next(number)} of {placements}: the load cell, with another face"
+            ),
             place_block=lambda: placed("the rigid block with the load cell"),
             simulated=False,
         )

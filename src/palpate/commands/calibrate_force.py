@@ -94,10 +94,11 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
         typer.prompt(what, default="", err=True, show_default=False)
         shown.start()
 
-    with open_bench(rig, seed=seed, ask=ask) as guided, shown:
+    placements = len(_HOLDS_N) + len(GUIDED)
+    with open_bench(rig, seed=seed, ask=ask, placements=placements) as guided, shown:
         bench, layout = guided.bench, guided.bench.array.layout
         earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
-        task = shown.add_task("settled holds", total=len(GUIDED) + len(_HOLDS_N))
+        task = shown.add_task("settled holds", total=placements)
 
         def placed(run: int) -> None:
             shown.update(task, description=f"settled holds, placement {run + 1}", advance=1)
@@ -108,7 +109,8 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
             guided.reseat(run)
 
         def told(run: int, force_n: float) -> None:
-            shown.update(task, description=f"up and down, placement {run + 1}: {force_n:.1f} N")
+            number = len(_HOLDS_N) + run + 1
+            shown.update(task, description=f"up and down, placement {number}: {force_n:.1f} N")
 
         rest = measure_rest(bench)
         pairs = measure_force(

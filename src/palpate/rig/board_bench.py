@@ -43,7 +43,7 @@ def open_board_bench(path: Path) -> Iterator[BoardBench]:
     Raises
     ------
     InputError
-        If the rig file is at fault, or has no load cells.
+        If the rig file is at fault, has no load cells, or fingers driven by pressure.
     DeviceError
         If equipment is missing, or a load cell does not read as it should.
     """
@@ -71,7 +71,19 @@ def bench_of(
     """Open the hand, set the load cells to zero, and leave the hand open at the end.
 
     Nobody knows how large the thing between the fingers is: the slow way begins at the open hand.
+
+    Raises
+    ------
+    InputError
+        If the fingers are driven by pressure, or the array is no board with palpate's firmware.
+    DeviceError
+        If a load cell does not read as it should.
     """
+    if gripper.limits.drive == "pressure":
+        raise InputError(
+            "the guided steps move fingers by millimetres, and these are driven by pressure; "
+            "calibrate their force with dead weights (`palpate calibrate force --loads CSV`)"
+        )
     board = board_with_cells(array)
     cell = BoardLoadCell(board, clock=clock, newtons_per_count=newtons_per_count)
     _open(gripper, clock=clock)

@@ -1,0 +1,155 @@
+"""`palpate calibrate force`, from the first prompt to the saved file, through the real firmware."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import typer
+
+from palpate.clock import ManualClock
+from palpate.commands import calibrate_force
+from palpate.commands.outcome import run
+from palpate.estimate.observer_sheet import SheetObserver, sheet_model_from_dict
+from palpate.grasp import load_traces
+from palpate.rig.twin_bench import FACES
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.load_traces import frames
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire_messages import Contents
+from palpate.twin.devices import TwinGripper
+from palpate.twin.firmware import FirmwareBoard
+from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+pytestmark = pytest.mark.usefixtures("firmware_built")
+
+#: What each of two cells says of a newton, and of nothing.
+NEWTONS_PER_COUNT, ZEROS = (5e-6, -4e-6), (30_000, -70_000)
+RIG = f"""
+calibration = "pad.json"
+[array]
+open = "bench_of_the_test:array"
+[gripper]
+open = "bench_of_the_test:gripper"
+[load_cells]
+newtons_per_count = {list(NEWTONS_PER_COUNT)}
+"""
+
+
+class Bench:
+    """A board, a hand, two load cells with a face, and a user who does what is asked."""
+
+    def __init__(self) -> None:
+        self.clock = ManualClock(50.0)
+        self.world = World(None, seed=4, clock=self.clock, layout=RIGID_LAYOUT)
+        self.board = FirmwareBoard(seed=1)
+        self.stream = FirmwareStream(self.world, board=self.board)
+        self.world.watchers.append(self._weigh)
+        self.asked: list[str] = []
+        self._faces = np.random.default_rng(7)
+        self._weighing = False
+
+    def array(self) -> SerialArray:
+        return SerialArray(
+            self.stream,
+            clock=self.clock,
+            layout=RIGID_LAYOUT,
+            contents=Contents.LOAD_CELLS,
+            rate_hz=self.world.frame_rate_hz,
+            oversampling=self.world.oversampling,
+        )
+
+    def gripper(self) -> TwinGripper:
+        return TwinGripper(self.world)
+
+    def prompt(self, what: str, **_: object) -> str:
+        self.asked.append(what)
+        name = FACES[len(self.asked) % len(FACES)]
+        self.world.place(draw_object(self._faces, name))
+        self.clock.sleep_s(3.0)
+        return ""
+
+    def _weigh(self, time_s: float) -> None:
+        # Asking the world for its force calls its watchers, and so this again.
+        if self._weighing:
+            return
+        self._weighing = True
+        force_n = self.world.force_n(time_s)
+        self._weighing = False
+        for cell, (scale, zero) in enumerate(zip(NEWTONS_PER_COUNT, ZEROS, strict=True)):
+            self.board.set_load(cell, zero + round(force_n / scale))
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    bench = Bench()
+    opened = SimpleNamespace(array=bench.array, gripper=bench.gripper)
+    monkeypatch.setitem(sys.modules, "bench_of_the_test", opened)
+    monkeypatch.setattr("palpate.rig.board_bench.RealClock", lambda: bench.clock)
+    monkeypatch.setattr("typer.prompt", bench.prompt)
+    (tmp_path / "rig.toml").write_text(RIG)
+    yield bench
+    bench.stream.close()
+
+
+def calibrate(folder: Path) -> int:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(calibrate_force.command)
+    arguments = ("--rig", str(folder / "rig.toml"), "--out", str(folder / "pad.json"))
+    return run(app, arguments, name="palpate calibrate force")
+
+
+def test_from_the_first_prompt_to_the_file(
+    bench: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    # All steps, but fewer and shorter ones: half an hour of the board takes minutes to simulate.
+    shorter = tuple(replace(one, duration_s=8.0) for one in load_traces.GUIDED[2:6])
+    monkeypatch.setattr(load_traces, "GUIDED", shorter)
+    monkeypatch.setattr(calibrate_force, "_HOLDS_N", ((0.8, 3.0), (1.5, 5.0, 9.0)))
+    assert calibrate(tmp_path) == 0
+    assert [what.split(":")[0] for what in bench.asked] == [
+        f"placement {number} of 6" for number in range(1, 7)
+    ]
+    assert "expected error of force now" in capsys.readouterr().out
+    made = Calibration.load(tmp_path / "pad.json")
+    assert made.origin == "hardware"
+    assert made.traces is not None
+    observer = SheetObserver(sheet_model_from_dict(dict(made.observer)))
+    followed = [
+        (observer.step(one.time_s, one.excess, width_mm=one.width_mm).value, one.force_n)
+        for one in frames(next(iter(made.traces.runs())))
+    ]
+    said_n, true_n = np.array(followed).T
+    firm = true_n > 1.0
+    assert np.count_nonzero(firm) > 20
+    assert np.median(np.abs(np.log(said_n[firm] / true_n[firm]))) < 0.2
+    # The board is off by now: nobody may weigh for it.
+    bench.world.watchers.remove(bench._weigh)
+    assert bench.gripper().state().width_mm > 70.0
+
+
+def test_fingers_driven_by_pressure_are_refused_before_anything_moves(
+    bench: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    soft = World(None, seed=4, gripper="soft")
+    monkeypatch.setattr(sys.modules["bench_of_the_test"], "gripper", lambda: TwinGripper(soft))
+    assert calibrate(tmp_path) == 2
+    said = capsys.readouterr().err
+    assert "driven by pressure" in said
+    assert "--loads" in said
+    assert said.count("\n") == 1
+    assert bench.asked == []
