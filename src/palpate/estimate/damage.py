@@ -14,9 +14,10 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.optimize import brentq
 
 from palpate.estimate.closing import ClosingCurve, ClosingState
+from palpate.estimate.measurement import Measurement
 from palpate.estimate.strength import FEWEST, Strength, fit_strength
 
 Path: TypeAlias = Sequence[ClosingState]
@@ -26,6 +27,8 @@ NOMINAL_RATE = 0.01
 #: Probability that the rupture force lies above the lower bound.
 LOWER_BOUND_LEVEL = 0.95
 FOLDS = 5
+#: Between these, ln N, lie all bounds that are asked for.
+_LOG_BOUNDS_N = (-20.0, 20.0)
 #: Stands for the load borne by an object that ruptured before its first force level.
 LEAST_LOAD = -6.0
 
@@ -107,15 +110,30 @@ class DamageModel:
             stop=score >= stop_score,
         )
 
-    def bound_n(self, state: ClosingState, *, kind: str = "", rate: float = NOMINAL_RATE) -> float:
+    def bound_n(
+        self, stiffness: Measurement, *, kind: str = "", rate: float = NOMINAL_RATE
+    ) -> float:
         """Return the force below which at most a share `rate` of objects are damaged, N.
 
-        Few closings show no such rare ones: the bound goes on as a log-normal law from the lower
-        bound that they do show.
+        Few closings show no such rare ones: the bound goes on as the log-normal law of `Strength`.
+        How stiff the object is is doubted too, and one that may be soft may be weak.
+
+        Parameters
+        ----------
+        stiffness : Measurement
+            Of the object between the fingers, N/mm.
+        kind : str
+            Kind of the object, empty if not known.
+        rate : float
+            Share of objects.
         """
-        kind = kind if kind in self.strengths else ""
-        further = norm.ppf(1 - rate) / norm.ppf(LOWER_BOUND_LEVEL)
-        return float(self.low_shares[kind] ** further * self.strengths[kind].predict_n(state))
+        strength = self.strengths[kind if kind in self.strengths else ""]
+        log_stiffness, weight = strength.likely(stiffness)
+
+        def excess(log_force: float) -> float:
+            return float(weight @ strength.below(float(np.exp(log_force)), log_stiffness)) - rate
+
+        return float(np.exp(brentq(excess, *_LOG_BOUNDS_N, xtol=1e-3)))
 
     def guard(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> DamageGuard:
         """Return a guard for one closing of an object of that kind (``""``: not known)."""

@@ -13,9 +13,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtr
 
 from palpate.estimate.closing import ClosingState
+from palpate.estimate.measurement import Measurement
 
+FloatArray = NDArray[np.float64]
+
+#: Where the stiffness of objects is looked at, in its standard deviations.
+_GRID = np.linspace(-5.0, 5.0, 401)
 #: Fewest objects that a line may rest on.
 FEWEST = 6
 #: Weight of a flat line among the objects: with hardly any spread in stiffness there is no slope.
@@ -30,18 +37,22 @@ class Strength:
 
     Attributes
     ----------
-    log_stiffness : float
-        Mean ln(stiffness) of the objects learned from.
+    log_stiffness, stiffness_log_sd : float
+        Mean and scatter of ln(stiffness) of the objects learned from.
     log_force, slope : float
         ln(rupture force, N) there, and its rise with ln(stiffness).
     log_sd : float
         Scatter about the line.
+    objects : int
+        How many were learned from.
     """
 
     log_stiffness: float
+    stiffness_log_sd: float
     log_force: float
     slope: float
     log_sd: float
+    objects: int
 
     def median_n(self, state: ClosingState) -> float:
         """Return the force that half of such objects bear, N."""
@@ -55,7 +66,33 @@ class Strength:
         prediction counts in share of the true value, so too high costs more than too low.
         """
         # It has survived this force already.
-        return max(self.median_n(state) * float(np.exp(-(self.log_sd**2))), state.force_n)
+        likely_n = self.median_n(state) * float(np.exp(-(self.log_sd**2)))
+        return max(likely_n, state.force_n)
+
+    def below(self, force_n: float, log_stiffness: FloatArray) -> FloatArray:
+        """Return the probability that an object bears less than a force, for each stiffness.
+
+        Student's t: the line and the scatter about it are known only as well as so many objects
+        tell.
+        """
+        log_median = self.log_force + self.slope * (log_stiffness - self.log_stiffness)
+        spread = self.log_sd * np.sqrt(1.0 + 1.0 / self.objects)
+        return np.asarray(stdtr(self.objects - 2, (np.log(force_n) - log_median) / spread))
+
+    def likely(self, felt: Measurement) -> tuple[FloatArray, FloatArray]:
+        """Return values of ln(stiffness) and how probable each is, once a stiffness was felt.
+
+        Objects like those learned from, weighed by what was felt of this one: its compliance, as
+        normal as its interval is wide.
+        """
+        log_stiffness = self.log_stiffness + self.stiffness_log_sd * _GRID
+        compliance, middle = np.exp(-log_stiffness), 1.0 / felt.value
+        reach = float(ndtri(0.5 + felt.level / 2))
+        softer, stiffer = (1.0 / felt.low - middle) / reach, (middle - 1.0 / felt.high) / reach
+        spread = np.maximum(np.where(compliance > middle, softer, stiffer), 1e-3 * middle)
+        log_weight = -0.5 * (((compliance - middle) / spread) ** 2 + _GRID**2)
+        weight = np.exp(log_weight - log_weight.max())
+        return log_stiffness, weight / weight.sum()
 
     def load(self, state: ClosingState) -> float:
         """Return how far the force has come, in standard deviations of ln from the median."""
@@ -93,9 +130,11 @@ def fit_strength(
     log_sd = np.sqrt(np.sum((y - slope * x) ** 2) / (len(rows) - 2))
     return Strength(
         log_stiffness=float(stiffness.mean()),
+        stiffness_log_sd=max(float(stiffness.std(ddof=1)), LEAST_LOG_SD),
         log_force=float(target.mean()),
         slope=float(slope),
         log_sd=max(float(log_sd), LEAST_LOG_SD),
+        objects=len(rows),
     )
 
 

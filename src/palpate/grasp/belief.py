@@ -13,7 +13,7 @@ from palpate.grasp.contact_gain import Pull, pulled
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
-from palpate.gripper.interface import GripperState
+from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, EventKind, watch_contact
@@ -120,7 +120,7 @@ class Belief:
     again : float
         Closure to come back to, in the phase `ease`.
     sent : float
-        Closure last commanded.
+        Closure last commanded, as the gripper says that it was sent.
     fingers : tuple of ContactState
         What each finger has felt while the hand stood still.
     tries : int
@@ -247,6 +247,11 @@ def _closure(belief: Belief, gripper: GripperState, plan: Plan) -> float:
     reported = plan.gripper.closure(gripper)
     agrees = not gripper.moving and abs(reported - belief.sent) <= _REPORT[plan.gripper.drive]
     return belief.sent if agrees else reported
+
+
+def commanded(belief: Belief, sent: GripperCommand, *, plan: Plan) -> Belief:
+    """Take in what was really sent: grippers clamp commands, and round them to their own steps."""
+    return replace(belief, sent=abs(sent.target - plan.gripper.target(0.0)))
 
 
 def rezeroed(belief: Belief, *, plan: Plan) -> Belief:

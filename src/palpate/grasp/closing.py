@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from palpate.estimate.closing import ClosingCurve
-from palpate.estimate.stiffness import Give
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.answer import stiffness_told
 from palpate.grasp.belief import Belief, Closing
 from palpate.grasp.contact_gain import early_gain
 from palpate.grasp.plan import Plan
@@ -31,13 +31,14 @@ _LESS_STEEP = 4.0
 _EASED_SHARE = 0.3
 #: Share of the way pressed so far that a step may add, beyond a fine one.
 _FURTHER = 1.2
-#: What a step may add on a rigid thing while the damage limit is not known at all, newtons.
-_UNKNOWN_N = 1.0
+#: While nothing is known of the damage limit, all steps since the first touch together may add so
+#: much, newtons, on a thing as soft as ripe fruit.
+_UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 #: Share of the room to the damage limit that one step may take.
-_SHARE_OF_ROOM = 0.5
+_SHARE_OF_ROOM = 0.8
 #: A step that the servo's current is to tell of lasts so long: some frames must fall into it. More
 #: of them in a correction, which is made near the target.
-_FELT_S, CORRECTED_S = 0.35, 0.7
+_FELT_S, CORRECTED_S = 0.35, 0.5
 #: Share of what is missing to the target that one step of the squeeze may close.
 _BOLD = 0.75
 
@@ -45,12 +46,14 @@ _BOLD = 0.75
 def approach_step(plan: Plan) -> float:
     """Return the step before contact: such that not even a rigid object gets more than the target.
 
-    Without a target it is the plan's.
+    Where a damage limit is sought it is half as long: a sheet feels nothing of a faint force, and a
+    weak thing may not bear what the last step adds to that. Without a target it is the plan's.
     """
     if plan.target_force_n is None:
         return plan.step
     afforded = plan.target_force_n / plan.steepest_n
-    return min(max(afforded, plan.fine_step), plan.step)
+    longest = plan.step if plan.damage is None else 0.5 * plan.step
+    return min(max(afforded, plan.fine_step), longest)
 
 
 def approach_dwell_s(belief: Belief, plan: Plan) -> float:
@@ -66,10 +69,12 @@ def approach_dwell_s(belief: Belief, plan: Plan) -> float:
 def read(belief: Belief, plan: Plan) -> Belief:
     """Read the force now and its upper bound; a step that is read for the first time is a stair.
 
-    Read again later, the sheet has crept: the early law would call that force.
+    Read again later, the sheet has crept: the early law would call that force. Where the hand came
+    back to, the sheet remembers more.
     """
     touch, stairs = belief.now, belief.staircase
-    if stairs and belief.moved_s < stairs[-1].touch.time_s:
+    read_before = stairs and belief.moved_s < stairs[-1].touch.time_s
+    if read_before or (stairs and belief.closure <= stairs[-1].closure):
         return belief
     stairs = (*stairs, Closing(closure=belief.closure, touch=touch))
     belief = replace(belief, staircase=stairs)
@@ -92,7 +97,10 @@ def closed_by(
 
     A servo whose current is listened to takes at least `lasting_s` for it.
     """
+    listening = belief.contact_s is not None and plan.current is not None
     rate = plan.rate if belief.contact_s is None else plan.squeeze_rate
+    if listening:
+        rate = min(rate, max(step, plan.smallest_step) / lasting_s)
     safe = largest_step(
         force_high_n=belief.force_high_n,
         steepest_n=plan.steepest_n,
@@ -100,11 +108,12 @@ def closed_by(
         damage_low_n=belief.damage_low_n,
         limits=plan.safety,
     )
-    step = min(step, safe - belief.behind, plan.gripper.span - belief.closure)
+    safe = min(safe - belief.behind, _unknown_step(belief, plan))
+    step = min(step, safe, plan.gripper.span - belief.closure)
     if step < plan.smallest_step:
         return belief, None
-    if belief.contact_s is not None and plan.current is not None:
-        rate = min(rate, step / lasting_s)
+    if listening:
+        rate = step / lasting_s
     sent = belief.closure + step
     belief = replace(belief, still_since_s=None, touches=(), moved_s=belief.now_s, sent=sent)
     return belief, GripperCommand(target=plan.gripper.target(sent), rate=rate)
@@ -184,14 +193,21 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     way = belief.closure - gripped[0].closure if gripped else 0.0
     longest = _FURTHER * way + plan.fine_step
     wanted = max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
-    if plan.damage is None:
+    if plan.damage is None or math.isinf(belief.damage_low_n):
         return wanted
-    if math.isinf(belief.damage_low_n):
-        # Nothing is known of the limit yet: no step may do more than show some of the curve.
-        return min(wanted, _UNKNOWN_N / plan.steepest_n)
     # The limit is told anew at every step: it is come near to in several.
     room_n = belief.damage_low_n - belief.force_high_n
     return min(wanted, _SHARE_OF_ROOM * room_n / slope_high_n(belief, plan))
+
+
+def _unknown_step(belief: Belief, plan: Plan) -> float:
+    """Return how far closing may go on while nothing is known of the damage limit."""
+    gripped = _gripped(belief, plan)
+    if plan.damage is None or not math.isinf(belief.damage_low_n) or not gripped:
+        return math.inf
+    mm_per_unit = 1.0 if plan.bend is None else plan.bend.mm_per_kpa
+    longest = _UNKNOWN_N * (1.0 / plan.steepest_n + 1.0 / (_SOFT_N_PER_MM * mm_per_unit))
+    return gripped[min(1, len(gripped) - 1)].closure + longest - belief.closure
 
 
 def slope_high_n(belief: Belief, plan: Plan) -> float:
@@ -210,35 +226,25 @@ def slope_n(belief: Belief, plan: Plan) -> float:
 
 
 def _damage_low_n(belief: Belief, plan: Plan) -> float:
-    """Return the lower bound of the damage limit that the force-closure curve so far tells.
+    """Return the lower bound of the damage limit, as the closing so far tells it.
 
     Force and limit are read by one gain: where the force is less than it seems, so is the limit. So
-    the bound is sought over the gains that may be, and told as the largest of them reads forces,
-    for that is how the upper force is told.
+    the bound is told as the largest gain reads forces, for that is how the upper force is told.
     """
-    give = plan.give if plan.bend is None else plan.bend.give
-    if plan.damage is None or give is None:
+    if plan.damage is None or not belief.force_n > 0:
+        return math.inf
+    now = Measurement(
+        value=belief.force_n,
+        low=belief.force_n**2 / belief.force_high_n,
+        high=belief.force_high_n,
+        unit="n",
+        level=plan.level,
+    )
+    stiffness = stiffness_told(belief, now, plan=plan)
+    if stiffness is None:
         return math.inf
     reach = float(ndtri(0.5 + plan.level / 2)) * belief.gain.log_sd
-    bounds = [
-        _limit_n(belief, plan, give=give, factor=math.exp(off)) for off in (-reach, 0.0, reach)
-    ]
-    return math.exp(reach) * min(bounds)
-
-
-def _limit_n(belief: Belief, plan: Plan, *, give: Give, factor: float) -> float:
-    """Return the limit if all forces are `factor` times what they seem, as they seem."""
-    assert plan.damage is not None
-    mm_per_unit = 1.0 if plan.bend is None else plan.bend.mm_per_kpa
-    stairs = _gripped(belief, plan)
-    force_n = factor * _forces_n(stairs, belief, plan)
-    deformed_mm = mm_per_unit * np.array([c.closure for c in stairs]) - give.give_mm(force_n)
-    curve, states = ClosingCurve(), []
-    for at_mm, at_n in zip(deformed_mm.tolist(), force_n.tolist(), strict=True):
-        states += curve.push(at_mm, force_n=at_n)
-    if not states:
-        return math.inf
-    return plan.damage.bound_n(states[-1], kind=plan.kind, rate=DAMAGE_RATE) / factor
+    return math.exp(reach) * plan.damage.bound_n(stiffness, kind=plan.kind, rate=DAMAGE_RATE)
 
 
 def _gripped(belief: Belief, plan: Plan) -> list[Closing]:

@@ -170,6 +170,8 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
 
 def _settle(belief: Belief, plan: Plan) -> Move:
     """Stand still until the settled force can be told well enough, or is clearly not the target."""
+    if belief.still_s >= plan.dwell_s and belief.adjustments:
+        belief = read(belief, plan)
     looking = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
     if belief.still_s < max(looking, belief.next_forecast_s):
         return belief, None
@@ -281,7 +283,12 @@ def _short(belief: Belief, plan: Plan) -> bool:
 def _limited(belief: Belief, plan: Plan) -> bool:
     """Whether the damage limit forbids what is missing."""
     force = belief.result.force_n
-    if force is None or not belief.damage_low_n < plan.safety.force_ceiling_n:
+    if force is None or plan.damage is None:
+        return False
+    if math.isinf(belief.damage_low_n):
+        # Nothing is known of it, and so nothing more is allowed.
+        return True
+    if not belief.damage_low_n < plan.safety.force_ceiling_n:
         return False
     room_n = belief.damage_low_n - force.high
     return _missing_n(belief, plan) > room_n or belief.adjustments < plan.most_adjustments

@@ -12,7 +12,7 @@ from typing import TypeAlias, TypeVar
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.belief import Belief, Observation, commanded
 from palpate.grasp.controller import Move, released, step, stopped
 from palpate.grasp.following import Following
 from palpate.grasp.phases import Phase
@@ -70,7 +70,8 @@ class _Hand:
     """The gripper, held to what it was told."""
 
     def __init__(self, gripper: Gripper, *, plan: Plan) -> None:
-        self._gripper, self._limits, self._safety = gripper, plan.gripper, plan.safety
+        self._gripper, self._plan = gripper, plan
+        self._limits, self._safety = plan.gripper, plan.safety
         self._following: Following | None = None
         self._last: GripperState | None = None
 
@@ -92,15 +93,17 @@ class _Hand:
         if complaint is not None:
             raise DeviceError(complaint)
 
-    def send(self, command: GripperCommand | None, *, now_s: float) -> None:
-        """Send a command, if there is one, and follow it."""
+    def send(self, move: Move, *, now_s: float) -> Belief:
+        """Send a move's command, if there is one, and follow it; return the belief, told of it."""
+        belief, command = move
         if command is None:
-            return
+            return belief
         sent = self._gripper.command(command)
         if self._last is not None:
             self._following = Following.of(
                 sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
             )
+        return commanded(belief, sent, plan=self._plan)
 
     def finish_opening(self, clock: Clock) -> list[str]:
         """Wait for an opening without frames, by the gripper's own word; return what it lacked.
@@ -150,28 +153,29 @@ def run_grasp(
             while not belief.ended:
                 asked = _asked(belief, requests, plan=plan)
                 if asked is not None:
-                    belief, command = asked
-                    hand.send(command, now_s=clock.now_s())
+                    belief = hand.send(asked, now_s=clock.now_s())
                     continue
                 try:
                     frame = feed.next()
                 except DeviceError as error:
                     faults.append(str(error))
-                    belief, command = stopped(belief, Danger.SENSOR_LOST, plan=plan)
-                    hand.send(command, now_s=clock.now_s())
+                    lost = stopped(belief, Danger.SENSOR_LOST, plan=plan)
+                    belief = hand.send(lost, now_s=clock.now_s())
                     if belief.phase is Phase.RELEASE:
                         faults += hand.finish_opening(clock)
                         break
                     continue
                 observation = Observation(frame=frame, gripper=hand.state())
-                belief, command = step(belief, observation, plan=plan)
+                move = step(belief, observation, plan=plan)
                 ill = pixels.complaint(observation)
-                if ill is not None and belief.phase not in (Phase.RELEASE, Phase.STOPPED):
+                if ill is not None and move[0].phase not in (Phase.RELEASE, Phase.STOPPED):
                     faults.append(ill)
-                    belief, command = stopped(belief, Danger.SENSOR_LOST, plan=plan)
+                    move = stopped(move[0], Danger.SENSOR_LOST, plan=plan)
                 _tell(views, observation, faults)
+                # Whatever fails from here on is told of this moment.
+                belief = move[0]
                 hand.check(observation)
-                hand.send(command, now_s=frame.time_s)
+                belief = hand.send(move, now_s=frame.time_s)
                 _tell(beliefs, belief, faults)
     except DeviceError as error:
         faults.append(str(error))
