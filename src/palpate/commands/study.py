@@ -23,6 +23,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
     "realism": ("realism", "The twin's scatter beside real recordings"),
     "bruise": ("bruise", "Table 6 and Figure 17, bruised apples told from sound ones, simulated"),
+    "bruise-limits": ("bruise_limits", "How well a bruise could be told without a sheet's scatter"),
     "detection-limit": ("detection_limit", "Weakest force seen and linearity, on the twin"),
     "environment": ("environment", "Figures 1b and 3, climate and suction on the twin"),
     "fatigue": ("fatigue", "Figure 4, 2 500 cycles on the twin, re-zeroed and corrected"),

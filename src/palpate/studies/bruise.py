@@ -70,7 +70,7 @@ def command(
 
     Example: palpate study bruise --apples 96 --out reports
     """
-    learned = max(apples // 2 // 24 * 24, 48)
+    learned = max(2 * apples // 24 * 24, 48)
     purposes = {
         "learn": learned,
         "test": apples,
