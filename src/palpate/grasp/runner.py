@@ -21,7 +21,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
 from palpate.grasp.safety import Danger
-from palpate.gripper.interface import Gripper, GripperCommand, GripperState
+from palpate.gripper.interface import Gripper, GripperState
 from palpate.sensor.array import Frame, PressureArray
 
 #: Gets every observation: a recorder, a view. It must return quickly; what it raises ends it alone.
