@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.produce.ripeness import Days
+from palpate.produce.ripeness import SURE, Days
 from palpate.produce.ripeness_store import ItemHistory, assumed, explanation
 
 if TYPE_CHECKING:
@@ -26,10 +26,12 @@ def document(judged: Sequence[Judged]) -> dict[str, object]:
                 "drive": one.history.drive,
                 "stage": one.ripeness.stage,
                 "probabilities": one.ripeness.probabilities,
+                "unsure": one.ripeness.unsure,
                 "days_to_ripe": _days(one.ripeness.days_to_ripe),
                 "basis": one.ripeness.basis,
                 "explanation": explanation(one.ripeness, one.history),
                 "days": _by_day(one.history),
+                # Width: of the forces read; pressure: of how the load is shared.
                 "reference_moved_percent": None
                 if one.drift is None
                 else 100 * math.expm1(one.drift.at(one.history.grasps[-1].taken_at)),
@@ -62,6 +64,16 @@ def print_report(judged: Sequence[Judged]) -> None:
     if len(judged) == 1:
         console.print(f"\n{explanation(judged[0].ripeness, judged[0].history)}")
         console.print(_days_table(judged[0].history))
+    unsure = [
+        one.item.item_id
+        for one in judged
+        if one.ripeness.unsure and not assumed(one.ripeness, one.history)
+    ]
+    if unsure:
+        console.print(
+            f"less than {100 * SURE:.0f} % sure: {', '.join(unsure)}; more grasps on the same day "
+            "tell better"
+        )
     for advice in dict.fromkeys(one.drift.advice for one in judged if one.drift is not None):
         if advice:
             console.print(f"[yellow]! {advice}[/]")

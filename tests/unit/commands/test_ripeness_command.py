@@ -40,6 +40,7 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
     assert all(item["simulated"] and item["basis"] == "labels" for item in items)
     for item in items:
         assert sum(item["probabilities"].values()) == pytest.approx(1.0)
+        assert item["unsure"] == (max(item["probabilities"].values()) < 0.9)
         days = item["days_to_ripe"]
         assert days["low"] <= days["value"] <= days["high"]
         assert len(item["days"]) == 4
@@ -47,6 +48,17 @@ def test_a_batch_is_judged_item_by_item(made: Path, capsys: pytest.CaptureFixtur
         # tell it to a few percent.
         assert item["reference_moved_percent"] == pytest.approx(100 * (0.98**10 - 1), abs=10)
     assert {"hard", "overripe"} <= {item["stage"] for item in items}
+
+
+def test_who_is_unsure_is_named(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("--batch", "Monday", "--store", str(made), "--reference", "ball")
+    assert palpate(*arguments, "--json") == 0
+    items = json.loads(capsys.readouterr().out)["items"]
+    named = [item["item_id"] for item in items if item["unsure"]]
+    assert named
+    assert palpate(*arguments) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"less than 90 % sure: {', '.join(named)}; more grasps on the same day" in said
 
 
 def test_one_item_is_explained_drawn_and_remembered(
