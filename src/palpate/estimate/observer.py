@@ -39,6 +39,9 @@ class ObserverModel:
         ln force since|, per unit of fall since.
     tail : float
         Scales the spread so that intervals cover at their level.
+    easing : float
+        Under a large load a change of conductance may stand for less: it counts as force told in
+        newtons to the power of minus this.
     """
 
     time_constants_s: tuple[float, ...]
@@ -47,9 +50,10 @@ class ObserverModel:
     unloading: float
     spread: tuple[float, float, float, float]
     tail: float
+    easing: float = 0.0
 
     def log_change(
-        self, states: FloatArray, fall: FloatArray, *, sensitivity: FloatArray
+        self, states: FloatArray, fall: FloatArray, *, sensitivity: FloatArray, told_n: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the change of ln force for changes of the states and of the fall.
 
@@ -61,13 +65,16 @@ class ObserverModel:
             Change of the fall since.
         sensitivity : ndarray, shape (...)
             `loading_sensitivity` when the force was told.
+        told_n : ndarray, shape (...)
+            That force, newtons.
 
         Returns
         -------
         tuple of ndarray, shape (...)
             The change by creep states, and by unloading.
         """
-        held = states @ np.asarray(self.weights) * sensitivity**-self.sharing
+        counts = sensitivity**-self.sharing * told_n**-self.easing
+        held = states @ np.asarray(self.weights) * counts
         return held, -self.unloading * fall
 
     def log_half_width(
@@ -178,7 +185,10 @@ class ForceObserver:
     def _now(self, time_s: float) -> ForceNow:
         fall = self._memory.fall - self._told_fall
         held, unloaded = self._model.log_change(
-            self._memory.states - self._told_states, fall, sensitivity=self._sensitivity
+            self._memory.states - self._told_states,
+            fall,
+            sensitivity=self._sensitivity,
+            told_n=np.exp(self._log_told_n),
         )
         log_force = self._log_told_n + held + unloaded
         half = self._model.log_half_width(time_s - self._told_s, held, fall, level=self._level)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,10 @@ from palpate.estimate.observer import LOOK_BACK_S, ObserverModel
 
 #: Shares of a press's own sensitivity that the fit chooses from.
 SHARINGS = (0.0, 0.25, 0.5, 0.75, 1.0)
+#: How much less a change may count under a large load, that the fit chooses from.
+EASINGS = (0.0, 0.2, 0.4, 0.6, 0.8)
+#: Such easing is taken where it leaves no more than this share of the error on groups left out.
+_EARNED = 0.85
 #: Errors of ln force below this are as good as none: keeps the absolute-error fit smooth.
 GOOD_ENOUGH = 0.03
 #: Weight of the samples before the force is told beside those after it, which are the task.
@@ -61,6 +66,7 @@ class _Features:
     fall: FloatArray
     log_force: FloatArray
     sensitivity: float
+    told_n: float
     weight: FloatArray
     group: str
 
@@ -84,17 +90,54 @@ def fit_observer(traces: Sequence[Trace], *, memory: bool = True) -> ObserverMod
         raise CalibrationError(f"{len(traces)} loadings with a reference force, at least 10 needed")
     constants = TIME_CONSTANTS_S if memory else ()
     features = [_features(trace, time_constants_s=constants) for trace in traces]
-    sharings = SHARINGS if memory else (0.0,)
-    fits = [_fit_weights(features, constants, sharing=sharing) for sharing in sharings]
-    model = min(fits, key=lambda fit: fit[1])[0]
+    choices = list(product(SHARINGS, EASINGS)) if memory else [(0.0, 0.0)]
+    tried = [
+        _left_out(features, constants, sharing=sharing, easing=easing)
+        for sharing, easing in choices
+    ]
+    # An exponent that depends on the load is carried far beyond the loads seen: it must earn that.
+    errors = [
+        _mean_error(held_out) / (_EARNED if easing > 0 else 1.0)
+        for held_out, (_, easing) in zip(tried, choices, strict=True)
+    ]
+    best = int(np.argmin(errors))
+    sharing, easing = choices[best]
+    model = _fit_weights(features, constants, sharing=sharing, easing=easing)
+    return _with_spread(model, tried[best])
+
+
+def _left_out(
+    features: Sequence[_Features],
+    time_constants_s: tuple[float, ...],
+    *,
+    sharing: float,
+    easing: float,
+) -> list[tuple[_Features, ObserverModel]]:
+    """Return each trace with a model learned without its group; with it, if there is but one."""
     groups = list(dict.fromkeys(one.group for one in features))
-    folds = [groups[k::FOLDS] for k in range(min(FOLDS, len(groups)))] if len(groups) > 1 else []
     held_out: list[tuple[_Features, ObserverModel]] = []
-    for fold in folds:
-        inside = [one for one in features if one.group not in fold]
-        partial = _fit_weights(inside, constants, sharing=model.sharing)[0]
+    for fold in (groups[k::FOLDS] for k in range(min(FOLDS, len(groups)))):
+        inside = [one for one in features if one.group not in fold] or list(features)
+        partial = _fit_weights(inside, time_constants_s, sharing=sharing, easing=easing)
         held_out += [(one, partial) for one in features if one.group in fold]
-    return _with_spread(model, held_out or [(one, model) for one in features])
+    return held_out
+
+
+def _mean_error(held_out: Sequence[tuple[_Features, ObserverModel]]) -> float:
+    """Return the mean |error of ln force|, every trace alike."""
+    return float(
+        np.mean([one.weight @ np.abs(_predicted(one, by) - one.log_force) for one, by in held_out])
+    )
+
+
+def _predicted(one: _Features, model: ObserverModel) -> FloatArray:
+    held, unloaded = model.log_change(
+        one.states,
+        one.fall,
+        sensitivity=np.array(one.sensitivity),
+        told_n=np.array(one.told_n),
+    )
+    return held + unloaded
 
 
 def _features(trace: Trace, *, time_constants_s: tuple[float, ...]) -> _Features:
@@ -117,16 +160,23 @@ def _features(trace: Trace, *, time_constants_s: tuple[float, ...]) -> _Features
         fall=all_fall[fitted] - all_fall[told],
         log_force=np.log(trace.force_n[fitted] / trace.force_n[told]),
         sensitivity=float(sensitivity[0]),
+        told_n=float(trace.force_n[told]),
         weight=weight / weight.sum(),
         group=trace.group,
     )
 
 
 def _fit_weights(
-    features: Sequence[_Features], time_constants_s: tuple[float, ...], *, sharing: float
-) -> tuple[ObserverModel, float]:
-    """Return the model without spread, and its mean absolute error of ln force."""
-    design = np.concatenate([one.states * one.sensitivity**-sharing for one in features])
+    features: Sequence[_Features],
+    time_constants_s: tuple[float, ...],
+    *,
+    sharing: float,
+    easing: float,
+) -> ObserverModel:
+    """Return the model without spread."""
+    design = np.concatenate(
+        [one.states * one.sensitivity**-sharing * one.told_n**-easing for one in features]
+    )
     target = np.concatenate([one.log_force for one in features])
     weight = np.concatenate([one.weight for one in features])
     fall = np.concatenate([one.fall for one in features])
@@ -138,16 +188,15 @@ def _fit_weights(
     slope = 0.0
     if time_constants_s:
         slope = _unloading_slope(fall[unloading], left[unloading], group[unloading])
-    error = float(np.average(np.abs(left + slope * fall), weights=weight))
-    model = ObserverModel(
+    return ObserverModel(
         time_constants_s=time_constants_s,
         weights=tuple(weights.tolist()),
         sharing=sharing,
+        easing=easing,
         unloading=slope,
         spread=(0.0, 0.0, 0.0, 0.0),
         tail=1.0,
     )
-    return model, error
 
 
 def _unloading_slope(fall: FloatArray, left: FloatArray, group: NDArray[np.str_]) -> float:
@@ -199,7 +248,10 @@ def _with_spread(
     for one, fitted in held_out:
         after: NDArray[np.bool_] = one.since_s > 0
         held, unloaded = fitted.log_change(
-            one.states[after], one.fall[after], sensitivity=np.array(one.sensitivity)
+            one.states[after],
+            one.fall[after],
+            sensitivity=np.array(one.sensitivity),
+            told_n=np.array(one.told_n),
         )
         clock = np.log1p(one.since_s[after] / 0.1)
         terms.append(

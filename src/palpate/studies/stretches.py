@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.estimate.creep import CONTACT_EXCESS
+from palpate.estimate.creep import CONTACT_EXCESS, FloatArray
 from palpate.estimate.observer_fit import Trace, fit_observer
 from palpate.holds import read_holds
 from palpate.studies.press_data import Press
 from palpate.studies.press_follow import Followed, follow
 from palpate.studies.report import Table
 from palpate.studies.specimens import specimen_of
+from palpate.studies.stretch_bounds import BOUNDS, bound_errors
 
 #: The force is told once, this long after the peak; before it the fixture still rings.
 TOLD_S = 0.5
@@ -83,6 +84,10 @@ def follow_stretches(
         for specimen in specimens
         for name in ("static", "observer")
     ]
+    for name, reads in BOUNDS.items():
+        bounds = list(bound_errors(stretches, reads=reads))
+        rows += [_bound_score(name, specimen, bounds) for specimen in specimens]
+    rows.sort(key=lambda row: specimens.index(row["specimen"]))
     table = Table(
         title="Relaxation of stretched silicone from its resistance, specimens held out",
         columns=(
@@ -97,7 +102,7 @@ def follow_stretches(
         rows=[
             [row["specimen"], row["model"], str(row["holds"])]
             + [
-                f"{row[key]:.4f}"
+                "-" if row[key] is None else f"{row[key]:.4f}"
                 for key in (
                     "median_abs_log_error",
                     "final_log_error",
@@ -109,6 +114,21 @@ def follow_stretches(
         ],
     )
     return table, rows
+
+
+def _bound_score(
+    model: str, specimen: str, bounds: Sequence[tuple[Press, FloatArray]]
+) -> dict[str, Any]:
+    mine = [error for one, error in bounds if specimen in ("all", one.trace.group)]
+    return {
+        "specimen": specimen,
+        "model": model,
+        "holds": len(mine),
+        "median_abs_log_error": float(np.median([np.median(np.abs(error)) for error in mine])),
+        "final_log_error": float(np.median([abs(error[-1]) for error in mine])),
+        "coverage": None,
+        "told_force_held_log_error": None,
+    }
 
 
 def _score(model: str, specimen: str, followed: Sequence[Followed]) -> dict[str, Any]:

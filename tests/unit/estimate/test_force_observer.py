@@ -45,6 +45,25 @@ def creeping(seed: int, *, group: str) -> Trace:
     )
 
 
+def easing(seed: int, *, group: str) -> Trace:
+    """Return a loading that relaxes: ln force goes 1.5 times as far as ln conductance at 1 N.
+
+    Under larger loads it goes less far, with the inverse root of the force.
+    """
+    rng = np.random.default_rng(seed)
+    time_s, told_n = np.arange(0.0, 5.0, 0.05), float(np.exp(rng.uniform(-0.5, 2.5)))
+    fallen = rng.uniform(0.02, 0.05) * np.log1p(time_s / 0.2)
+    return Trace(
+        time_s=time_s,
+        excess=20.0 * np.exp(-fallen),
+        resolution=np.zeros_like(time_s),
+        force_n=told_n * np.exp(-1.5 * told_n**-0.5 * fallen),
+        first=0,
+        told=0,
+        group=group,
+    )
+
+
 def errors(model: ObserverModel, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     """Return |error of ln force| and coverage after the force was told."""
     observer = ForceObserver(model)
@@ -82,6 +101,19 @@ def test_intervals_cover_on_sheets_not_learned_from(
     fresh = [creeping(seed, group="new") for seed in range(2000, 2020)]
     inside = np.mean([np.mean(errors(learned[0], trace)[1]) for trace in fresh])
     assert 0.85 <= inside <= 0.995
+
+
+def test_a_change_that_counts_less_under_a_large_load_is_learned() -> None:
+    traces = [easing(seed, group=f"specimen {seed % 4}") for seed in range(24)]
+    fresh = [easing(seed, group="new") for seed in range(500, 510)]
+    observer, static = fit_observer(traces), fit_observer(traces, memory=False)
+    assert 0.4 <= observer.easing <= 0.6
+    assert static.easing == 0.0
+    ours, plain = (
+        np.median([np.median(errors(model, trace)[0]) for trace in fresh])
+        for model in (observer, static)
+    )
+    assert ours < 0.4 * plain
 
 
 def test_nothing_is_said_before_a_force_was_told() -> None:
