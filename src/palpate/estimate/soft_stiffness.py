@@ -23,8 +23,8 @@ _FIRST_SD = 0.3
 #: The millimetres of a pressure are known to this share of the way.
 _WAY_SHARE = 0.01
 _STIFFNESSES, _FORCES = 120, 61
-#: Something rigid that is this likely, against the likeliest stiffness, can't be excluded (the ratio
-#: of likelihoods that a 90 % interval of a normal error leaves).
+#: Something rigid that is this likely, against the likeliest stiffness, can't be excluded: the
+#: ratio of likelihoods that a 90 % interval of a normal error leaves.
 _RIGID_RATIO = 0.26
 
 
@@ -76,8 +76,8 @@ def soft_stiffness(
     began_mm = opening_mm + give.give_mm(force_n) + force_n / stiffness[:, None]
     way_mm = began_mm - opening_mm
     likely = _began(curve, give, stiffness, began_mm, way_mm).mean(axis=1)
-    # Before the grasp all softness (mm/N) that this hand can tell apart is equally likely: less than
-    # its give times the doubt of the force it can't.
+    # Before the grasp all softness (mm/N) that this hand can tell apart is equally likely. It can't
+    # tell less apart than its give times the doubt of the force.
     blind_mm_per_n = log_sd * float(give.give_mm(force.value)) / force.value
     weight = likely / (1.0 + blind_mm_per_n * stiffness)
     if not weight.sum() > 0:
