@@ -22,8 +22,9 @@ from palpate.settling.result import SettledEstimate, Status
 
 FloatArray = NDArray[np.float64]
 
-#: A normal variable at five points with their probabilities (Gauss-Hermite).
+#: Normal variables at five and three points with their probabilities (Gauss-Hermite).
 _GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+_BLIND_NODES, _BLIND_WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 #: Use and climate change a sheet's gain between calibration and grasp: log sd in force, as far as
 #: nobody checks (paper, Figures 3 and 4).
 _SINCE_SD = 0.05
@@ -176,19 +177,25 @@ def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | Non
     # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
     # out as the gripper's give goes with it.
     upper = np.log(read.high[felt] / read.value[felt])
-    gain_sd = float(np.median(upper)) / float(norm.ppf(0.5 + plan.level / 2))
-    points = []
-    for node in _GAIN_NODES:
-        scaled = force[first:] * float(np.exp(gain_sd * node))
-        points.append(
-            contact_point(
-                width[first:] - give.zero_mm,
-                force_n=scaled,
-                give_mm=give.give_mm(scaled),
-                floor_n=floor_n,
+    reach = float(norm.ppf(0.5 + plan.level / 2))
+    gain_sd = float(np.median(upper)) / reach
+    # Nor is it known how much force goes before a pixel feels any: all forces are off by that.
+    blind_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
+    points, weights = [], []
+    for gain, share in zip(_GAIN_NODES, _GAIN_WEIGHTS, strict=True):
+        for offset, part in zip(_BLIND_NODES, _BLIND_WEIGHTS, strict=True):
+            read_n = force[first:] * float(np.exp(gain_sd * gain))
+            shifted = np.where(read_n > 0, np.maximum(read_n + blind_n * offset, 0.3 * read_n), 0.0)
+            points.append(
+                contact_point(
+                    width[first:] - give.zero_mm,
+                    force_n=shifted,
+                    give_mm=give.give_mm(shifted),
+                    floor_n=floor_n,
+                )
             )
-        )
-    return ContactPoint.mixture(points, weights=_GAIN_WEIGHTS.tolist())
+            weights.append(float(share * part))
+    return ContactPoint.mixture(points, weights=weights)
 
 
 def _size(size: ContactPoint, plan: Plan, give: Give) -> Measurement:

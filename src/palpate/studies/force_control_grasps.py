@@ -22,11 +22,13 @@ from palpate.sensor.calibration import Calibration
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.settling.recorded import Recorded
 from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
-from palpate.studies.force_control_world import GRASPS_PER_SHEET, Task
+from palpate.studies.force_control_world import GRASPS_PER_SHEET, Task, chance_of_damage
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
 
+#: Near enough to the target.
+NEAR = 0.1
 #: Held so long in the air before it is given back, seconds.
 _LIFTED_S = 3.0
 #: The paper's way: after contact close further by a fixed amount, right for the middle of the
@@ -56,6 +58,9 @@ class Gripped:
         the force below the target.
     on_target_s : float or None
         From contact until it was first said to be on target after the last movement.
+    touch_risk, risk : float
+        Share of such things that yield under the force at which the touch was confirmed, and under
+        the largest force of the grasp (`force_control_world.chance_of_damage`).
     """
 
     task: Task
@@ -70,6 +75,13 @@ class Gripped:
     high_n: float | None = None
     limited: bool = False
     on_target_s: float | None = None
+    touch_risk: float = 0.0
+    risk: float = 0.0
+
+    @property
+    def could_bear(self) -> bool:
+        """Whether the thing would have borne the target, and what counts as near it."""
+        return self.task.obj.yield_n > (1.0 + NEAR) * self.task.target_n
 
     @property
     def off_target(self) -> float:
@@ -102,9 +114,11 @@ def _controlled(
     task: Task, change: Callable[[Plan], Plan], *, method: str, damage: DamageModel
 ) -> Gripped:
     world = task.world()
-    gripper, lifted = TwinGripper(world), list[float]()
+    gripper, lifted, touched_n = TwinGripper(world), list[float](), list[float]()
 
     def arm(belief: Belief) -> None:
+        if belief.phase is Phase.CONTACT and not touched_n:
+            touched_n.append(world.force_n(belief.now_s))
         if belief.phase is Phase.HOLD and not lifted:
             lifted.append(belief.now_s)
             world.lift()
@@ -121,7 +135,7 @@ def _controlled(
     result = run_grasp(
         change(plan), array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[arm]
     )
-    force = result.force_n
+    force, truth = result.force_n, world.truth()
     return Gripped(
         task=task,
         method=method,
@@ -133,8 +147,10 @@ def _controlled(
         high_n=None if force is None else force.high,
         limited=any(moment.name == "damage_limit" for moment in result.moments),
         on_target_s=_on_target_s(result),
-        force_n=world.truth().force_n,
+        force_n=truth.force_n,
         damaged=_damaged(world, task),
+        touch_risk=chance_of_damage(task.obj, sum(touched_n)),
+        risk=chance_of_damage(task.obj, truth.peak_force_n),
     )
 
 
@@ -259,14 +275,16 @@ def _blindly_lifted(world: World, task: Task, *, method: str) -> Gripped:
     world.lift()
     world.clock.sleep_s(_LIFTED_S)
     world.force_n(world.now_s())
+    truth = world.truth()
     return Gripped(
         task=task,
         method=method,
         outcome="lifted",
         lifted=True,
         dropped=world.dropped,
-        force_n=world.truth().force_n,
+        force_n=truth.force_n,
         damaged=_damaged(world, task),
+        risk=chance_of_damage(task.obj, truth.peak_force_n),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from palpate.estimate.closing import ClosingCurve, ClosingState
 from palpate.estimate.damage import DamageModel, fit_damage_model
@@ -100,6 +101,18 @@ def thing(
         mass_g=mass_g,
         friction=uniform(rng, FRICTION),
     )
+
+
+def chance_of_damage(obj: TwinObject, force_n: float) -> float:
+    """Return the share of things like this one that yield at or below a force.
+
+    Things are drawn to yield at a deformation that nothing else tells. So this says what a grasp
+    risked, whatever became of this one thing.
+    """
+    if force_n <= 0:
+        return 0.0
+    deformed_mm = (force_n / obj.force_at_1mm_n) ** (1.0 / obj.exponent)
+    return float(ndtr(np.log(deformed_mm / _YIELD_MM) / _YIELD_LOG_SD))
 
 
 def learned_damage(*, seed: int) -> DamageModel:

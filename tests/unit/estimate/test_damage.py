@@ -9,6 +9,7 @@ import pytest
 
 from palpate.estimate.closing import LEVEL_STEP, ClosingCurve, ClosingState
 from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.measurement import Measurement
 from palpate.estimate.strength import fit_strength
 
 
@@ -162,3 +163,40 @@ def test_too_few_closings_are_refused() -> None:
 def test_levels_are_even_in_log_force() -> None:
     forces_n = [state.force_n for state in close_on(2.0, until_n=10.0)]
     assert np.allclose(np.diff(np.log(forces_n)), LEVEL_STEP)
+
+
+def felt(low: float, value: float, high: float) -> Measurement:
+    return Measurement(value=value, low=low, high=high, unit="n_per_mm", level=0.9)
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.1])
+def test_bound_lets_no_more_objects_be_damaged_than_it_says(rate: float) -> None:
+    """Fruit whose compliance is felt to 0.07 mm/N, about a fifth; the promise holds on average."""
+    rng, damaged, count = np.random.default_rng(11), 0, 0
+    for seed in (1, 2, 3, 4):
+        paths, limits_n, kinds = orchard(120, seed=seed)
+        learned = fit_damage_model(paths, rupture_force_n=limits_n, kinds=kinds)
+        for path, limit_n, _ in zip(*orchard(200, seed=20 + seed), strict=True):
+            compliance = math.exp(-path[-1].log_stiffness)
+            seen, doubt = max(compliance + 0.07 * rng.standard_normal(), 0.02), 1.645 * 0.07
+            stiffness = felt(1 / (seen + doubt), 1 / seen, 1 / max(seen - doubt, 1e-3))
+            damaged += learned.bound_n(stiffness, rate=rate) > limit_n
+            count += 1
+    assert damaged <= rate * count + 2.5 * math.sqrt(rate * count)
+
+
+def test_bound_falls_with_the_rate_and_with_what_is_not_known(model: DamageModel) -> None:
+    sharp, vague = felt(2.4, 2.5, 2.6), felt(1.2, 2.5, 20.0)
+    assert model.bound_n(sharp, rate=1e-3) < model.bound_n(sharp, rate=1e-2)
+    assert model.bound_n(vague, rate=1e-3) < model.bound_n(sharp, rate=1e-3)
+    assert model.bound_n(sharp, rate=1e-3, kind="plum") > 0
+
+
+def test_an_object_unlike_any_that_was_learned_from_is_taken_for_the_likest(
+    model: DamageModel,
+) -> None:
+    """What was felt may be anything: then only what such objects are like says something."""
+    nothing_said = felt(0.05, 1.0, 500.0)
+    bound_n = model.bound_n(nothing_said, rate=1e-2)
+    _, limits_n, _ = orchard(4000, seed=13)
+    assert 0.3 * np.quantile(limits_n, 0.01) < bound_n < 1.3 * np.quantile(limits_n, 0.01)

@@ -164,3 +164,48 @@ def test_a_push_on_one_finger_is_no_contact(plan: Plan, bench: Any) -> None:
     first = [m for m in result.moments if m.name == "finger_contact"]
     assert first[0].finger == 0
     assert first[0].time_s < first[-1].time_s
+
+
+def test_nothing_more_is_pressed_while_nothing_is_known_of_the_limit(
+    plan: Plan, bench: Any, damage: DamageModel
+) -> None:
+    """No give is known, so no stiffness is told: after the touch the hand stays."""
+    forces = list[float]()
+    blind = replace(plan, target_force_n=8.0, damage=damage, give=None)
+    bench.n_per_mm = 0.7
+    result = run(blind, bench, watch=lambda _: forces.append(bench.force_n))
+    assert "damage_limit" in names(result)
+    touched_n = 0.5 * 0.7 / (1 + 0.7 * 0.2)
+    assert max(forces) < touched_n + 0.3 + 0.7 / (1 + 0.7 * 0.2)
+
+
+def test_what_was_really_sent_is_believed(plan: Plan, bench: Any) -> None:
+    """A gripper that goes to whole half millimetres only."""
+    command = bench.command
+    bench.command = lambda wanted: command(replace(wanted, target=round(2 * wanted.target) / 2))
+    sent = list[float]()
+
+    def watch(belief: Belief) -> None:
+        if belief.phase in (Phase.SQUEEZE, Phase.SETTLE):
+            sent.append(belief.sent)
+
+    run(replace(plan, target_force_n=4.0), bench, watch=watch)
+    assert sent
+    assert all(2 * closure == round(2 * closure) for closure in sent)
+
+
+def test_corrections_are_steps_of_the_closing_too(plan: Plan, bench: Any) -> None:
+    """The object gives way once the squeeze has ended; the hand closes on, and reads again."""
+    seen = list[Belief]()
+
+    def watch(belief: Belief) -> None:
+        if belief.phase is Phase.SETTLE and belief.adjustments == 0:
+            bench.size_mm = 49.9
+        seen.append(belief)
+
+    result = run(replace(plan, target_force_n=4.0), bench, watch=watch)
+    assert "adjusted" in names(result)
+    last = seen[-1].staircase[-1]
+    assert last.closure == pytest.approx(max(belief.closure for belief in seen), abs=0.05)
+    closures = [stair.closure for stair in seen[-1].staircase]
+    assert closures == sorted(set(closures))

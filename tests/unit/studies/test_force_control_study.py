@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from palpate.studies.force_control import report as force_report
 from palpate.studies.force_control import scores
 from palpate.studies.force_control_grasps import Gripped, ours
-from palpate.studies.force_control_world import TARGETS_N, learned_damage, task
+from palpate.studies.force_control_world import (
+    TARGETS_N,
+    chance_of_damage,
+    learned_damage,
+    task,
+    thing,
+)
 from palpate.studies.presence import Session, report
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import FRICTION
@@ -59,6 +66,24 @@ def test_tasks_are_drawn_by_seed_and_can_be_lifted_at_their_target() -> None:
         weight_n = N_PER_G * one.obj.mass_g
         assert weight_n <= 2 * FRICTION[0] * one.target_n
         assert one.obj.yield_n < one.obj.rupture_n
+
+
+def test_what_a_grasp_risked_is_the_share_of_such_things_that_yield() -> None:
+    rng = np.random.default_rng(5)
+    things = [thing(rng, size_mm=(30.0, 50.0)) for _ in range(4000)]
+    force_n = 3.0
+    yielded = np.mean([one.yield_n <= force_n for one in things])
+    risked = np.mean([chance_of_damage(one, force_n) for one in things])
+    assert risked == pytest.approx(yielded, abs=0.015)
+    assert chance_of_damage(things[0], 0.0) == 0.0
+
+
+def test_things_kept_below_that_could_have_borne_it_are_counted() -> None:
+    one = made(force_share=0.5, limited=True)
+    weak = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=0.5)))
+    strong = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=99.0)))
+    counted = scores([weak, strong, strong])
+    assert (counted["limited"], counted["limited_could_bear"], counted["could_bear"]) == (3, 2, 2)
 
 
 def test_the_report_says_simulated() -> None:
