@@ -33,8 +33,9 @@ _LINE_SHARE = 0.03
 _FIRM_N = 1.0
 #: Linearisations of one reading: the force is an exponential of its errors.
 _ITERATIONS = 3
-#: Correlation time of the error that wanders, seconds: about a dwell.
-DRIFT_S = 3.0
+#: Correlation time of the error that wanders, seconds: two of the longest dwells, as hysteresis and
+#: slow creep last until the force changes much.
+DRIFT_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,7 +224,7 @@ class SheetObserver:
         )
 
     def _witness(self, current: Current, current_ma: float, width_mm: float) -> None:
-        """Take the current of the way once it is over, or else that of the stop.
+        """Take the current of the way once it is over, and what the gears hold at the stop.
 
         A frame was on the way if the next one has moved on the same way.
         """
@@ -236,33 +237,33 @@ class SheetObserver:
                 self._on_way.append((seen_n, last_mm))
             return
         self._since_stop.append(float(current.force_n(current_ma)))
-        if len(self._since_stop) == _CALM and not self._hear_way(current, width_mm):
+        if len(self._since_stop) == _CALM:
+            self._hear_way(current, width_mm)
             self._hear_stop(current)
         if len(self._since_stop) >= _CALM:
             self._rested = (width_mm, self._log_force)
 
-    def _hear_way(self, current: Current, width_mm: float) -> bool:
-        """Take what was read on the way to this stop; return whether there was anything.
+    def _hear_way(self, current: Current, width_mm: float) -> None:
+        """Take what was read on the way to this stop, if there was anything.
 
         On the way itself the sheet is disturbed; so its force goes in a line from stop to stop.
         """
         readings, self._on_way = np.array(self._on_way).reshape(-1, 2), []
         if self._rested is None or not len(readings) or width_mm == self._rested[0]:
-            return False
+            return
         from_mm, log_from = self._rested
         done = (readings[:, 1] - from_mm) / (width_mm - from_mm)
         inside = (done > 0) & (done < 1)
         ends_n = np.exp(np.clip([log_from, self._log_force], -7.0, 7.0))
         # From or to a faint force contact may have begun or ended on the way: no line.
         if not inside.any() or ends_n.min() < _FIRM_N:
-            return False
+            return
         half = float(done[inside].mean())
         at_n = float(ends_n @ [1.0 - half, half])
         way = 1 if width_mm < from_mm else -1
         scatter_n = np.hypot(current.way_sd_n(at_n, way=way), _LINE_SHARE * at_n)
         sd_n = float(np.hypot(scatter_n, current.sd_n / np.sqrt(inside.sum())))
         self._hear(float(readings[inside, 0].mean()), sd_n=sd_n, at=float(np.log(at_n)))
-        return True
 
     def _hear_stop(self, current: Current) -> None:
         """Take what the gears hold at this stop, once: it does not change until the next."""
