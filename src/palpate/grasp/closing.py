@@ -38,7 +38,7 @@ _UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 _SHARE_OF_ROOM = 0.8
 #: A step that the servo's current is to tell of lasts so long: some frames must fall into it. More
 #: of them in a correction, which is made near the target.
-_FELT_S, CORRECTED_S = 0.35, 0.5
+_FELT_S, CORRECTED_S = 0.3, 0.5
 #: Share of what is missing to the target that one step of the squeeze may close.
 _BOLD = 0.75
 
