@@ -41,7 +41,12 @@ REAL = (
     ("real-holds", "--holds=holds_cbsilicone.csv.gz", "--holds=holds_velostat.csv.gz"),
     ("settling-limits", "--holds=holds_cbsilicone.csv.gz"),
     ("force-ladders", "--ladders=velostat_force_ladders.csv"),
-    ("presses", "--recordings=velostat_presses.csv.gz"),
+    (
+        "presses",
+        "--recordings=velostat_presses.csv.gz",
+        "--stretch-resistance=holds_cbsilicone.csv.gz",
+        "--stretch-force=holds_force_relaxation.csv.gz",
+    ),
     ("rupture", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
 )
 #: `palpate` of this interpreter, installed or not on the path.

@@ -6,8 +6,9 @@ import json
 import sys
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
@@ -15,6 +16,7 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration
+    from palpate.sensor.load_traces import LoadTraces
 
 DEFAULT_FILE = Path("calibration.json")
 #: Settled holds of the guided steps, newtons, one list for each placement of the cell.
@@ -69,61 +71,82 @@ def command(
         _print(made, path=out)
 
 
+class _Shown:
+    """A bar of placements on standard error, which gives way to questions."""
+
+    def __init__(self, placements: int) -> None:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        self._bar = Progress(console=Console(stderr=True), transient=True)
+        self._task = self._bar.add_task("settled holds", total=placements)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def ask(self, what: str) -> None:
+        """Ask for something to be done, and wait; a bar that is redrawn would wipe that out."""
+        self._bar.stop()
+        typer.prompt(what, default="", err=True, show_default=False)
+        self._bar.start()
+
+    def say(self, what: str, *, advance: int = 0) -> None:
+        """Say what is being done, and by how many placements that is further."""
+        self._bar.update(self._task, description=what, advance=advance)
+
+
 def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
     """Record staircases and settled holds beside the load cell and fit everything to them."""
     import numpy as np
-    from rich.console import Console
-    from rich.progress import Progress
 
-    from palpate.commands.calibrate_bench import (
-        begun,
-        earlier_calibration,
-        now_text,
-        open_bench,
-    )
-    from palpate.estimate.force import choose_law
-    from palpate.estimate.observer_sheet_fit import expected_error_percent, fit_sheet
+    from palpate.commands.calibrate_bench import begun, earlier_calibration, open_bench
     from palpate.grasp.calibrating import measure_force, measure_rest
     from palpate.grasp.load_traces import GUIDED, record_traces
     from palpate.grasp.planning import DWELL_S, HORIZON_S
 
-    shown = Progress(console=Console(stderr=True), transient=True)
-
-    def ask(what: str) -> None:
-        shown.stop()  # a bar that is redrawn would wipe the question out
-        typer.prompt(what, default="", err=True, show_default=False)
-        shown.start()
-
     placements = len(_HOLDS_N) + len(GUIDED)
-    with open_bench(rig, seed=seed, ask=ask, placements=placements) as guided, shown:
+    shown = _Shown(placements)
+    with open_bench(rig, seed=seed, ask=shown.ask, placements=placements) as guided, shown:
         bench, layout = guided.bench, guided.bench.array.layout
         earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
-        task = shown.add_task("settled holds", total=placements)
 
-        def placed(run: int) -> None:
-            shown.update(task, description=f"settled holds, placement {run + 1}", advance=1)
+        def placed(run: int, *, before: int, step: str) -> None:
+            shown.say(f"{step}, placement {before + run + 1}", advance=1)
             guided.reseat(run)
-
-        def placed_for_traces(run: int) -> None:
-            shown.advance(task)
-            guided.reseat(run)
-
-        def told(run: int, force_n: float) -> None:
-            number = len(_HOLDS_N) + run + 1
-            shown.update(task, description=f"up and down, placement {number}: {force_n:.1f} N")
 
         rest = measure_rest(bench)
         pairs = measure_force(
-            bench, holds_n=_HOLDS_N, reseat=placed, dwell_s=DWELL_S, horizon_s=HORIZON_S
+            bench,
+            holds_n=_HOLDS_N,
+            reseat=partial(placed, before=0, step="settled holds"),
+            dwell_s=DWELL_S,
+            horizon_s=HORIZON_S,
         )
         traces = record_traces(
             bench,
             staircases=GUIDED,
-            reseat=placed_for_traces,
+            reseat=partial(placed, before=len(_HOLDS_N), step="up and down"),
             rng=np.random.default_rng(seed),
-            progress=told,
+            progress=lambda _, force_n: shown.say(f"up and down: {force_n:.1f} N"),
         )
         begin = earlier or begun(layout, rest=rest, simulated=guided.simulated)
+    return _fitted(replace(begin, rest=rest, force=pairs, traces=traces), traces)
+
+
+def _fitted(recorded: Calibration, traces: LoadTraces) -> Calibration:
+    """Return the calibration with the laws of its pairs and traces."""
+    import numpy as np
+
+    from palpate.commands.calibrate_bench import now_text
+    from palpate.estimate.force import choose_law
+    from palpate.estimate.observer_sheet_fit import expected_error_percent, fit_sheet
+    from palpate.grasp.planning import HORIZON_S
+
+    pairs = recorded.force
     settled = np.isclose(pairs.since_move_s, HORIZON_S)
     law = choose_law(
         excess=np.array(pairs.excess)[settled],
@@ -131,11 +154,8 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
         force_n=np.array(pairs.force_n)[settled],
     ).law
     return replace(
-        begin,
-        rest=rest,
-        force=pairs,
+        recorded,
         force_law=law.as_dict(),
-        traces=traces,
         observer=fit_sheet(traces).as_dict(),
         held_out={"error_percent": expected_error_percent(traces), "of": "force now"},
         made_at=now_text(),
