@@ -36,6 +36,8 @@ class GuidedBench:
         Puts the load cell with the face of a run between the fingers.
     place_block : callable
         Puts the rigid block there.
+    take_away : callable
+        Takes away what lies between the fingers.
     simulated : bool
         Whether all that is the twin.
     """
@@ -43,6 +45,7 @@ class GuidedBench:
     bench: Bench
     reseat: Callable[[int], None]
     place_block: Callable[[], None]
+    take_away: Callable[[], None]
     simulated: bool
 
 
@@ -94,9 +97,12 @@ def open_bench(
     number = count(1)
     with open_board_bench(Path(rig)) as opened:
 
-        def placed(what: str) -> None:
-            ask(f"{what} between the open fingers, touching neither, then Enter")
+        def tared(what: str) -> None:
+            ask(f"{what}, then Enter")
             opened.cell.tare()
+
+        def placed(what: str) -> None:
+            tared(f"{what} between the open fingers, touching neither")
 
         yield GuidedBench(
             bench=opened.bench,
@@ -104,6 +110,7 @@ def open_bench(
                 f"placement {next(number)} of {placements}: the load cell, with another face"
             ),
             place_block=lambda: placed("the rigid block with the load cell"),
+            take_away=lambda: tared("take the block out: nothing between the fingers"),
             simulated=False,
         )
 
@@ -132,6 +139,7 @@ def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
         bench=twin_bench(world, start=_START_MM),
         reseat=lambda run: world.place(draw_object(rng, FACES[run % len(FACES)])),
         place_block=lambda: world.place(draw_object(rng, "rigid-block")),
+        take_away=lambda: world.place(None),
         simulated=True,
     )
 

@@ -33,7 +33,8 @@ def command(
 ) -> None:
     """Close on a rigid block of known size; all that closes further is the gripper itself.
 
-    Where the gripper reports its motor's current, that is read beside the force too.
+    Where the gripper reports its motor's current, that is read beside the force too, and then with
+    the hand empty: what the gears take along the way.
 
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
@@ -63,11 +64,12 @@ def _ask(what: str) -> None:
 
 
 def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> Calibration:
-    """Close on the block, for the way and then for the current."""
+    """Close on the block, for the way and then for the current; then with the hand empty."""
     from palpate.commands.calibrate_bench import earlier_calibration
     from palpate.grasp.calibrating import measure_block
-    from palpate.grasp.calibrating_current import measure_current
+    from palpate.grasp.calibrating_current import measure_current, measure_gears
     from palpate.grasp.planning import DWELL_S
+    from palpate.sensor.current_pairs import joined
 
     bench = guided.bench
     limits = bench.gripper.limits
@@ -86,6 +88,10 @@ def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> C
         bench, block_mm=block_mm, up_to_n=_UP_TO_N, repeats=_REPEATS, dwell_s=DWELL_S
     )
     current = measure_current(bench, up_to_n=_UP_TO_N, repeats=_REPEATS)
+    if current is not None:
+        guided.take_away()
+        empty = measure_gears(bench)
+        current = current if empty is None else joined(current, empty)
     return replace(earlier, block=block, current=current)
 
 

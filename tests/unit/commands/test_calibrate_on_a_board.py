@@ -139,19 +139,23 @@ def test_compliance_on_a_board_with_two_cells(
         force_n = cell.read_n()
         return [zeros[0] + round(force_n / 5e-6), zeros[1] - round(force_n / 4e-6)]
 
-    def places(_: str) -> None:
-        bench.world.place(draw_object(np.random.default_rng(1), "rigid-block"))
-        zeros[0] += 3_000_000  # the block weighs on its cell
+    def places(what: str) -> None:
+        lays = "between the open fingers" in what
+        block = draw_object(np.random.default_rng(1), "rigid-block")
+        bench.world.place(block if lays else None)
+        zeros[0] += 3_000_000 if lays else -3_000_000  # the block weighs on its cell
 
     bench.board.weighed, bench.does = weighed, places
     arguments = ("--rig", str(bench.rig), "--out", str(out), "--block-mm", "40")
     assert call(calibrate_compliance.command, *arguments, "--json") == 0
     assert bench.asked[0].startswith("the rigid block with the load cell")
+    assert bench.asked[1].startswith("take the block out")
     document = json.loads(capsys.readouterr().out)
     assert document["simulated"] is False
     assert 0.1 < document["fingers_mm_per_n"] < 0.4
     made = Calibration.load(out)
     assert made.current is not None
+    assert min(made.current.width_mm) < 10.0, "the empty hand closed all its way"
     assert max(made.block.force_n) == pytest.approx(15.0, abs=3.0)
 
 
