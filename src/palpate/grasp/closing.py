@@ -39,6 +39,8 @@ _SHARE_OF_ROOM = 0.8
 #: A step that the servo's current is to tell of lasts so long: some frames must fall into it. More
 #: of them in a correction, which is made near the target.
 _FELT_S, CORRECTED_S = 0.3, 0.5
+#: Steps that differ by less, mm or kPa, differ by arithmetic only.
+_EXACT = 1e-9
 #: Share of what is missing to the target that one step of the squeeze may close.
 _BOLD = 0.75
 
@@ -101,6 +103,23 @@ def closed_by(
     rate = plan.rate if belief.contact_s is None else plan.squeeze_rate
     if listening:
         rate = min(rate, max(step, plan.smallest_step) / lasting_s)
+    if _room(belief, plan, rate=rate) < step:
+        # What a hand does before it stops takes less of the room if it comes slowly.
+        rate = min(rate, plan.squeeze_rate)
+    room = _room(belief, plan, rate=rate)
+    step = min(step, room)
+    target = _whole(belief.closure + step, plan)
+    if _closure(target, plan) - belief.closure > room + _EXACT:
+        target = _whole(_closure(target, plan) - plan.resolution, plan)
+    if step < plan.smallest_step or _closure(target, plan) <= belief.closure:
+        return belief, None
+    if listening:
+        rate = step / lasting_s
+    return _sent_to(belief, target, plan), GripperCommand(target=target, rate=rate)
+
+
+def _room(belief: Belief, plan: Plan, *, rate: float) -> float:
+    """Return how far the hand may close at a rate."""
     safe = largest_step(
         force_high_n=belief.force_high_n,
         steepest_n=plan.steepest_n,
@@ -108,15 +127,31 @@ def closed_by(
         damage_low_n=belief.damage_low_n,
         limits=plan.safety,
     )
-    safe = min(safe - belief.behind, _unknown_step(belief, plan))
-    step = min(step, safe, plan.gripper.span - belief.closure)
-    if step < plan.smallest_step:
-        return belief, None
-    if listening:
-        rate = step / lasting_s
-    sent = belief.closure + step
-    belief = replace(belief, still_since_s=None, touches=(), moved_s=belief.now_s, sent=sent)
-    return belief, GripperCommand(target=plan.gripper.target(sent), rate=rate)
+    reach = plan.gripper.span - belief.closure
+    return min(safe - belief.behind, _unknown_step(belief, plan), reach)
+
+
+def _whole(closure: float, plan: Plan) -> float:
+    """Return the target of a closure in whole steps of the drive.
+
+    A gripper would round it itself, but then a replay would not know.
+    """
+    return round(plan.gripper.target(closure) / plan.resolution) * plan.resolution
+
+
+def _closure(target: float, plan: Plan) -> float:
+    return abs(target - plan.gripper.target(0.0))
+
+
+def _sent_to(belief: Belief, target: float, plan: Plan) -> Belief:
+    """Return the belief of a hand on its way."""
+    return replace(
+        belief,
+        still_since_s=None,
+        touches=(),
+        moved_s=belief.now_s,
+        sent=_closure(target, plan),
+    )
 
 
 def pressed_on(
@@ -160,17 +195,14 @@ def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, Gripper
     belief = pressed(
         belief, force_n=share * belief.force_n, force_high_n=share * belief.force_high_n
     )
+    target = _whole(opened, plan)
     belief = replace(
-        belief,
+        _sent_to(belief, target, plan),
         again=again,
         adjustments=belief.adjustments + 1,
         next_forecast_s=0.0,
-        still_since_s=None,
-        touches=(),
-        moved_s=belief.now_s,
-        sent=opened,
     )
-    return belief, GripperCommand(target=plan.gripper.target(opened), rate=plan.squeeze_rate)
+    return belief, GripperCommand(target=target, rate=plan.squeeze_rate)
 
 
 def _settled(belief: Belief) -> Belief:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from palpate.grasp import aim
 from palpate.grasp.answer import answered, examined, forecast, sure_enough
 from palpate.grasp.belief import Belief, Observation, observed, rezeroed
 from palpate.grasp.closing import (
@@ -160,7 +161,7 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     felt = [c for c in belief.staircase if c.touch.shared_percent < plan.hint_percent]
     # A gentle squeeze is not corrected afterwards, and may pass its force to learn the stiffness.
     aimed = plan.target_force_n is not None
-    goal_n = _goal_n(plan) * (_NEAR if aimed else 1.0)
+    goal_n = aim.goal_n(plan) * (_NEAR if aimed else 1.0)
     if belief.force_n < goal_n or (not aimed and len(felt) < plan.fewest_steps):
         belief, command = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
         if command is not None:
@@ -178,9 +179,9 @@ def _settle(belief: Belief, plan: Plan) -> Move:
     belief = replace(belief, next_forecast_s=belief.still_s + _FORECAST_EVERY_S)
     settled = forecast(belief, plan=plan)
     belief = answered(belief, settled, plan=plan)
-    belief = _on_target(belief, plan)
+    belief = aim.noted_on_target(belief, plan)
     if (
-        _astray(belief, plan)
+        aim.astray(belief, plan)
         or sure_enough(settled, plan=plan)
         or belief.still_s >= plan.decide_by_s
     ):
@@ -190,18 +191,17 @@ def _settle(belief: Belief, plan: Plan) -> Move:
 
 def _adjust(belief: Belief, plan: Plan) -> Move:
     """Correct the settled force, up or down, until it is near the target."""
-    lifts = plan.lift_force_n is None or _lifts(belief, plan.lift_force_n)
     if belief.adjustments < plan.most_adjustments:
-        if _short(belief, plan):
-            moved, command = pressed_on(belief, plan, missing_n=_missing_n(belief, plan))
+        if aim.short(belief, plan):
+            moved, command = pressed_on(belief, plan, missing_n=aim.missing_n(belief, plan))
             if command is not None:
                 return moved.enter(Phase.SETTLE, note="adjusted"), command
-        elif _over(belief, plan):
-            moved, command = eased(belief, plan, goal_n=_goal_n(plan))
+        elif aim.over(belief, plan):
+            moved, command = eased(belief, plan, goal_n=aim.goal_n(plan))
             return moved.enter(Phase.EASE, note="eased"), command
-    if _short(belief, plan) and _limited(belief, plan):
+    if aim.short(belief, plan) and aim.limited(belief, plan):
         belief = belief.noted("damage_limit")
-    if not lifts:
+    if not aim.lifts(belief, plan):
         return _release(belief, plan, Outcome.TOO_WEAK)
     return belief.enter(Phase.HOLD, note="answer"), None
 
@@ -255,76 +255,6 @@ def _pressed(belief: Belief, plan: Plan) -> bool:
     One finger alone may only push the object to the middle; with that much force it does not.
     """
     return belief.force_n > 0.5 * plan.gentle_force_n
-
-
-def _goal_n(plan: Plan) -> float:
-    """Return the force that the plan is after."""
-    target_n = plan.gentle_force_n if plan.target_force_n is None else plan.target_force_n
-    return max(target_n, plan.lift_force_n or 0.0)
-
-
-def _missing_n(belief: Belief, plan: Plan) -> float:
-    """Return by how much the settled force falls short of the target, or of being sure to lift."""
-    force = belief.result.force_n
-    if force is None:
-        return 0.0
-    missing_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.value
-    if plan.lift_force_n is None:
-        return missing_n
-    return max(missing_n, plan.lift_force_n - force.low)
-
-
-def _short(belief: Belief, plan: Plan) -> bool:
-    """Whether the settled force falls short by more than is tolerated, or is not sure to lift."""
-    short = _missing_n(belief, plan) > plan.target_tolerance * _goal_n(plan)
-    return short or not (plan.lift_force_n is None or _lifts(belief, plan.lift_force_n))
-
-
-def _limited(belief: Belief, plan: Plan) -> bool:
-    """Whether the damage limit forbids what is missing."""
-    force = belief.result.force_n
-    if force is None or plan.damage is None:
-        return False
-    if math.isinf(belief.damage_low_n):
-        # Nothing is known of it, and so nothing more is allowed.
-        return True
-    if not belief.damage_low_n < plan.safety.force_ceiling_n:
-        return False
-    room_n = belief.damage_low_n - force.high
-    return _missing_n(belief, plan) > room_n or belief.adjustments < plan.most_adjustments
-
-
-def _over(belief: Belief, plan: Plan) -> bool:
-    """Whether the settled force is above the target by more than is tolerated, and may be less."""
-    force, goal_n = belief.result.force_n, _goal_n(plan)
-    if force is None or plan.target_force_n is None:
-        return False
-    low_n = force.low * goal_n / max(force.value, goal_n)
-    enough = plan.lift_force_n is None or low_n >= plan.lift_force_n
-    return enough and force.value > (1.0 + plan.target_tolerance) * goal_n
-
-
-def _astray(belief: Belief, plan: Plan) -> bool:
-    """Whether the target is missed by so much that there is no need to be sure by how much."""
-    if plan.target_force_n is None or belief.adjustments >= plan.most_adjustments:
-        return False
-    missing_n = _missing_n(belief, plan)
-    return missing_n > plan.target_tolerance * _goal_n(plan) or _over(belief, plan)
-
-
-def _on_target(belief: Belief, plan: Plan) -> Belief:
-    """Note when the settled force is first told to be on target since the last movement."""
-    moments = belief.result.moments
-    told = any(m.name == "on_target" and m.time_s > belief.moved_s for m in moments)
-    near = _missing_n(belief, plan) <= plan.target_tolerance * _goal_n(plan)
-    if plan.target_force_n is None or told or not near or _over(belief, plan):
-        return belief
-    return belief.noted("on_target")
-
-
-def _lifts(belief: Belief, lift_force_n: float) -> bool:
-    force = belief.result.force_n
-    return force is not None and force.low >= lift_force_n
 
 
 def _nothing_there(belief: Belief, plan: Plan) -> Move:

@@ -70,6 +70,8 @@ class Plan:
         First step after a hint; later ones follow from the stiffness seen.
     smallest_step : float
         Steps below this are not worth the movement's spike.
+    resolution : float
+        Commands go to whole steps of this: about the encoder's, or the regulator's.
     play : float
         How far the drive may go back before the fingers follow: more than the backlash of gears.
     force_step_n : float
@@ -129,6 +131,7 @@ class Plan:
     hint_percent: float = -3.0
     fine_step: float = 0.25
     smallest_step: float = 0.04
+    resolution: float = 0.05
     play: float = 0.3
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0

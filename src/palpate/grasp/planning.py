@@ -32,6 +32,7 @@ _PRESSURE_STEPS = {
     "step": 0.8,
     "fine_step": 0.5,
     "smallest_step": 0.1,
+    "resolution": 0.1,
     "rate": 15.0,
     "squeeze_rate": 10.0,
 }

@@ -1,0 +1,81 @@
+"""Whether the settled force is where it should be: short of the target, over it, kept below it."""
+
+from __future__ import annotations
+
+import math
+
+from palpate.grasp.belief import Belief
+from palpate.grasp.plan import Plan
+
+
+def goal_n(plan: Plan) -> float:
+    """Return the force that the plan is after."""
+    target_n = plan.gentle_force_n if plan.target_force_n is None else plan.target_force_n
+    return max(target_n, plan.lift_force_n or 0.0)
+
+
+def missing_n(belief: Belief, plan: Plan) -> float:
+    """Return by how much the settled force falls short of the target, or of being sure to lift."""
+    force = belief.result.force_n
+    if force is None:
+        return 0.0
+    of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.value
+    if plan.lift_force_n is None:
+        return of_target_n
+    return max(of_target_n, plan.lift_force_n - force.low)
+
+
+def short(belief: Belief, plan: Plan) -> bool:
+    """Whether the settled force falls short by more than is tolerated, or is not sure to lift."""
+    too_little = missing_n(belief, plan) > plan.target_tolerance * goal_n(plan)
+    return too_little or not lifts(belief, plan)
+
+
+def limited(belief: Belief, plan: Plan) -> bool:
+    """Whether the damage limit forbids what is missing."""
+    force = belief.result.force_n
+    if force is None or plan.damage is None:
+        return False
+    if math.isinf(belief.damage_low_n):
+        # Nothing is known of it, and so nothing more is allowed.
+        return True
+    if not belief.damage_low_n < plan.safety.force_ceiling_n:
+        return False
+    room_n = belief.damage_low_n - force.high
+    return missing_n(belief, plan) > room_n or belief.adjustments < plan.most_adjustments
+
+
+def over(belief: Belief, plan: Plan) -> bool:
+    """Whether the settled force is above the target by more than is tolerated, and may be less."""
+    force, wanted_n = belief.result.force_n, goal_n(plan)
+    if force is None or plan.target_force_n is None:
+        return False
+    low_n = force.low * wanted_n / max(force.value, wanted_n)
+    enough = plan.lift_force_n is None or low_n >= plan.lift_force_n
+    return enough and force.value > (1.0 + plan.target_tolerance) * wanted_n
+
+
+def astray(belief: Belief, plan: Plan) -> bool:
+    """Whether the target is missed by so much that there is no need to be sure by how much."""
+    if plan.target_force_n is None or belief.adjustments >= plan.most_adjustments:
+        return False
+    too_little = missing_n(belief, plan) > plan.target_tolerance * goal_n(plan)
+    return too_little or over(belief, plan)
+
+
+def noted_on_target(belief: Belief, plan: Plan) -> Belief:
+    """Note when the settled force is first told to be on target since the last movement."""
+    moments = belief.result.moments
+    told = any(m.name == "on_target" and m.time_s > belief.moved_s for m in moments)
+    near = missing_n(belief, plan) <= plan.target_tolerance * goal_n(plan)
+    if plan.target_force_n is None or told or not near or over(belief, plan):
+        return belief
+    return belief.noted("on_target")
+
+
+def lifts(belief: Belief, plan: Plan) -> bool:
+    """Whether the settled force is sure to lift the object, if it is to be lifted."""
+    force = belief.result.force_n
+    if plan.lift_force_n is None:
+        return True
+    return force is not None and force.low >= plan.lift_force_n
