@@ -262,6 +262,9 @@ def _damage_low_n(belief: Belief, plan: Plan) -> float:
 
     Force and limit are read by one gain: where the force is less than it seems, so is the limit. So
     the bound is told as the largest gain reads forces, for that is how the upper force is told.
+
+    Of a thing that stiffens the hand tells less than the slope that the model learned from, for it
+    counts from the first touch: that errs to the safe side.
     """
     if plan.damage is None or not belief.force_n > 0:
         return math.inf
