@@ -17,8 +17,8 @@ SURE = 0.9
 LEVEL = 0.9
 #: By how much it is wider than the weighed courses say: a few labelled items leave the mean course
 #: in doubt, real ones are no logistic curves, rooms are not equally warm on all days. On 145 days
-#: of fruit felt on six development sensors (twelve labelled on each) 1.2 covered 86 %, 1.3 90 and 1.4
-#: 93 %; what it covers elsewhere is reported of other fruits.
+#: of fruit felt on six development sensors (twelve labelled on each) 1.2 covered 86 %, 1.3 90 and
+#: 1.4 93 %; what it covers elsewhere is reported of other fruits.
 _WIDER = 1.35
 
 
