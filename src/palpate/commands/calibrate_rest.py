@@ -43,6 +43,12 @@ def command(
     new: Annotated[
         bool, typer.Option("--new", help="Begin the file anew: the sensor was changed.")
     ] = False,
+    empty: Annotated[
+        bool,
+        typer.Option(
+            "--empty", help="Nothing presses, whatever it reads: weather or wear moved the sheet."
+        ),
+    ] = False,
     duration_s: Annotated[float, typer.Option("--duration", help="Seconds.", min=1.0)] = 5.0,
     layout: LayoutOption = None,
     reference_ohm: ReferenceOption = None,
@@ -77,7 +83,7 @@ def command(
         earlier = None if new else earlier_calibration(path, layout=pixels, simulated=simulated)
         if not simulated:
             print(f"{source.name}: leave the sensor alone for {duration_s:g} s", file=sys.stderr)
-        known_ohm = None if earlier is None else earlier.rest_ohm
+        known_ohm = None if earlier is None or empty else earlier.rest_ohm
         rest = _rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
     calibration = begun(pixels, rest=rest, simulated=simulated)
     if earlier is not None:
@@ -108,7 +114,12 @@ def _rest_values(
     from palpate.signal.relative import rest_baseline
 
     ohm, middle_ohm = stretch.ohm(layout=layout), stretch.rest_ohm(layout=layout)
-    rest = rest_baseline(ohm, known_ohm=known_ohm)
+    rest = rest_baseline(ohm)
+    if known_ohm is not None:
+        try:
+            rest_baseline(ohm, known_ohm=known_ohm)
+        except CalibrationError as loaded:
+            raise CalibrationError(f"{loaded} (--new); if nothing does, say --empty") from loaded
     useless = np.isnan(rest.rest_ohm) | np.isinf(middle_ohm) | (middle_ohm == 0)
     dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(useless)]
     if dead:

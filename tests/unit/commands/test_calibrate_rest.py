@@ -69,6 +69,27 @@ def test_a_loaded_sensor_is_refused_and_the_file_kept(
     assert path.read_text() == before
 
 
+def test_who_says_that_it_is_empty_is_believed_and_the_force_kept(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = rig_file()
+    path = rig.parent / "sensor.json"
+    assert calibrate("rest", "--rig", rig) == 0
+    pairs = ForcePairs(
+        run=(0,), since_move_s=(20.0,), excess=(1.0,), relative_percent=(-50.0,), force_n=(2.0,)
+    )
+    kept = Calibration.load(path)
+    # As if the sheet had been drier then.
+    drier = replace(kept.rest, ohm=tuple(tuple(1.3 * ohm for ohm in row) for row in kept.rest.ohm))
+    replace(kept, force=pairs, rest=drier).save(path)
+    assert calibrate("rest", "--rig", rig) == 2
+    assert "--empty" in capsys.readouterr().err.strip().splitlines()[-1]
+    assert calibrate("rest", "--rig", rig, "--empty") == 0
+    renewed = Calibration.load(path)
+    assert renewed.force == pairs
+    assert renewed.rest.ohm[0][0] == pytest.approx(kept.rest.ohm[0][0], rel=0.02)
+
+
 def test_another_layout_is_refused(
     rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
