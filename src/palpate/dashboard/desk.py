@@ -117,7 +117,11 @@ class Desk:
         if grasped.recording is None:
             return
         keep = partial(
-            self.ledger.keep, grasped.result, recording=grasped.recording, item_id=item_id
+            self.ledger.keep,
+            grasped.result,
+            recording=grasped.recording,
+            item_id=item_id,
+            closing=grasped.closing,
         )
         asyncio.get_running_loop().run_in_executor(None, keep).add_done_callback(self._kept)
 

@@ -8,6 +8,7 @@ from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
+from palpate.produce.closing_firmness import ClosingWatch
 from palpate.rig.recorded import open_grasp_recording
 
 #: The object is held until its release is asked for, but not for longer than this: sheet, object
@@ -41,6 +42,7 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
             if opening and station.requests.stop.is_set() and station.reacted_s is None:
                 station.reacted_s = rig.clock.now_s()
 
+        closing = ClosingWatch(plan)
         outlet.think(plan)
         result = run_grasp(
             plan,
@@ -48,11 +50,13 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
             gripper=rig.gripper,
             clock=rig.clock,
             subscribers=[recorder, outlet.observe],
-            watchers=[outlet.believe, react],
+            watchers=[outlet.believe, react, closing.see],
             requests=station.requests,
         )
     truth = None if rig.truth is None else dict(rig.truth())
-    return Grasped(result=result, truth=truth, recording=order.recording)
+    return Grasped(
+        result=result, truth=truth, recording=order.recording, closing=closing.measured()
+    )
 
 
 def open_hand(order: OpenHand, *, station: Station) -> None:

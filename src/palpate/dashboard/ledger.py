@@ -5,11 +5,13 @@ The store is opened for each look and each grasp: it may be away, and others use
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.errors import PalpateError, StoreError
+from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
 from palpate.recording import RecordingReader
@@ -40,14 +42,24 @@ class Ledger:
         self._where = where
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
-    def keep(self, result: GraspResult, *, recording: Path, item_id: str) -> None:
-        """Write a recorded grasp to the store; while that is away, to its spool."""
+    def keep(
+        self,
+        result: GraspResult,
+        *,
+        recording: Path,
+        item_id: str,
+        closing: Mapping[str, Measurement],
+    ) -> None:
+        """Write a recorded grasp to the store; while that is away, to its spool.
+
+        `closing` holds what its whole closing told, as `ClosingWatch.measured` gives it.
+        """
         if self.trouble == MISSING:
             return
         from palpate.produce.keeping import Keeper
 
         try:
-            records = _records(result, recording=recording, item_id=item_id)
+            records = _records(result, recording=recording, item_id=item_id, closing=closing)
             with Keeper(self._where) as keeper:
                 kept = keeper.keep(*records)
                 self.trouble = "" if kept else f"{keeper.away}; it waits in {keeper.spool.path}"
@@ -89,7 +101,9 @@ class Ledger:
             return item_page(store, item_id)
 
 
-def _records(result: GraspResult, *, recording: Path, item_id: str) -> tuple[Record, ...]:
+def _records(
+    result: GraspResult, *, recording: Path, item_id: str, closing: Mapping[str, Measurement]
+) -> tuple[Record, ...]:
     """Return the grasp, and the calibration it rests on, as the store takes them."""
     from palpate.produce.of_grasp import records_of
 
@@ -110,4 +124,5 @@ def _records(result: GraspResult, *, recording: Path, item_id: str) -> tuple[Rec
         origin=info.origin,
         calibration=info.calibration or "",
         recording=recording,
+        closing=closing,
     )

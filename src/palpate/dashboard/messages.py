@@ -279,11 +279,24 @@ class Calibrated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasped:
-    """A grasp has ended; on simulated rigs with the twin's own values."""
+    """A grasp has ended; on simulated rigs with the twin's own values.
+
+    Attributes
+    ----------
+    result : GraspResult
+        What the grasp answers.
+    truth : mapping or None
+        The twin's own values; None on real rigs.
+    recording : Path or None
+        Every frame of it.
+    closing : mapping of str to Measurement
+        What the whole closing tells besides, as the store names it.
+    """
 
     result: GraspResult
     truth: Mapping[str, object] | None = None
     recording: Path | None = None
+    closing: Mapping[str, Measurement] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,6 +21,8 @@ RESULT = GraspResult(
     moments=(Moment(time_s=1.9, name="answer"),),
 )
 
+FIRM = Measurement(value=5.5, low=5.0, high=6.1, unit="n_per_mm")
+
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
@@ -48,12 +50,13 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
     ledger = Ledger(where)
     assert ledger.items() == []
     assert not Path(where).exists(), "looking makes no store"
-    ledger.keep(RESULT, recording=recording, item_id="berry-7")
+    ledger.keep(RESULT, recording=recording, item_id="berry-7", closing={"firmness_n_per_mm": FIRM})
     assert ledger.trouble == ""
     assert ledger.items() == ["berry-7"]
     with Store.open(where) as store:
         (grasp,) = store.grasps_of("berry-7")
         assert store.calibration(grasp.calibration_id or "") == "{}"
+    assert grasp.measurements["firmness_n_per_mm"].value == FIRM.value
     assert (grasp.rig, grasp.origin, grasp.drive) == ("sim-rigid", "twin", "width")
     assert grasp.recording == str(recording.resolve())
     assert grasp.pixel_settled_percent is not None
@@ -65,7 +68,7 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
 ) -> None:
     ledger = Ledger(str(tmp_path / "items.sqlite"))
     for _ in range(3):
-        ledger.keep(RESULT, recording=recording, item_id="<b>berry</b>")
+        ledger.keep(RESULT, recording=recording, item_id="<b>berry</b>", closing={})
     page = item_html(ledger.page("<b>berry</b>"))
     assert page.count("<circle") == 3
     assert "SIMULATED" in page
@@ -77,5 +80,5 @@ def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is no database, whatever its name says" * 100)
     ledger = Ledger(str(broken))
-    ledger.keep(RESULT, recording=recording, item_id="berry-7")
+    ledger.keep(RESULT, recording=recording, item_id="berry-7", closing={})
     assert str(broken) in ledger.trouble
