@@ -10,8 +10,9 @@ Four families of such holds are thought possible, and each hold's samples choose
   that says nothing of the rest may come first. It takes more samples to be sure of it.
 - *contact*: the same, seen from the actuation on: first the reading jumps as contact is made, by an
   amount that says nothing of what follows.
-- *gripped*: seen from the actuation on, and the jump is several times what relaxes, as in Table 1
-  (15 % of the settled change come after the first second): the jump then tells the scale.
+- *gripped*: seen from the actuation on, and the jump is some times what relaxes, as in Table 1
+  (15 % of the settled change come after the first second), or, where a sheet saturates, many times:
+  the jump then tells the scale.
 """
 
 from __future__ import annotations
@@ -90,25 +91,22 @@ STRUCTURED = _Family(
     jump=0.0,
     jump_sd=0.0,
 )
-#: A hold counted from the actuation begins with contact being made: the reading jumps by many times
-#: what it will relax by. Table 1 puts the paper's one decay that stands out near two seconds.
+#: A hold counted from the actuation begins with contact being made: the reading jumps by up to many
+#: times what it will relax by. Table 1 puts the paper's one decay that stands out near two seconds.
 #: Noise is small beside such a jump.
-CONTACTS = tuple(
-    replace(
-        STRUCTURED,
-        odds=0.5,
-        tilts=(0.0,),
-        walks=(0.015,),
-        noises=_CLEAN,
-        mode_s=2.0,
-        mode_factor=2.5,
-        jump_sd=jump_sd,
-    )
-    for jump_sd in (10.0, 30.0)
+CONTACT = replace(
+    STRUCTURED,
+    odds=0.5,
+    tilts=(0.0,),
+    walks=(0.015,),
+    noises=_CLEAN,
+    mode_s=2.0,
+    mode_factor=2.5,
+    jump_sd=30.0,
 )
 #: The jump is known to a third beside what relaxes, and nothing relaxes much longer than one waits.
 GRIPPED = replace(
-    CONTACTS[0],
+    CONTACT,
     odds=2.0,
     amplitude=1.2,
     shortest_s=(0.2,),
@@ -119,6 +117,11 @@ GRIPPED = replace(
     mode_factor=3.0,
     jump=10.0,
     jump_sd=3.0,
+)
+#: Where the relative change comes near -100 %, the jump is larger and the rest is soon over.
+SATURATED = tuple(
+    replace(GRIPPED, odds=1.0, shortest_s=(0.05,), tilts=(-0.4,), jump=jump, jump_sd=0.3 * jump)
+    for jump in (30.0, 100.0)
 )
 #: The fast process at contact is over by then; the paper waits 0.5 s for it (t_a).
 FAST_S = 0.1
@@ -154,5 +157,8 @@ def _components(family: _Family) -> Prior:
 
 
 SPREAD_PRIOR = mixture(
-    [_components(family) for family in (PLAIN, PLAIN_AFTER_JUMP, STRUCTURED, *CONTACTS, GRIPPED)]
+    [
+        _components(family)
+        for family in (PLAIN, PLAIN_AFTER_JUMP, STRUCTURED, CONTACT, GRIPPED, *SATURATED)
+    ]
 )
