@@ -13,6 +13,10 @@ from palpate.cli import build_app, run
 from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.twin.world import World
 
+PAIRS = ForcePairs(
+    run=(0,), since_move_s=(20.0,), excess=(1.0,), relative_percent=(-50.0,), force_n=(2.0,)
+)
+
 
 def calibrate(*arguments: object) -> int:
     return run(build_app(), ["calibrate", *map(str, arguments)], name="palpate")
@@ -40,16 +44,13 @@ def test_renewing_keeps_what_else_the_file_holds(
     rig = rig_file()
     path = rig.parent / "sensor.json"
     assert calibrate("rest", "--rig", rig) == 0
-    pairs = ForcePairs(
-        run=(0,), since_move_s=(20.0,), excess=(1.0,), relative_percent=(-50.0,), force_n=(2.0,)
-    )
-    dated = replace(Calibration.load(path), force=pairs, made_at="2020-01-01T00:00:00+00:00")
+    dated = replace(Calibration.load(path), force=PAIRS, made_at="2020-01-01T00:00:00+00:00")
     dated.save(path)
     capsys.readouterr()
     assert calibrate("rest", "--rig", rig, "--json") == 0
     assert json.loads(capsys.readouterr().out)["renewed"] is True
     renewed = Calibration.load(path)
-    assert renewed.force == pairs
+    assert renewed.force == PAIRS
     assert renewed.made_at == dated.made_at
     assert calibrate("rest", "--rig", rig, "--new") == 0
     assert Calibration.load(path).force.force_n == ()
@@ -75,18 +76,15 @@ def test_who_says_that_it_is_empty_is_believed_and_the_force_kept(
     rig = rig_file()
     path = rig.parent / "sensor.json"
     assert calibrate("rest", "--rig", rig) == 0
-    pairs = ForcePairs(
-        run=(0,), since_move_s=(20.0,), excess=(1.0,), relative_percent=(-50.0,), force_n=(2.0,)
-    )
     kept = Calibration.load(path)
     # As if the sheet had been drier then.
     drier = replace(kept.rest, ohm=tuple(tuple(1.3 * ohm for ohm in row) for row in kept.rest.ohm))
-    replace(kept, force=pairs, rest=drier).save(path)
+    replace(kept, force=PAIRS, rest=drier).save(path)
     assert calibrate("rest", "--rig", rig) == 2
     assert "--empty" in capsys.readouterr().err.strip().splitlines()[-1]
     assert calibrate("rest", "--rig", rig, "--empty") == 0
     renewed = Calibration.load(path)
-    assert renewed.force == pairs
+    assert renewed.force == PAIRS
     assert renewed.rest.ohm[0][0] == pytest.approx(kept.rest.ohm[0][0], rel=0.02)
 
 
