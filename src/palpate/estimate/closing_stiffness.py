@@ -13,6 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 from scipy.stats import norm
 
 from palpate.estimate.measurement import Measurement
@@ -232,21 +233,42 @@ def _weighed(
     log_n, give_mm, give_slope = (a[..., None, None, :] for a in (log_n, give_mm, give_slope))
     power = 1.0 / shapes[:, None, None]
     deformed = np.exp(power * (log_n - np.log(scales)[:, None]))
-    touch_mm = (width_mm + give_mm + deformed)[..., None, :]
-    slope_mm = (give_slope + power * deformed)[..., None, :]
+    touch_mm = width_mm + give_mm + deformed
+    slope_mm = give_slope + power * deformed
     doubt = scatters[:, None] ** 2 + (curve.floor_n / read_n) ** 2
     sharp_mm = max(give.residual_mm, _SHARPEST_MM)
-    precision = 1.0 / (sharp_mm**2 + slope_mm**2 * doubt)
-    total = precision.sum(axis=-1)
-    size_mm = (precision * touch_mm).sum(axis=-1) / total
-    evidence = -0.5 * (precision * (touch_mm - size_mm[..., None]) ** 2).sum(axis=-1)
-    evidence += 0.5 * np.log(precision).sum(axis=-1) - 0.5 * np.log(total)
+    total, size_mm, evidence = _pooled(touch_mm, slope_mm**2, doubt, sharp_mm**2)
     size_sd = 1.0 / np.sqrt(total)
     if not felt.all():
         # Nothing felt there: the object began no further out than a faint force would reach.
         faint_mm = (curve.faint_n / scales) ** power[:, :, 0] + float(give.give_mm(curve.faint_n))
         beyond = float(curve.width_mm[~felt].min()) + faint_mm[:, :, None]
-        evidence += norm.logcdf((beyond - size_mm) / np.hypot(size_sd, sharp_mm))
+        evidence += log_ndtr((beyond - size_mm) / np.hypot(size_sd, sharp_mm))
     evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
     weight = np.exp(evidence - evidence.max())
     return weight / weight.sum(), size_mm, size_sd
+
+
+def _pooled(
+    touch_mm: FloatArray, slope_2: FloatArray, doubt: FloatArray, sharp_2: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return total precision, weighted mean and log evidence over the steps, the last axis.
+
+    Step by step, so that the sums stay in the cache: half a million numbers do not.
+    """
+    middle_mm = float(touch_mm.mean())
+    total = np.zeros((*touch_mm.shape[:-1], len(doubt)))
+    first, second, product = np.zeros_like(total), np.zeros_like(total), np.ones_like(total)
+    for step in range(touch_mm.shape[-1]):
+        precision = 1.0 / (sharp_2 + slope_2[..., step, None] * doubt[:, step])
+        total += precision
+        product *= precision
+        # From the middle: sums of squares of whole widths would lose the digits that count.
+        off_mm = touch_mm[..., step, None] - middle_mm
+        precision *= off_mm
+        first += precision
+        precision *= off_mm
+        second += precision
+    mean_mm = first / total
+    evidence = 0.5 * (np.log(product / total) - (second - first * mean_mm))
+    return total, middle_mm + mean_mm, evidence

@@ -108,27 +108,18 @@ def contact_point(
     beyond = width[~felt]
     highest = max(float(beyond.min()) if beyond.size else -np.inf, float(inner.max())) + 2.0
     size = np.arange(float(inner.max()) + _GRID_MM, highest, _GRID_MM)
-    depth = size[:, None] - inner
-    log_force = np.log(force[felt])
     # At small forces the gripper gives way at least as easily as at the smallest one that was felt.
     give_mm_per_n = float(np.max(give[felt] / force[felt]))
-    log_weight = np.stack(
-        [
-            _log_evidence(
-                depth,
-                log_force,
-                size[:, None] - beyond,
-                exponent=exponent,
-                scatter=scatter,
-                floor_n=floor_n,
-                give_mm_per_n=give_mm_per_n,
-            )
-            + np.log(share * likely)
-            for exponent, share in _exponents_seen()
-            for scatter, likely in _SCATTER.items()
-        ]
+    # Steps wider than any candidate could not have felt it, and say nothing.
+    beyond = beyond[beyond < size[-1]]
+    log_weight = _log_evidence(
+        np.log(size[:, None] - inner),
+        np.log(force[felt]),
+        np.maximum(size[:, None] - beyond, 1e-9),
+        floor_n=floor_n,
+        give_mm_per_n=give_mm_per_n,
     )
-    return _blurred(size, np.exp(log_weight - log_weight.max()).sum(axis=0))
+    return _blurred(size, np.exp(log_weight - log_weight.max()).sum(axis=(0, 1)))
 
 
 def _exponents_seen() -> list[tuple[float, float]]:
@@ -151,26 +142,30 @@ def _blurred(size_mm: FloatArray, weight: FloatArray) -> ContactPoint:
 
 
 def _log_evidence(
-    depth: FloatArray,
+    log_depth: FloatArray,
     log_force: FloatArray,
-    unfelt_depth: FloatArray,
+    closed: FloatArray,
     *,
-    exponent: float,
-    scatter: float,
     floor_n: float,
     give_mm_per_n: float,
 ) -> FloatArray:
-    """Return the log evidence of each size, shape (n_sizes,), with ln K integrated out."""
-    variance = scatter**2 + (0.5 * floor_n / np.exp(log_force)) ** 2
-    left = log_force - exponent * np.log(depth)
-    precision = 1.0 / variance
-    log_k = (left @ precision) / precision.sum()
-    fit = -0.5 * ((left - log_k[:, None]) ** 2 @ precision)
-    fit -= 0.5 * (np.log(variance).sum() + np.log(precision.sum()))
+    """Return the log evidence with ln K integrated out, shape (exponents, scatters, n_sizes).
+
+    `closed`, shape (n_sizes, n_unfelt), is how far the unfelt steps reach into each size.
+    """
+    exponent, common = (np.array(each) for each in zip(*_exponents_seen(), strict=True))
+    scatter, likely = np.array(list(_SCATTER)), np.array(list(_SCATTER.values()))
+    precision = 1.0 / (scatter[:, None] ** 2 + (0.5 * floor_n / np.exp(log_force)) ** 2)
+    share = (precision / precision.sum(axis=-1, keepdims=True)).T
+    left = log_force - exponent[:, None, None] * log_depth
+    log_k = left @ share
+    spread = (left[..., None] - log_k[..., None, :]) ** 2
+    fit = -0.5 * np.einsum("esnk,kn->esk", spread, precision)
+    fit += 0.5 * (np.log(precision).sum(axis=-1) - np.log(precision.sum(axis=-1)))
     # Where nothing was felt, object and gripper shared the closure: however stiff the object, the
     # gripper's give bounds the force. Exact for exponent 1.
-    closed = np.maximum(unfelt_depth, 1e-9)
-    alone = np.exp(log_k)[:, None] * closed**exponent
-    unfelt = alone / (1.0 + give_mm_per_n * alone / closed)
+    alone = np.exp(log_k[..., None, :] + (exponent[:, None, None] * np.log(closed))[..., None])
+    unfelt = alone / (1.0 + give_mm_per_n * alone / closed[..., None])
     unseen = log_ndtr(-np.log(np.maximum(unfelt, 1e-9) / floor_n) / _PLACE_LOG_SD)
-    return np.asarray(fit + unseen.sum(axis=1))
+    fit += unseen.sum(axis=-2) + np.log(common)[:, None, None] + np.log(likely)
+    return np.asarray(np.moveaxis(fit, -1, 1))
