@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, ndtri
 from scipy.stats import norm
 
 from palpate.estimate.measurement import Measurement
@@ -147,7 +147,7 @@ def object_stiffness(
     rng = np.random.default_rng(0)
     held = _posterior(curve, give=give, rng=rng)
     tail = (1 - force.level) / 2
-    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * norm.ppf(1 - tail))
+    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * ndtri(1 - tail))
     own_sd = float(np.sqrt(max(log_sd**2 - curve.gain_sd**2, 0.0) + _FORECAST_SD**2))
     log_force = np.log(force.value) + own_sd * rng.standard_normal(_DRAWS)
     log_force += held.gain + held.tilt * np.log(force.value / _MIDDLE_N)
@@ -203,12 +203,12 @@ def _posterior(curve: ClosingCurve, *, give: Give, rng: np.random.Generator) -> 
 def _gains(curve: ClosingCurve) -> FloatArray:
     """Return equally likely gains, of ln force."""
     middles = (np.arange(_GAINS) + 0.5) / _GAINS
-    return np.asarray(curve.gain_sd * norm.ppf(middles))
+    return np.asarray(curve.gain_sd * ndtri(middles))
 
 
 def _tilts() -> FloatArray:
     """Return equally likely errors of the exponent."""
-    return np.asarray(_TILT_SD * norm.ppf((np.arange(_TILTS) + 0.5) / _TILTS))
+    return np.asarray(_TILT_SD * ndtri((np.arange(_TILTS) + 0.5) / _TILTS))
 
 
 def _weighed(

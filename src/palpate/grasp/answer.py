@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from palpate.estimate.bend import Bend
 from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
@@ -83,7 +83,7 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
     """
     reading = settled.reading
     half = max(reading.high - reading.value, reading.value - reading.low)
-    of_law = 0.5 * float(norm.ppf(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
+    of_law = 0.5 * float(ndtri(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
     enough = max(plan.decide_half_width, of_law)
     return reading.status is Status.OK and half <= enough * abs(reading.value)
 
@@ -140,7 +140,7 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     down = float(np.hypot(_log_ratio(value, law.low[0]), _log_ratio(value, law.value[1])))
     up = float(np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value)))
     if felt is not None:
-        reach = float(norm.ppf(0.5 + plan.level / 2))
+        reach = float(ndtri(0.5 + plan.level / 2))
         gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).told(
             replace(felt, force_n=_RELAXED * felt.force_n), sheet_n=value
         )
@@ -177,7 +177,7 @@ def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | Non
     # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
     # out as the gripper's give goes with it.
     upper = np.log(read.high[felt] / read.value[felt])
-    reach = float(norm.ppf(0.5 + plan.level / 2))
+    reach = float(ndtri(0.5 + plan.level / 2))
     gain_sd = float(np.median(upper)) / reach
     # Nor is it known how much force goes before a pixel feels any: all forces are off by that.
     blind_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
@@ -202,7 +202,7 @@ def _size(size: ContactPoint, plan: Plan, give: Give) -> Measurement:
     """Return the size, widened by the scatter of the gripper's own width."""
     tail = (1 - plan.level) / 2
     low, value, high = size.quantile([tail, 0.5, 1 - tail])
-    own = float(norm.ppf(1 - tail)) * give.residual_mm
+    own = float(ndtri(1 - tail)) * give.residual_mm
     return Measurement(
         value=float(value),
         low=float(value - np.hypot(value - low, own)),
@@ -253,7 +253,7 @@ def _closing_curve(
         plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
     )
     nothing = plan.early_law.force_n(0.0, level=plan.level)
-    reach = float(norm.ppf(0.5 + plan.level / 2))
+    reach = float(ndtri(0.5 + plan.level / 2))
     firmest = int(np.argmax(read.value))
     return ClosingCurve(
         width_mm=mm_per_unit * np.array([plan.gripper.target(c.closure) for c in steps])
