@@ -1,8 +1,9 @@
 """Force now, from a sheet that creeps: gain times memory, told the force once, then on its own.
 
-ln force = gain + weights . (ln conductance and its low-passed copies) - unloading . (recent fall).
-The gain differs from place to place on a sheet and from press to press, so one reference force
-fixes it; how far it can be trusted falls with time and with the change seen since.
+ln force = gain + weights . (ln conductance and its low-passed copies) - unloading . (recent fall)
++ object weights . (ln deformation, relaxation), the last where the closure is known. The gain
+differs from place to place on a sheet and from press to press, so one reference force fixes it; how
+far it can be trusted falls with time and with the change seen since.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import norm
 
 from palpate.estimate.creep import CreepStates, FloatArray, loading_sensitivity
+from palpate.estimate.object_states import ObjectStates
 
 #: Readings kept to look back to the contact when the force is told.
 LOOK_BACK_S = 3.0
@@ -42,6 +44,9 @@ class ObserverModel:
     easing : float
         Under a large load a change of conductance may stand for less: it counts as force told in
         newtons to the power of minus this.
+    object_weights : tuple of float, length 2
+        Of `ObjectStates.states`, in ln force and eased likewise: what the closure tells beside the
+        sheet. 0 where the traces did not know it.
     """
 
     time_constants_s: tuple[float, ...]
@@ -51,9 +56,16 @@ class ObserverModel:
     spread: tuple[float, float, float, float]
     tail: float
     easing: float = 0.0
+    object_weights: tuple[float, float] = (0.0, 0.0)
 
     def log_change(
-        self, states: FloatArray, fall: FloatArray, *, sensitivity: FloatArray, told_n: FloatArray
+        self,
+        states: FloatArray,
+        fall: FloatArray,
+        *,
+        closed: FloatArray,
+        sensitivity: FloatArray,
+        told_n: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Return the change of ln force for changes of the states and of the fall.
 
@@ -63,6 +75,8 @@ class ObserverModel:
             Change of the creep states since the force was told.
         fall : ndarray, shape (...)
             Change of the fall since.
+        closed : ndarray, shape (..., 2)
+            Change of `ObjectStates.states` since.
         sensitivity : ndarray, shape (...)
             `loading_sensitivity` when the force was told.
         told_n : ndarray, shape (...)
@@ -71,11 +85,11 @@ class ObserverModel:
         Returns
         -------
         tuple of ndarray, shape (...)
-            The change by creep states, and by unloading.
+            The change while held, and by unloading.
         """
-        counts = sensitivity**-self.sharing * told_n**-self.easing
-        held = states @ np.asarray(self.weights) * counts
-        return held, -self.unloading * fall
+        by_sheet = states @ np.asarray(self.weights) * sensitivity**-self.sharing
+        by_closure = closed @ np.asarray(self.object_weights)
+        return (by_sheet + by_closure) * told_n**-self.easing, -self.unloading * fall
 
     def log_half_width(
         self, since_s: FloatArray, held: FloatArray, fall: FloatArray, *, level: float
@@ -138,9 +152,18 @@ class ForceObserver:
         self._told_s = np.full(sensors, np.nan)
         self._told_states = self._memory.states.copy()
         self._told_fall = np.zeros(sensors)
+        self._object = ObjectStates(objects=sensors)
+        self._told_closed = self._object.states.copy()
         self._sensitivity = np.ones(sensors)
 
-    def step(self, time_s: float, excess: ArrayLike, *, resolution: ArrayLike = 0.0) -> ForceNow:
+    def step(
+        self,
+        time_s: float,
+        excess: ArrayLike,
+        *,
+        resolution: ArrayLike = 0.0,
+        deformation: ArrayLike | None = None,
+    ) -> ForceNow:
         """Take one reading per sheet and return the force now.
 
         Parameters
@@ -151,7 +174,18 @@ class ForceObserver:
             Excess conductance G/G0 - 1, summed over the pixels of each sheet.
         resolution : array_like, shape (sensors,) or scalar
             Change of `excess` that one digit of the readout makes at this reading.
+        deformation : array_like, shape (sensors,), optional
+            How far the object under each sheet is closed upon beyond first contact, in any unit.
+
+        Raises
+        ------
+        ValueError
+            If time runs backwards, or the model listens to the closure and it is not given.
         """
+        if deformation is not None:
+            self._object.step(time_s, deformation)
+        elif any(self._model.object_weights):
+            raise ValueError("this model was learned with the closure: give step a deformation")
         self._memory.step(time_s, excess, resolution=resolution)
         self._recent.append((time_s, self._memory.states[:, 0].copy()))
         while self._recent[0][0] < time_s - LOOK_BACK_S:
@@ -179,6 +213,7 @@ class ForceObserver:
         self._sensitivity[told] = loading_sensitivity(time_s, history)[told]
         self._told_states[told] = self._memory.states[told]
         self._told_fall[told] = self._memory.fall[told]
+        self._told_closed[told] = self._object.states[told]
         self._told_s[told] = time_s[-1]
         self._log_told_n[told] = np.log(force[told])
 
@@ -187,6 +222,7 @@ class ForceObserver:
         held, unloaded = self._model.log_change(
             self._memory.states - self._told_states,
             fall,
+            closed=self._object.states - self._told_closed,
             sensitivity=self._sensitivity,
             told_n=np.exp(self._log_told_n),
         )

@@ -9,10 +9,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 from palpate.errors import CalibrationError
 from palpate.estimate.creep import TIME_CONSTANTS_S, CreepStates, FloatArray, loading_sensitivity
+from palpate.estimate.object_states import ObjectStates
 from palpate.estimate.observer import LOOK_BACK_S, ObserverModel
 
 #: Shares of a press's own sensitivity that the fit chooses from.
@@ -46,6 +47,8 @@ class Trace:
         Sample from which the force is above the threshold, and sample at which it is told.
     group : str
         Traces of one group (a sensor, a setting) are left out together where errors are estimated.
+    deformation : ndarray, shape (n_times,), optional
+        How far the object is closed upon beyond first contact, in any unit, where that is known.
     """
 
     time_s: FloatArray
@@ -55,6 +58,7 @@ class Trace:
     first: int
     told: int
     group: str
+    deformation: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +68,7 @@ class _Features:
     since_s: FloatArray
     states: FloatArray
     fall: FloatArray
+    closed: FloatArray
     log_force: FloatArray
     sensitivity: float
     told_n: float
@@ -131,13 +136,18 @@ def _mean_error(held_out: Sequence[tuple[_Features, ObserverModel]]) -> float:
 
 
 def _predicted(one: _Features, model: ObserverModel) -> FloatArray:
-    held, unloaded = model.log_change(
+    held, unloaded = _changes(one, model)
+    return held + unloaded
+
+
+def _changes(one: _Features, model: ObserverModel) -> tuple[FloatArray, FloatArray]:
+    return model.log_change(
         one.states,
         one.fall,
+        closed=one.closed,
         sensitivity=np.array(one.sensitivity),
         told_n=np.array(one.told_n),
     )
-    return held + unloaded
 
 
 def _features(trace: Trace, *, time_constants_s: tuple[float, ...]) -> _Features:
@@ -148,6 +158,7 @@ def _features(trace: Trace, *, time_constants_s: tuple[float, ...]) -> _Features
         states.append(memory.states[0].copy())
         fall.append(float(memory.fall[0]))
     all_states, all_fall, told = np.array(states), np.array(fall), trace.told
+    closed = _closed(trace) if time_constants_s else np.zeros((len(trace.time_s), 2))
     seen = trace.time_s[: told + 1]
     look = int(np.searchsorted(seen, seen[-1] - LOOK_BACK_S))
     sensitivity = loading_sensitivity(seen[look:], all_states[look : told + 1, :1])
@@ -158,12 +169,23 @@ def _features(trace: Trace, *, time_constants_s: tuple[float, ...]) -> _Features
         since_s=since_s,
         states=all_states[fitted] - all_states[told],
         fall=all_fall[fitted] - all_fall[told],
+        closed=closed[fitted] - closed[told],
         log_force=np.log(trace.force_n[fitted] / trace.force_n[told]),
         sensitivity=float(sensitivity[0]),
         told_n=float(trace.force_n[told]),
         weight=weight / weight.sum(),
         group=trace.group,
     )
+
+
+def _closed(trace: Trace) -> FloatArray:
+    """Return what the closure tells at each sample; 0 where it is not known."""
+    held, states = ObjectStates(), np.zeros((len(trace.time_s), 2))
+    if trace.deformation is not None:
+        for k, time_s in enumerate(trace.time_s):
+            held.step(float(time_s), trace.deformation[k : k + 1])
+            states[k] = held.states[0]
+    return states
 
 
 def _fit_weights(
@@ -175,7 +197,10 @@ def _fit_weights(
 ) -> ObserverModel:
     """Return the model without spread."""
     design = np.concatenate(
-        [one.states * one.sensitivity**-sharing * one.told_n**-easing for one in features]
+        [
+            np.hstack([one.states * one.sensitivity**-sharing, one.closed]) * one.told_n**-easing
+            for one in features
+        ]
     )
     target = np.concatenate([one.log_force for one in features])
     weight = np.concatenate([one.weight for one in features])
@@ -190,9 +215,10 @@ def _fit_weights(
         slope = _unloading_slope(fall[unloading], left[unloading], group[unloading])
     return ObserverModel(
         time_constants_s=time_constants_s,
-        weights=tuple(weights.tolist()),
+        weights=tuple(weights[:-2].tolist()),
         sharing=sharing,
         easing=easing,
+        object_weights=(float(weights[-2]), float(weights[-1])),
         unloading=slope,
         spread=(0.0, 0.0, 0.0, 0.0),
         tail=1.0,
@@ -247,12 +273,7 @@ def _with_spread(
     terms, errors, weights = [], [], []
     for one, fitted in held_out:
         after: NDArray[np.bool_] = one.since_s > 0
-        held, unloaded = fitted.log_change(
-            one.states[after],
-            one.fall[after],
-            sensitivity=np.array(one.sensitivity),
-            told_n=np.array(one.told_n),
-        )
+        held, unloaded = (change[after] for change in _changes(one, fitted))
         clock = np.log1p(one.since_s[after] / 0.1)
         terms.append(
             np.stack([np.ones_like(held), clock, np.abs(held), np.abs(one.fall[after])], axis=1)
@@ -267,8 +288,10 @@ def _with_spread(
     order = np.argsort(ratio)
     share = np.cumsum(weight[order]) / weight.sum()
     at_90 = float(ratio[order][np.searchsorted(share, 0.9)])
+    # The scale is known from so many groups: Student's quantile instead of the normal one.
+    few = float(t.ppf(0.95, len({one.group for one, _ in held_out})) / norm.ppf(0.95))
     return replace(
         model,
         spread=(float(spread[0]), float(spread[1]), float(spread[2]), float(spread[3])),
-        tail=at_90 / float(norm.ppf(0.95)),
+        tail=few * at_90 / float(norm.ppf(0.95)),
     )

@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_presses(observed: Sequence[Followed], static: Sequence[Followed]) -> Figure:
-    """Draw the best, median and worst press of the observer, the static law's answer beside it."""
+def draw_followed(
+    observed: Sequence[Followed], static: Sequence[Followed], *, from_zero: bool = True
+) -> Figure:
+    """Draw the observer's best, median and worst press, the static law's answer beside it."""
     from matplotlib.figure import Figure
 
     order = np.argsort([np.median(np.abs(one.log_error)) for one in observed])
@@ -24,8 +26,11 @@ def draw_presses(observed: Sequence[Followed], static: Sequence[Followed]) -> Fi
         _draw_press(panel, observed[place], static[place])
         press = observed[place].press
         panel.set_title(f"{name}: {press.recording_id}, press {press.press}", fontsize=8)
-        panel.set(xlabel="time since told, s", ylabel="force, N", ylim=(0, None))
-    figure.axes[0].legend(frameon=False, fontsize=8, loc="lower center")
+        panel.set(xlabel="time since told, s", ylabel="force, N")
+        if from_zero:
+            panel.set_ylim(0, None)
+        panel.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].legend(frameon=False, fontsize=8, loc="best")
     return figure
 
 

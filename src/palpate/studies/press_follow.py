@@ -68,7 +68,12 @@ def follow(press: Press, model: ObserverModel, *, level: float = 0.9) -> Followe
     said = []
     for k, time_s in enumerate(trace.time_s):
         one = slice(k, k + 1)
-        now = observer.step(float(time_s), trace.excess[one], resolution=trace.resolution[one])
+        now = observer.step(
+            float(time_s),
+            trace.excess[one],
+            resolution=trace.resolution[one],
+            deformation=None if trace.deformation is None else trace.deformation[one],
+        )
         if k == trace.told:
             observer.tell(trace.force_n[one])
         elif k > trace.told:

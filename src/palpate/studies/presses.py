@@ -13,10 +13,10 @@ import typer
 from palpate.errors import InputError
 from palpate.estimate.observer_fit import fit_observer
 from palpate.studies.press_data import TOLD_SHARE, Press, read_presses
-from palpate.studies.press_figure import draw_presses
+from palpate.studies.press_figure import draw_followed
 from palpate.studies.press_follow import Followed, follow
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
-from palpate.studies.stretches import follow_stretches, read_stretches
+from palpate.studies.stretches import follow_stretches, read_stretches, stretch_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,13 +77,7 @@ def command(
             model = fit_observer([press.trace for press in train], memory=memory)
             followed[name] += [follow(press, model, level=LEVEL) for press in tested]
     report = _report(followed, split=split)
-    if stretches:
-        table, stretch_rows = follow_stretches(stretches, level=LEVEL)
-        report = replace(
-            report,
-            tables=[*report.tables, table],
-            payload={**report.payload, "stretches": stretch_rows},
-        )
+    report = _with_stretches(report, stretches) if stretches else report
     report.emit(as_json=as_json, out=out)
 
 
@@ -186,9 +180,26 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
         ),
         tables=[table],
         payload={"rows": rows, "summary": summary, "references": references, "level": LEVEL},
-        figures={"presses": lambda: _figure(followed)},
+        figures={"presses": lambda: draw_followed(followed["observer"], followed["static"])},
     )
 
 
-def _figure(followed: Mapping[str, Sequence[Followed]]) -> Figure:
-    return draw_presses(followed["observer"], followed["static"])
+def _with_stretches(report: StudyReport, stretches: Sequence[Press]) -> StudyReport:
+    followed = follow_stretches(stretches, level=LEVEL)
+    table, rows = stretch_table(stretches, followed)
+
+    def draw() -> Figure:
+        return draw_followed(followed["observer"], followed["static"], from_zero=False)
+
+    return replace(
+        report,
+        provenance=(
+            *report.provenance,
+            "Stretches: the observer also knows that the clip stands still, so that the rubber "
+            "relaxes by itself; `sheet alone` does not. The last two rows of each specimen are "
+            "bounds, not estimators.",
+        ),
+        tables=[*report.tables, table],
+        payload={**report.payload, "stretches": rows},
+        figures={**report.figures, "stretches": draw},
+    )

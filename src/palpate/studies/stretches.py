@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,12 @@ from palpate.studies.stretch_bounds import BOUNDS, bound_errors
 
 #: The force is told once, this long after the peak; before it the fixture still rings.
 TOLD_S = 0.5
+#: Model -> whether it remembers, and whether it knows that the clip stands still.
+MODELS: Mapping[str, tuple[bool, bool]] = {
+    "static": (False, False),
+    "observer, sheet alone": (True, False),
+    "observer": (True, True),
+}
 #: Followed until here, the horizon of a settled value.
 HORIZON_S = 20.0
 
@@ -55,6 +62,8 @@ def read_stretches(resistance: Path, *, force: Path) -> list[Press]:
             first=told,
             told=told,
             group=specimen_of(hold.hold_id),
+            # The clip stands still from the peak on: one step, of a size that doesn't matter.
+            deformation=np.ones_like(time_s),
         )
         stretches.append(
             Press(recording_id=hold.hold_id, press=0, trace=trace, last_held=len(time_s) - 1)
@@ -69,47 +78,49 @@ def read_stretches(resistance: Path, *, force: Path) -> list[Press]:
 
 def follow_stretches(
     stretches: Sequence[Press], *, level: float
-) -> tuple[Table, list[dict[str, Any]]]:
-    """Follow each specimen with models learned from the others; return a table and its rows."""
-    followed: list[tuple[str, Followed]] = []
+) -> Mapping[str, Sequence[Followed]]:
+    """Follow each specimen with models learned from the others; return them by model."""
+    followed: dict[str, list[Followed]] = {name: [] for name in MODELS}
     for specimen in dict.fromkeys(one.trace.group for one in stretches):
-        others = [one.trace for one in stretches if one.trace.group != specimen]
-        mine = [one for one in stretches if one.trace.group == specimen]
-        for name, memory in (("static", False), ("observer", True)):
-            model = fit_observer(others, memory=memory)
-            followed += [(name, follow(one, model, level=level)) for one in mine]
+        for name, (memory, closure) in MODELS.items():
+            seen = [one if closure else _sheet_alone(one) for one in stretches]
+            model = fit_observer(
+                [one.trace for one in seen if one.trace.group != specimen], memory=memory
+            )
+            followed[name] += [
+                follow(one, model, level=level) for one in seen if one.trace.group == specimen
+            ]
+    return followed
+
+
+def _sheet_alone(stretch: Press) -> Press:
+    return replace(stretch, trace=replace(stretch.trace, deformation=None))
+
+
+def stretch_table(
+    stretches: Sequence[Press], followed: Mapping[str, Sequence[Followed]]
+) -> tuple[Table, list[dict[str, Any]]]:
+    """Return the table of every model and bound, by specimen, and its rows."""
     specimens = ["all", *dict.fromkeys(one.trace.group for one in stretches)]
     rows = [
-        _score(name, specimen, [one for model, one in followed if model == name])
-        for specimen in specimens
-        for name in ("static", "observer")
+        _score(name, specimen, each) for specimen in specimens for name, each in followed.items()
     ]
     for name, reads in BOUNDS.items():
         bounds = list(bound_errors(stretches, reads=reads))
         rows += [_bound_score(name, specimen, bounds) for specimen in specimens]
     rows.sort(key=lambda row: specimens.index(row["specimen"]))
+    columns = {
+        "median_abs_log_error": "median abs ln error",
+        "final_log_error": "at 20 s",
+        "coverage": "coverage",
+        "told_force_held_log_error": "told force held",
+    }
     table = Table(
         title="Relaxation of stretched silicone from its resistance, specimens held out",
-        columns=(
-            "specimen",
-            "model",
-            "holds",
-            "median abs ln error",
-            "at 20 s",
-            "coverage",
-            "held",
-        ),
+        columns=("specimen", "model", "holds", *columns.values()),
         rows=[
             [row["specimen"], row["model"], str(row["holds"])]
-            + [
-                "-" if row[key] is None else f"{row[key]:.4f}"
-                for key in (
-                    "median_abs_log_error",
-                    "final_log_error",
-                    "coverage",
-                    "told_force_held_log_error",
-                )
-            ]
+            + ["-" if row[key] is None else f"{row[key]:.4f}" for key in columns]
             for row in rows
         ],
     )

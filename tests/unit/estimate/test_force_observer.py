@@ -64,12 +64,35 @@ def easing(seed: int, *, group: str) -> Trace:
     )
 
 
+def relaxing(seed: int, *, group: str) -> Trace:
+    """Return two closings of an object that relaxes, beside a sheet whose contact jumps about."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0.0, 8.0, 0.05)
+    again_s, further = rng.uniform(2.0, 5.0), rng.uniform(0.2, 1.0)
+    ages = np.maximum(time_s, 0.0), np.maximum(time_s - again_s, 0.0)
+    deformation = 1.0 + further * (time_s >= again_s)
+    lost = np.log1p(ages[0] / 0.15) + further * np.log1p(ages[1] / 0.15)
+    force = rng.uniform(2.0, 6.0) * (deformation - 0.05 * lost)
+    jumps = np.cumsum(rng.normal(0.0, 0.02, time_s.size))
+    return Trace(
+        time_s=time_s,
+        excess=5.0 * force * np.exp(jumps),
+        resolution=np.zeros_like(time_s),
+        force_n=force,
+        first=0,
+        told=0,
+        group=group,
+        deformation=deformation,
+    )
+
+
 def errors(model: ObserverModel, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     """Return |error of ln force| and coverage after the force was told."""
     observer = ForceObserver(model)
     said = []
     for k, time_s in enumerate(trace.time_s):
-        now = observer.step(float(time_s), trace.excess[k : k + 1])
+        known = None if trace.deformation is None else trace.deformation[k : k + 1]
+        now = observer.step(float(time_s), trace.excess[k : k + 1], deformation=known)
         if k == trace.told:
             observer.tell(trace.force_n[k : k + 1])
         said.append((now.value_n[0], now.low_n[0], now.high_n[0]))
@@ -114,6 +137,26 @@ def test_a_change_that_counts_less_under_a_large_load_is_learned() -> None:
         for model in (observer, static)
     )
     assert ours < 0.4 * plain
+
+
+def test_an_object_that_relaxes_is_followed_better_where_its_closure_is_known() -> None:
+    traces = [relaxing(seed, group=f"sheet {seed % 8}") for seed in range(40)]
+    fresh = [relaxing(seed, group="new") for seed in range(3000, 3020)]
+    deaf = [replace(trace, deformation=None) for trace in traces]
+    told, plain = (fit_observer(each) for each in (traces, deaf))
+    stiffening, loss = told.object_weights
+    assert stiffening > 0.3
+    assert loss < -0.01
+    assert plain.object_weights == pytest.approx((0.0, 0.0), abs=1e-9)
+    ours = np.median([np.median(errors(told, trace)[0]) for trace in fresh])
+    sheet = np.median([np.median(errors(plain, trace)[0]) for trace in fresh])
+    assert ours < 0.5 * sheet
+
+
+def test_a_model_that_knows_the_closure_asks_for_it() -> None:
+    observer = ForceObserver(replace(MODEL, object_weights=(0.0, -0.02)))
+    with pytest.raises(ValueError, match="give step a deformation"):
+        observer.step(0.0, [5.0])
 
 
 def test_nothing_is_said_before_a_force_was_told() -> None:

@@ -15,9 +15,9 @@ import pytest
 from palpate.cli import build_app, run
 from palpate.estimate.observer_fit import fit_observer
 from palpate.studies.press_data import Press, read_presses
-from palpate.studies.press_figure import draw_presses
+from palpate.studies.press_figure import draw_followed
 from palpate.studies.press_follow import follow
-from palpate.studies.stretches import follow_stretches, read_stretches
+from palpate.studies.stretches import follow_stretches, read_stretches, stretch_table
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n\n"
 
@@ -121,7 +121,7 @@ def test_figure_shows_best_median_and_worst(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
     model = fit_observer([press.trace for press in presses])
     followed = [follow(press, model) for press in presses]
-    titles = [panel.get_title() for panel in draw_presses(followed, followed).axes]
+    titles = [panel.get_title() for panel in draw_followed(followed, followed).axes]
     assert [title.split(":")[0] for title in titles] == ["best", "median", "worst"]
 
 
@@ -146,7 +146,8 @@ def stretch_csv(folder: Path, *, specimens: int = 4, holds: int = 5) -> tuple[Pa
 
 def test_relaxation_is_followed_from_resistance(tmp_path: Path) -> None:
     resistance, force = stretch_csv(tmp_path)
-    _, rows = follow_stretches(read_stretches(resistance, force=force), level=0.9)
+    stretches = read_stretches(resistance, force=force)
+    _, rows = stretch_table(stretches, follow_stretches(stretches, level=0.9))
     overall = {row["model"]: row for row in rows if row["specimen"] == "all"}
     assert overall["static"]["holds"] == 20
     held = overall["static"]["told_force_held_log_error"]
@@ -155,8 +156,9 @@ def test_relaxation_is_followed_from_resistance(tmp_path: Path) -> None:
     # Every hold relaxes by another share: without a sensor nobody knows by which.
     clock = overall["clock, no sensor"]["median_abs_log_error"]
     assert 4 * overall["learner"]["median_abs_log_error"] < clock < held
-    assert [row["model"] for row in rows[:4]] == [
+    assert [row["model"] for row in rows[:5]] == [
         "static",
+        "observer, sheet alone",
         "observer",
         "clock, no sensor",
         "learner",
@@ -204,3 +206,15 @@ def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
         )
         assert after <= 0.6 * before
     assert 0.8 <= np.mean([np.mean(one.covered) for one in ours]) <= 0.99
+
+
+def test_real_stretches_of_specimens_left_out(real_data: Path) -> None:
+    stretches = read_stretches(
+        real_data / "holds_cbsilicone.csv.gz", force=real_data / "holds_force_relaxation.csv.gz"
+    )
+    _, rows = stretch_table(stretches, follow_stretches(stretches, level=0.9))
+    score = {row["model"]: row for row in rows if row["specimen"] == "all"}
+    for key in ("median_abs_log_error", "final_log_error"):
+        assert score["observer"][key] <= 0.5 * score["static"][key]
+        assert score["observer"][key] < score["observer, sheet alone"][key]
+    assert 0.8 <= score["observer"]["coverage"] <= 0.97
