@@ -185,6 +185,14 @@ class Calibration:
             )
         if not (self.rest_ohm > 0).all():
             raise CalibrationError("rest: every pixel needs a resistance above 0 ohm")
+        if not (self.made_at is None or _is_date(self.made_at)):
+            raise CalibrationError(
+                f"made_at is {self.made_at!r}; it must be a date such as 2026-05-04T08:00:00+00:00"
+            )
+        for name in ("temperature_c", "humidity_percent"):
+            value = getattr(self, name)
+            if not (value is None or isinstance(value, int | float)):
+                raise CalibrationError(f"{name} is {value!r}; it must be a number")
 
     @property
     def rest_ohm(self) -> NDArray[np.float64]:
@@ -308,6 +316,13 @@ class Calibration:
             else current_pairs_from_dict(known["current"]),
         }
         return cls(**known)
+
+
+def _is_date(value: object) -> bool:
+    try:
+        return isinstance(value, str) and bool(datetime.fromisoformat(value))
+    except ValueError:
+        return False
 
 
 def _pairs(kind: type[Pairs], stored: Mapping[str, Any], *, where: str) -> Pairs:

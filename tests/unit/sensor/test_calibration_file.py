@@ -90,6 +90,8 @@ def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
         ({"block": {"block_mm": [4], "width_mm": ["x"], "force_n": [1]}}, "finite number"),
         ({"block": {"block_mm": [4, 4], "width_mm": [3], "force_n": [1]}}, "unequal length"),
         ({"rest": {"ohm": [[1.0]], "spread_percent": [[0.1]], "frames": 5}}, "values for a layout"),
+        ({"made_at": "yesterday"}, "made_at is 'yesterday'; it must be a date such as"),
+        ({"temperature_c": "warm"}, "temperature_c is 'warm'; it must be a number"),
     ],
 )
 def test_faults_are_named(
