@@ -51,7 +51,7 @@ def test_what_is_stiffer_than_the_gripper_is_told_less_well() -> None:
 
 
 def test_doubt_of_the_gain_widens_the_interval_until_it_covers() -> None:
-    sure, unsure = answer(2.0, gain=1.4), answer(2.0, gain=1.4, gain_sd=0.3)
+    sure, unsure = answer(2.0, gain=1.3), answer(2.0, gain=1.3, gain_sd=0.3)
     assert sure.low > 2.0
     assert unsure.low < 2.0 < unsure.high
 
