@@ -15,6 +15,7 @@ from palpate.clock import RealClock
 from palpate.errors import InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.rig import Rig, open_rig
+from palpate.rig.stated_options import fault_in
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
@@ -182,10 +183,13 @@ def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
         opener = getattr(importlib.import_module(module_name), function)
     except (ImportError, AttributeError) as error:
         raise InputError(f"rig file {path}: [{part}] open = {where!r}: {error}") from error
+    stated = {key: value for key, value in table.items() if key != "open"}
+    if fault := fault_in(stated, opener):
+        raise InputError(f"rig file {path}: [{part}] {fault}")
+    asked = {name: value for name, value in shared.items() if _takes(opener, name)}
     try:
-        asked = {name: value for name, value in shared.items() if _takes(opener, name)}
-        return opener(**{key: value for key, value in table.items() if key != "open"}, **asked)
-    except TypeError as error:
+        return opener(**stated, **asked)
+    except (TypeError, ValueError) as error:
         raise InputError(f"rig file {path}: [{part}]: {error}") from error
 
 

@@ -46,6 +46,35 @@ def test_devices_by_module_and_function(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ("port = 3", "[array] port = 3: it must be text in quotes"),
+        ("baud = '1000000'", "[array] baud = '1000000': it must be a whole number"),
+        ("baud = true", "[array] baud = True: it must be a whole number"),
+        ("reference_ohm = 'big'", "[array] reference_ohm = 'big': it must be a finite number"),
+        ("rate_hz = nan", "[array] rate_hz = nan: it must be a finite number"),
+        ("pressure = 1", "[array] pressure = 1: it must be true or false"),
+        ("taxel_leg = 'left'", "taxel_leg = 'left': it must be one of 'upper', 'lower'"),
+        ("rates_hz = 250", "[array] it knows no 'rates_hz'; there are port, layout, reference_ohm"),
+        ("port = '/dev/null'\nbaud = -1", "[array]: Not a valid baudrate: -1"),
+    ],
+)
+def test_what_an_opener_can_not_take_is_named(tmp_path: Path, stated: str, message: str) -> None:
+    open_rig("sim-rigid", seed=5).calibration.save(tmp_path / "pad.json")
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "calibration = 'pad.json'\n"
+        f"[array]\nopen = 'palpate.sensor.board_array:open_board'\n{stated}\n"
+        "[gripper]\nopen = 'types:SimpleNamespace'\n"
+    )
+    with pytest.raises(InputError) as caught:
+        open_rig(str(path))
+    assert f"rig file {path}: " in str(caught.value)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("table", "message"),
     [
         ("load_cells = 3\n", "found 3"),
