@@ -111,13 +111,13 @@ def _rest_values(
 
     from palpate.sensor.calibration import RestValues
     from palpate.sensor.findings import pixel_name
-    from palpate.signal.relative import rest_baseline
+    from palpate.signal.relative import refuse_load, rest_baseline
 
     ohm, middle_ohm = stretch.ohm(layout=layout), stretch.rest_ohm(layout=layout)
     rest = rest_baseline(ohm)
     if known_ohm is not None:
         try:
-            rest_baseline(ohm, known_ohm=known_ohm)
+            refuse_load(rest.rest_ohm, known_ohm=known_ohm)
         except CalibrationError as loaded:
             raise CalibrationError(f"{loaded} (--new); if nothing does, say --empty") from loaded
     useless = np.isnan(rest.rest_ohm) | np.isinf(middle_ohm) | (middle_ohm == 0)

@@ -91,7 +91,7 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
     rest_ohm = np.where(np.isnan(middle), np.nan, rest_ohm)
     _refuse_unrest(relative_change_percent(ohm, rest_ohm=rest_ohm))
     if known_ohm is not None:
-        _refuse_load(relative_change_percent(rest_ohm, rest_ohm=known_ohm))
+        refuse_load(rest_ohm, known_ohm=known_ohm)
     return RestBaseline(
         rest_ohm=rest_ohm, spread_percent=100.0 * sd / rest_ohm, frames=int(ohm.shape[0])
     )
@@ -241,9 +241,24 @@ def _windows(values: FloatArray) -> FloatArray:
     return np.lib.stride_tricks.sliding_window_view(values, 3)
 
 
-def _refuse_load(change_percent: FloatArray) -> None:
-    """Raise if rest values lie below those known before, shape (rows, cols)."""
-    fall = float(mean_change(change_percent))
+def refuse_load(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:
+    """Refuse rest values so far below those known before that something must press.
+
+    Parameters
+    ----------
+    rest_ohm, known_ohm : array_like, shape (rows, cols)
+        Those of now, and of an earlier calibration.
+
+    Raises
+    ------
+    CalibrationError
+        If they lie 15 % below.
+
+    Examples
+    --------
+    >>> refuse_load([[950.0, 1980.0]], known_ohm=[[1000.0, 2000.0]])
+    """
+    fall = float(mean_change(relative_change_percent(rest_ohm, rest_ohm=known_ohm)))
     if fall < _REST_FALL_PERCENT:
         raise CalibrationError(
             f"the rest values are {-fall:.0f} % below the known ones: something presses on the "
