@@ -32,6 +32,10 @@ _FEWEST_RUNS = 3
 _EXPONENT_SD = 0.15
 #: From this force on errors are proportions; below, newtons.
 _FIRM_N = 1.0
+#: A placement's errors in proportion grow as the square of the force falls below about this: the
+#: threshold of the pixels takes much of it, on a share of them that differs. And a closing has the
+#: most readings there.
+_CLEAR_N = 1.5
 _ROUNDS = 3
 #: Below this a reading of a pixel is noise of its rest value.
 _NOISE_EXCESS = 0.004
@@ -159,7 +163,7 @@ class PixelForceLaw:
         keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
         x, y = enough_pairs(x[keep], y[keep])
         # Near the threshold a reading says little of the law, and would tilt the line.
-        log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
+        log_x, left, weight = np.log(x), np.log(y / x), y**4 / (y**4 + _CLEAR_N**4)
         middle = float(np.average(log_x, weights=weight))
         away, offset = log_x - middle, float(np.average(left, weights=weight))
         precision = (_USUAL / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
@@ -270,10 +274,12 @@ def _fit(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForc
 
 #: No sheet that can be calibrated at all is doubted more.
 _MOST_DOUBT = 0.7
+#: From so many errors on their quantile is believed.
+_MANY = 20
 
 
 def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelForceLaw:
-    """Return the law with its doubts: nine tenths of the errors lie within them at that level.
+    """Return the law with its doubts, of ln force and of a faint force.
 
     Sorted by what is said, for that is all that a grasp will know.
     """
@@ -282,9 +288,19 @@ def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelFo
     error_n = np.abs(said[~firm] - force[~firm])
     return replace(
         law,
-        residual_sd=min(max(_quantile(log_error, 0.9) / tenth, 0.03), _MOST_DOUBT),
-        floor_n=max(_quantile(error_n, 0.9) / tenth, 0.02),
+        residual_sd=min(max(_spread(log_error, tenth), 0.03), _MOST_DOUBT),
+        floor_n=max(_spread(error_n, tenth), 0.02),
     )
+
+
+def _spread(errors: FloatArray, tenth: float) -> float:
+    """Return the standard deviation of errors, as far as nine tenths of them tell it.
+
+    Of few errors that quantile is the largest, which says more of chance than of the law.
+    """
+    if errors.size < _MANY:
+        return float(np.sqrt(np.mean(errors**2))) if errors.size else 0.0
+    return _quantile(errors, 0.9) / tenth
 
 
 def _quantile(errors: FloatArray, share: float) -> float:

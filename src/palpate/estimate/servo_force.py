@@ -29,6 +29,9 @@ _SHAPE_SD = 0.05
 #: What a sheet may not show of a force (threshold of its pixels, typical), newtons, and the least
 #: share of the final force that a reading must have to say anything of it.
 _BLIND_N, _LEAST_SHARE = 0.25, 0.3
+#: Friction grows with the load: by this share of the grip (a guess for small geared servos, between
+#: a twentieth and a quarter). The empty hand does not show how that part scatters.
+_LOADED_SHARE = 0.15
 #: Friction where no empty hand was closed: this share of it from movement to movement, and along
 #: the way (a guess for small geared servos, between a tenth and a quarter).
 _USUAL_SHARE = 0.15
@@ -131,17 +134,26 @@ class CurrentLaw:
         force_n = (np.asarray(current_ma, dtype=float) - gears_ma) / self.ma_per_n
         noise_n, movement_n = self.noise_ma / self.ma_per_n, self.gears.movement_ma / self.ma_per_n
         alike = np.equal.outer(np.asarray(movement), np.asarray(movement))
-        scatter = noise_n**2 * np.eye(share.size) + movement_n**2 * alike
         design = np.column_stack([share, 1.0 - share])
-        weighed = np.linalg.solve(scatter, design)
-        covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _BLIND_N**2]))
-        end_n = float((covariance @ (weighed.T @ force_n))[0])
+        end_n = 0.0
+        # Twice: how much friction scatters depends on the force.
+        for _ in range(2):
+            moved_n = movement_n * (1.0 + self._loaded(end_n) * share)
+            scatter = noise_n**2 * np.eye(share.size) + alike * np.outer(moved_n, moved_n)
+            weighed = np.linalg.solve(scatter, design)
+            covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _BLIND_N**2]))
+            end_n = float((covariance @ (weighed.T @ force_n))[0])
         mean_sd_n = self.gears.mean_sd_ma / self.ma_per_n
         return MeasuredForce(
             force_n=end_n,
             sd_n=float(np.hypot(np.sqrt(covariance[0, 0]), mean_sd_n)),
             log_sd=float(np.hypot(WARMTH_SD, _SHAPE_SD)),
         )
+
+    def _loaded(self, force_n: float) -> float:
+        """Return by which share of itself the friction grows under a force."""
+        free_ma = max(self.gears.mean_ma, 1e-9)
+        return min(_LOADED_SHARE * self.ma_per_n * max(force_n, 0.0) / free_ma, 2.0)
 
 
 def _line(pairs: CurrentPairs, gears: GearFriction | None) -> tuple[float, float, float]:

@@ -47,7 +47,8 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
 
     The predictor knows sheets, not objects; one that relaxes in the hand (fruit loses a tenth to a
     third of its force) works against the sheet's creep. So the interval is widened by as far as the
-    forecast goes beyond what was seen.
+    forecast goes beyond what was seen. What the sheet's own calibration showed of its creep is
+    weighed in.
     """
     time_s = np.array([t.time_s for t in belief.touches]) - belief.moved_s
     values = np.array(
@@ -59,6 +60,8 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
         _widened(found.hold(row), by=float(found.hold(row).value) - seen[row], unit=unit)
         for row, unit in enumerate(("percent", "reading"))
     )
+    if plan.creep is not None:
+        reading = plan.creep.joined(reading, now=belief.now.reading, since_s=float(time_s[-1]))
     return Settled(relative_percent=relative, reading=reading)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import CalibrationError
 from palpate.estimate.gain import Gain
 from palpate.grasp.contact_gain import Pull, pulled
 from palpate.grasp.phases import Phase
@@ -22,7 +21,6 @@ from palpate.signal.relative import (
     finger_means,
     mean_change,
     relative_change_percent,
-    rest_baseline,
 )
 
 #: Errors of a reported width (mm) or pressure (kPa) that are the report's own.
@@ -97,6 +95,8 @@ class Belief:
         Rest values in use; None until they have been taken.
     rest_frames : tuple of ndarray
         Resistances seen before the first movement.
+    proving_from : float or None
+        Closure from which on it is being found out whether the rest values are a rest.
     still_since_s : float or None
         End of the last movement; None while the gripper moves.
     touches : tuple of Touch
@@ -147,6 +147,7 @@ class Belief:
     since_s: float = 0.0
     rest_ohm: NDArray[np.float64] | None = None
     rest_frames: tuple[NDArray[np.float64], ...] = ()
+    proving_from: float | None = None
     still_since_s: float | None = None
     touches: tuple[Touch, ...] = ()
     staircase: tuple[Closing, ...] = ()
@@ -252,22 +253,6 @@ def _closure(belief: Belief, gripper: GripperState, plan: Plan) -> float:
 def commanded(belief: Belief, sent: GripperCommand, *, plan: Plan) -> Belief:
     """Take in what was really sent: grippers clamp commands, and round them to their own steps."""
     return replace(belief, sent=abs(sent.target - plan.gripper.target(0.0)))
-
-
-def rezeroed(belief: Belief, *, plan: Plan) -> Belief:
-    """Take the rest values from the frames before the first movement.
-
-    The sheet drifts with climate and wear, so every grasp takes its own. But what presses already
-    must not be zeroed away: where the frames are no rest, the calibration's values stay, and the
-    result says so.
-    """
-    try:
-        rest = rest_baseline(np.array(belief.rest_frames), known_ohm=plan.rest_ohm)
-    except CalibrationError as refused:
-        faults = (*belief.result.faults, f"rest values of the calibration used: {refused}")
-        result = replace(belief.result, faults=faults)
-        return replace(belief, rest_ohm=plan.rest_ohm, rest_frames=(), result=result)
-    return replace(belief, rest_ohm=rest.rest_ohm, rest_frames=())
 
 
 def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) -> Touch:

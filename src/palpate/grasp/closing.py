@@ -205,6 +205,18 @@ def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, Gripper
     return belief, GripperCommand(target=target, rate=plan.squeeze_rate)
 
 
+def come_back(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
+    """Close again from below, as every force that the sheet was calibrated with was reached.
+
+    It ends less far than the hand has stood already: what the object bore there it bears again. So
+    the way, which the hand can do in one go, is not cut to what an unknown stiffness would allow.
+    """
+    target, way = _whole(belief.again, plan), belief.again - belief.closure
+    if way < plan.smallest_step or _closure(target, plan) <= belief.closure:
+        return belief, None
+    return _sent_to(belief, target, plan), GripperCommand(target=target, rate=way / CORRECTED_S)
+
+
 def _settled(belief: Belief) -> Belief:
     """Return the belief with the settled force as that of now: the early law is for quick steps."""
     force = belief.result.force_n

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 from palpate.grasp import aim
 from palpate.grasp.answer import answered, examined, forecast, sure_enough
-from palpate.grasp.belief import Belief, Observation, observed, rezeroed
+from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.closing import (
-    CORRECTED_S,
     approach_dwell_s,
     approach_step,
     closed_by,
+    come_back,
     eased,
     pressed_on,
     read,
@@ -22,6 +22,7 @@ from palpate.grasp.closing import (
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome
+from palpate.grasp.rezero import proved, rezeroed
 from palpate.grasp.safety import Danger, Reaction, reaction
 from palpate.gripper.interface import GripperCommand
 
@@ -107,9 +108,14 @@ def _approach(belief: Belief, plan: Plan) -> Move:
     if belief.rest_ohm is None:
         if belief.still_s < plan.rest_s:
             return belief, None
-        return closed_by(rezeroed(belief, plan=plan), approach_step(plan), plan)
+        belief = rezeroed(belief, plan=plan)
+        return (belief, None) if belief.rest_ohm is None else _onward(belief, plan)
     if belief.still_s < approach_dwell_s(belief, plan):
         return belief, None
+    if belief.proving_from is not None:
+        belief = proved(belief, plan=plan)
+        if not belief.touches:
+            return belief, None
     before = belief.staircase[-1].closure if belief.staircase else 0.0
     belief = read(belief, plan)
     if belief.now.shared_percent <= plan.epsilon_percent or _pressed(belief, plan):
@@ -120,7 +126,7 @@ def _approach(belief: Belief, plan: Plan) -> Move:
     if belief.closure >= plan.gripper.span - 2 * plan.smallest_step:
         return _nothing_there(belief, plan)
     if belief.now.shared_percent > plan.hint_percent:
-        belief, command = closed_by(replace(belief, contact_s=None), approach_step(plan), plan)
+        belief, command = _onward(replace(belief, contact_s=None), plan)
     else:
         if belief.contact_s is None:
             belief = replace(belief, contact_s=belief.moved_s)
@@ -131,6 +137,12 @@ def _approach(belief: Belief, plan: Plan) -> Move:
         return _blind(belief, plan)
     # A touch too weak to be contact, and no room to press harder: measure what there is.
     return belief.enter(Phase.SETTLE, note="contact"), None
+
+
+def _onward(belief: Belief, plan: Plan) -> Move:
+    """Close by a step of the approach: a fine one while it may be that something presses."""
+    fine = belief.proving_from is not None
+    return closed_by(belief, plan.fine_step if fine else approach_step(plan), plan)
 
 
 def _blind(belief: Belief, plan: Plan) -> Move:
@@ -207,11 +219,10 @@ def _adjust(belief: Belief, plan: Plan) -> Move:
 
 
 def _ease(belief: Belief, plan: Plan) -> Move:
-    """Close again from below, as every force that the sheet was calibrated with was reached."""
+    """Come back from below to where the settled force should be right."""
     if belief.still_s < plan.confirm_s:
         return belief, None
-    way = belief.again - belief.closure
-    belief, command = closed_by(belief, way, plan, lasting_s=CORRECTED_S)
+    belief, command = come_back(belief, plan)
     return belief.enter(Phase.SETTLE, note="adjusted"), command
 
 

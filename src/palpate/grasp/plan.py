@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from palpate.estimate.bend import Bend
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw
+from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.stiffness import Give
@@ -43,6 +44,8 @@ class Plan:
         Predictor of the settled value.
     reading : PixelReading
         From the excess conductance of the pixels to what the laws read.
+    creep : OwnCreep or None
+        How this sheet creeps after a step, where its calibration had enough holds to show it.
     bend : Bend or None
         How fingers driven by pressure close and give way, where two blocks told it.
     current : CurrentLaw or None
@@ -119,6 +122,7 @@ class Plan:
     gripper: GripperLimits
     settling: SettlingMethod
     reading: PixelReading = field(default_factory=PixelReading.summed)
+    creep: OwnCreep | None = None
     bend: Bend | None = None
     current: CurrentLaw | None = None
     target_force_n: float | None = None

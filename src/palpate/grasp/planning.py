@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from palpate.errors import CalibrationError
 from palpate.estimate.bend import Bend
 from palpate.estimate.force import ForceLaw, PowerForceLaw
+from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading, Placements, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.stiffness import Give
@@ -54,6 +55,7 @@ def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) ->
         settled_law=settled,
         early_law=early,
         reading=reading,
+        creep=_creep(calibration.force, reading),
         gripper=gripper.limits,
         current=None if calibration.current is None else CurrentLaw.fit(calibration.current),
         settling=Relaxation(),
@@ -80,6 +82,16 @@ def _laws(pairs: ForcePairs) -> tuple[PixelReading, ForceLaw, ForceLaw]:
             early=np.isclose(since_s, DWELL_S)[used],
         )
     )
+
+
+def _creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:
+    """Return how far the sheet crept at each hold, from soon after the last step to the end."""
+    since_s, run = np.array(pairs.since_move_s), np.array(pairs.run)
+    excess = np.array(pairs.pixel_excess if pairs.pixel_excess else pairs.excess)
+    seen = reading.reading(excess.reshape(since_s.size, 1, -1))
+    held = np.flatnonzero(np.isclose(since_s[1:], HORIZON_S) & np.isclose(since_s[:-1], DWELL_S))
+    held = held[run[held] == run[held + 1]]
+    return OwnCreep.fit(seen[held], settled=seen[held + 1], early_s=DWELL_S, settled_s=HORIZON_S)
 
 
 def _by_width(block: BlockPairs) -> dict[str, Any]:

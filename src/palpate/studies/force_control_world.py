@@ -51,16 +51,20 @@ class Task:
     target_n: float
     lift_n: float
 
+    @property
+    def used(self) -> Environment:
+        """The use made of the sheet since its calibration."""
+        return Environment(cycles=int(np.random.default_rng([self.seed, 33]).integers(_CYCLES)))
+
     def world(self) -> World:
         """Return the world of this grasp, on a sheet that was used since its calibration."""
-        used = Environment(cycles=int(np.random.default_rng([self.seed, 33]).integers(_CYCLES)))
         return World(
             self.obj,
             seed=self.seed,
             sheet_seed=self.seed // GRASPS_PER_SHEET,
             level=self.level,
             gripper=self.kind,
-            environment=used,
+            environment=self.used,
         )
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 SEED = 41
 #: Grasps by one sensor before the next one is drawn and calibrated.
 _PER_SENSOR = 8
-OURS, UNGUARDED = "ours", "ours, without the learned limit"
+OURS, TOLD, UNGUARDED = "ours", "ours, kind told", "ours, without the learned limit"
 
 
 def command(
@@ -85,7 +85,8 @@ def report(
             "load and its scatter, how a hold relaxes. Every placement relaxes like another hold, "
             "whatever specimen it was of.",
             f"`{OURS}` reads the sheet through {through}; the other ways read the same sheets "
-            "directly. The learned limit comes from the other half of the fruit, kind untold.",
+            "directly. The learned limit comes from the other half of the fruit; "
+            f"`{TOLD}` alone knows banana from kiwi and mango.",
             "Ours in it: the fingers' width, how a force is shared among pixels, that answers of "
             f"the sheet add up, masses {MASS_G} g and a friction of {FRICTION}. What the "
             "recordings lack, and so is kinder than life: relaxation of the fruit, spikes of the "
@@ -120,12 +121,22 @@ def _grasps(
             calibration = calibrated(sheet, seed=SEED + number)
         curve = drawn[number % len(drawn)]
         guard = models[0] if curve.name in halves[0] else models[1]
-        shared = {"seed": 1000 * SEED + number}
+        seed = 1000 * SEED + number
         yield grasped(
-            curve, sheet, calibration, damage=guard, way=OURS, firmware=firmware, **shared
+            curve, sheet, calibration, damage=guard, way=OURS, firmware=firmware, seed=seed
         )
         yield grasped(
-            curve, sheet, calibration, damage=None, way=UNGUARDED, firmware=False, **shared
+            curve,
+            sheet,
+            calibration,
+            damage=guard,
+            way=TOLD,
+            firmware=False,
+            kind=curve.fruit,
+            seed=seed,
+        )
+        yield grasped(
+            curve, sheet, calibration, damage=None, way=UNGUARDED, firmware=False, seed=seed
         )
         yield fixed_closing(curve, contact_n=_contact_n(sheet))
 

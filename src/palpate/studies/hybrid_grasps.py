@@ -16,6 +16,7 @@ from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.reference_resistor import fit_reference
 from palpate.studies.hybrid_world import ADC_NOISE_COUNTS, Curve, RecordedSheet, RecordedWorld
+from palpate.studies.stoppable import uninterrupted
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.firmware_stream import open_firmware_array
 
@@ -140,18 +141,22 @@ def grasped(
     damage: DamageModel | None,
     way: str,
     firmware: bool,
+    kind: str = "",
 ) -> Hybrid:
-    """Grasp a fruit of which nothing but the weight is known, and compare with the recording."""
+    """Grasp a fruit of which nothing but the weight is known, and compare with the recording.
+
+    The learned limit may be told its kind.
+    """
     world = RecordedWorld(sheet, layout=calibration.layout, seed=seed)
     size_mm = float(np.random.default_rng([seed, 2]).uniform(*_SIZES_MM))
     world.drive(size_mm + _GAP_MM, rate=60.0)
     world.clock.sleep_s(2.0)
     world.place(curve, size_mm=size_mm)
     gripper, lift_n = TwinGripper(world), lift_force_n(curve.fruit)
-    plan = plan_grasp(calibration, gripper=gripper, lift_force_n=lift_n, damage=damage)
+    plan = plan_grasp(calibration, gripper=gripper, lift_force_n=lift_n, damage=damage, kind=kind)
     array = _array(world, firmware=firmware)
     try:
-        result = run_grasp(plan, array=array, gripper=gripper, clock=world.clock)
+        result = uninterrupted(run_grasp(plan, array=array, gripper=gripper, clock=world.clock))
     finally:
         array.close()
     # The recordings have no relaxation of the fruit: the largest force is that of the final grip.

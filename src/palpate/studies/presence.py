@@ -16,6 +16,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate.studies.stoppable import uninterrupted
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate.twin.world import World
@@ -96,8 +97,9 @@ def watched(seed: int, *, level: str) -> Session:
         openings[1] = wide
 
     plan = plan_grasp(_calibrated(sheet, level), gripper=gripper, tries=TRIES, longest_s=300.0)
-    result = run_grasp(
-        plan, array=TwinArray(world), gripper=gripper, clock=world.clock, subscribers=[bring]
+    array = TwinArray(world)
+    result = uninterrupted(
+        run_grasp(plan, array=array, gripper=gripper, clock=world.clock, subscribers=[bring])
     )
     return Session(
         level=level,

@@ -14,6 +14,7 @@ from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
 from palpate.settling.result import FloatArray
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
+from palpate.studies.stoppable import uninterrupted
 from palpate.studies.twin_session import Session
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object
@@ -113,7 +114,8 @@ def _grasped(
     session = _faced(obj, level, sensor, berry)
     world, gripper = session.world, session.gripper
     plan = plan_grasp(calibration, gripper=gripper, **options)
-    result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    array = TwinArray(world)
+    result = uninterrupted(run_grasp(plan, array=array, gripper=gripper, clock=world.clock))
     return result.size_mm, world.truth().damaged
 
 

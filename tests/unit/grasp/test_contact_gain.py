@@ -14,6 +14,7 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperCommand, GripperState
 
 GEARS = GearFriction(mean_ma=40.0, mean_sd_ma=0.5, movement_ma=0.0)
@@ -131,3 +132,21 @@ def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
     assert last == pytest.approx(4.0, rel=0.1)
     eased_n = [f for phase, f in zip(phases, forces, strict=True) if phase is Phase.EASE]
     assert min(eased_n) < 0.8 * 4.0
+
+
+def test_it_comes_back_in_one_go_and_less_far_than_it_stood(plan: Plan, slow: Any) -> None:
+    """Near the ceiling too: what the object bore at a closure it bears there again."""
+    stood, again, came = list[float](), list[float](), list[float]()
+
+    def watch(belief: Any) -> None:
+        if belief.phase is Phase.SETTLE:
+            slow.size_mm = 50.9
+            (came if again else stood).append(plan.gripper.target(belief.sent))
+        if belief.phase is Phase.EASE:
+            again.append(plan.gripper.target(belief.again))
+
+    # What an unknown stiffness may add over the way back would not fit below this ceiling.
+    close = replace(plan, target_force_n=4.0, safety=SafetyLimits(force_ceiling_n=7.0))
+    run(close, slow, watch=watch)
+    assert again[0] > min(stood)
+    assert came[0] == pytest.approx(again[0], abs=plan.resolution)

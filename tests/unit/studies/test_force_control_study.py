@@ -95,7 +95,14 @@ def test_the_report_says_simulated() -> None:
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
 def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
     drawn = task(7, level="paper")
-    tender = replace(drawn.obj, contact="linear", force_at_1mm_n=0.8, yield_n=3.0, rupture_n=3.6)
+    tender = replace(
+        drawn.obj,
+        contact="linear",
+        force_at_1mm_n=0.8,
+        yield_n=3.0,
+        rupture_n=3.6,
+        mass_g=2.0 * FRICTION[0] * 0.5 / N_PER_G,
+    )
     wanted = replace(drawn, kind=kind, obj=tender, target_n=7.0, lift_n=0.5)
     found = ours(wanted, damage=learned_damage(seed=5))
     assert found.limited

@@ -1,0 +1,26 @@
+"""A study that is told to stop ends, not only the grasp that it was making."""
+
+from __future__ import annotations
+
+from palpate.grasp.result import GraspResult, Outcome
+
+
+def uninterrupted(result: GraspResult) -> GraspResult:
+    """Return the result of a grasp that ran to its end.
+
+    `run_grasp` takes Ctrl-C and SIGTERM for itself, to leave the hand safe. A study asks for no
+    stop of its own, so a stopped grasp is no data, and its user wants the study to end.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it was stopped from outside.
+
+    Examples
+    --------
+    >>> uninterrupted(GraspResult(outcome=Outcome.HELD)).outcome.value
+    'held'
+    """
+    if result.outcome is Outcome.STOPPED:
+        raise KeyboardInterrupt
+    return result
