@@ -21,6 +21,7 @@ from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.produce import contact_width
 from palpate.produce.firmness import RIPENESS_N
 from palpate.produce.records import MEASURED
 from palpate.settling.result import Status
@@ -45,7 +46,7 @@ _ROUNDS = 3
 
 
 class ClosingWatch:
-    """Watches one grasp for the firmness that its closing tells.
+    """Watches one grasp for what its closing tells: firmness, or the width at contact.
 
     Parameters
     ----------
@@ -63,9 +64,14 @@ class ClosingWatch:
             self._held = belief
 
     def measured(self) -> dict[str, Measurement]:
-        """Return the firmness by its name; nothing where none was told."""
-        found = None if self._held is None else closing_firmness(self._held, plan=self.plan)
-        return {} if found is None else {NAME: found}
+        """Return what was told, by its name; nothing where the item was not held."""
+        if self._held is None:
+            return {}
+        found = {
+            NAME: closing_firmness(self._held, plan=self.plan),
+            contact_width.NAME: contact_width.contact_width(self._held, plan=self.plan),
+        }
+        return {name: told for name, told in found.items() if told is not None}
 
 
 def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
@@ -13,8 +14,16 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
+FloatArray = NDArray[np.float64]
+
 #: Readings are means over so long: before the first movement, and before the answer.
 MEAN_S = 0.4
+
+
+def answered_s(result: GraspResult) -> float | None:
+    """Return when a grasp gave its last answer; None if it gave none."""
+    times_s = [moment.time_s for moment in result.moments if moment.name == "answer"]
+    return times_s[-1] if times_s else None
 
 
 def felt_pixels(
@@ -31,21 +40,28 @@ def felt_pixels(
     layout : ArrayLayout
         Of its frames.
     """
-    answered = [moment.time_s for moment in result.moments if moment.name == "answer"]
-    if not answered or not observations:
+    until_s = answered_s(result)
+    if until_s is None or not observations:
         return None
-    began_s = observations[0].frame.time_s
-    rest = _mean_ohm(observations, began_s - 1e-9, began_s + MEAN_S, layout=layout)
-    held = _mean_ohm(observations, answered[-1] - MEAN_S, answered[-1], layout=layout)
-    percent = relative_change_percent(held, rest_ohm=rest)
+    percent = percent_until(until_s, observations=observations, layout=layout)
     return tuple(
         tuple(float(one) if np.isfinite(one) else None for one in row) for row in percent.tolist()
     )
 
 
+def percent_until(
+    until_s: float, *, observations: Sequence[Observation], layout: ArrayLayout
+) -> FloatArray:
+    """Return each pixel's relative change over the last moments before a time, (rows, cols)."""
+    began_s = observations[0].frame.time_s
+    rest = _mean_ohm(observations, began_s - 1e-9, began_s + MEAN_S, layout=layout)
+    felt = _mean_ohm(observations, until_s - MEAN_S, until_s, layout=layout)
+    return relative_change_percent(felt, rest_ohm=rest)
+
+
 def _mean_ohm(
     observations: Sequence[Observation], after_s: float, until_s: float, *, layout: ArrayLayout
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+) -> FloatArray:
     ohm = [
         pixel_resistance_ohm(one.frame.counts, layout=layout, oversampling=one.frame.oversampling)
         for one in observations

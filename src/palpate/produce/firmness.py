@@ -1,9 +1,9 @@
 """How firm a grasp found an item: one number that falls as it softens, whatever the gripper.
 
-Fingers driven by width tell the item's stiffness. Fingers driven by pressure tell no width; but a
-soft item lies against more of the pad than a hard one does under the same force (Hertz: the radius
-of contact goes with the square root of the deformation), so they tell by how many pixels share the
-load. Both are compared as logarithms: a halving counts alike wherever it happens.
+Fingers driven by width tell the item's stiffness. Fingers driven by pressure tell no deformation;
+but a soft item lies against more of the pad than a hard one does under the same force (Hertz: the
+radius of contact goes with the square root of the deformation), so they tell by how many pixels
+share the load. Both are compared as logarithms: a halving counts alike wherever it happens.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.grasp.result import Outcome
-from palpate.produce.records import Grasp, PixelPercent
+from palpate.produce.records import Grasp
 
 #: Grip force at which ripeness is felt: enough to deform a hard fruit by a third of a millimetre,
 #: too little to bruise a ripe one (thumbs bruise avocados from about 10 N on).
@@ -58,7 +59,8 @@ def firmness_of(grasp: Grasp) -> float | None:
         Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N: by the whole
         closing (`palpate.produce.closing_firmness`), or, where that was not kept, from the answer
         (round bodies stiffen as the cube root of the force). By pressure: -ln of the number of
-        pixels that share the load. The two are not comparable with each other.
+        pixels that share the load, freed of size and force (`palpate.produce.shared_load`)
+        where the closing told the width. The two are not comparable with each other.
 
     Examples
     --------
@@ -83,8 +85,10 @@ def firmness_of(grasp: Grasp) -> float | None:
     if grasp.outcome is not Outcome.HELD:
         return None
     if grasp.drive == "pressure":
-        pixels = grasp.pixel_settled_percent
-        return None if pixels is None else _minus_log_sharing(pixels)
+        shared, pixels = grasp.measurements.get("shared_pixels"), grasp.pixel_settled_percent
+        if shared is not None:
+            return -math.log(shared.value)
+        return None if pixels is None else minus_log_sharing(np.array(pixels, dtype=float))
     closing = grasp.measurements.get("firmness_n_per_mm")
     if closing is not None:
         return math.log(closing.value)
@@ -95,10 +99,21 @@ def firmness_of(grasp: Grasp) -> float | None:
     return math.log(stiffness.value) - math.log(force.value / RIPENESS_N) / 3.0
 
 
-def _minus_log_sharing(pixels: PixelPercent) -> float | None:
-    """Return -ln of (sum of excess)^2 / sum of excess^2, the number of pixels that share alike."""
-    percent = np.array([one for row in pixels for one in row if one is not None])
-    fallen = np.clip(-percent, _LEAST_PERCENT, 99.9) / 100.0
+def minus_log_sharing(percent: ArrayLike) -> float | None:
+    """Return -ln of (sum of excess)^2 / sum of excess^2, the number of pixels that share alike.
+
+    Parameters
+    ----------
+    percent : array_like, shape (rows, cols)
+        Relative change of each pixel; NaN for one out of use.
+
+    Examples
+    --------
+    >>> round(math.exp(-minus_log_sharing([[-50.0, -50.0], [-50.0, np.nan]])), 6)
+    3.0
+    """
+    fallen = np.clip(-np.array(percent, dtype=float), _LEAST_PERCENT, 99.9) / 100.0
+    fallen = fallen[np.isfinite(fallen)]
     if fallen.size < 2 or fallen.max() <= 2 * _LEAST_PERCENT / 100.0:
         return None
     excess = fallen / (1.0 - fallen)

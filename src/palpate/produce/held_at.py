@@ -9,7 +9,7 @@ import numpy as np
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
-from palpate.produce.felt_pixels import MEAN_S
+from palpate.produce.felt_pixels import MEAN_S, answered_s
 from palpate.produce.records import MEASURED, Drive
 
 #: Name of the measurement by what drives the hand.
@@ -34,14 +34,13 @@ def held_at(
     drive : {"width", "pressure"}
         What the gripper is driven by.
     """
-    name = HELD_AT[drive]
-    answered = [moment.time_s for moment in result.moments if moment.name == "answer"]
-    if not answered:
+    name, until_s = HELD_AT[drive], answered_s(result)
+    if until_s is None:
         return {}
     reported = [
         getattr(one.gripper, name)
         for one in observations
-        if answered[-1] - MEAN_S < one.frame.time_s <= answered[-1]
+        if until_s - MEAN_S < one.frame.time_s <= until_s
     ]
     if not reported or not np.isfinite(reported).all():
         return {}

@@ -14,6 +14,7 @@ from palpate.produce.felt_pixels import felt_pixels
 from palpate.produce.held_at import held_at
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.records_json import CalibrationText
+from palpate.produce.shared_load import shared_pixels
 from palpate.produce.store_writing import calibration_id_of
 from palpate.recording import Origin
 from palpate.sensor.array import ArrayLayout
@@ -59,7 +60,8 @@ def records_of(
     closing : mapping of str to Measurement, optional
         What was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
     """
-    measured = {name: getattr(result, name) for name in _ANSWERED}
+    measured = {name: value for name in _ANSWERED if (value := getattr(result, name)) is not None}
+    measured |= {**held_at(seen, result=result, drive=drive), **closing}
     grasp = Grasp(
         item_id=item_id,
         taken_at=datetime.now(UTC),
@@ -67,11 +69,8 @@ def records_of(
         drive=drive,
         origin=origin,
         outcome=result.outcome,
-        measurements={
-            **{name: value for name, value in measured.items() if value is not None},
-            **held_at(seen, result=result, drive=drive),
-            **closing,
-        },
+        measurements=measured
+        | shared_pixels(seen, result=result, layout=layout, measured=measured),
         pixel_settled_percent=felt_pixels(seen, result=result, layout=layout),
         decision_time_s=result.decision_time_s,
         peak_force_n=result.peak_force_n,

@@ -29,6 +29,8 @@ MEASURED = MappingProxyType(
         "firmness_n_per_mm": "n_per_mm",
         "width_mm": "mm",
         "pressure_kpa": "kpa",
+        "contact_mm": "mm",
+        "shared_pixels": "pixels",
     }
 )
 #: Relative change of each pixel at the answer, rows of columns; None for one out of use.

@@ -9,6 +9,7 @@ enough to begin with, and an early day tells of a later one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,6 +31,8 @@ _PACE = np.linspace(-2.0, 2.0, 7)
 _START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(3)
 #: Degrees of freedom of a day's scatter, and rounds of reweighting.
 _FREEDOM, _ROUNDS = 5.0, 3
+#: A day's own scatter from grasp to grasp is believed as if the usual one had been seen so often.
+_USUAL_GRASPS = 6
 #: A course that would begin softer than it ends is held to this fall.
 _LEAST_FALL = 1e-3
 #: Paces of one kind differ by about this (log sd). A few items can't tell it.
@@ -54,7 +57,9 @@ class Course:
     pace_days : float
         Median time scale of the logistic curve.
     noise_sd : float
-        Scatter of one day's mean firmness about an item's course.
+        Scatter of one day's firmness about an item's course, however often it was grasped.
+    grasp_sd : float
+        Usual scatter from grasp to grasp of one day, which more grasps average out.
     items : int
         How many it was learned from.
     """
@@ -66,6 +71,7 @@ class Course:
     halfway_sd: float
     pace_days: float
     noise_sd: float
+    grasp_sd: float
     items: int
 
     @classmethod
@@ -85,7 +91,7 @@ class Course:
             )
         felt = np.concatenate([[day.firmness for day in item] for item in useful])
         last_day = max(day.day for item in useful for day in item)
-        begin = _beginning(felt, last_day)
+        begin = _beginning(felt, last_day) | {"grasp_sd": _grasp_sd(useful)}
 
         def loss(offset: FloatArray) -> float:
             course = _course(begin, offset, items=len(useful))
@@ -117,21 +123,22 @@ class Course:
         )
         at = np.array([day.day for day in days])
         felt = np.array([day.firmness for day in days])
+        noise_sd = np.hypot(self.noise_sd, [self._mean_sd(day) for day in days])
         left = _left(at, halfway, pace)
         off = felt - self.soft - (self.hard - self.soft) * left
         start = np.zeros(halfway.size)
         variance = np.full(halfway.size, self.start_sd**2)
         for _ in range(_ROUNDS):
-            squared = ((off - start[:, None] * left) / self.noise_sd) ** 2
-            trust = (_FREEDOM + 1.0) / (_FREEDOM + squared) / self.noise_sd**2
+            squared = ((off - start[:, None] * left) / noise_sd) ** 2
+            trust = (_FREEDOM + 1.0) / (_FREEDOM + squared) / noise_sd**2
             variance = 1.0 / (1.0 / self.start_sd**2 + (trust * left**2).sum(axis=1))
             start = variance * (trust * left * off).sum(axis=1)
-        squared = ((off - start[:, None] * left) / self.noise_sd) ** 2
+        squared = ((off - start[:, None] * left) / noise_sd) ** 2
         # Tails of a t distribution: a bad grasp must not outweigh all the others.
         log_like = -0.5 * (_FREEDOM + 1.0) * np.log1p(squared / _FREEDOM).sum(axis=1)
         log_like += 0.5 * np.log(variance / self.start_sd**2) - 0.5 * (start / self.start_sd) ** 2
         prior = (_normal_weights(_HALFWAY)[:, None] * _normal_weights(_PACE)).ravel()
-        log_weight = np.log(prior) + log_like - at.size * np.log(self.noise_sd)
+        log_weight = np.log(prior) + log_like - np.log(noise_sd).sum()
         top = float(log_weight.max())
         weight = np.exp(log_weight - top)
         each = np.repeat(weight / weight.sum(), _START.size) * np.tile(_START_WEIGHT, weight.size)
@@ -144,6 +151,13 @@ class Course:
             weight=each / each.sum(),
             log_evidence=top + float(np.log(weight.sum())),
         )
+
+    def _mean_sd(self, day: DayFelt) -> float:
+        """Return the doubt of a day's mean that comes from the scatter of its grasps."""
+        seen = day.grasps - 1
+        own = seen * day.spread**2 if seen else 0.0
+        variance = (_USUAL_GRASPS * self.grasp_sd**2 + own) / (_USUAL_GRASPS + seen)
+        return math.sqrt(variance / day.grasps)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,6 +216,14 @@ def _beginning(felt: FloatArray, last_day: float) -> dict[str, float]:
     return {"low": low, "high": high, "fall": fall, "last_day": max(last_day, 1.0)}
 
 
+def _grasp_sd(items: Sequence[Sequence[DayFelt]]) -> float:
+    """Return the pooled scatter from grasp to grasp of one day; 0 where none was grasped twice."""
+    days = [day for item in items for day in item if day.grasps > 1]
+    freedom = sum(day.grasps - 1 for day in days)
+    squared = sum((day.grasps - 1) * day.spread**2 for day in days)
+    return math.sqrt(squared / freedom) if freedom else 0.0
+
+
 def _course(begin: dict[str, float], offset: FloatArray, *, items: int) -> Course:
     """Return the course at offsets, in standard deviations, from the beliefs before learning."""
     fall, days = begin["fall"], begin["last_day"]
@@ -213,5 +235,6 @@ def _course(begin: dict[str, float], offset: FloatArray, *, items: int) -> Cours
         halfway_sd=0.4 * days * float(np.exp(0.4 * offset[4])),
         pace_days=_USUAL_PACE_DAYS * float(np.exp(0.5 * offset[5])),
         noise_sd=_USUAL_NOISE_SHARE * fall * float(np.exp(0.7 * offset[6])),
+        grasp_sd=begin["grasp_sd"],
         items=items,
     )

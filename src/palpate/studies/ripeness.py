@@ -24,7 +24,8 @@ from palpate.studies.ripeness_scores import (
 )
 from palpate.studies.ripeness_station import (
     DAYS,
-    GRASPS_PER_DAY,
+    GRASPS_AT_ONCE,
+    LABELLED_GRASPS,
     LATER_DAYS,
     MOST_GRASPS,
     REFERENCE_GRASPS,
@@ -46,7 +47,7 @@ CONDITIONS: tuple[Condition, ...] = (
     ("field", "soft", True),
 )
 #: Seeds of the sensors that are reported; none of them was looked at before.
-SEED, LABELLED = 85001, 12
+SEED, LABELLED = 92001, 12
 
 
 def command(
@@ -138,13 +139,12 @@ def _provenance(found: Mapping[Condition, Sequence[Felt]]) -> list[str]:
         "ten grasps a day, each gripper); no published number was a calibration input here. The "
         "avocados' ranges stand in `palpate.twin.produce_ranges` with their reasons.",
         f"Each sensor: a calibration by a user's steps, then {LABELLED} labelled fruits for {DAYS} "
-        "days (more where these did not show every stage) and, "
-        f"{LATER_DAYS} days after their first, the others, which are judged; "
-        f"{GRASPS_PER_DAY} grasps a day in a nest that centres the fruit, of the judged ones up to "
-        f"{MOST_GRASPS} while a stage is less than {100 * SURE:.0f} % sure, {REFERENCE_GRASPS} of "
-        "a rubber ball each morning, half before the fruit and half after it; rest values taken "
-        "anew each morning with the hand empty. Judged on each day by the days up to "
-        "then.",
+        f"days (more where these did not show every stage), {LABELLED_GRASPS} grasps a day, and, "
+        f"{LATER_DAYS} days after their first, the others, which are judged: {GRASPS_AT_ONCE} "
+        f"grasps a day, and {GRASPS_AT_ONCE} more up to {MOST_GRASPS} while the stage is less than "
+        f"{100 * SURE:.0f} % sure. A nest centres the fruit. {REFERENCE_GRASPS} grasps of a rubber "
+        "ball each morning, half before the fruit and half after it; rest values taken anew each "
+        "morning with the hand empty. Judged on each day by the days up to then.",
         "Aging: break-in and wear by 100 to 400 other grasps a day, mornings at 14.8 to 26.8 C.",
         "Labels are true stages; people err, and then no one is right more often than they are.",
         f"Pressed beyond its yield: {damaged} of {grasps} grasps.",

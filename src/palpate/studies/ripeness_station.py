@@ -27,6 +27,7 @@ from palpate.produce.firmness import RIPENESS_N
 from palpate.produce.held_at import held_at
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness import RipenessRule
+from palpate.produce.shared_load import shared_pixels
 from palpate.rig.simulated import calibrated
 from palpate.rig.twin_bench import twin_bench
 from palpate.sensor.calibration import RestValues
@@ -42,10 +43,11 @@ from palpate.twin.ranges import uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 
-#: Mornings; grasps of each fruit on each (the paper makes ten); grasps of the reference object.
-DAYS, GRASPS_PER_DAY, REFERENCE_GRASPS = 4, 6, 10
-#: A fruit whose stage is still unsure is grasped as often again, up to so many times on one day.
-MOST_GRASPS = 18
+#: Mornings; grasps of a labelled fruit on each (the paper makes ten); of the reference object.
+DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 6, 20
+#: A fruit to be judged is grasped so often, and again while its stage is unsure, up to so many
+#: times on one day.
+GRASPS_AT_ONCE, MOST_GRASPS = 3, 18
 REFERENCE = "ball-44lbs"
 #: The labelled fruits are felt first; the others come a week later, when the sensor is older.
 LATER_DAYS = 7
@@ -158,10 +160,11 @@ class _Bench:
         """Grasp each fruit as a user would, and once more in the paper's way."""
         for number, fruit in enumerate(fruits):
             item_id, times = f"{name}-{number}", 0
+            at_once = LABELLED_GRASPS if rule is None else GRASPS_AT_ONCE
             while times == 0 or (times < MOST_GRASPS and self._unsure(item_id, rule=rule)):
-                for _ in range(GRASPS_PER_DAY):
+                for _ in range(at_once):
                     self._feel(fruit.spot(day, rng=self._rng), item_id=item_id)
-                times += GRASPS_PER_DAY
+                times += at_once
             spot = fruit.spot(day, rng=self._rng)
             self.as_published[item_id, day] = self._settled_percent(spot, fruit=fruit)
 
@@ -181,7 +184,8 @@ class _Bench:
         if rule is None:
             return False
         felt = self.kept(())
-        return rule.judge(days_of(felt, item_id, drift_of(felt))).unsure
+        days = days_of(felt, item_id, drift_of(felt))
+        return not days or rule.judge(days).unsure
 
     def _wait_near(self, size_mm: float) -> None:
         """Bring the fingers near what lies in the nest, and let the sheet come to rest."""
@@ -242,6 +246,9 @@ class _Bench:
         }
         drive: Drive = "width" if self._gripper == "rigid" else "pressure"
         measured |= held_at(observations, result=result, drive=drive) | closing.measured()
+        measured |= shared_pixels(
+            observations, result=result, layout=self._plan.layout, measured=measured
+        )
         taken_at = _FIRST + timedelta(days=self._day, seconds=world.clock.now_s())
         self.grasps.append(
             Grasp(

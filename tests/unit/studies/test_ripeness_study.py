@@ -22,7 +22,7 @@ from palpate.studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
 from palpate.studies.ripeness_scores import judged, scores
 from palpate.studies.ripeness_station import (
     DAYS,
-    GRASPS_PER_DAY,
+    LABELLED_GRASPS,
     REFERENCE_GRASPS,
     draw_labelled,
     run_station,
@@ -40,7 +40,7 @@ def station() -> Felt:
 def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
     fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
     ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
-    assert len(fruit) == GRASPS_PER_DAY * DAYS
+    assert len(fruit) == LABELLED_GRASPS * DAYS
     assert all(
         {"firmness_n_per_mm", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps
     )
