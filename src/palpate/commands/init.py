@@ -52,7 +52,9 @@ def init(
         typer.Option(help="floating: two multiplexers; held: rows on the Mega's pins; isolated."),
     ] = None,
     rate_hz: Annotated[float, typer.Option(help="Frames per second.")] = 250.0,
-    baud: Annotated[int, typer.Option(help="Speed that the firmware was built for.")] = 1_000_000,
+    baud: Annotated[
+        int, typer.Option(help="Speed that the firmware was built for.", min=1)
+    ] = 1_000_000,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a rig file. Asks for what no option gives; without a terminal, takes the defaults.
@@ -60,13 +62,14 @@ def init(
     Example: palpate init rig.toml --port /dev/ttyACM0 --layout rigid-2x2 --reference-ohm 4700
     """
     from palpate.files import atomic_path
-    from palpate.sensor.board_array import PRESETS, layout_named
+    from palpate.sensor.board_array import PRESETS, check_rate, layout_named
     from palpate.sensor.ports import serial_ports
 
     if file.suffix != ".toml":
         raise InputError(f"{file}: a rig file ends in .toml")
     if file.exists() and not force:
         raise InputError(f"{file} exists; give another name, or --force to replace it")
+    check_rate(rate_hz)
     likely = [found.device for found in serial_ports() if found.board is not None]
     chosen: dict[str, str | float | bool] = {
         "port": _ask("Serial port", port, likely[0] if len(likely) == 1 else _ANY_PORT),

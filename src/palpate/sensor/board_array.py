@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Literal
 
@@ -79,6 +80,18 @@ def _wired(
         raise InputError(str(error)) from error
 
 
+def check_rate(rate_hz: float) -> None:
+    """Refuse a number that no board could take for a rate.
+
+    Raises
+    ------
+    InputError
+        If it is not above 0, or without end.
+    """
+    if not 0 < rate_hz < math.inf:
+        raise InputError(f"a rate of {rate_hz:g} Hz: give frames per second, such as 250")
+
+
 def open_board(
     *,
     port: str | None = None,
@@ -115,10 +128,11 @@ def open_board(
     Raises
     ------
     InputError
-        If there is no such layout.
+        If there is no such layout, or the rate is none.
     DeviceError
         If there is no board, it does not answer, or it can't do that rate.
     """
+    check_rate(rate_hz)
     pixels = layout_named(
         layout,
         reference_ohm=reference_ohm,
