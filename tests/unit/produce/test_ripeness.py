@@ -113,7 +113,13 @@ def test_the_load_shared_by_more_pixels_is_a_softer_item() -> None:
     assert felt_hard is not None
     assert felt_soft is not None
     assert felt_soft < felt_hard
-    assert firmness_of(soft_grasp([-50, -50, -50, -50])) == pytest.approx(-math.log(4))
+    alike = soft_grasp([-50, -50, -50, -50])
+    assert firmness_of(alike) == pytest.approx(-math.log(4))
+    # Freed of size and force, where the closing told the width.
+    freed = Measurement(value=3.2, low=3.0, high=4.0, unit="pixels")
+    assert firmness_of(replace(alike, measurements={"shared_pixels": freed})) == pytest.approx(
+        -math.log(3.2)
+    )
 
 
 def test_a_grasp_that_measured_nothing_has_no_firmness() -> None:
@@ -180,6 +186,28 @@ def test_one_wild_grasp_does_not_turn_a_history(rule: RipenessRule) -> None:
     ]
     wild = [*days[:2], DayFelt(day=2.0, firmness=HARD + 1.0, grasps=1, spread=math.nan), *days[3:]]
     assert rule.judge(wild).stage == rule.judge(days).stage
+
+
+def test_a_day_of_many_grasps_is_believed_more(rule: RipenessRule) -> None:
+    scattered = replace(rule, course=replace(rule.course, grasp_sd=0.25))
+    felt = math.log(BOUNDS[1]) + 0.12
+    few, many = (
+        scattered.judge([DayFelt(day=3.0, firmness=felt, grasps=grasps, spread=0.25)])
+        for grasps in (2, 30)
+    )
+    assert (few.stage, many.stage) == ("conditioned", "conditioned")
+    assert few.unsure
+    assert many.probabilities["conditioned"] > few.probabilities["conditioned"] + 0.05
+
+
+def test_a_days_own_scatter_counts_beside_the_usual(rule: RipenessRule) -> None:
+    scattered = replace(rule, course=replace(rule.course, grasp_sd=0.1))
+    felt = math.log(BOUNDS[1]) + 0.12
+    calm, wild = (
+        scattered.judge([DayFelt(day=3.0, firmness=felt, grasps=6, spread=spread)])
+        for spread in (0.05, 0.9)
+    )
+    assert wild.probabilities["conditioned"] < calm.probabilities["conditioned"] - 0.03
 
 
 def test_learning_refuses_what_shows_no_softening() -> None:
@@ -342,8 +370,8 @@ def store() -> Store:
                 )
             )
     kept.add_item(Item(item_id="A17", kind="avocado"))
-    for day in range(3):
-        kept.add_grasp(grasp("A17", math.exp(firmness(1.0, day)), day=day))
+    for number in range(3):
+        kept.add_grasp(grasp("A17", math.exp(firmness(1.0, number)), day=number))
     return kept
 
 

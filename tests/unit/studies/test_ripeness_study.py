@@ -98,7 +98,7 @@ def made_up(station: Felt, *, worn: float) -> Felt:
         )
 
     def stiffness(fruit: Avocado, day: int) -> float:
-        return 1.5 * fruit.force_at_1mm_n(day) ** (2.0 / 3.0)
+        return 1.5 * math.pow(fruit.force_at_1mm_n(day), 2.0 / 3.0)
 
     for begins, fruits, name in ((0, labelled, "labelled"), (7, others, "fruit")):
         for day in range(DAYS):

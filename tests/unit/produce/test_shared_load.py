@@ -1,0 +1,148 @@
+"""Soft fingers: how wide an item is, and how many pixels share its load, whatever its size."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from palpate.estimate.bend import Bend
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.stiffness import Give
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import run_grasp
+from palpate.produce.closing_firmness import ClosingWatch
+from palpate.produce.contact_width import contact_width, width_at_contact
+from palpate.produce.felt_pixels import felt_pixels
+from palpate.produce.firmness import RIPENESS_N, minus_log_sharing
+from palpate.produce.shared_load import shared_pixels
+from palpate.rig.simulated import calibrated
+from palpate.twin.avocado import draw_avocado
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.world import World
+
+BEND = Bend(
+    mm_per_kpa=1.4,
+    give=Give(
+        slope_mm_per_n=3.5,
+        pad_mm=(0.0,) * 5,
+        zero_mm=-74.0,
+        residual_mm=0.1,
+        largest_force_n=12.0,
+    ),
+)
+SIZES_MM = (58.0, 68.0)
+
+
+@dataclass(frozen=True)
+class Felt:
+    plan: Plan
+    result: GraspResult
+    seen: list[Observation]
+    beliefs: list[Belief]
+    measured: dict[str, Measurement]
+
+    @property
+    def read(self) -> float:
+        pixels = felt_pixels(self.seen, result=self.result, layout=self.plan.layout)
+        found = minus_log_sharing(np.array(pixels, dtype=float))
+        assert found is not None
+        return found
+
+    def freed(self, **other: Measurement) -> dict[str, Measurement]:
+        measured = self.measured | other
+        return shared_pixels(
+            self.seen, result=self.result, layout=self.plan.layout, measured=measured
+        )
+
+
+def grasped(world: World, plan: Plan) -> Felt:
+    seen, beliefs, watch = list[Observation](), list[Belief](), ClosingWatch(plan)
+    result = run_grasp(
+        plan,
+        array=TwinArray(world),
+        gripper=TwinGripper(world),
+        clock=world.clock,
+        subscribers=[seen.append],
+        watchers=[watch.see, beliefs.append],
+    )
+    assert result.force_n is not None
+    measured = {"force_n": result.force_n} | watch.measured()
+    return Felt(plan=plan, result=result, seen=seen, beliefs=beliefs, measured=measured)
+
+
+@pytest.fixture(scope="module")
+def by_size() -> dict[float, Felt]:
+    """Return one grasp each of a small and a large fruit that are alike in all else."""
+    calibration = calibrated(seed=6, level="paper", apart_from="avocado", kind="soft")
+    fruit = replace(draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4)))
+    found = {}
+    for size_mm in SIZES_MM:
+        obj = replace(fruit, size_mm=size_mm, force_at_1mm_n=2.5)
+        world = World(obj, seed=6, sheet_seed=6, level="paper", gripper="soft", frame_rate_hz=10.0)
+        plan = plan_grasp(
+            calibration,
+            gripper=TwinGripper(world),
+            target_force_n=RIPENESS_N,
+            force_step_n=1.2,
+            hold_s=0.0,
+        )
+        found[size_mm] = grasped(world, plan)
+    return found
+
+
+def test_the_pressure_at_contact_tells_the_width(by_size: dict[float, Felt]) -> None:
+    widths = {size: felt.measured["contact_mm"] for size, felt in by_size.items()}
+    for size_mm, width in widths.items():
+        assert width.low < width.value < width.high
+        assert width.low <= size_mm <= width.high
+    small, large = (widths[size].value for size in SIZES_MM)
+    assert large - small == pytest.approx(SIZES_MM[1] - SIZES_MM[0], abs=1.5)
+
+
+def test_sharing_is_freed_of_size(by_size: dict[float, Felt]) -> None:
+    small, large = (by_size[size] for size in SIZES_MM)
+    read = small.read - large.read
+    freed = [felt.freed()["shared_pixels"] for felt in (small, large)]
+    assert read > 0.05
+    assert abs(math.log(freed[1].value / freed[0].value)) < 0.6 * read
+    assert all(one.low <= one.value <= one.high for one in freed)
+
+
+def test_sharing_is_freed_of_force(by_size: dict[float, Felt]) -> None:
+    felt = by_size[SIZES_MM[0]]
+    force = felt.measured["force_n"]
+    harder = felt.freed(force_n=replace(force, value=1.5 * force.value))["shared_pixels"]
+    # What was pressed by half as much again is harder by as much of that as the grasp showed.
+    power = math.log(felt.freed()["shared_pixels"].value / harder.value) / math.log(1.5)
+    assert 0.05 < power <= 1.0 / 3.0
+
+
+def test_without_width_or_answer_nothing_is_said(by_size: dict[float, Felt]) -> None:
+    felt = by_size[SIZES_MM[0]]
+    layout, force = felt.plan.layout, {"force_n": felt.measured["force_n"]}
+    assert shared_pixels(felt.seen, result=felt.result, layout=layout, measured=force) == {}
+    lost = replace(felt.result, moments=())
+    assert shared_pixels(felt.seen, result=lost, layout=layout, measured=felt.measured) == {}
+    held = felt.beliefs[-1]
+    assert contact_width(held, plan=replace(felt.plan, bend=None)) is None
+    assert contact_width(replace(held, staircase=()), plan=felt.plan) is None
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_the_width_is_found_from_any_step_on(first: int) -> None:
+    force_n = np.array([0.3, 0.8, 2.0, 4.0])
+    pressure_kpa = 10.0 + BEND.give.give_mm(force_n) / BEND.mm_per_kpa
+    said = width_at_contact(pressure_kpa[first:], force_n=force_n[first:], bend=BEND)
+    assert said == pytest.approx(60.0)
+
+
+def test_what_the_sheet_remembered_before_the_touch_does_not_count() -> None:
+    force_n = np.array([1.4, 0.2, 0.6, 3.0])
+    pressure_kpa = np.array([4.0, *(10.0 + BEND.give.give_mm(force_n[1:]) / BEND.mm_per_kpa)])
+    assert width_at_contact(pressure_kpa, force_n=force_n, bend=BEND) == pytest.approx(60.0)
