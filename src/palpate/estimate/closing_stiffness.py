@@ -11,18 +11,15 @@ began in proportion, and is solved for (generalised least squares with priors).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
 from scipy.stats import norm
 
+from palpate.estimate.closing_steps import ClosingCurve, FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Exponents of force over indentation and how common they are: 1 a flat or layered body, 1.5 a
 #: round one (Hertz), 1.25 what is between, 2 pointed or stiffening.
@@ -30,13 +27,14 @@ _SHAPES = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
 #: Scatter of ln force from step to step within one closing, and how likely. Most contacts read
 #: evenly, once their exponent and lag are known; some reseat themselves.
 _SCATTERS = {0.007: 0.4, 0.02: 0.4, 0.08: 0.2}
-#: This contact's exponent against the law's, because the load spreads over the pixels as it grows:
-#: scatter per unit of ln force. Gains are told at the end of a closing, so from there down.
-_TILT_SD = 0.15
+#: This contact's exponent against the law's, because the load spreads over the pixels as it grows
+#: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
+#: from placement to placement, and its least and most.
+_TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
 #: A step that raises the force at one go is read low, because the sheet lags: by this share of the
-#: rise (in ln force) that is not yet forgotten, of which a share is forgotten with each step. Mean
-#: and scatter over 160 development closings whose true forces were looked at.
-_LAG, _LAG_SD, _FORGOTTEN = 0.16, 0.08, 0.3
+#: rise (in ln force) that is not yet forgotten. Mean and scatter over 160 development closings on
+#: the twin, with the true forces beside them.
+_LAG, _LAG_SD = 0.16, 0.08
 #: An object off the middle, or another face than the block's: pads and fingers give a share more.
 _GIVE_SD = 0.02
 #: By how much (in ln force) the object has relaxed at the horizon against its closing, and how
@@ -44,71 +42,18 @@ _GIVE_SD = 0.02
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
 #: A staircase is no clean step, of which alone the settling is known: its forecast is off (ln
 #: force) by so much beyond its own interval.
-_FORECAST_SD = 0.05
-#: The doubts above are not independent, and so too many: about nine tenths of 160 development
+_FORECAST_SD = 0.02
+#: The doubts above are not independent, and so too many: about nine tenths of 250 development
 #: grasps lay within so much of the interval that they make together.
-_TOO_WIDE = 0.85
-#: A reading below so many scatters of faint forces may be drift before the contact: such a step
-#: says only that the force was no larger.
-_FELT = 2.0
+_TOO_WIDE = 0.9
 #: A width is never known better, mm (half an encoder step of the usual servo).
 _SHARPEST_MM = 0.02
-#: Steps of a long closing that are looked at: neighbours say the same.
-_MOST_STEPS = 14
 _GAINS, _SCALES, _DRAWS = 5, 40, 4000
 #: What is solved for: size, gain beyond that of the grid, exponent, lag, give.
 _UNKNOWN = 5
 #: Share of the doubt of the gain that each place of the grid solves for, so that what is not
 #: proportional in a large doubt is looked at in several places.
 _SOLVED_SHARE = 0.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClosingCurve:
-    """The steps of one closing, read as the grasp went.
-
-    Attributes
-    ----------
-    width_mm : ndarray, shape (n_steps,)
-        Opening at each step, zero taken out.
-    force_n : ndarray, shape (n_steps,)
-        Force read there, newtons; 0 where nothing was felt.
-    gain_sd : float
-        Scatter of ln force from one contact to another.
-    floor_n : float
-        Scatter of faint forces, newtons.
-    """
-
-    width_mm: FloatArray
-    force_n: FloatArray
-    gain_sd: float
-    floor_n: float
-
-    @property
-    def faint_n(self) -> float:
-        """Force below which a reading tells no more than that it is small."""
-        return _FELT * self.floor_n
-
-    @property
-    def felt(self) -> NDArray[np.bool_]:
-        """Steps whose force can't be drift."""
-        return self.force_n > self.faint_n
-
-    @property
-    def rising(self) -> FloatArray:
-        """Rise of ln force at each felt step that the sheet has not forgotten yet."""
-        log_force = np.log(self.force_n[self.felt])
-        remembered, found = float(np.log(self.faint_n)), []
-        for now in log_force:
-            remembered += _FORGOTTEN * (now - remembered)
-            found.append(now - remembered)
-        return np.array(found)
-
-    @property
-    def looked_at(self) -> NDArray[np.int64]:
-        """Which of the felt steps are looked at: at most so many, evenly spread."""
-        felt = int(np.count_nonzero(self.felt))
-        return np.unique(np.linspace(0, felt - 1, min(felt, _MOST_STEPS)).round().astype(int))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,7 +82,7 @@ class _Posterior:
     size_mm: FloatArray
     scale: FloatArray
     shape: FloatArray
-    gain: FloatArray
+    end_gain: FloatArray
     give: FloatArray
 
 
@@ -165,7 +110,7 @@ def object_stiffness(
     >>> give = Give(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
     ...     largest_force_n=15.0)
     >>> curve = ClosingCurve(width_mm=40.0 - 0.7 * force_n, force_n=force_n, gain_sd=0.03,
-    ...     floor_n=0.02)
+    ...     law_sd=0.05, floor_n=0.02)
     >>> held = Measurement(value=6.0, low=5.6, high=6.4, unit="n", level=0.9)
     >>> found = object_stiffness(curve, give=give, opening_mm=35.8, force=held)
     >>> found.low < 2.0 < found.high, abs(found.value - 2.0) < 0.1
@@ -180,7 +125,7 @@ def object_stiffness(
     log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * ndtri(1 - tail))
     own_sd = float(np.sqrt(max(log_sd**2 - curve.gain_sd**2, 0.0) + _FORECAST_SD**2))
     log_force = np.log(force.value) + own_sd * rng.standard_normal(_DRAWS)
-    log_force += held.gain
+    log_force += held.end_gain
     force_n = np.exp(log_force)
     deformed = held.size_mm - opening_mm - held.give * give.give_mm(force_n)
     possible = deformed > force_n / STIFFEST_N_PER_MM
@@ -224,12 +169,14 @@ def _posterior(curve: ClosingCurve, *, give: Give, rng: np.random.Generator) -> 
     spread = np.linalg.cholesky(np.linalg.inv(precision))[of_draw]
     free = rng.standard_normal((_DRAWS, _UNKNOWN, 1))
     solved = grid.mean.reshape(-1, _UNKNOWN)[places] + (spread @ free)[..., 0]
+    size_mm, further, tilt, lag, more = solved.T
+    above, lagging = curve.looks.above[-1], curve.looks.lagging[-1]
     return _Posterior(
-        size_mm=solved[:, 0],
+        size_mm=size_mm,
         scale=scales[scale],
         shape=np.array(list(_SHAPES))[shape],
-        gain=_gains(curve)[gain] + solved[:, 1],
-        give=1.0 + solved[:, 4],
+        end_gain=_gains(curve)[gain] + further + tilt * above + (_LAG + lag) * lagging,
+        give=1.0 + more,
     )
 
 
@@ -237,19 +184,19 @@ def _gains(curve: ClosingCurve) -> FloatArray:
     """Return equally likely gains, of ln force, about which the rest of the doubt is solved for."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
     kept = np.sqrt(1 - _SOLVED_SHARE**2) / np.std(middles)
-    return np.asarray(curve.gain_sd * kept * middles)
+    return np.asarray(curve.told_sd * kept * middles)
 
 
 def _weighed(curve: ClosingCurve, give: Give, scales: FloatArray) -> _Weighed:
     """Weigh every place of the grid by how well the steps agree on where contact began there."""
-    read_n = curve.force_n[curve.felt][curve.looked_at]
     touch_mm, design = _witnesses(curve, give, scales)
     scatters = np.array(list(_SCATTERS))
-    doubt = scatters[:, None] ** 2 + (curve.floor_n / read_n) ** 2
+    doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.looks.read_n) ** 2
     sharp_mm = max(give.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
-    gain_sd = max(_SOLVED_SHARE * curve.gain_sd, 1e-3)
-    known = np.array([np.inf, gain_sd, _TILT_SD, _LAG_SD, _GIVE_SD])
+    gain_sd = max(_SOLVED_SHARE * curve.told_sd, 1e-3)
+    tilt_sd = float(np.clip(_TILT_SHARE * curve.law_sd, *_TILT_SDS))
+    known = np.array([np.inf, gain_sd, tilt_sd, _LAG_SD, _GIVE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
     off_mm = touch_mm - middle_mm
@@ -278,22 +225,17 @@ def _witnesses(
     Shapes (gains, shapes, scales, steps) and with a last axis of 5: each step's width, the give and
     the deformation under its force add up to the size, but for gain, exponent, lag and give.
     """
-    read_n, width_mm, rising = (
-        values[curve.looked_at]
-        for values in (curve.force_n[curve.felt], curve.width_mm[curve.felt], curve.rising)
-    )
-    # The gain was told at the end: there exponent and lag take nothing.
-    above, lagging = np.log(read_n / read_n[-1]), rising - rising[-1]
-    log_n = np.log(read_n) + _gains(curve)[:, None] + _LAG * lagging
+    looks = curve.looks
+    log_n = np.log(looks.read_n) + _gains(curve)[:, None] + _LAG * looks.lagging
     give_mm = give.give_mm(np.exp(log_n))
     give_slope = (give.give_mm(1.01 * np.exp(log_n)) - give_mm) / 0.01
     log_n, give_mm, give_slope = (a[:, None, None] for a in (log_n, give_mm, give_slope))
     power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     deformed = np.exp(power * (log_n - np.log(scales)[:, None]))
     slope_mm = give_slope + power * deformed
-    moved = (-slope_mm, -slope_mm * above, -slope_mm * lagging, -give_mm)
+    moved = (-slope_mm, -slope_mm * looks.above, -slope_mm * looks.lagging, -give_mm)
     design = np.stack(np.broadcast_arrays(np.ones_like(slope_mm), *moved), axis=-1)
-    return width_mm + give_mm + deformed, design
+    return looks.width_mm + give_mm + deformed, design
 
 
 def _not_before(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
-from palpate.estimate.closing_stiffness import ClosingCurve, FloatArray
+from palpate.estimate.closing_steps import ClosingCurve, FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
@@ -59,7 +59,8 @@ def soft_stiffness(
     >>> force_n = np.array([0.0, 0.5, 2.0, 4.0])
     >>> for own_mm_per_n in (2.0, 0.0):
     ...     width_mm = 40.0 - (3.5 + own_mm_per_n) * force_n
-    ...     curve = ClosingCurve(width_mm=width_mm, force_n=force_n, gain_sd=0.05, floor_n=0.02)
+    ...     curve = ClosingCurve(width_mm=width_mm, force_n=force_n, gain_sd=0.05,
+    ...         law_sd=0.1, floor_n=0.02)
     ...     found = soft_stiffness(curve, give=give, opening_mm=float(width_mm[-1]), force=held)
     ...     print(found.low < 0.5 < found.high, found.status)
     True ok

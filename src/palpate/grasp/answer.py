@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from palpate.estimate.bend import Bend
-from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
+from palpate.estimate.closing_steps import ClosingCurve
+from palpate.estimate.closing_stiffness import object_stiffness
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
@@ -263,5 +264,6 @@ def _closing_curve(
         - give.zero_mm,
         force_n=np.where(felt, read.value, 0.0),
         gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / reach,
+        law_sd=belief.gain.law_sd,
         floor_n=float(nothing.high) / reach,
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
+from palpate.estimate.closing_steps import ClosingCurve
+from palpate.estimate.closing_stiffness import object_stiffness
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import Give
 
@@ -26,6 +27,7 @@ def answer(
         width_mm=np.concatenate([before, opening]),
         force_n=np.concatenate([touches, gain * FORCE_N]),
         gain_sd=gain_sd,
+        law_sd=0.05,
         floor_n=0.1,
     )
     held_n = gain * FORCE_N[-1]
@@ -66,7 +68,11 @@ def test_same_touch_same_answer() -> None:
 
 def test_one_step_is_not_enough() -> None:
     curve = ClosingCurve(
-        width_mm=np.array([41.0, 40.0]), force_n=np.array([0.0, 2.0]), gain_sd=0.1, floor_n=0.05
+        width_mm=np.array([41.0, 40.0]),
+        force_n=np.array([0.0, 2.0]),
+        gain_sd=0.1,
+        law_sd=0.1,
+        floor_n=0.05,
     )
     held = Measurement(value=2.0, low=1.8, high=2.2, unit="n", level=0.9)
     assert object_stiffness(curve, give=GIVE, opening_mm=39.0, force=held) is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.closing_stiffness import ClosingCurve
+from palpate.estimate.closing_steps import ClosingCurve
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.soft_stiffness import soft_stiffness
 from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give
@@ -23,7 +23,9 @@ def grasped(
     """Close on an object of 40 mm, on a sheet that reads every force times the gain."""
     width_mm = 40.0 - (3.5 + 1.0 / stiffness) * FORCE_N
     width_mm[0] = 40.5
-    curve = ClosingCurve(width_mm=width_mm, force_n=gain * FORCE_N, gain_sd=gain_sd, floor_n=0.05)
+    curve = ClosingCurve(
+        width_mm=width_mm, force_n=gain * FORCE_N, gain_sd=gain_sd, law_sd=0.1, floor_n=0.05
+    )
     read_n = gain * float(FORCE_N[-1])
     held = Measurement(
         value=read_n, low=read_n * (1 - half), high=read_n * (1 + half), unit="n", level=0.9
@@ -66,7 +68,7 @@ def test_errors_of_the_sheet_lie_inside_the_interval() -> None:
 
 def test_nothing_felt_tells_nothing() -> None:
     curve = ClosingCurve(
-        width_mm=np.array([50.0, 40.0]), force_n=np.zeros(2), gain_sd=0.1, floor_n=0.05
+        width_mm=np.array([50.0, 40.0]), force_n=np.zeros(2), gain_sd=0.1, law_sd=0.1, floor_n=0.05
     )
     held = Measurement(value=1.0, low=0.9, high=1.1, unit="n", level=0.9)
     assert soft_stiffness(curve, give=GIVE, opening_mm=40.0, force=held) is None

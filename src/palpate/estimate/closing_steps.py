@@ -1,0 +1,111 @@
+"""The steps of one closing as a stiffness is told from them: widths, forces, and their doubts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: A sheet forgets this share of a rise of the force with each step of a closing.
+_FORGOTTEN = 0.3
+#: The gain is told by the servo's current all along the closing, from this share of the force on
+#: and the more the larger it was. What exponent and lag leave open there (ln force) is in its doubt
+#: already (`servo_force`), and solved for here.
+_TOLD_FROM, _TOLD_SD = 0.3, 0.05
+#: A reading below so many scatters of faint forces may be drift before the contact: such a step
+#: says only that the force was no larger.
+_FELT = 2.0
+#: Steps of a long closing that are looked at: neighbours say the same.
+_MOST_STEPS = 14
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Looks:
+    """The felt steps that are looked at, arrays of shape (looks,).
+
+    Attributes
+    ----------
+    read_n, width_mm : ndarray
+        Force read, and opening.
+    above, lagging : ndarray
+        ln force, and its rise that is not yet forgotten, both from where the gain was told.
+    """
+
+    read_n: FloatArray
+    width_mm: FloatArray
+    above: FloatArray
+    lagging: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosingCurve:
+    """The steps of one closing, read as the grasp went.
+
+    Attributes
+    ----------
+    width_mm : ndarray, shape (n_steps,)
+        Opening at each step, zero taken out.
+    force_n : ndarray, shape (n_steps,)
+        Force read there, newtons; 0 where nothing was felt.
+    gain_sd : float
+        Scatter of ln force from one contact to another.
+    law_sd : float
+        Scatter of ln force that the sheet's law shows from placement to placement.
+    floor_n : float
+        Scatter of faint forces, newtons.
+    """
+
+    width_mm: FloatArray
+    force_n: FloatArray
+    gain_sd: float
+    law_sd: float
+    floor_n: float
+
+    @property
+    def faint_n(self) -> float:
+        """Force below which a reading tells no more than that it is small."""
+        return _FELT * self.floor_n
+
+    @property
+    def felt(self) -> NDArray[np.bool_]:
+        """Steps whose force can't be drift."""
+        return self.force_n > self.faint_n
+
+    @property
+    def rising(self) -> FloatArray:
+        """Rise of ln force at each felt step that the sheet has not forgotten yet."""
+        log_force = np.log(self.force_n[self.felt])
+        remembered, found = float(np.log(self.faint_n)), []
+        for now in log_force:
+            remembered += _FORGOTTEN * (now - remembered)
+            found.append(now - remembered)
+        return np.array(found)
+
+    @property
+    def looked_at(self) -> NDArray[np.int64]:
+        """Which of the felt steps are looked at: at most so many, evenly spread."""
+        felt = int(np.count_nonzero(self.felt))
+        return np.unique(np.linspace(0, felt - 1, min(felt, _MOST_STEPS)).round().astype(int))
+
+    @property
+    def looks(self) -> Looks:
+        """What is looked at."""
+        read_n = self.force_n[self.felt][self.looked_at]
+        share = read_n / read_n.max()
+        told = np.where(share > _TOLD_FROM, share**2, 0.0)
+        above, lagging = np.log(read_n), self.rising[self.looked_at]
+        return Looks(
+            read_n=read_n,
+            width_mm=self.width_mm[self.felt][self.looked_at],
+            above=above - np.average(above, weights=told),
+            lagging=lagging - np.average(lagging, weights=told),
+        )
+
+    @property
+    def told_sd(self) -> float:
+        """Doubt of the gain without what exponent and lag make of it."""
+        return float(np.sqrt(max(self.gain_sd**2 - _TOLD_SD**2, (0.5 * self.gain_sd) ** 2)))
