@@ -32,10 +32,6 @@ _FEWEST_RUNS = 3
 _EXPONENT_SD = 0.15
 #: From this force on errors are proportions; below, newtons.
 _FIRM_N = 1.0
-#: A placement's errors in proportion grow as the square of the force falls below about this: the
-#: threshold of the pixels takes much of it, on a share of them that differs. And a closing has the
-#: most readings there.
-_CLEAR_N = 1.5
 _ROUNDS = 3
 #: Below this a reading of a pixel is noise of its rest value.
 _NOISE_EXCESS = 0.004
@@ -163,7 +159,7 @@ class PixelForceLaw:
         keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
         x, y = enough_pairs(x[keep], y[keep])
         # Near the threshold a reading says little of the law, and would tilt the line.
-        log_x, left, weight = np.log(x), np.log(y / x), y**4 / (y**4 + _CLEAR_N**4)
+        log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
         middle = float(np.average(log_x, weights=weight))
         away, offset = log_x - middle, float(np.average(left, weights=weight))
         precision = (_USUAL / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
