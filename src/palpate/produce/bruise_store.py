@@ -19,7 +19,8 @@ from palpate.produce.bruise import (
     apart_deg,
     judge,
 )
-from palpate.produce.bruise_model import REFERENCES, BruiseModel, Example, learn
+from palpate.produce.bruise_learning import learn
+from palpate.produce.bruise_model import REFERENCES, BruiseModel, Example
 from palpate.produce.bruise_shape import FloatArray, Shape, middle_of, shape_of
 from palpate.produce.records import About, Grasp, Source, Verdict
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import math
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
 
 _LONGEST = 200
 
@@ -50,3 +51,26 @@ def finite(value: float, *, what: str) -> None:
     """Refuse infinities and NaN."""
     if not math.isfinite(value):
         raise InputError(f"{what} is {value}: must be finite; leave it out if it is not known")
+
+
+def known_measurement(name: str, measurement: Measurement, *, units: Mapping[str, str]) -> None:
+    """Refuse a measurement of another name, in another unit, or that is not finite."""
+    if name not in units:
+        raise InputError(f"measurement {name!r}: must be one of {', '.join(units)}")
+    if measurement.unit != units[name]:
+        raise InputError(f"{name} in {measurement.unit!r}: its unit is {units[name]!r}")
+    for end in ("value", "low", "high"):
+        finite(getattr(measurement, end), what=f"{name}.{end}")
+
+
+def even_rows(
+    rows: Sequence[Sequence[float | None]], *, what: str
+) -> tuple[tuple[float | None, ...], ...]:
+    """Return rows of one length as plain values; refuse others, and what is not finite."""
+    if len({len(row) for row in rows}) != 1:
+        raise InputError(f"{what}: every row needs the same number of pixels")
+    for row in rows:
+        for value in row:
+            if value is not None:
+                finite(value, what=what)
+    return tuple(tuple(None if v is None else float(v) for v in row) for row in rows)

@@ -6,7 +6,7 @@ Plain values; `Store` keeps them. Times are aware and in UTC.
 from __future__ import annotations
 
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
@@ -16,7 +16,15 @@ from typing import Literal, get_args
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.record_checks import as_json_values, as_uuid, finite, in_utc, printable
+from palpate.produce.record_checks import (
+    as_json_values,
+    as_uuid,
+    even_rows,
+    finite,
+    in_utc,
+    known_measurement,
+    printable,
+)
 from palpate.recording.contents import Origin
 
 #: Names of the measurements of a grasp, each with its unit as `Measurement.unit` has it.
@@ -195,13 +203,13 @@ class Grasp:
                     f"{name} {getattr(self, name)!r}: must be one of {', '.join(allowed)}"
                 )
         for name, measurement in self.measurements.items():
-            _check_measurement(name, measurement)
+            known_measurement(name, measurement, units=MEASURED)
         for name in _NUMBERS:
             if (value := getattr(self, name)) is not None:
                 finite(value, what=name)
                 object.__setattr__(self, name, float(value))
         if self.pixel_settled_percent is not None:
-            pixels = _pixels(self.pixel_settled_percent)
+            pixels = even_rows(self.pixel_settled_percent, what="pixel_settled_percent")
             object.__setattr__(self, "pixel_settled_percent", pixels)
 
     @property
@@ -306,22 +314,3 @@ class Reading:
     drive: Drive
     origin: Origin
     angle_deg: float | None = None
-
-
-def _check_measurement(name: str, measurement: Measurement) -> None:
-    if name not in MEASURED:
-        raise InputError(f"measurement {name!r}: must be one of {', '.join(MEASURED)}")
-    if measurement.unit != MEASURED[name]:
-        raise InputError(f"{name} in {measurement.unit!r}: its unit is {MEASURED[name]!r}")
-    for end in ("value", "low", "high"):
-        finite(getattr(measurement, end), what=f"{name}.{end}")
-
-
-def _pixels(rows: Sequence[Sequence[float | None]]) -> PixelPercent:
-    if len({len(row) for row in rows}) != 1:
-        raise InputError("pixel_settled_percent: every row needs the same number of pixels")
-    for row in rows:
-        for value in row:
-            if value is not None:
-                finite(value, what="pixel_settled_percent")
-    return tuple(tuple(None if v is None else float(v) for v in row) for row in rows)

@@ -131,25 +131,9 @@ def report(
         payload={
             "study": "bruise",
             "origin": "twin",
-            "published_table6": {
-                row: dict(zip(COLUMNS, map(list, values), strict=True))
-                for row, values in PUBLISHED.items()
-            },
-            "table6": {
-                level: {
-                    row: {column: summary(made[level], row, column) for column in COLUMNS}
-                    for row in ROWS
-                }
-                for level in LEVELS
-            },
+            **_table6(made),
             "apples": {level: _counts(examined, level) for level in LEVELS},
-            "ways": {
-                level: {
-                    name: {"auc": one.auc, "interval": one.interval(), "found": one.found()}
-                    for name, one in scores[level].items()
-                }
-                for level in LEVELS
-            },
+            "ways": {level: _ways(scores[level]) for level in LEVELS},
             "by_diameter": sizes,
             "beyond": beyond,
             "places": places,
@@ -157,6 +141,26 @@ def report(
         },
         figures=_figures(made, scores, sizes, reliable),
     )
+
+
+def _table6(made: Mapping[str, list[Table6]]) -> dict[str, object]:
+    published = {
+        row: dict(zip(COLUMNS, map(list, values), strict=True)) for row, values in PUBLISHED.items()
+    }
+    simulated = {
+        level: {
+            row: {column: summary(made[level], row, column) for column in COLUMNS} for row in ROWS
+        }
+        for level in LEVELS
+    }
+    return {"published_table6": published, "table6": simulated}
+
+
+def _ways(scores: Mapping[str, Scored]) -> dict[str, dict[str, object]]:
+    return {
+        name: {"auc": one.auc, "interval": one.interval(), "found": one.found()}
+        for name, one in scores.items()
+    }
 
 
 def _counts(examined: Sequence[Examined], level: str) -> dict[str, int]:

@@ -18,7 +18,8 @@ import numpy as np
 import typer
 
 from palpate.errors import MissingExtraError
-from palpate.produce.bruise_model import Example, learn, usable
+from palpate.produce.bruise_learning import learn
+from palpate.produce.bruise_model import Example, usable
 from palpate.produce.bruise_shape import Shape, contrast, middle_of, shape_of
 from palpate.settling.result import FloatArray
 from palpate.studies.bruise_data import PLACED_WITHIN_MM

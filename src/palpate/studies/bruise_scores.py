@@ -10,12 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.stats import rankdata
 
-from palpate.produce.bruise_model import (
-    REFERENCES,
-    BruiseModel,
-    at_share,
-    learn,
-)
+from palpate.produce.bruise_learning import learn
+from palpate.produce.bruise_model import REFERENCES, BruiseModel, at_share
 from palpate.produce.bruise_shape import contrast, finger_contrast, slopes
 from palpate.settling.result import FloatArray
 from palpate.settling.scoring import bootstrap_interval

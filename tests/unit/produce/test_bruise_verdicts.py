@@ -13,11 +13,13 @@ import pytest
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.bruise_model import BruiseModel, Example, Place, default_model, learn
+from palpate.produce.bruise_learning import learn
+from palpate.produce.bruise_model import BruiseModel, Example, Place, default_model
 from palpate.produce.bruise_shape import shape_of
 from palpate.produce.bruise_store import (
     BRUISED,
     SOUND,
+    ItemBruise,
     examine_item,
     in_visits,
     learn_from,
@@ -88,7 +90,7 @@ def model() -> BruiseModel:
     return learn_from(labelled(), kind="apple")
 
 
-def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float):
+def judge(store: Store, model: BruiseModel, item: str = "A17", **options: float) -> ItemBruise:
     return examine_item(store, item, model=model, given_at=TUESDAY, **options)
 
 
