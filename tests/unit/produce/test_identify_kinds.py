@@ -27,7 +27,9 @@ def felt(
 ) -> tuple[Touch, ...]:
     """Grasps of one item; the calibration's own error shifts all of them alike."""
     true = np.array(KINDS[kind]) + SPREAD * rng.standard_normal(2) + shift
-    return tuple(touch(true + 0.03 * rng.standard_normal(2), sd=sd) for _ in range(grasps))
+    return tuple(
+        touch((true + 0.03 * rng.standard_normal(2)).tolist(), sd=sd) for _ in range(grasps)
+    )
 
 
 def taught(rng: np.random.Generator, *, items: int = 20, shift: float = 0.0) -> list[TaughtItem]:

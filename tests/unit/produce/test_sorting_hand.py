@@ -10,7 +10,7 @@ import pytest
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
-from palpate.gripper.interface import GripperCommand
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.produce.sorting_hand import SortingHand
 from palpate.rig.simulated import calibrated
 from palpate.twin.crate import CrateTable, draw_crate
@@ -24,8 +24,21 @@ class Watched:
     def __init__(self, table: CrateTable) -> None:
         self._inner, self.sent = table.gripper, list[GripperCommand]()
 
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._inner, name)
+    @property
+    def limits(self) -> GripperLimits:
+        return self._inner.limits
+
+    def state(self) -> GripperState:
+        return self._inner.state()
+
+    def stop(self) -> None:
+        self._inner.stop()
+
+    def release(self) -> None:
+        self._inner.release()
+
+    def close(self) -> None:
+        self._inner.close()
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
         self.sent.append(wanted)
