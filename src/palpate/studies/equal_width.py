@@ -131,18 +131,20 @@ def r_squared_table(
 ) -> Table:
     """Return R^2 for every condition and reading: median sensor, worst and best.
 
-    `published` names the reading that the paper's value is of, and the value.
+    `published` names the reading that the paper's value is of, and the value. How far the readings
+    of the first object and the last lie apart says how much of the range a line has to span.
     """
     rows = []
     for condition, found in conditions.items():
         for reading in READINGS:
             each = [fits(found[level], reading, ratings) for level in LEVELS]
             cells = [f"{np.median(r):.3f} ({r.min():.3f} to {r.max():.3f})" for r in each]
+            first, *_, last = np.median(found[LEVELS[0]].means(reading), axis=1)
             paper = f"{published[1]:g}" if reading == published[0] else ""
-            rows.append([condition, reading, paper, *cells])
+            rows.append([condition, reading, f"{first:.3g} to {last:.3g}", paper, *cells])
     return Table(
         title="R^2 of a line through the objects' means: median sensor (worst to best)",
-        columns=("condition", "reading", "published", *LEVELS),
+        columns=("condition", "reading", f"range, {LEVELS[0]}", "published", *LEVELS),
         rows=rows,
     )
 

@@ -53,8 +53,9 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             f"Simulated: {repeats} grasps of each setup at one width on each of {sensors} "
             "sensors per level; median sensor's mean ± sd (range of means).",
             "Published: the R^2 of section 3.2; the paper prints neither changes, stiffnesses nor "
-            "the width. The farther the closing, the more the change saturates and the lower R^2: "
-            "3 mm was tried first, 1 and 2 mm added after seeing it; no one row is the answer.",
+            "the width, so no one row is its protocol. The farther the closing, the more the "
+            "change saturates and the lower R^2: what decides is the range of changes reached. "
+            "3 mm was tried first, 1 and 2 mm added after seeing it.",
         ],
         changes=(
             f"Settled mean change, percent, closed by {CLOSURE_MM:g} mm",

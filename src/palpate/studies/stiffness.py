@@ -116,16 +116,19 @@ def _answer(
 
 def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
     given = [one for one in answers if np.isfinite(one.value)]
+    open_above = sum(one.status == Status.SATURATED for one in given)
+    # Mostly without an upper end, the middle of what is possible is no value to be judged.
+    valued = 2 * open_above < len(given)
     error = [100 * abs(one.value / one.truth - 1) for one in given]
     width = [one.high / one.low for one in given if one.low > 0]
     bound = [one.low / one.truth for one in given]
     return {
         "grasps": len(answers),
         "answered": len(given),
-        "no_upper_end": sum(one.status == Status.SATURATED for one in given),
-        "median_abs_error_percent": float(np.median(error)) if error else None,
+        "no_upper_end": open_above,
+        "median_abs_error_percent": float(np.median(error)) if valued else None,
         "coverage": float(np.mean([o.low <= o.truth <= o.high for o in given])) if given else None,
-        "median_high_over_low": float(np.median(width)) if width else None,
+        "median_high_over_low": float(np.median(width)) if valued and width else None,
         "median_low_over_true": float(np.median(bound)) if bound else None,
     }
 
@@ -179,8 +182,8 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
             "The give of the hand is in series: where it is a times the object's own, an error of "
             "the force comes back 1 + a times in the stiffness.",
             "Soft fingers give way by nearly 4 mm/N: they tell the softest things, and of others a "
-            "lower end. Where there is no upper end the value is a middle of what is possible, and "
-            "`low / true` says how near the lower end comes.",
+            "lower end. Where most have no upper end no error is given; `low / true` says how near "
+            "the lower end comes.",
         ),
         tables=[table],
         payload={
