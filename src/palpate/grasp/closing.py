@@ -23,12 +23,6 @@ from palpate.gripper.interface import GripperCommand
 _STIFFENING = 1.3
 #: The spike of a fine step has mostly faded, and a few frames have come.
 _QUICKEST_S = 0.2
-#: An object that relaxes presses a little harder now than when settled.
-_STILL_RELAXING = 1.03
-#: How much less steep the force may turn out in a correction than the squeeze showed.
-_LESS_STEEP = 4.0
-#: Share of the goal by which the hand opens below it before it comes back.
-_EASED_SHARE = 0.3
 #: Share of the way pressed so far that a step may add, beyond a fine one.
 _FURTHER = 1.2
 #: While nothing is known of the damage limit, all steps since the first touch together may add so
@@ -36,9 +30,8 @@ _FURTHER = 1.2
 _UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 #: Share of the room to the damage limit that one step may take.
 _SHARE_OF_ROOM = 0.8
-#: A step that the servo's current is to tell of lasts so long: some frames must fall into it. More
-#: of them in a correction, which is made near the target.
-_FELT_S, CORRECTED_S = 0.3, 0.5
+#: A step that the servo's current is to tell of lasts so long: some frames must fall into it.
+_FELT_S = 0.3
 #: Steps that differ by less, mm or kPa, differ by arithmetic only.
 _EXACT = 1e-9
 #: Share of what is missing to the target that one step of the squeeze may close.
@@ -108,14 +101,14 @@ def closed_by(
         rate = min(rate, plan.squeeze_rate)
     room = _room(belief, plan, rate=rate)
     step = min(step, room)
-    target = _whole(belief.closure + step, plan)
-    if _closure(target, plan) - belief.closure > room + _EXACT:
-        target = _whole(_closure(target, plan) - plan.resolution, plan)
-    if step < plan.smallest_step or _closure(target, plan) <= belief.closure:
+    target = whole(belief.closure + step, plan)
+    if closure_of(target, plan) - belief.closure > room + _EXACT:
+        target = whole(closure_of(target, plan) - plan.resolution, plan)
+    if step < plan.smallest_step or closure_of(target, plan) <= belief.closure:
         return belief, None
     if listening:
         rate = step / lasting_s
-    return _sent_to(belief, target, plan), GripperCommand(target=target, rate=rate)
+    return sent_to(belief, target, plan), GripperCommand(target=target, rate=rate)
 
 
 def _room(belief: Belief, plan: Plan, *, rate: float) -> float:
@@ -131,7 +124,7 @@ def _room(belief: Belief, plan: Plan, *, rate: float) -> float:
     return min(safe - belief.behind, _unknown_step(belief, plan), reach)
 
 
-def _whole(closure: float, plan: Plan) -> float:
+def whole(closure: float, plan: Plan) -> float:
     """Return the target of a closure in whole steps of the drive.
 
     A gripper would round it itself, but then a replay would not know.
@@ -139,91 +132,20 @@ def _whole(closure: float, plan: Plan) -> float:
     return round(plan.gripper.target(closure) / plan.resolution) * plan.resolution
 
 
-def _closure(target: float, plan: Plan) -> float:
+def closure_of(target: float, plan: Plan) -> float:
+    """Return the closure of a target."""
     return abs(target - plan.gripper.target(0.0))
 
 
-def _sent_to(belief: Belief, target: float, plan: Plan) -> Belief:
+def sent_to(belief: Belief, target: float, plan: Plan) -> Belief:
     """Return the belief of a hand on its way."""
     return replace(
         belief,
         still_since_s=None,
         touches=(),
         moved_s=belief.now_s,
-        sent=_closure(target, plan),
+        sent=closure_of(target, plan),
     )
-
-
-def pressed_on(
-    belief: Belief, plan: Plan, *, missing_n: float
-) -> tuple[Belief, GripperCommand | None]:
-    """Close by what raises the settled force by as much as is missing."""
-    step = max(missing_n / _corrected_slope_n(belief, plan), plan.smallest_step)
-    moved, command = closed_by(_settled(belief), step, plan, lasting_s=CORRECTED_S)
-    corrected = (belief.closure, moved.force_n)
-    return replace(
-        moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0, corrected=corrected
-    ), command
-
-
-def _corrected_slope_n(belief: Belief, plan: Plan) -> float:
-    """Return how steeply the settled force rises: less than the last steps saw, if it has shown so.
-
-    Faint steps may have looked far too steep; one correction that fell short is not believed
-    wholly either.
-    """
-    slope, force = slope_n(belief, plan), belief.result.force_n
-    if belief.corrected is None or force is None:
-        return slope
-    closure, force_n = belief.corrected
-    way = belief.closure - closure
-    if not way > 0:
-        return slope
-    return min(slope, max((force.value - force_n) / way, slope / _LESS_STEEP))
-
-
-def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, GripperCommand]:
-    """Open well beyond where the force will be what it should, to come back from below.
-
-    The sheet's answer to unloading was not calibrated, nor the play of the gears.
-    """
-    belief = _settled(belief)
-    slope, over_n = slope_n(belief, plan), belief.force_n - goal_n
-    again = belief.closure - max(over_n / slope, plan.smallest_step)
-    opened = max(again - _EASED_SHARE * goal_n / slope - plan.play, 0.0)
-    share = (1.0 - _EASED_SHARE) * goal_n / belief.force_n
-    belief = pressed(
-        belief, force_n=share * belief.force_n, force_high_n=share * belief.force_high_n
-    )
-    target = _whole(opened, plan)
-    belief = replace(
-        _sent_to(belief, target, plan),
-        again=again,
-        adjustments=belief.adjustments + 1,
-        next_forecast_s=0.0,
-    )
-    return belief, GripperCommand(target=target, rate=plan.squeeze_rate)
-
-
-def come_back(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
-    """Close again from below, as every force that the sheet was calibrated with was reached.
-
-    It ends less far than the hand has stood already: what the object bore there it bears again. So
-    the way, which the hand can do in one go, is not cut to what an unknown stiffness would allow.
-    """
-    target, way = _whole(belief.again, plan), belief.again - belief.closure
-    if way < plan.smallest_step or _closure(target, plan) <= belief.closure:
-        return belief, None
-    return _sent_to(belief, target, plan), GripperCommand(target=target, rate=way / CORRECTED_S)
-
-
-def _settled(belief: Belief) -> Belief:
-    """Return the belief with the settled force as that of now: the early law is for quick steps."""
-    force = belief.result.force_n
-    if force is None:
-        return belief
-    now = _STILL_RELAXING
-    return pressed(belief, force_n=now * force.value, force_high_n=now * force.high)
 
 
 def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:

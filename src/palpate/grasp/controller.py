@@ -13,12 +13,10 @@ from palpate.grasp.closing import (
     approach_dwell_s,
     approach_step,
     closed_by,
-    come_back,
-    eased,
-    pressed_on,
     read,
     wanted_step,
 )
+from palpate.grasp.correcting import come_back, eased, pressed_on
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import Outcome

@@ -1,0 +1,92 @@
+"""Corrections of the settled force: up by what is missing, down and back from below."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from palpate.grasp.belief import Belief
+from palpate.grasp.closing import closed_by, closure_of, pressed, sent_to, slope_n, whole
+from palpate.grasp.plan import Plan
+from palpate.gripper.interface import GripperCommand
+
+#: An object that relaxes presses a little harder now than when settled.
+_STILL_RELAXING = 1.03
+#: How much less steep the force may turn out in a correction than the squeeze showed.
+_LESS_STEEP = 4.0
+#: Share of the goal by which the hand opens below it before it comes back.
+_EASED_SHARE = 0.3
+#: A correction lasts so long where the servo's current is to tell of it: more frames than of a step
+#: of the squeeze, because it is made near the target.
+_CORRECTED_S = 0.5
+
+
+def pressed_on(
+    belief: Belief, plan: Plan, *, missing_n: float
+) -> tuple[Belief, GripperCommand | None]:
+    """Close by what raises the settled force by as much as is missing."""
+    step = max(missing_n / _corrected_slope_n(belief, plan), plan.smallest_step)
+    moved, command = closed_by(_settled(belief), step, plan, lasting_s=_CORRECTED_S)
+    corrected = (belief.closure, moved.force_n)
+    return replace(
+        moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0, corrected=corrected
+    ), command
+
+
+def _corrected_slope_n(belief: Belief, plan: Plan) -> float:
+    """Return how steeply the settled force rises: less than the last steps saw, if it has shown so.
+
+    Faint steps may have looked far too steep; one correction that fell short is not believed
+    wholly either.
+    """
+    slope, force = slope_n(belief, plan), belief.result.force_n
+    if belief.corrected is None or force is None:
+        return slope
+    closure, force_n = belief.corrected
+    way = belief.closure - closure
+    if not way > 0:
+        return slope
+    return min(slope, max((force.value - force_n) / way, slope / _LESS_STEEP))
+
+
+def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, GripperCommand]:
+    """Open well beyond where the force will be what it should, to come back from below.
+
+    The sheet's answer to unloading was not calibrated, nor the play of the gears.
+    """
+    belief = _settled(belief)
+    slope, over_n = slope_n(belief, plan), belief.force_n - goal_n
+    again = belief.closure - max(over_n / slope, plan.smallest_step)
+    opened = max(again - _EASED_SHARE * goal_n / slope - plan.play, 0.0)
+    share = (1.0 - _EASED_SHARE) * goal_n / belief.force_n
+    belief = pressed(
+        belief, force_n=share * belief.force_n, force_high_n=share * belief.force_high_n
+    )
+    target = whole(opened, plan)
+    belief = replace(
+        sent_to(belief, target, plan),
+        again=again,
+        adjustments=belief.adjustments + 1,
+        next_forecast_s=0.0,
+    )
+    return belief, GripperCommand(target=target, rate=plan.squeeze_rate)
+
+
+def come_back(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
+    """Close again from below, as every force that the sheet was calibrated with was reached.
+
+    It ends less far than the hand has stood already: what the object bore there it bears again. So
+    the way, which the hand can do in one go, is not cut to what an unknown stiffness would allow.
+    """
+    target, way = whole(belief.again, plan), belief.again - belief.closure
+    if way < plan.smallest_step or closure_of(target, plan) <= belief.closure:
+        return belief, None
+    return sent_to(belief, target, plan), GripperCommand(target=target, rate=way / _CORRECTED_S)
+
+
+def _settled(belief: Belief) -> Belief:
+    """Return the belief with the settled force as that of now: the early law is for quick steps."""
+    force = belief.result.force_n
+    if force is None:
+        return belief
+    now = _STILL_RELAXING
+    return pressed(belief, force_n=now * force.value, force_high_n=now * force.high)
