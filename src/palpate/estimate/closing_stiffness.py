@@ -43,9 +43,6 @@ _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
 #: A staircase is no clean step, of which alone the settling is known: its forecast is off (ln
 #: force) by so much beyond its own interval.
 _FORECAST_SD = 0.02
-#: The doubts above are not independent, and so too many: about nine tenths of 250 development
-#: grasps lay within so much of the interval that they make together.
-_TOO_WIDE = 0.9
 #: A width is never known better, mm (half an encoder step of the usual servo).
 _SHARPEST_MM = 0.02
 _GAINS, _SCALES, _DRAWS = 5, 40, 4000
@@ -140,8 +137,8 @@ def object_stiffness(
     )
     return Measurement(
         value=value,
-        low=value * (low / value) ** _TOO_WIDE,
-        high=value * (high / value) ** _TOO_WIDE,
+        low=low,
+        high=high,
         unit="n_per_mm",
         level=force.level,
         status=Status.SATURATED if rigid else force.status,
