@@ -14,6 +14,7 @@ GIVE = Give(
     slope_mm_per_n=0.2, pad_mm=(0.0, 0.0, 0.3, 0.0, 0.0), zero_mm=0.0, residual_mm=0.02,
     largest_force_n=15.0,
 )  # fmt: skip
+STEPS_N = np.array([0.5, 1.0, 1.6, 2.4, 3.4, 4.4, 5.4, 6.4, 7.3, 8.0])
 FORCE_N = np.array([0.0, 0.6, 1.2, 2.0, 3.0, 4.5, 6.0])
 
 
@@ -56,6 +57,44 @@ def test_doubt_of_the_gain_widens_the_interval_until_it_covers() -> None:
     sure, unsure = answer(2.0, gain=1.3), answer(2.0, gain=1.3, gain_sd=0.3)
     assert sure.low > 2.0
     assert unsure.low < 2.0 < unsure.high
+
+
+def read_as(
+    read_n: np.ndarray, *, n_per_mm: float, law_sd: float
+) -> tuple[Measurement, ClosingCurve]:
+    """Close on a spring in many steps, with forces read as given; the last one is right."""
+    opening = 40.0 - STEPS_N / n_per_mm - GIVE.give_mm(STEPS_N)
+    curve = ClosingCurve(width_mm=opening, force_n=read_n, gain_sd=0.03, law_sd=law_sd, floor_n=0.1)
+    held = Measurement(value=8.0, low=7.6, high=8.4, unit="n", level=0.9)
+    found = object_stiffness(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
+    assert found is not None
+    return found, curve
+
+
+def test_a_sheet_that_lags_behind_its_steps_is_seen_through() -> None:
+    straight, curve = read_as(STEPS_N, n_per_mm=4.0, law_sd=0.05)
+    lagging = np.zeros_like(STEPS_N)
+    lagging[curve.felt] = 0.25 * (curve.rising - curve.rising[-1])
+    behind, _ = read_as(STEPS_N * np.exp(-lagging), n_per_mm=4.0, law_sd=0.05)
+    assert behind.low < 4.0 < behind.high
+    assert behind.value == pytest.approx(straight.value, rel=0.15)
+
+
+def test_a_law_that_scatters_leaves_the_exponent_open() -> None:
+    bent_n = STEPS_N * (STEPS_N / 8.0) ** 0.3
+    trusted, doubted = (read_as(bent_n, n_per_mm=4.0, law_sd=sd)[0] for sd in (0.05, 0.8))
+    assert doubted.low < 4.0 < doubted.high
+    assert doubted.high / doubted.low > 1.05 * trusted.high / trusted.low
+
+
+def test_what_is_looked_at_is_counted_from_where_the_gain_was_told() -> None:
+    _, curve = read_as(STEPS_N, n_per_mm=4.0, law_sd=0.05)
+    looks = curve.looks
+    share = looks.read_n / 8.0
+    told = np.where(share > 0.3, share**2, 0.0)
+    assert looks.above @ told == pytest.approx(0.0, abs=1e-9)
+    assert looks.lagging @ told == pytest.approx(0.0, abs=1e-9)
+    assert looks.above[-1] > 0 > looks.lagging[-1]
 
 
 def test_drift_before_the_contact_is_not_taken_for_softness() -> None:
