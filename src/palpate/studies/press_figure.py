@@ -14,9 +14,12 @@ if TYPE_CHECKING:
 
 
 def draw_followed(
-    observed: Sequence[Followed], static: Sequence[Followed], *, from_zero: bool = True
+    observed: Sequence[Followed], static: Sequence[Followed], *, stretched: bool = False
 ) -> Figure:
-    """Draw the observer's best, median and worst press, the static law's answer beside it."""
+    """Draw the observer's best, median and worst press, the static law's answer beside it.
+
+    What is stretched loses some percent of its force: shown large, not from 0 on.
+    """
     from matplotlib.figure import Figure
 
     order = np.argsort([np.median(np.abs(one.log_error)) for one in observed])
@@ -25,9 +28,10 @@ def draw_followed(
     for panel, (name, place) in zip(figure.subplots(1, 3), places.items(), strict=True):
         _draw_press(panel, observed[place], static[place])
         press = observed[place].press
-        panel.set_title(f"{name}: {press.recording_id}, press {press.press}", fontsize=8)
+        which = "" if stretched else f", press {press.press}"
+        panel.set_title(f"{name}: {press.recording_id}{which}", fontsize=8)
         panel.set(xlabel="time since told, s", ylabel="force, N")
-        if from_zero:
+        if not stretched:
             panel.set_ylim(0, None)
         panel.spines[["top", "right"]].set_visible(False)
     figure.axes[0].legend(frameon=False, fontsize=8, loc="best")

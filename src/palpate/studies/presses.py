@@ -189,7 +189,7 @@ def _with_stretches(report: StudyReport, stretches: Sequence[Press]) -> StudyRep
     table, rows = stretch_table(stretches, followed)
 
     def draw() -> Figure:
-        return draw_followed(followed["observer"], followed["static"], from_zero=False)
+        return draw_followed(followed["observer"], followed["static"], stretched=True)
 
     return replace(
         report,
