@@ -51,6 +51,14 @@ def test_what_the_damage_limit_kept_below_is_no_miss() -> None:
     assert counted["limited"] == 1
 
 
+def test_an_answer_that_knew_more_is_judged_where_it_would_have_stopped() -> None:
+    far = replace(made(force_share=1.3), known_n=1.25 * made(force_share=1.0).task.target_n)
+    counted = scores([far, made(force_share=1.0)])
+    assert counted["within_10_percent"] == 0.5
+    # The second was not held: nothing is known of what its sheet would have read.
+    assert counted["within_10_percent_if_known"] == 1.0
+
+
 def test_none_damaged_of_few_bounds_little() -> None:
     few = scores([made(force_share=1.0)] * 10)
     assert few["damaged"] == 0
