@@ -120,7 +120,7 @@ def test_sharing_is_freed_of_force(by_size: dict[float, Felt]) -> None:
     harder = felt.freed(force_n=replace(force, value=1.5 * force.value))["shared_pixels"]
     # What was pressed by half as much again is harder by as much of that as the grasp showed.
     power = math.log(felt.freed()["shared_pixels"].value / harder.value) / math.log(1.5)
-    assert 0.05 < power <= 1.0 / 3.0
+    assert 0.05 < power <= 1.0 / 3.0 + 1e-9
 
 
 def test_without_width_or_answer_nothing_is_said(by_size: dict[float, Felt]) -> None:
