@@ -131,8 +131,8 @@ def report(found: Sequence[Gripped]) -> StudyReport:
             "the touch was confirmed.",
             "Within 10 %: true settled force against the target, of grasps that the damage limit "
             "did not keep below it. Were settling and wear known: the same of those of them that "
-            "were held, for an answer by the sheet alone that knew how it is going to settle and how it "
-            "wore since its calibration, and a hand that stopped exactly there.",
+            "were held, for an answer by the sheet alone that knew how it is going to settle and "
+            "how it wore since its calibration, and a hand that stopped exactly there.",
             "Lifted: only where the method says that the grip will do; the simpler ways lift "
             f"blindly, and are tried on the first {COMPARED} things of each level. Motor current "
             "alone, read at rest: rigid fingers only.",
