@@ -51,3 +51,11 @@ def test_nothing_read_may_still_be_a_faint_force() -> None:
     nothing = law.force_n(0.0)
     assert nothing.value == nothing.low == 0.0
     assert 0.4 < nothing.high < 0.6
+
+
+def test_a_law_rises_whatever_the_scatter() -> None:
+    law = PixelForceLaw.fit([1.0, 1.5, 2.0, 2.5, 3.0], force_n=[9.0, 5.0, 4.0, 2.0, 1.0])
+    faint, strong = law.force_n([0.0, 6.0]).value
+    assert faint == 0.0
+    assert 0.0 < strong < np.inf
+    assert law.exponent == 0.5
