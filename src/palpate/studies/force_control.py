@@ -239,6 +239,7 @@ def _figure(found: Sequence[Gripped], methods: Sequence[str]) -> Figure:
         for column, method in enumerate(methods):
             panel = panels[row, column]
             mine = [one for one in found if (one.task.level, one.method) == (level, method)]
+            size = 6.0 if len(mine) < 200 else 3.0
             panel.fill_between(ends, (1 - NEAR) * ends, (1 + NEAR) * ends, color="#DDDDDD", lw=0)
             for name, colour, chosen in (
                 ("as aimed", "#0072B2", [one for one in mine if not _bad(one) and not one.limited]),
@@ -247,7 +248,7 @@ def _figure(found: Sequence[Gripped], methods: Sequence[str]) -> Figure:
             ):
                 target_n = [one.task.target_n for one in chosen]
                 force_n = [max(one.force_n, 0.3) for one in chosen]
-                panel.plot(target_n, force_n, ".", ms=6, color=colour, label=name)
+                panel.plot(target_n, force_n, ".", ms=size, color=colour, label=name)
             panel.set(xscale="log", yscale="log", ylim=(0.25, 40.0))
             for axis in (panel.xaxis, panel.yaxis):
                 axis.set_major_formatter("{x:g}")
