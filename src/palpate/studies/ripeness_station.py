@@ -35,6 +35,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.settling.result import FloatArray
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.studies.ripeness_felt import REFERENCE_ID, Felt, days_of, drift_of, rule_of
+from palpate.studies.stoppable import uninterrupted
 from palpate.twin.avocado import Avocado, draw_avocado
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
@@ -230,13 +231,15 @@ class _Bench:
         closing = ClosingWatch(self._plan)
         world.place(obj, fixture=True)
         self._wait_near(obj.size_mm)
-        result = run_grasp(
-            self._plan,
-            array=self._array,
-            gripper=self._hand,
-            clock=world.clock,
-            subscribers=[observations.append],
-            watchers=[closing.see],
+        result = uninterrupted(
+            run_grasp(
+                self._plan,
+                array=self._array,
+                gripper=self._hand,
+                clock=world.clock,
+                subscribers=[observations.append],
+                watchers=[closing.see],
+            )
         )
         self.damaged += world.truth(horizon_s=0.0).damaged
         measured = {

@@ -17,6 +17,7 @@ from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
 from palpate.settling.result import Status
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate.studies.stoppable import uninterrupted
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
@@ -94,11 +95,13 @@ def _answer(
     world: World, calibration: Calibration, target_force_n: float | None, nominal: float
 ) -> Answer:
     gripper = TwinGripper(world)
-    result = run_grasp(
-        plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n),
-        array=TwinArray(world),
-        gripper=gripper,
-        clock=world.clock,
+    result = uninterrupted(
+        run_grasp(
+            plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n),
+            array=TwinArray(world),
+            gripper=gripper,
+            clock=world.clock,
+        )
     )
     truth, found = world.truth().stiffness_n_per_mm, result.stiffness_n_per_mm
     answered = truth is not None and found is not None
