@@ -18,8 +18,8 @@ LEVEL = 0.9
 #: By how much it is wider than the weighed courses say: a few labelled items leave the mean course
 #: in doubt, real ones are no logistic curves, rooms are not equally warm on all days. On 322 days
 #: of fruit felt at seven development stations (twelve labelled at each) 1.0 covered 88 %, 1.1 90
-#: and 1.2 92 %. At 1.1 only 83 % were covered of 200 further fruits felt by rigid fingers (soft 91):
-#: set to 1.2 in view of those, which covers 87 and 94 % of them.
+#: and 1.2 92 %. At 1.1 only 83 % were covered of 200 further fruits felt by rigid fingers (soft
+#: 91): set to 1.2 in view of those, which covers 87 and 94 % of them.
 _WIDER = 1.2
 
 
