@@ -157,6 +157,17 @@ class DamageGuard:
         ]
 
 
+def half_load(limits: Sequence[DamageLimit]) -> DamageLimit | None:
+    """Return the limit as it stood when the force first reached half of its own prediction.
+
+    Where the object ruptured before that, the last one known; None where nothing was known.
+    """
+    for limit in limits:
+        if limit.force_n >= limit.predicted_n / 2:
+            return limit
+    return limits[-1] if limits else None
+
+
 def fit_damage_model(
     paths: Sequence[Path],
     *,

@@ -11,6 +11,7 @@ import typer
 
 from palpate.errors import InputError
 from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.fruit_closings import FruitClosing, read_closings
 from palpate.studies.hybrid_data import read_curves, read_sheets
 from palpate.studies.hybrid_grasps import (
     FRICTION,
@@ -22,8 +23,6 @@ from palpate.studies.hybrid_grasps import (
 )
 from palpate.studies.hybrid_world import Curve, RecordedSheet
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
-from palpate.studies.rupture import read_closings
-from palpate.studies.rupture_policies import FruitClosing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,23 +10,20 @@ import numpy as np
 import typer
 
 from palpate.errors import InputError
-from palpate.estimate.damage import NOMINAL_RATE, DamageModel, fit_damage_model
+from palpate.estimate.damage import NOMINAL_RATE, DamageModel, fit_damage_model, half_load
+from palpate.estimate.fruit_closings import FruitClosing, copies, read_closings
 from palpate.studies import rupture_limits
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.rupture_policies import (
-    FruitClosing,
     Scored,
     cap_scores,
     fit_rule,
-    follow,
-    half_load,
     our_scores,
     rule_scores,
     stop_forces,
 )
 from palpate.studies.rupture_published import PUBLISHED, published_scores
 from palpate.studies.rupture_tradeoff import RATES, Method, tradeoff
-from palpate.tables import read_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,58 +64,22 @@ def command(
     _report(splits, split=split, nominal_rate=nominal_rate).emit(as_json=as_json, out=out)
 
 
-def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
-    """Read recorded closings and their labels.
-
-    Raises
-    ------
-    InputError
-        If a file can't be used, or a labelled closing has no curve.
-    """
-    labels = read_table(
-        index, columns={"grasp_id": "text", "fruit": "text", "rupture_force_n": "number"}
-    )
-    samples = read_table(
-        curves, columns={"grasp_id": "text", "closure_mm": "number", "force_n": "number"}
-    )
-    owner = samples["grasp_id"]
-    starts = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
-    ends = np.append(starts[1:], len(owner))
-    where = dict(zip(owner[starts], zip(starts, ends, strict=True), strict=True))
-    closings = []
-    for name, fruit, limit_n in zip(*labels.values(), strict=True):
-        if name not in where:
-            raise InputError(f"{curves}: no curve for {name}, which {index} lists")
-        if limit_n <= 0:
-            raise InputError(
-                f"{index}: rupture_force_n of {name} is {limit_n}; it must be positive"
-            )
-        part = slice(*where[name])
-        closings.append(
-            follow(
-                name,
-                fruit=fruit,
-                rupture_force_n=float(limit_n),
-                closure_mm=samples["closure_mm"][part],
-                force_n=samples["force_n"][part],
-            )
-        )
-    return closings
-
-
 def _folds(
     closings: Sequence[FruitClosing],
 ) -> list[tuple[list[FruitClosing], list[FruitClosing]]]:
-    """Split so that each fruit is spread evenly over the folds."""
+    """Split so that each fruit is spread evenly over the folds, and copies stay together."""
     seen: dict[str, int] = {}
-    folds = []
+    fold: dict[str, int] = {}
+    copied = copies(closings)
     for closing in closings:
         seen[closing.fruit] = seen.get(closing.fruit, -1) + 1
-        folds.append(seen[closing.fruit] % FOLDS)
+        fold[closing.grasp_id] = seen[closing.fruit] % FOLDS
+        if closing.grasp_id in copied:
+            fold[closing.grasp_id] = fold[copied[closing.grasp_id]]
     return [
         (
-            [c for c, fold in zip(closings, folds, strict=True) if fold != k],
-            [c for c, fold in zip(closings, folds, strict=True) if fold == k],
+            [c for c in closings if fold[c.grasp_id] != k],
+            [c for c in closings if fold[c.grasp_id] == k],
         )
         for k in range(FOLDS)
     ]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.estimate.fruit_closings import FruitClosing
 from palpate.studies.report import Table
-from palpate.studies.rupture_policies import FruitClosing
 
 
 def told_half_load(

@@ -3,40 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.closing import ClosingCurve, ClosingState
-from palpate.estimate.damage import DamageLimit, DamageModel
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FruitClosing:
-    """One recorded closing until rupture.
-
-    Attributes
-    ----------
-    grasp_id, fruit : str
-        As in the file.
-    rupture_force_n : float
-        Labelled rupture force.
-    force_n : ndarray, shape (n_states,)
-        Force of the sample at which each state became known: never below the state's own.
-    states : sequence of ClosingState, length n_states
-        What was known, strictly before the force first reached the label.
-    samples : ndarray, shape (n_samples, 2)
-        Closure (mm) and force (N) as recorded, up to there.
-    """
-
-    grasp_id: str
-    fruit: str
-    rupture_force_n: float
-    force_n: NDArray[np.float64]
-    states: Sequence[ClosingState]
-    samples: NDArray[np.float64]
+from palpate.estimate.damage import DamageModel
+from palpate.estimate.fruit_closings import FruitClosing
 
 
 class Scored(NamedTuple):
@@ -44,46 +17,6 @@ class Scored(NamedTuple):
 
     force_n: NDArray[np.float64]
     score: NDArray[np.float64]
-
-
-def follow(
-    grasp_id: str,
-    *,
-    fruit: str,
-    rupture_force_n: float,
-    closure_mm: NDArray[np.float64],
-    force_n: NDArray[np.float64],
-) -> FruitClosing:
-    """Follow a recorded closing sample by sample, up to its rupture."""
-    curve = ClosingCurve()
-    states: list[ClosingState] = []
-    known_at_n: list[float] = []
-    above = np.flatnonzero(force_n >= rupture_force_n)
-    before = slice(above[0] if above.size else len(force_n))
-    samples = np.column_stack([closure_mm[before], force_n[before]])
-    for closure, force in samples.tolist():
-        passed = curve.push(closure, force_n=force)
-        states += passed
-        known_at_n += [force] * len(passed)
-    return FruitClosing(
-        grasp_id=grasp_id,
-        fruit=fruit,
-        rupture_force_n=rupture_force_n,
-        force_n=np.array(known_at_n),
-        states=states,
-        samples=samples,
-    )
-
-
-def half_load(limits: Sequence[DamageLimit]) -> DamageLimit | None:
-    """Return the limit as it stood when the force first reached half of its own prediction.
-
-    Where the fruit ruptured before that, the last one known; None where nothing was known.
-    """
-    for limit in limits:
-        if limit.force_n >= limit.predicted_n / 2:
-            return limit
-    return limits[-1] if limits else None
 
 
 def our_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:

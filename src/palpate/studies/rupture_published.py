@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.studies.rupture_policies import FruitClosing, Scored
+from palpate.estimate.fruit_closings import FruitClosing
+from palpate.studies.rupture_policies import Scored
 
 #: Fruit -> mm by which the stiffness is multiplied, N that are added, and N that are said while
 #: there are too few samples: the parameters of its authors' evaluation (github.com/SheepLiu712/

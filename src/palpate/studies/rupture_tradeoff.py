@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import beta
 
-from palpate.studies.rupture_policies import FruitClosing, Scored, stop_forces
+from palpate.estimate.fruit_closings import FruitClosing
+from palpate.studies.rupture_policies import Scored, stop_forces
 
 #: Rates of rupture at which methods are compared.
 RATES = (0.01, 0.02, 0.03, 0.05, 0.075, 0.10)

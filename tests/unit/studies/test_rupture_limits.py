@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.estimate.fruit_closings import FruitClosing, follow
 from palpate.studies.rupture_limits import told_half_load
-from palpate.studies.rupture_policies import FruitClosing, follow
 
 
 def springs(*, scatter: float) -> list[FruitClosing]:

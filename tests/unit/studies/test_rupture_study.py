@@ -11,8 +11,8 @@ import pytest
 from palpate.cli import run
 from palpate.commands.study import STUDIES
 from palpate.errors import InputError
+from palpate.estimate.fruit_closings import follow, read_closings
 from palpate.studies import rupture
-from palpate.studies.rupture_policies import follow
 from palpate.studies.rupture_published import published_scores
 
 ROW_KEYS = {
@@ -58,7 +58,7 @@ def test_on_real_fruit_it_is_firmer_than_a_cap(
 
 
 def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
-    closings = rupture.read_closings(
+    closings = read_closings(
         real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"
     )
     for closing in closings:
@@ -105,7 +105,7 @@ def test_a_label_without_a_curve_is_named(tmp_path: Path) -> None:
     curves.write_text("grasp_id,closure_mm,force_n\na,1.0,2.0\n")
     index.write_text("grasp_id,fruit,rupture_force_n\nb,kiwi,3.0\n")
     with pytest.raises(InputError, match="no curve for b"):
-        rupture.read_closings(curves, index)
+        read_closings(curves, index)
 
 
 @pytest.mark.parametrize(

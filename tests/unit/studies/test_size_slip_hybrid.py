@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.estimate.fruit_closings import read_closings
 from palpate.estimate.measurement import Measurement
 from palpate.studies import hybrid, size, slip
 from palpate.studies.hybrid_data import read_curves, read_sheets
 from palpate.studies.hybrid_grasps import fixed_closing
 from palpate.studies.hybrid_world import Curve, Lag, RecordedSheet, RecordedWorld
-from palpate.studies.rupture import read_closings
 from palpate.studies.size_grasps import Sized
 
 
