@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.commands.help_text import help_text
 from palpate.commands.outcome import run
 from palpate.errors import InputError
 
@@ -16,6 +17,7 @@ STEPS: dict[str, tuple[str, str]] = {
     "force": ("calibrate_force", "Newtons: a load cell, or dead weights, up and down"),
     "compliance": ("calibrate_compliance", "How far pads, fingers and servo give way"),
     "cell": ("calibrate_cell", "What a count of the board's load cell weighs, by a known weight"),
+    "damage": ("calibrate_damage", "What produce bears, from closings until rupture"),
     "settling": ("calibrate_settling", "Holds for `settle --fit-on`, from recorded grasps"),
 }
 
@@ -46,7 +48,7 @@ def calibrate(
     # Loaded by name: a step must not pay for the others.
     module = importlib.import_module(f"palpate.commands.{STEPS[step][0]}")
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(module.command)
+    app.command(help=help_text(module.command))(module.command)
     status = run(app, context.args, name=f"palpate calibrate {step}")
     if status:
         raise typer.Exit(status)

@@ -16,7 +16,7 @@ from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.grasp.runner import Subscriber
+    from palpate.grasp.runner import Subscriber, Watcher
     from palpate.rig import Rig
 
 #: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
@@ -47,6 +47,17 @@ def grasp(
     target_force_n: Annotated[
         float | None, typer.Option(help="Grip force to reach; a gentle squeeze by default.")
     ] = None,
+    damage: Annotated[
+        Path | None,
+        typer.Option(
+            help="Stay below what such produce bears: a file of `palpate calibrate damage`.",
+            metavar="FILE",
+        ),
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(help="With --damage: what is grasped, where known.", metavar="NAME"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     record: Annotated[
         Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
@@ -68,6 +79,7 @@ def grasp(
     Example: palpate grasp --object strawberry --seed 3
     """
     from palpate.commands.grasp_card import print_card
+    from palpate.commands.grasp_limit import open_limit
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
     from palpate.grasp.safety import FORCE_CEILING_N
@@ -79,16 +91,23 @@ def grasp(
             f"--target-force-n {target_force_n:g}: must be above 0 and at most "
             f"{FORCE_CEILING_N:g} N, the force ceiling"
         )
+    limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
         memory = open_memory(stack, item_id=item, store=store, angle_deg=angle_deg)
         devices = open_rig(rig, object_name=object_name, seed=seed)
         stack.callback(devices.close)
         plan = plan_grasp(
-            devices.calibration, gripper=devices.gripper, target_force_n=target_force_n
+            devices.calibration,
+            gripper=devices.gripper,
+            target_force_n=target_force_n,
+            damage=None if limit is None else limit.model,
+            kind="" if limit is None else limit.kind,
         )
         subscribers: list[Subscriber] = []
+        watchers: list[Watcher] = [] if limit is None else [limit.see]
         if memory is not None:
             subscribers.append(memory.see)
+            watchers.append(memory.watch(plan))
         if record is not None:
             subscribers.append(
                 stack.enter_context(
@@ -101,18 +120,19 @@ def grasp(
             gripper=devices.gripper,
             clock=devices.clock,
             subscribers=subscribers,
-            watchers=[] if memory is None else [memory.watch(plan)],
+            watchers=watchers,
         )
         truth = None if devices.truth is None else dict(devices.truth())
         kept = {} if memory is None else memory.keep(result, rig=devices, recording=record)
     said = verdict(result, target_force_n=target_force_n)
+    limited = None if limit is None else limit.as_json(result)
     if as_json:
-        document = {**result.as_json(), "verdict": said, **kept}
+        document = {**result.as_json(), "verdict": said, "damage_limit": limited, **kept}
         if truth is not None:
             document |= {"simulated": True, "object": devices.subject, "truth": truth}
         print(json.dumps(document, allow_nan=False, indent=1))
     else:
-        print_card(result, said=said, rig=devices, seed=seed, truth=truth)
+        print_card(result, said=said, rig=devices, seed=seed, truth=truth, limited=limited)
     status = _EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()

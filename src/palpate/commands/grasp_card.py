@@ -9,6 +9,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from palpate.commands.grasp_limit import limit_text
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.rig import Rig
@@ -38,8 +39,9 @@ def print_card(
     rig: Rig,
     seed: int,
     truth: Mapping[str, object] | None,
+    limited: Mapping[str, object] | None = None,
 ) -> None:
-    """Print the card on standard output."""
+    """Print the card on standard output; `limited` is what a learned damage limit did."""
     good = result.outcome is Outcome.HELD
     headline = Text(str(said["text"]).capitalize(), style="bold green" if good else "bold red")
     if said["firmness"]:
@@ -54,6 +56,8 @@ def print_card(
         Text(""),
         _timings(result),
     ]
+    if limited is not None:
+        parts.append(Text(limit_text(limited)))
     if truth is not None and truth["damaged"]:
         parts.append(Text("The object was damaged: its force passed the yield.", style="bold red"))
     notes = {_NOTES[m.status]: None for name, _, _ in _ROWS if (m := getattr(result, name))}

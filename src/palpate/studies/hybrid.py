@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate.errors import InputError
-from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.damage_learning import learn
 from palpate.estimate.fruit_closings import FruitClosing, read_closings
 from palpate.studies.hybrid_data import read_curves, read_sheets
 from palpate.studies.hybrid_grasps import (
@@ -112,7 +111,7 @@ def _grasps(
 ) -> Iterator[Hybrid]:
     rng = np.random.default_rng(SEED)
     halves = [{c.name for c in curves[k::2]} for k in (0, 1)]
-    models = [_learned([c for c in closings if c.grasp_id not in half]) for half in halves]
+    models = [learn([c for c in closings if c.grasp_id not in half]) for half in halves]
     drawn = [curves[k] for k in rng.permutation(len(curves))]
     for number in range(grasps):
         if number % _PER_SENSOR == 0:
@@ -138,18 +137,6 @@ def _grasps(
             curve, sheet, calibration, damage=None, way=UNGUARDED, firmware=False, seed=seed
         )
         yield fixed_closing(curve, contact_n=_contact_n(sheet))
-
-
-def _learned(closings: Sequence[FruitClosing]) -> DamageModel:
-    try:
-        return fit_damage_model(
-            [closing.states for closing in closings],
-            rupture_force_n=[closing.rupture_force_n for closing in closings],
-            kinds=[closing.fruit for closing in closings],
-            tell_apart=True,
-        )
-    except ValueError as fault:
-        raise InputError(f"can't learn a damage limit: {fault}; give more closings") from fault
 
 
 def _contact_n(sheet: RecordedSheet) -> float:

@@ -10,8 +10,9 @@ import numpy as np
 import typer
 
 from palpate.errors import InputError
-from palpate.estimate.damage import NOMINAL_RATE, DamageModel, fit_damage_model, half_load
-from palpate.estimate.fruit_closings import FruitClosing, copies, read_closings
+from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel, half_load
+from palpate.estimate.damage_learning import learn, split
+from palpate.estimate.fruit_closings import FruitClosing, read_closings
 from palpate.studies import rupture_limits
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.rupture_policies import (
@@ -27,8 +28,6 @@ from palpate.studies.rupture_tradeoff import RATES, Method, tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-FOLDS = 5
 
 
 def command(
@@ -56,39 +55,18 @@ def command(
         raise InputError(f"--nominal-rate {nominal_rate}: it must lie between 0 and 1")
     closings = read_closings(curves, index)
     if test_curves is None or test_index is None:
-        splits = _folds(closings)
-        split = f"{FOLDS}-fold cross-validation"
+        splits = split(closings)
+        how = f"{FOLDS}-fold cross-validation"
     else:
         splits = [(closings, read_closings(test_curves, test_index))]
-        split = f"learned from {index}, tested on {test_index}"
-    _report(splits, split=split, nominal_rate=nominal_rate).emit(as_json=as_json, out=out)
-
-
-def _folds(
-    closings: Sequence[FruitClosing],
-) -> list[tuple[list[FruitClosing], list[FruitClosing]]]:
-    """Split so that each fruit is spread evenly over the folds, and copies stay together."""
-    seen: dict[str, int] = {}
-    fold: dict[str, int] = {}
-    copied = copies(closings)
-    for closing in closings:
-        seen[closing.fruit] = seen.get(closing.fruit, -1) + 1
-        fold[closing.grasp_id] = seen[closing.fruit] % FOLDS
-        if closing.grasp_id in copied:
-            fold[closing.grasp_id] = fold[copied[closing.grasp_id]]
-    return [
-        (
-            [c for c in closings if fold[c.grasp_id] != k],
-            [c for c in closings if fold[c.grasp_id] == k],
-        )
-        for k in range(FOLDS)
-    ]
+        how = f"learned from {index}, tested on {test_index}"
+    _report(splits, how=how, nominal_rate=nominal_rate).emit(as_json=as_json, out=out)
 
 
 def _report(
     splits: Sequence[tuple[list[FruitClosing], list[FruitClosing]]],
     *,
-    split: str,
+    how: str,
     nominal_rate: float,
 ) -> StudyReport:
     rows: list[dict[str, Any]] = []
@@ -98,7 +76,7 @@ def _report(
     for training, test in splits:
         tested += test
         for known, collected in ((True, rows), (False, rows_unknown)):
-            model = _learn(training, tell_apart=known)
+            model = learn(training, tell_apart=known)
             collected += [
                 _row(closing, model=model, known=known, nominal_rate=nominal_rate)
                 for closing in test
@@ -127,7 +105,7 @@ def _report(
     entries = tradeoff([Method(name, scores[name]) for name in scores], closings=tested)
     told = rupture_limits.told_half_load(splits)
     provenance = (
-        f"Real recordings of fruit closed on until rupture; {split}.",
+        f"Real recordings of fruit closed on until rupture; {how}.",
         f"Guard at a nominal rupture rate of {nominal_rate:.1%}; every sample used precedes the "
         "decision.",
         "Trade-off: every method swept over its setting on the tested fruit, alike. Stiffness "
@@ -156,18 +134,6 @@ def _report(
         },
         figures={"rupture": lambda: _figure(entries)},
     )
-
-
-def _learn(closings: Sequence[FruitClosing], *, tell_apart: bool) -> DamageModel:
-    try:
-        return fit_damage_model(
-            [closing.states for closing in closings],
-            rupture_force_n=[closing.rupture_force_n for closing in closings],
-            kinds=[closing.fruit for closing in closings],
-            tell_apart=tell_apart,
-        )
-    except ValueError as fault:
-        raise InputError(f"can't learn a damage limit: {fault}; give more closings") from fault
 
 
 def _row(

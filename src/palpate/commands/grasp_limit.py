@@ -1,0 +1,82 @@
+"""`palpate grasp --damage`: the learned limit of the object, and what it did."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.estimate.damage_file import DamageFile
+    from palpate.grasp.belief import Belief
+    from palpate.grasp.result import GraspResult
+
+
+class Limit:
+    """The damage model of one grasp; it watches how the limit is told."""
+
+    def __init__(self, file: DamageFile, *, path: Path, kind: str) -> None:
+        self.model = file.model
+        self.kind = kind
+        self._file = file
+        self._path = path
+        self._low_n = math.inf
+
+    def see(self, belief: Belief) -> None:
+        """Take the controller's next belief."""
+        self._low_n = belief.damage_low_n
+
+    def as_json(self, result: GraspResult) -> dict[str, object]:
+        """Return what the limit was and did, as the JSON of the grasp says it."""
+        from palpate.grasp.safety import DAMAGE_RATE
+
+        learned, told = self._file.closings, math.isfinite(self._low_n)
+        return {
+            "file": str(self._path),
+            "kind": self.kind or None,
+            "closings": learned[self.kind] if self.kind else sum(learned.values()),
+            "rate": DAMAGE_RATE,
+            "low_n": self._low_n if told else None,
+            "passed": told and (result.peak_force_n or 0.0) > self._low_n,
+            "kept_below_target": any(moment.name == "damage_limit" for moment in result.moments),
+        }
+
+
+def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
+    """Return the limit that a user asks for, None for none.
+
+    Raises
+    ------
+    InputError
+        If a kind is told without a file, or is not in it.
+    CalibrationError
+        If the file can't be used.
+    """
+    from palpate.estimate.damage_file import DamageFile
+
+    if path is None:
+        if kind is not None:
+            raise InputError(f"--kind {kind}: give --damage FILE too, which knows kinds")
+        return None
+    file = DamageFile.load(path)
+    told = "" if kind is None else file.known_kind(kind, where=f"--damage {path}")
+    return Limit(file, path=path, kind=told)
+
+
+def limit_text(said: Mapping[str, object]) -> str:
+    """Return what the limit was and did, in a line for the card."""
+    who = said["kind"] or "unknown kind"
+    learned = f"{who}, {said['closings']} closings"
+    if said["low_n"] is None:
+        why = "not told by this closing, so the hand closed only a little further"
+        return f"Damage limit ({learned}): {why}"
+    did = ""
+    if said["passed"]:
+        # A sheet that feels nothing of a faint force tells the limit only once it is passed.
+        did = ": told only when the force had passed it; nothing more was pressed"
+    elif said["kept_below_target"]:
+        did = ": it kept the force below what was asked for"
+    return f"Damage limit {said['low_n']:.1f} N ({learned}){did}"

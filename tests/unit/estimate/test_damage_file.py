@@ -1,0 +1,213 @@
+"""The damage file: what is written is read, and what is bad is refused in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.errors import CalibrationError, InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.estimate.damage_learning import held_out, learn, split, unfit
+from palpate.estimate.fruit_closings import FruitClosing, copies, follow, read_closings
+from palpate.estimate.measurement import Measurement
+
+
+def squeezed(name: str, *, fruit: str, stiffness: float, limit_n: float) -> FruitClosing:
+    """Squeeze a spring until it ruptures."""
+    closure_mm = np.arange(0.05, 1.2 * limit_n / stiffness, 0.02)
+    return follow(
+        name,
+        fruit=fruit,
+        rupture_force_n=limit_n,
+        closure_mm=closure_mm,
+        force_n=stiffness * closure_mm,
+    )
+
+
+def crate(*, plums: int, pears: int) -> list[FruitClosing]:
+    """Fruit that ruptures at twice its stiffness, give or take 20 %; pears at thrice."""
+    rng = np.random.default_rng(8)
+    kinds = ["plum"] * plums + ["pear"] * pears
+    made = []
+    for number, fruit in enumerate(kinds):
+        stiffness = float(np.exp(rng.normal(1.0, 0.4)))
+        times = (2.0 if fruit == "plum" else 3.0) * float(np.exp(rng.normal(0.0, 0.2)))
+        limit_n = times * stiffness
+        made.append(squeezed(f"g{number}", fruit=fruit, stiffness=stiffness, limit_n=limit_n))
+    return made
+
+
+def made_of(closings: list[FruitClosing]) -> DamageFile:
+    return DamageFile(
+        model=learn(closings),
+        closings={"pear": 25, "plum": 30},
+        learned_from={"curves.csv": "ab"},
+        made_at="2026-05-04T08:00:00+00:00",
+        left_out={"g99": "why"},
+        held_out=held_out(closings),
+    )
+
+
+@pytest.fixture(scope="module")
+def made() -> DamageFile:
+    return made_of(crate(plums=30, pears=25))
+
+
+@pytest.fixture(scope="module")
+def text(made: DamageFile, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("made") / "damage.json"
+    made.save(path)
+    return path.read_text()
+
+
+def felt(value: float) -> Measurement:
+    return Measurement(value=value, low=0.8 * value, high=1.2 * value, unit="n_per_mm")
+
+
+def test_what_is_written_is_read(made: DamageFile, tmp_path: Path) -> None:
+    path = tmp_path / "damage.json"
+    made.save(path)
+    again = DamageFile.load(path)
+    assert again.kinds == ("pear", "plum")
+    for name in ("closings", "learned_from", "made_at", "left_out"):
+        assert getattr(again, name) == getattr(made, name)
+    for kind in ("", "pear", "plum"):
+        assert again.model.bound_n(felt(2.5), kind=kind) == pytest.approx(
+            made.model.bound_n(felt(2.5), kind=kind), rel=1e-3
+        )
+        assert again.held_out[kind].closings == made.held_out[kind].closings
+    assert again.model.stop_score() == pytest.approx(made.model.stop_score(), abs=1e-4)
+
+
+def test_its_lists_stand_on_one_line(text: str) -> None:
+    assert len(text.splitlines()) < 70
+    assert '"critical_scores": [-' in text
+
+
+def renamed(document: dict[str, Any]) -> None:
+    document["kinds"]["plum"]["log_force_mn"] = document["kinds"]["plum"].pop("log_force")
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (lambda d: d.update(version=2), "file version 2, this one reads 1"),
+        (lambda d: d.update(format="palpate-calibration"), "is it a damage file?"),
+        (lambda d: d.update(colour="red"), "the file has colour, which is not known"),
+        (lambda d: d.pop("kinds"), "the file lacks kinds"),
+        (renamed, "kinds.plum lacks log_force and has log_force_mn"),
+        (lambda d: d["any_kind"].update(slope="steep"), "any_kind.slope is 'steep', not a finite"),
+        (lambda d: d["any_kind"].update(slope=True), "any_kind.slope is True, not a finite"),
+        (lambda d: d["any_kind"].update(log_sd=0), "any_kind.log_sd is 0; it must be above 0"),
+        (lambda d: d["any_kind"].update(low_share=-1), "low_share is -1; it must be above 0"),
+        (lambda d: d["any_kind"].update(objects=4), "rests on 4 closings; 6 are needed"),
+        (lambda d: d["any_kind"].update(objects=40.5), "objects is 40.5, not a count"),
+        (lambda d: d["any_kind"].update(held_out=3), "any_kind.held_out is 3, not a table"),
+        (lambda d: d.update(kinds=[]), "kinds is [], not a table"),
+        (lambda d: d.update(critical_scores=[1, 0, 2, 3, 4, 5]), "6 numbers or more, rising"),
+        (lambda d: d.update(critical_scores=[0.0]), "6 numbers or more, rising"),
+        (lambda d: d.update(critical_scores="all"), "must be a list of numbers"),
+        (lambda d: d["closings"].update(plum="many"), "closings.plum is 'many', not a count"),
+        (lambda d: d.update(made_at=3), "made_at is 3, not text"),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_line(
+    text: str, tmp_path: Path, change: Callable[[dict[str, Any]], object], complaint: str
+) -> None:
+    document = json.loads(text)
+    change(document)
+    path = tmp_path / "damage.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(CalibrationError) as caught:
+        DamageFile.load(path)
+    assert complaint in str(caught.value)
+    assert str(caught.value).startswith(f"damage file {path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@given(share=st.floats(0.0, 0.99))
+def test_a_file_that_was_cut_is_refused(
+    text: str, tmp_path_factory: pytest.TempPathFactory, share: float
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "cut.json"
+    path.write_text(text[: int(share * len(text))])
+    with pytest.raises(CalibrationError, match="not whole JSON"):
+        DamageFile.load(path)
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "damage.json"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(CalibrationError, match="not whole JSON"):
+        DamageFile.load(path)
+
+
+def test_kinds_that_are_not_told_apart_are_named(made: DamageFile) -> None:
+    assert made.known_kind("plum", where="damage.json") == "plum"
+    with pytest.raises(InputError, match="no kind 'apple'; it tells apart: pear, plum; leave"):
+        made.known_kind("apple", where="damage.json")
+    few = made_of(crate(plums=30, pears=5))
+    assert few.kinds == ("plum",)
+    with pytest.raises(InputError, match="only 25 closings of 'pear'; it tells apart: plum"):
+        few.known_kind("pear", where="damage.json")
+
+
+def test_the_kind_is_worth_something_on_closings_left_out() -> None:
+    found = held_out(crate(plums=30, pears=25))
+    assert found["plum"].error_percent < found[""].error_percent < 40
+    assert found["plum"].error_percent < found["plum"].median_error_percent
+    assert found[""].above_low > 0.85
+    assert found[""].closings == 55
+
+
+def test_copies_of_one_recording_are_found_and_stay_together() -> None:
+    closings = crate(plums=20, pears=0)
+    twin = squeezed("copy", fruit="plum", stiffness=3.0, limit_n=6.0)
+    once = squeezed("once", fruit="plum", stiffness=3.0, limit_n=6.0)
+    other = squeezed("other", fruit="plum", stiffness=3.0, limit_n=6.1)
+    mixed = [once, *closings, twin, other]
+    assert copies(mixed) == {"copy": "once"}
+    for training, test in split(mixed):
+        names = {closing.grasp_id for closing in test}
+        assert ("copy" in names) == ("once" in names)
+        assert len(training) + len(test) == len(mixed)
+    assert unfit(mixed) == {"copy": "the same recording as once"}
+
+
+def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
+    closure_mm = np.arange(0.05, 2.0, 0.02)
+    cut = follow(
+        "cut", fruit="plum", rupture_force_n=9.0, closure_mm=closure_mm, force_n=2 * closure_mm
+    )
+    late = follow(
+        "late", fruit="plum", rupture_force_n=5.0, closure_mm=closure_mm, force_n=4.9 + closure_mm
+    )
+    found = unfit([cut, late, *crate(plums=3, pears=0)])
+    assert found == {
+        "cut": "its curve ends at 3.98 N, before half of its rupture force",
+        "late": "its curve begins too near to its rupture force of 5 N",
+    }
+
+
+@pytest.mark.parametrize(
+    ("curves", "index", "complaint"),
+    [
+        ("a,1,1\na,2,2\nb,1,1\na,3,3\n", "a,kiwi,3\n", "samples of a don't stand together"),
+        ("a,1,1\na,2,2\n", "a,kiwi,3\na,kiwi,3\n", "a is listed twice"),
+        ("a,1,1\na,2,2\n", "a,,3\n", "a has no fruit"),
+    ],
+)
+def test_files_that_contradict_themselves_are_refused(
+    tmp_path: Path, curves: str, index: str, complaint: str
+) -> None:
+    (tmp_path / "curves.csv").write_text(f"grasp_id,closure_mm,force_n\n{curves}")
+    (tmp_path / "index.csv").write_text(f"grasp_id,fruit,rupture_force_n\n{index}")
+    with pytest.raises(InputError, match=complaint):
+        read_closings(tmp_path / "curves.csv", tmp_path / "index.csv")
