@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from palpate.errors import InputError
 
 
 @contextmanager
@@ -53,3 +55,32 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
+
+
+def keep_inputs(output: Path, *, inputs: Iterable[Path]) -> None:
+    """Refuse to write over what is read.
+
+    Parameters
+    ----------
+    output : Path
+        What is going to be written.
+    inputs : iterable of Path
+        What is going to be read for it.
+
+    Raises
+    ------
+    InputError
+        If they are one file, under whatever names.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> holds = Path(tempfile.mkdtemp()) / "holds.csv"
+    >>> _ = holds.write_text("hold_id,time_s,value")
+    >>> keep_inputs(holds.with_name("answers.csv"), inputs=[holds])
+    >>> keep_inputs(holds, inputs=[holds])
+    Traceback (most recent call last):
+    palpate.errors.InputError: ...holds.csv is read here and would be lost; choose another name
+    """
+    if output.exists() and any(path.exists() and output.samefile(path) for path in inputs):
+        raise InputError(f"{output} is read here and would be lost; choose another name")

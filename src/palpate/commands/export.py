@@ -28,7 +28,9 @@ class HoldUnit(StrEnum):
 
 def export(
     file: Annotated[Path, typer.Argument(help="An .mcap recording.")],
-    to: Annotated[Target, typer.Option(help="Form of the file.")] = Target.CSV,
+    to: Annotated[
+        Target | None, typer.Option(help="Form of the file. [default: by --out's ending, or csv]")
+    ] = None,
     holds: Annotated[
         bool, typer.Option("--holds", help="Cut out the holds, for `palpate settle`.")
     ] = False,
@@ -47,7 +49,8 @@ def export(
     from palpate.recording.holds import cut_holds
     from palpate.recording.tables import frame_tables, hold_tables, write_tables
 
-    target = out or file.parent / (file.stem + (f".holds.{to}" if holds else f".{to}"))
+    form = _form(to, out)
+    target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     if not target.parent.is_dir():
         raise InputError(f"{target}: there is no folder {target.parent}; make it first")
     if holds:
@@ -56,10 +59,21 @@ def export(
         except RecordingError as error:
             where = "" if str(file) in str(error) else f"{file}: "
             raise RecordingError(f"{where}{error}") from error
-        rows = write_tables(target, hold_tables(cut), to=to.value)
+        rows = write_tables(target, hold_tables(cut), to=form.value)
         what = f"{len({hold.hold_id for hold in cut})} holds, "
     else:
         with RecordingReader(file) as reader:
-            rows = write_tables(target, frame_tables(reader), to=to.value)
+            rows = write_tables(target, frame_tables(reader), to=form.value)
         what = ""
     print(f"{target}: {what}{rows} rows", file=sys.stderr)
+
+
+def _form(to: Target | None, out: Path | None) -> Target:
+    """Return the form that option and ending agree on: a recording is never written over."""
+    if out is None:
+        return to or Target.CSV
+    ending = out.suffix.lower().removeprefix(".")
+    if ending not in list(Target) or to not in (None, ending):
+        wanted = f".{to}" if to else ".csv or .parquet"
+        raise InputError(f"--out {out}: name a file that ends in {wanted}")
+    return Target(ending)

@@ -32,6 +32,8 @@ _REST_S = 1.0
 _STALE_PERIODS, _STALE_S = 5.0, 0.1
 #: Depth at which colour and curve end; the curve's span, and one of its columns, seconds.
 _DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
+#: A pixel about to come loose reads a hundred times its rest value: more digits would say no more.
+_HIGHEST_PERCENT = 999
 #: Widest matrix -> characters per pixel: sixteen columns must fit a terminal of eighty.
 _CELL_WIDTHS = ((4, 11), (8, 7), (16, 4))
 _BLOCKS = " ▁▂▃▄▅▆▇█"
@@ -156,7 +158,7 @@ class LiveView:
         lowest = np.nanmin(change[rows], initial=0.0)
         touch = lowest <= CONTACT_PERCENT
         state = "[bold green]contact[/]" if touch else "[dim]no contact[/]"
-        head = Text.from_markup(f"finger {finger}   {mean:+6.1f} %   {state}")
+        head = Text.from_markup(f"finger {finger}   {_percent(mean)}   {state}")
         return Group(head, grid)
 
     def _cell(self, change: NDArray[np.float64], row: int, col: int, *, tall: bool) -> Text:
@@ -166,7 +168,7 @@ class LiveView:
             words = "open" if math.isinf(ohm) else "dead"
             style = "bold white on dark_red"
         else:
-            words = f"{round(value):+d} %"
+            words = f"{min(round(value), _HIGHEST_PERCENT):+d} %"
             style = _style(-value / _DEEPEST_PERCENT)
         width = next(width for cols, width in _CELL_WIDTHS if self._layout.cols <= cols)
         blank = " " * width
@@ -175,12 +177,8 @@ class LiveView:
 
     def _aggregate(self, change: NDArray[np.float64]) -> RenderableType:
         mean = float(mean_change(change))
-        levels = [
-            _BLOCKS[round(min(max(deep / _DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]
-            for deep in self._curve
-        ]
-        curve = "".join(levels).rjust(_CURVE_COLUMNS)
-        head = Text.from_markup(f"mean relative change [bold]{mean:+6.1f} %[/]")
+        curve = "".join(_block(deep) for deep in self._curve).rjust(_CURVE_COLUMNS)
+        head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
         span = f"0 to -{_DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
         return Group(head, Text(curve, style="dark_orange"), Text(span, style="dim"))
 
@@ -197,10 +195,22 @@ class LiveView:
         stale = self._stale()
         age = f"[{'bold red' if stale else 'green'}]last frame {1e3 * self.age_s:.0f} ms ago[/]"
         rest = "calibrated rest" if self._calibrated else "rest of the first second"
+        rate = "" if math.isnan(self.rate_hz) else f"{self.rate_hz:.1f} Hz  ·  "
         return Text.from_markup(
-            f"{self.rate_hz:.1f} Hz  ·  {self._frames} frames, {lost}, {bad}  ·  {age}"
-            f"  ·  [dim]{rest}[/]"
+            f"{rate}{self._frames} frames, {lost}, {bad}  ·  {age}  ·  [dim]{rest}[/]"
         )
+
+
+def _percent(mean: float) -> str:
+    """Return a mean over pixels in words of one width; there is none where no pixel reads."""
+    return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
+
+
+def _block(deep: float) -> str:
+    """Return the column of the curve for a depth; a gap where no pixel read."""
+    if math.isnan(deep):
+        return " "
+    return _BLOCKS[round(min(max(deep / _DEEPEST_PERCENT, 0.0), 1.0) * (len(_BLOCKS) - 1))]
 
 
 def _style(depth: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from collections.abc import Sequence
 
@@ -10,6 +11,12 @@ import typer
 from palpate.errors import PalpateError
 
 EXIT_STOPPED = 130
+#: What to do about the failures of a disk; of others the system's own words say enough.
+_REMEDIES = {
+    errno.EACCES: "mend the rights of the file or its folder, or choose another place",
+    errno.EROFS: "choose a place that can be written to",
+    errno.ENOSPC: "make room, or choose another disk",
+}
 
 
 def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
@@ -31,7 +38,9 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
         context = getattr(error, "ctx", None)
         verb = context.command_path if context is not None else name
         message = " ".join(error.format_message().split())
-        print(f"{name}: {message} Try `{verb} --help`.", file=sys.stderr)
+        if message:  # there is none where the help was printed instead
+            end = "" if message.endswith((".", "?", "!")) else "."
+            print(f"{name}: {message}{end} Try `{verb} --help`.", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, typer.Abort):
         print(f"{name}: stopped", file=sys.stderr)
@@ -41,6 +50,8 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
         sys.stderr.close()
         return 0
     except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        print(f"{name}:{where}: {error.strerror or error}", file=sys.stderr)
+        what = [error.filename, error.strerror or error]
+        remedy = _REMEDIES.get(error.errno or 0)
+        said = ": ".join(str(part) for part in what if part)
+        print(f"{name}: {said}" + (f"; {remedy}" if remedy else ""), file=sys.stderr)
         return 2

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.errors import RecordingError
+
 
 def recover(
     file: Annotated[Path, typer.Argument(help="A recording that was cut short or damaged.")],
@@ -22,6 +24,8 @@ def recover(
     """
     from palpate.recording import recover as recover_file
 
+    if out is not None and out.exists() and not (file.exists() and out.samefile(file)):
+        raise RecordingError(f"{out}: exists already and is not overwritten; choose another name")
     found = recover_file(file, out or file)
     if found.intact:
         print(f"{file} was whole already; written to {out or file}")

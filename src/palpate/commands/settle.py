@@ -70,7 +70,7 @@ def settle(
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
     if plot is not None or (cutoffs_s and until_half_width):
         _check_rereadable(holds)
-    report.check_outputs(plot=plot, out=out)
+    report.check_outputs(plot=plot, out=out, inputs=[*holds, *(fit_on or [])])
     names = method or ["relaxation"]
     chosen = _methods(names, fit_on=fit_on or [], horizon_s=horizon)
     without = [name for name in chosen if name != "relaxation"]

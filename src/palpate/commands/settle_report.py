@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError, MissingExtraError
-from palpate.files import atomic_path
+from palpate.files import atomic_path, keep_inputs
 from palpate.holds import read_holds
 from palpate.settling.evaluate import Prediction, score_predictions
 from palpate.settling.result import SettlingMethod
@@ -95,8 +95,8 @@ def _known(figure: float) -> float | None:
     return float(figure) if np.isfinite(figure) else None
 
 
-def check_outputs(*, plot: Path | None, out: Path | None) -> None:
-    """Refuse, before the work, files that can't be written after it."""
+def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]) -> None:
+    """Refuse, before the work, files that can't or mustn't be written after it."""
     if plot is not None:
         from palpate.plots.style import check_plot_path, require_plots
 
@@ -107,6 +107,7 @@ def check_outputs(*, plot: Path | None, out: Path | None) -> None:
             raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
         if out.is_dir() or not out.parent.is_dir():
             raise InputError(f"--out {out}: name a file in a folder that exists")
+        keep_inputs(out, inputs=inputs)
         if out.suffix.lower() == ".parquet":
             _pyarrow()
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.commands.help_text import help_text
 from palpate.commands.outcome import run
 from palpate.errors import InputError
 
@@ -71,7 +72,7 @@ def study(
     # Loaded by name: other verbs, and other studies, must not pay for it.
     module = importlib.import_module(f"palpate.studies.{STUDIES[name][0]}")
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command()(module.command)
+    app.command(help=help_text(module.command))(module.command)
     status = run(app, context.args, name=f"palpate study {name}")
     if status:
         raise typer.Exit(status)

@@ -30,7 +30,8 @@ def read_holds(
     """Read holds one by one from CSV, gzipped CSV or Parquet.
 
     Columns are `hold_id,time_s,value` and optionally `channel`. The rows of a hold are together;
-    channels may be interleaved within it. Memory is bounded by the longest hold, or by `until_s`.
+    channels may be interleaved within it. A CSV file may have semicolons or tabs instead of commas,
+    and decimal commas then. Memory is bounded by the longest hold, or by `until_s`.
 
     Parameters
     ----------

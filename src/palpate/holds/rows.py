@@ -64,9 +64,10 @@ a holds file has hold_id,time_s,value and optionally channel
         raise InputError(f"{where}: not a line of UTF-8 text; {wanted}; save it as UTF-8 CSV")
     missing = [name for name in REQUIRED if name not in names]
     if missing:
-        commas = "; separate them by commas" if len(names) == 1 and ";" in found else ""
+        alone = missing == ["hold_id"]
+        one = "; for a single hold it is any name, the same in each row" if alone else ""
         raise InputError(
-            f"{where}: no column {', '.join(missing)} (it has: {found}); {wanted}{commas}"
+            f"{where}: no column {', '.join(missing)} (it has: {found}); {wanted}{one}"
         )
     twice = [name for name in REQUIRED + OPTIONAL if list(names).count(name) > 1]
     if twice:

@@ -29,7 +29,7 @@ def capture(
     """Record frames until the time is up, or it is stopped; return how many.
 
     A sensor that falls silent is waited for: it is said once, and becomes an event of the
-    recording, as does its return.
+    recording, as does its return. One that stays silent until the time is up is lost.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def capture(
     Raises
     ------
     DeviceError
-        If the sensor is gone for good.
+        If the sensor is gone for good, or silent at the end.
     RecordingError
         If the file can't be written.
     """
@@ -80,4 +80,9 @@ def capture(
         reading = load_cells()
         if reading is not None:
             writer.add(reading)
+    if silent and not stopped():
+        raise DeviceTimeoutError(
+            f"the sensor was silent at the end: {frames} frames are recorded. Check cable and "
+            "power, then run `palpate doctor`."
+        )
     return frames

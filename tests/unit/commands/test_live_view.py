@@ -81,6 +81,29 @@ def test_contact_and_pixels() -> None:
     assert "SIMULATED" not in shown
 
 
+def test_an_unplugged_sensor_is_shown_and_comes_back() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS)
+    screen.feed(np.zeros((4, 2), dtype=int), frames=40)
+    shown = screen.text()
+    assert shown.count("open") == 8
+    assert shown.count("no pixel") == 3
+    assert "nan" not in shown
+    screen.feed(np.full((4, 2), 2))
+    shown = screen.text()
+    assert shown.count("+999 %") == 8
+    assert "+999.0 %" in shown
+    screen.feed(REST_COUNTS)
+    assert "no pixel" not in screen.text()
+
+
+def test_one_frame_has_no_rate_yet() -> None:
+    screen = Screen()
+    screen.feed(REST_COUNTS, frames=1)
+    assert "Hz" not in screen.text()
+    assert "1 frames" in screen.text()
+
+
 def test_the_largest_matrix_fits_a_terminal() -> None:
     array = TwinArray(World(None, seed=1, layout=layout_named("16x16")))
     source = Source(name="bench", array=array)

@@ -81,6 +81,33 @@ def test_export_writes_beside_the_recording(recorded: Path) -> None:
     assert [int(row["r3c1_counts"]) for row in rows] == list(range(300, 400))
 
 
+def test_export_never_writes_over_a_recording(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = recorded.read_bytes()
+    assert palpate("export", recorded, "--out", recorded) == 2
+    assert "ends in .csv or .parquet" in capsys.readouterr().err
+    assert palpate("export", recorded, "--to", "parquet", "--out", "run.csv") == 2
+    assert "ends in .parquet" in capsys.readouterr().err
+    assert recorded.read_bytes() == before
+
+
+def test_export_takes_the_form_from_the_name(recorded: Path, tmp_path: Path) -> None:
+    assert palpate("export", recorded, "--out", tmp_path / "run.parquet") == 0
+    assert (tmp_path / "run.parquet").read_bytes().startswith(b"PAR1")
+
+
+def test_recover_never_writes_over_another_recording(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.mcap"
+    other.write_bytes(b"somebody's")
+    assert palpate("recover", recorded, other) == 2
+    assert "not overwritten" in capsys.readouterr().err
+    assert other.read_bytes() == b"somebody's"
+    assert palpate("recover", recorded, recorded) == 0
+
+
 def test_export_of_holds_names_the_file_in_its_error(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -162,6 +162,19 @@ def test_out_writes_the_same_as_json_csv_and_parquet(
     assert rows[5]["settled"] == ""
 
 
+@pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
+def test_out_never_writes_over_what_is_read(
+    read_by: str, holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.csv"
+    other.write_bytes(holds_csv.read_bytes())
+    before = other.read_bytes()
+    read = (other,) if read_by == "argument" else (holds_csv, "--fit-on", other)
+    assert ran(*read, "--out", tmp_path / "." / "other.csv") == 2
+    assert "would be lost" in capsys.readouterr().err
+    assert other.read_bytes() == before
+
+
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str) -> None:
     plot = tmp_path / f"plot.{ending}"

@@ -37,8 +37,14 @@ def as_lists(holds: list[Hold]) -> list[tuple[str, str | None, list[float], list
         (HEADER + "a,0,5\na,0.5,4\nb,-1,7\n").replace("\n", "\r\n"),
         HEADER + "\na,0,5\n\n  \na,0.5,4\nb,-1,7\n\n",
         'value,"hold_id", time_s\n5,"a",0\n"4",a,0.5\n7,b,-1e0\n',
+        (HEADER + "a,0,5\na,0.5,4\nb,-1,7\n").replace(",", ";"),
+        "\ufeffhold_id;time_s;value\r\na;0,0;5,0\r\na;0,5;4\r\nb;-1;7\r\n",
+        "hold_id\ttime_s\tvalue\tnote\na\t0\t5\tx,y\na\t0,5\t4\t\nb\t-1\t7\t1.5\n",
     ],
-    ids=["plain", "byte-order mark", "crlf", "blank lines", "quotes and another order"],
+    ids=[
+        *("plain", "byte-order mark", "crlf", "blank lines", "quotes and another order"),
+        *("semicolons", "decimal commas from Excel", "tabs"),
+    ],
 )
 def test_the_same_holds_from_every_accepted_form(tmp_path: Path, text: str) -> None:
     wanted = [("a", None, [0.0, 0.5], [5.0, 4.0]), ("b", None, [-1.0], [7.0])]
@@ -61,7 +67,14 @@ BAD_TEXT = {
     "empty": ("", "empty"),
     "no rows": (HEADER, "no rows"),
     "missing column": ("hold_id,value\na,1\n", "line 1: no column time_s"),
-    "semicolons": ("hold_id;time_s;value\na;1;2\n", "separate them by commas"),
+    "one hold without its name": ("time_s,value\n0,1\n", "for a single hold it is any name"),
+    "decimal commas between commas": (HEADER + 'a,"0,5",1\n', "line 2: time_s is '0,5'"),
+    "thousands": ("hold_id;time_s;value\na;0.5;1\na;1;1,234\n", "line 3: value is '1,234'"),
+    "a point after commas": (
+        "hold_id;time_s;value\na;0,5;1\na;1,5;1.5\n",
+        "line 3: value is '1.5'",
+    ),
+    "both marks": ("hold_id;time_s;value\na;0;1.234,5\n", "line 2: value is '1.234,5'"),
     "column twice": (
         "hold_id,time_s,value,value\na,1,2,3\n",
         "column value stands there twice",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.clock import ManualClock
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.recording import (
     LoadCells,
     RecordingInfo,
@@ -54,6 +54,18 @@ def test_every_frame_and_the_silence_are_captured(sensed: Path, tmp_path: Path) 
     assert [event.time_s for event in captured.events] == pytest.approx([2.0, 4.0])
     assert captured.load_cells == (cells,) * 30
     assert said[1] == "frames come again"
+
+
+def test_a_sensor_that_stays_silent_is_said_to_be_lost(sensed: Path, tmp_path: Path) -> None:
+    clock = ManualClock()
+    array = Replay(sensed, clock=clock)
+    with (
+        pytest.raises(DeviceTimeoutError, match="silent at the end: 11 frames are recorded"),
+        RecordingWriter(tmp_path / "captured.mcap", info=INFO) as writer,
+    ):
+        capture(array, writer=writer, clock=clock, duration_s=3.5)
+    array.close()
+    assert len(load_recording(tmp_path / "captured.mcap").time_s) == 11
 
 
 def test_a_lost_sensor_ends_it_with_the_file_kept(sensed: Path, tmp_path: Path) -> None:

@@ -1,0 +1,89 @@
+"""What a failure means to a user of any verb: one line and an exit status, no traceback."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+import typer
+
+import palpate
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+
+SCRIPT = (sys.executable, "-c", "from palpate.cli import main; main()")
+CARD = ("grasp", "--seed", "1", "--object", "rigid-block")
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(build_app(), ["--version"], name="palpate") == 0
+    assert capsys.readouterr().out == f"palpate {palpate.__version__}\n"
+
+
+def test_without_a_verb_the_help_is_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(build_app(), [], name="palpate") == 2
+    captured = capsys.readouterr()
+    assert "grasp" in captured.out
+    assert captured.err == ""
+
+
+@pytest.mark.parametrize("wrong", ["--nonsense", "gras"])
+def test_usage_errors_are_sentences(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(build_app(), [wrong], name="palpate") == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert (". Try `palpate --help`." in said) or ("? Try `palpate --help`." in said)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_poor_encoding_gets_plainer_signs(encoding: str) -> None:
+    done = subprocess.run(
+        [*SCRIPT, *CARD],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        check=False,
+    )
+    assert done.stderr == b""
+    assert done.returncode == 0
+    shown = done.stdout.decode(encoding)
+    assert "Grip force, N" in shown
+    assert "?" not in shown
+    assert len({len(line) for line in shown.splitlines()}) == 1
+
+
+def test_a_full_disk_is_one_line() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*SCRIPT, "study", "--list"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr == "palpate: No space left on device; make room, or choose another disk\n"
+
+
+def test_a_reader_that_leaves_early_is_no_fault() -> None:
+    with subprocess.Popen(
+        [*SCRIPT, "study", "--list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+
+
+def test_rights_are_named_with_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    app = typer.Typer()
+
+    @app.command()
+    def write() -> None:
+        raise PermissionError(13, "Permission denied", "out.csv")
+
+    assert run(app, [], name="palpate") == 2
+    assert capsys.readouterr().err.startswith(
+        "palpate: out.csv: Permission denied; mend the rights"
+    )
