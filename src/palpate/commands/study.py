@@ -22,6 +22,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "presses": ("presses", "Force now on real Velostat under a robot's presses"),
     "ripeness": ("ripeness", "Figure 16, stages and days to ripe of avocados on the twin"),
     "rupture": ("rupture", "When to stop closing on real fruit, before it ruptures"),
+    "rupture-limits": ("rupture_limits", "How much of a rupture the curve before it can tell"),
     "realism": ("realism", "The twin's scatter beside real recordings"),
     "bruise": ("bruise", "Table 6 and Figure 17, bruised apples told from sound ones, simulated"),
     "bruise-limits": ("bruise_limits", "How well a bruise could be told without a sheet's scatter"),

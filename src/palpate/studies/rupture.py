@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel, half_load
 from palpate.estimate.damage_learning import learn, split
 from palpate.estimate.fruit_closings import FruitClosing, read_closings
-from palpate.studies import rupture_limits
+from palpate.studies import rupture_told
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.rupture_policies import (
     Scored,
@@ -103,7 +103,7 @@ def _report(
     if all(closing.fruit in PUBLISHED for closing in tested):
         scores["rule as published"] = [published_scores(closing) for closing in tested]
     entries = tradeoff([Method(name, scores[name]) for name in scores], closings=tested)
-    told = rupture_limits.told_half_load(splits)
+    told = rupture_told.told_half_load(splits)
     provenance = (
         f"Real recordings of fruit closed on until rupture; {how}.",
         f"Guard at a nominal rupture rate of {nominal_rate:.1%}; every sample used precedes the "
@@ -112,6 +112,7 @@ def _report(
         "rule: a line per fruit fitted to the training fruit, with our stiffness. Rule as "
         "published: with its authors' constants and window; they fitted them to fruit that may be "
         "among these.",
+        "What learners that are told everything do on such fruit: palpate study rupture-limits.",
     )
     return StudyReport(
         name="rupture",
@@ -119,7 +120,7 @@ def _report(
         provenance=provenance,
         tables=[
             _operating_table(rows, rows_unknown),
-            rupture_limits.table(told),
+            rupture_told.table(told),
             _tradeoff_table(entries),
         ],
         payload={
