@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tests.contract.hands import BAUD, REPLY_S, on_servo, world_of
@@ -194,12 +195,16 @@ def test_what_can_not_be_opened_is_one_line(
     assert "\n" not in str(raised.value)
 
 
-def test_opened_by_a_rig_file(world: World, bus: ServoBus, tmp_path: Path) -> None:
+def test_opened_by_a_rig_file(
+    world: World, bus: ServoBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     calibration = calibrated(seed=5, level="paper", apart_from="strawberry")
     calibration.save(tmp_path / "pad.json")
+    opener = SimpleNamespace(array=lambda: TwinArray(world))
+    monkeypatch.setitem(sys.modules, "my_bench", opener)
     path = tmp_path / "rig.toml"
     path.write_text(
-        "calibration = 'pad.json'\n[array]\nopen = 'types:SimpleNamespace'\n[gripper]\n"
+        "calibration = 'pad.json'\n[array]\nopen = 'my_bench:array'\n[gripper]\n"
         f"open = 'palpate.gripper.dynamixel:open_gripper'\nport = '{bus.name}'\noffset_mm = -4.0\n"
         "reply_s = 0.5\n"
     )

@@ -160,9 +160,8 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
     origin = "simulated" if simulated else "hardware"
     if earlier.layout != layout:
         raise CalibrationError(
-            f"{path} is of layout {earlier.layout.name} and its divider, the sensor is "
-            f"{layout.name}; give another --out, or begin the file anew with "
-            "`palpate calibrate rest --new`"
+            f"{path} is of another sensor ({earlier.layout.difference(layout)}); mend the rig "
+            "file, give another --out, or begin the file anew with `palpate calibrate rest --new`"
         )
     if earlier.origin != origin:
         raise CalibrationError(

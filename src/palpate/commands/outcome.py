@@ -11,6 +11,7 @@ import typer
 from palpate.errors import PalpateError
 
 EXIT_STOPPED = 130
+_UNANSWERED = "run it in a terminal, or use an option (--help)"
 #: What to do about the failures of a disk; of others the system's own words say enough.
 _REMEDIES = {
     errno.EACCES: "mend the rights of the file or its folder, or choose another place",
@@ -42,7 +43,10 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
             end = "" if message.endswith((".", "?", "!")) else "."
             print(f"{name}: {message}{end} Try `{verb} --help`.", file=sys.stderr)
         return 2
-    except (KeyboardInterrupt, typer.Abort):
+    except (KeyboardInterrupt, typer.Abort) as error:
+        if isinstance(error.__context__, EOFError):
+            print(f"\n{name}: nobody answers; {_UNANSWERED}", file=sys.stderr)
+            return 2
         print(f"{name}: stopped", file=sys.stderr)
         return EXIT_STOPPED
     except BrokenPipeError:

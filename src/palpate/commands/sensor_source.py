@@ -87,9 +87,8 @@ class Source:
             return None
         if calibration.layout != layout:
             raise CalibrationError(
-                f"the calibration was made with layout {calibration.layout.name} and its divider, "
-                f"the sensor is {layout.name}; run `palpate calibrate rest --new`, or mend the "
-                "rig file"
+                f"the calibration is of another sensor ({calibration.layout.difference(layout)}); "
+                "mend the rig file, or run `palpate calibrate rest --new`"
             )
         return calibration.rest_ohm
 

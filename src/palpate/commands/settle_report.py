@@ -180,6 +180,9 @@ def draw(
     from palpate.plots.style import save_figure
 
     rows = next(iter(document.groups().values()))
+    known = np.isfinite(score_predictions(rows).error_percent)
+    if known.any():
+        rows = [row for row, has_error in zip(rows, known, strict=True) if has_error]
     order = [rows[index] for index in reversed(by_error(rows))]
     places = {
         "median error": (len(order) - 1) // 2,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from palpate.plots.style import INK, look_of, new_figure
+from palpate.plots.style import INK, legend_below, look_of, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,8 +42,7 @@ def errors_by_cutoff(summary: Sequence[Mapping[str, Any]], *, title: str, level:
             axis.set_ylim(bottom=0)
         axes[0][2].axhline(level, color=INK, ls="--", lw=1)
         axes[0][2].set_ylim(0, 1.03)
-        handles, labels = axes[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        legend_below(figure, axes)
         figure.suptitle(title)
     return figure
 

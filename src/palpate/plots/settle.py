@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.holds import Hold
-from palpate.plots.style import GREY, INK, look_of, new_figure
+from palpate.plots.style import GREY, INK, legend_below, look_of, new_figure
 from palpate.settling.result import SettlingMethod
 from palpate.settling.scoring import settled_value
 
@@ -63,8 +63,7 @@ def settle_figure(
             axis.set_ylabel("value (unit of the file)")
         for axis in axes.flat[max(0, len(panels) - columns) : len(panels)]:
             axis.set_xlabel("time (s)")
-        handles, labels = axes.flat[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(6, len(labels)))
+        legend_below(figure, axes)
     return figure
 
 

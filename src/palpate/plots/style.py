@@ -30,6 +30,9 @@ SPARE_LOOKS = ((SKY, "P"), (AMBER, "X"), (INK, "*"))
 
 PLOT_ENDINGS = (".png", ".svg", ".pdf")
 
+#: Width of a legend's entry, with its handle, at our size of letters.
+_ENTRY_IN = 1.75
+
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -78,6 +81,16 @@ def new_figure(
         # Not pyplot: it keeps every figure alive and looks for a display.
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         yield figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def legend_below(figure: Figure, axes: Any) -> None:
+    """Put one legend for all axes below the figure, in as many columns as fit its width."""
+    entries: dict[str, Any] = {}
+    for axis in axes.flat:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    columns = min(len(entries), max(1, int(figure.get_figwidth() / _ENTRY_IN)))
+    figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns)
 
 
 def require_plots() -> None:

@@ -12,13 +12,20 @@ from pathlib import Path
 from typing import Any
 
 from palpate.clock import RealClock
-from palpate.errors import InputError, PalpateError
+from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.rig import Rig, open_rig
 from palpate.rig.stated_options import fault_in
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 
+#: What every rig file has, and how a message calls it.
+_PARTS = {
+    "array": "table [array]",
+    "gripper": "table [gripper]",
+    "calibration": '`calibration = "FILE"`',
+}
+_MAKE = "`palpate init` writes a whole one (--gripper for the hand)"
 _EXAMPLE = 'e.g. open = "my_package.my_module:open_array"'
 #: How many load cells a board reads.
 _CELLS = (1, 2)
@@ -60,6 +67,10 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     ------
     InputError
         If the file can't be read, or lacks or misnames something; one line that says what.
+    CalibrationError
+        If the calibration can't be read, or was made with another layout, divider or wiring.
+    DeviceError
+        If equipment isn't there.
     """
     stated = stated_in(path)
     if "use" in stated:
@@ -69,6 +80,13 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
     array, gripper = open_devices(rig_file)
+    if difference := calibration.layout.difference(array.layout):
+        gripper.close()
+        array.close()
+        raise CalibrationError(
+            f"calibration {rig_file.calibration}: it is of another sensor ({difference}); mend "
+            f"[array] in {path}, or calibrate anew"
+        )
     return Rig(
         name=path.name,
         array=array,
@@ -87,11 +105,14 @@ def read_rig_file(path: Path) -> RigFile:
         If the file can't be read, or lacks or misnames something; one line that says what.
     """
     stated = stated_in(path)
-    wanted = {"calibration", "array", "gripper"}
-    if stated.keys() - {"load_cells"} != wanted:
-        found = ", ".join(sorted(stated)) or "nothing"
+    for name, what in _PARTS.items():
+        if name not in stated:
+            found = ", ".join(sorted(stated)) or "nothing"
+            raise InputError(f"rig file {path}: no {what}; found {found}. {_MAKE}")
+    if unknown := stated.keys() - _PARTS.keys() - {"load_cells"}:
         raise InputError(
-            f"rig file {path}: needs `use`, or calibration, [array] and [gripper]; found {found}"
+            f"rig file {path}: it knows no {', '.join(sorted(unknown))}; there are use, "
+            f"{', '.join(_PARTS)}, load_cells"
         )
     return RigFile(
         path=path,
@@ -167,6 +188,8 @@ def stated_in(path: Path) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(path.read_text())
+    except FileNotFoundError as error:
+        raise InputError(f"rig file {path}: no such file; `palpate init` makes one") from error
     except OSError as error:
         raise InputError(f"rig file {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -174,7 +197,16 @@ def stated_in(path: Path) -> dict[str, Any]:
 
 
 def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
-    """Call the opener that a table names; it gets what is shared if it has a parameter for it."""
+    """Call the opener that a table names; it gets what is shared if it has a parameter for it.
+
+    Raises
+    ------
+    InputError
+        If there is no such table (None), or its opener is misnamed or refuses what it holds.
+    """
+    if table is None:
+        found = ", ".join(sorted(stated_in(path))) or "nothing"
+        raise InputError(f"rig file {path}: no table [{part}]; found {found}. {_MAKE}")
     where = table.get("open") if isinstance(table, dict) else None
     if not isinstance(where, str) or ":" not in where:
         raise InputError(f"rig file {path}: [{part}] needs `open`, {_EXAMPLE}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
@@ -88,6 +88,22 @@ class ArrayLayout:
         """Return which pixels are on `finger`, shape (rows, cols)."""
         on_finger = np.array(self.finger_of_row) == finger
         return np.repeat(on_finger[:, None], self.cols, axis=1)
+
+    def difference(self, other: ArrayLayout) -> str:
+        """Return in words what this layout has otherwise than `other`; empty where they are equal.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> RIGID_LAYOUT.difference(replace(RIGID_LAYOUT, idle_lines="floating"))
+        "idle_lines 'isolated' instead of 'floating'"
+        """
+        mine, its = ({**asdict(layout), **asdict(layout.divider)} for layout in (self, other))
+        return ", ".join(
+            f"{name} {mine[name]!r} instead of {its[name]!r}"
+            for name in mine
+            if name != "divider" and mine[name] != its[name]
+        )
 
 
 #: Two rigid fingers with a 2x2 array each (paper, section 3.1).

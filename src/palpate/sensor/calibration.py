@@ -159,7 +159,8 @@ class Calibration:
     --------
     >>> Calibration.load("no-such-file.json")
     Traceback (most recent call last):
-    palpate.errors.CalibrationError: calibration no-such-file.json: No such file or directory
+    palpate.errors.CalibrationError: calibration no-such-file.json: No such file or directory; \
+`palpate calibrate rest` makes one
     """
 
     sensor_id: str
@@ -251,7 +252,9 @@ class Calibration:
         try:
             text = Path(path).read_text()
         except OSError as error:
-            raise CalibrationError(f"calibration {path}: {error.strerror}") from error
+            absent = isinstance(error, FileNotFoundError)
+            remedy = "; `palpate calibrate rest` makes one" if absent else ""
+            raise CalibrationError(f"calibration {path}: {error.strerror}{remedy}") from error
         except UnicodeDecodeError as error:
             raise CalibrationError(f"calibration {path}: {_BROKEN.format(error)}") from error
         return cls.from_text(text, where=f"calibration {path}")
@@ -282,7 +285,10 @@ class Calibration:
     @classmethod
     def _from_document(cls, document: Any) -> Calibration:
         if not isinstance(document, dict) or document.get("format") != FORMAT:
-            raise CalibrationError(f"not a calibration file: its format is not {FORMAT!r}")
+            raise CalibrationError(
+                f"not a calibration file: its format is not {FORMAT!r}; name another file, or make "
+                "one with `palpate calibrate rest`"
+            )
         version = document.get("version")
         if version not in _READABLE:
             raise CalibrationError(

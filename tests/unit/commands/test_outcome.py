@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from io import StringIO
 
 import pytest
 import typer
@@ -87,3 +88,35 @@ def test_rights_are_named_with_what_to_do(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err.startswith(
         "palpate: out.csv: Permission denied; mend the rights"
     )
+
+
+def test_a_question_that_nobody_answers_is_bad_usage(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", StringIO())
+    app = typer.Typer()
+
+    @app.command()
+    def ask() -> None:
+        typer.prompt("loads", err=True)
+
+    assert run(app, [], name="palpate") == 2
+    assert "palpate: nobody answers; run it in a terminal" in capsys.readouterr().err
+
+
+def test_ctrl_c_at_a_question_is_a_stop(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Pressed(StringIO):
+        def readline(self, size: int | None = -1, /) -> str:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("sys.stdin", Pressed())
+    app = typer.Typer()
+
+    @app.command()
+    def ask() -> None:
+        typer.prompt("loads", err=True)
+
+    assert run(app, [], name="palpate") == 130
+    assert "palpate: stopped" in capsys.readouterr().err

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from palpate.errors import InputError
+from palpate.errors import CalibrationError, InputError
 from palpate.rig import open_rig, rig_names
 from palpate.rig.file import read_rig_file
 
@@ -17,7 +19,9 @@ from palpate.rig.file import read_rig_file
     ("text", "message"),
     [
         ("use = ", "Invalid value"),
-        ("[array]\nopen = 'a:b'\n", "needs `use`, or calibration"),
+        ("[array]\nopen = 'a:b'\n", r"no table \[gripper\]; found array. `palpate init` writes"),
+        ("[array]\n[gripper]\n", r'no `calibration = "FILE"`; found array, gripper'),
+        ("calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n", "it knows no load_cell; there"),
         ("use = 'sim-rigid'\nlevel = 'field'\n", "`use` stands alone"),
         ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
     ],
@@ -30,19 +34,57 @@ def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_devices_by_module_and_function(tmp_path: Path) -> None:
-    rig = open_rig("sim-rigid", object_name="tomato", seed=5)
-    rig.calibration.save(tmp_path / "pad.json")
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Make a calibration `pad.json`, openers that fit it, and a list of what was closed."""
+    calibration = open_rig("sim-rigid", object_name="tomato", seed=5).calibration
+    calibration.save(tmp_path / "pad.json")
+    closed: list[str] = []
+
+    def open_array(**changed: Any) -> SimpleNamespace:
+        layout = replace(calibration.layout, **changed)
+        return SimpleNamespace(layout=layout, close=lambda: closed.append("array"))
+
+    def open_hand(*, array: object, colour: str) -> SimpleNamespace:
+        return SimpleNamespace(array=array, colour=colour, close=lambda: closed.append("hand"))
+
+    made = SimpleNamespace(array=open_array, hand=open_hand, calibration=calibration, closed=closed)
+    monkeypatch.setitem(sys.modules, "my_bench", made)
+    return made
+
+
+BENCH = """
+calibration = 'pad.json'
+[array]
+open = 'my_bench:array'
+[gripper]
+open = 'my_bench:hand'
+colour = 'red'
+"""
+
+
+def test_devices_by_module_and_function(bench: SimpleNamespace, tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
-    table = "open = 'types:SimpleNamespace'\nport = '/dev/ttyUSB0'\n"
-    path.write_text(f"calibration = 'pad.json'\n[array]\n{table}[gripper]\n{table}")
+    path.write_text(BENCH)
     opened = open_rig(str(path))
-    assert vars(opened.array) == {"port": "/dev/ttyUSB0"}
-    assert opened.calibration == rig.calibration
+    assert (opened.gripper.array, opened.gripper.colour) == (opened.array, "red")
+    assert opened.calibration == bench.calibration
     assert not opened.simulated
-    path.write_text(path.read_text().replace("types:SimpleNamespace", "types:Nothing", 1))
-    with pytest.raises(InputError, match=r"\[array\] open = 'types:Nothing'"):
+    path.write_text(BENCH.replace("my_bench:hand", "my_bench:nothing"))
+    with pytest.raises(InputError, match=r"\[gripper\] open = 'my_bench:nothing'"):
         open_rig(str(path))
+
+
+def test_a_calibration_of_another_wiring_is_refused(bench: SimpleNamespace, tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        BENCH.replace("[gripper]", "idle_lines = 'floating'\nline_ohm = 80.0\n[gripper]")
+    )
+    said = r"idle_lines 'isolated' instead of 'floating', line_ohm 0\.0 instead of 80\.0"
+    with pytest.raises(CalibrationError, match=said) as caught:
+        open_rig(str(path))
+    assert "\n" not in str(caught.value)
+    assert bench.closed == ["hand", "array"]
 
 
 @pytest.mark.parametrize(
@@ -107,24 +149,6 @@ def test_load_cells_count_newtons(tmp_path: Path) -> None:
     assert read_rig_file(path).newtons_per_count == (4.7e-6, -1.0)
     path.write_text("calibration = 'a.json'\n[array]\n[gripper]\n")
     assert read_rig_file(path).newtons_per_count is None
-
-
-def shares(*, array: object, colour: str) -> tuple[object, str]:
-    return array, colour
-
-
-def test_a_gripper_may_ask_for_the_open_array(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "my_hand", SimpleNamespace(shares=shares))
-    open_rig("sim-rigid", object_name="tomato", seed=5).calibration.save(tmp_path / "pad.json")
-    path = tmp_path / "rig.toml"
-    path.write_text(
-        "calibration = 'pad.json'\n[array]\nopen = 'types:SimpleNamespace'\n"
-        "[gripper]\nopen = 'my_hand:shares'\ncolour = 'red'\n"
-    )
-    opened = open_rig(str(path))
-    assert opened.gripper == (opened.array, "red")
 
 
 def test_built_in_names_come_first() -> None:
