@@ -80,8 +80,8 @@ class DamageFile:
             f"{where} has {why}; it tells apart: {known}; leave --kind out for anything else"
         )
 
-    def save(self, path: str | Path) -> None:
-        """Write the file, whole or not at all."""
+    def as_text(self) -> str:
+        """Return the content of the file."""
         strengths = {kind: self._kind_as_dict(kind) for kind in self.model.strengths}
         document = {
             "format": FORMAT,
@@ -97,8 +97,13 @@ class DamageFile:
             ],
         }
         text = json.dumps(document, indent=1, allow_nan=False)
+        return _NUMBERS.sub(lambda m: f"[{' '.join(m[1].split())}]", text) + "\n"
+
+    def save(self, path: str | Path) -> None:
+        """Write the file, whole or not at all."""
+        text = self.as_text()
         with atomic_path(path) as partial:
-            partial.write_text(_NUMBERS.sub(lambda m: f"[{' '.join(m[1].split())}]", text) + "\n")
+            partial.write_text(text)
 
     def _kind_as_dict(self, kind: str) -> dict[str, Any]:
         checked = self.held_out.get(kind)
@@ -125,13 +130,28 @@ class DamageFile:
         palpate.errors.CalibrationError: damage file no-such-file.json: No such file or directory
         """
         try:
-            return _read(json.loads(Path(path).read_text(encoding="utf-8")))
+            text = Path(path).read_text(encoding="utf-8")
         except OSError as error:
             raise CalibrationError(f"damage file {path}: {error.strerror}") from error
-        except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        except UnicodeDecodeError as error:
             raise CalibrationError(f"damage file {path}: {_BROKEN.format(error)}") from error
+        return cls.from_text(text, where=f"damage file {path}")
+
+    @classmethod
+    def from_text(cls, text: str, *, where: str) -> DamageFile:
+        """Read what `as_text` wrote; `where` it comes from is for errors.
+
+        Raises
+        ------
+        CalibrationError
+            As `load`.
+        """
+        try:
+            return _read(json.loads(text))
+        except (json.JSONDecodeError, RecursionError) as error:
+            raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
         except CalibrationError as error:
-            raise CalibrationError(f"damage file {path}: {error}") from error
+            raise CalibrationError(f"{where}: {error}") from error
 
 
 _KEYS = (
