@@ -148,8 +148,11 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     expect(driver.locator("#settles")).to_contain_text("settles at −")
     expect(driver.locator(".move").first).to_be_attached()
     expect(driver.locator("#simulated")).to_be_visible()
+    forecast_ends = "Math.max(...Array.from(document.querySelector('#band').points, p => p.x))"
     release(driver)
     verdict(driver, "held and given back")
+    # The forecast is of the hold, and ends where the hand opens.
+    driver.wait_for_function(f"{forecast_ends} < document.querySelector('#curve').clientWidth - 60")
     expect(driver.locator("#verdict")).to_have_attribute("data-kind", "good")
     expect(driver.locator("#verdict .firm")).to_contain_text("soft")
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
@@ -215,9 +218,23 @@ def test_rest_is_calibrated_by_the_guide(driver: Page, folder: Path) -> None:
     can_press(driver, "#calibrate-rest")
     driver.locator("#calibrate-rest").click()
     expect(driver.locator("#guide")).to_contain_text("Leave the sensor alone")
+    driver.evaluate("scrollTo(0, 0)")
+    stop = driver.locator("#stop").bounding_box()
+    assert stop is not None
+    assert stop["y"] + stop["height"] <= WIDE["height"]
     expect(driver.locator("#calibrated")).to_contain_text("Calibrated")
     expect(driver.locator("#calibrated tr")).to_have_count(9)
     assert (folder / "data" / "calibration-sim-rigid-3.json").exists()
+
+
+@pytest.mark.parametrize("preferred", ["light", "dark"])
+def test_light_and_dark(come: Callable[..., Page], preferred: str) -> None:
+    page = come(color_scheme=preferred)
+    fresh(page)
+    turned = {"light": "dark", "dark": "light"}[preferred]
+    for expected in (turned, preferred):
+        page.locator("#shade").click()
+        expect(page.locator("body")).to_have_class(re.compile(f"body--{expected}"))
 
 
 def test_the_doctor_examines(driver: Page) -> None:

@@ -23,6 +23,7 @@ _PANELS = {
     "Items": items_panel,
 }
 _REFRESH_S = 0.2
+_PREFERS_DARK = "(prefers-color-scheme: dark)"
 
 
 def build_page(desk: Desk, client: Client) -> None:
@@ -34,9 +35,11 @@ def build_page(desk: Desk, client: Client) -> None:
     client.on_connect(lambda: desk.session.join(client.id))
     client.on_delete(lambda: desk.session.leave(client.id))
     _header(desk, hands)
-    _alerts(desk, hands)
     with ui.element("main").classes("page"):
-        ui.html(_STAGE, sanitize=False).classes("stage")
+        # Alerts stand over the stage: over the whole page they would push the stop button down.
+        with ui.element("div").classes("stage"):
+            _alerts(desk, hands)
+            ui.html(_STAGE, sanitize=False).classes("stage")
         with ui.element("aside").classes("card panel"):
             _panel(desk, hands)
     ui.timer(_REFRESH_S, hands.refresh)
@@ -44,6 +47,14 @@ def build_page(desk: Desk, client: Client) -> None:
 
 def _header(desk: Desk, hands: Hands) -> None:
     dark = ui.dark_mode(None)
+
+    async def turn() -> None:
+        """Turn light into dark and back; at first it is what the browser prefers."""
+        is_dark = dark.value
+        if is_dark is None:
+            is_dark = await ui.run_javascript(f"matchMedia('{_PREFERS_DARK}').matches")
+        dark.set_value(not is_dark)
+
     with ui.element("header").classes("bar"):
         ui.html('<span class="brand">palpate<small id="rig-name"></small></span>', sanitize=False)
         ui.html('<span id="simulated" class="badge-sim hidden">SIMULATED</span>', sanitize=False)
@@ -56,7 +67,7 @@ def _header(desk: Desk, hands: Hands) -> None:
         who = ui.label().classes("pill").props("id=who")
         take = ui.button("Take over", on_click=hands.take_over, color=None)
         take.classes("btn plain small").props("flat no-caps id=take-over")
-        shade = ui.button(icon="contrast", on_click=dark.toggle, color=None)
+        shade = ui.button(icon="contrast", on_click=turn, color=None)
         shade.classes("btn plain small").props('flat id=shade aria-label="Light or dark"')
 
     def drives() -> None:

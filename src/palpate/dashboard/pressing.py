@@ -24,7 +24,7 @@ class Hands:
 
     def __init__(self, session: Session, *, viewer: str) -> None:
         self._session, self._viewer = session, viewer
-        self._refreshers: list[Callable[[], None]] = []
+        self._refreshers: list[tuple[Callable[[], None], ui.element | None]] = []
 
     @property
     def drives(self) -> bool:
@@ -64,16 +64,19 @@ class Hands:
             hint.set_text(why)
             hint.set_visibility(bool(why))
 
-        self.on_refresh(gated)
+        self.on_refresh(gated, of=button)
 
-    def on_refresh(self, refresher: Callable[[], None]) -> None:
-        """Call this now and a few times a second."""
-        self._refreshers.append(refresher)
+    def on_refresh(self, refresher: Callable[[], None], *, of: ui.element | None = None) -> None:
+        """Call this now and a few times a second; if it is of an element, as long as that lives."""
+        self._refreshers.append((refresher, of))
         refresher()
 
     def refresh(self) -> None:
         """Bring what this viewer sees up to date."""
-        for refresher in self._refreshers:
+        self._refreshers = [
+            (refresher, of) for refresher, of in self._refreshers if of is None or not of.is_deleted
+        ]
+        for refresher, _ in self._refreshers:
             refresher()
 
     def _try(self, press: Callable[[], None]) -> None:

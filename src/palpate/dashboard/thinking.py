@@ -11,6 +11,8 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 
 _FORECAST_IN = (Phase.SETTLE, Phase.ADJUST, Phase.HOLD)
+#: Before these, a first answer may be corrected by another movement.
+_DECIDED_IN = (Phase.HOLD, Phase.RELEASE, Phase.STOPPED)
 #: A forecast from fewer touches than this is noise; with more than that, every other will do.
 _FEWEST, _MOST = 4, 200
 
@@ -32,7 +34,7 @@ def thought_of(belief: Belief, *, plan: Plan, before: Thought | None, forecasts:
     forecasts : bool
         Whether to make a new one now; it costs milliseconds.
     """
-    decided = belief.result.force_n is not None
+    decided = belief.result.force_n is not None and belief.phase in _DECIDED_IN
     settled = None if before is None else before.settled
     answer = belief.result if decided or before is None else before.answer
     if belief.phase not in (*_FORECAST_IN, Phase.RELEASE, Phase.STOPPED):

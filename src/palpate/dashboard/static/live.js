@@ -98,11 +98,13 @@ function drawCurve(doc) {
   for (const value of ticks(low, high)) out += `<line x1="${box.l}" x2="${width - box.r}" y1="${y(value)}" y2="${y(value)}" stroke="var(--line)"/><text class="soft" x="${box.l - 8}" y="${y(value) + 4}" text-anchor="end" font-size="12">${fixed(value, 0)}</text>`;
   for (const value of ticks(start - zero, end - zero)) out += `<text class="soft" x="${x(value + zero)}" y="${height - 8}" text-anchor="middle" font-size="12">${fixed(value, 0)} s</text>`;
   if (band.length) {
-    const now = band[band.length - 1], shown = [...band, [Math.max(last, now[0]), now[1], now[2], now[3]]];
+    // It speaks of the hold: a movement after the last forecast ends it.
+    const now = band[band.length - 1], after = doc.moves.find(([from]) => from > now[0]), until = Math.max(after ? after[0] : last, now[0]);
+    const shown = [...band, [until, now[1], now[2], now[3]]];
     const outline = [...shown.map((b) => [b[0], b[3]]), ...shown.reverse().map((b) => [b[0], b[1]])];
     out += `<polygon id="band" data-half-width="${(now[3] - now[1]) / 2}" data-count="${seen.band.length}" points="${line(outline)}" fill="var(--band)" opacity="0.28"/>`;
     out += `<polyline points="${line(shown.map((b) => [b[0], b[2]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/>`;
-    const right = x(last) > width - 240, at = right ? width - box.r : x(last) + 12;
+    const right = x(until) > width - 240, at = right ? width - box.r : x(until) + 12;
     out += `<text id="settles" x="${at}" y="${y(Math.max(...band.map((b) => b[3]))) - 8}" text-anchor="${right ? "end" : "start"}" font-size="14" font-weight="700" style="fill:var(--band);paint-order:stroke;stroke:var(--surface);stroke-width:4px">settles at ${fixed(now[2], 1)} % [${fixed(now[1], 1)}, ${fixed(now[3], 1)}]</text>`;
   }
   out += `<polyline points="${line(curve)}" fill="none" stroke="var(--curve)" stroke-width="2" stroke-linejoin="round"/>`;
@@ -141,7 +143,7 @@ function drawVerdict(doc) {
   card.dataset.kind = said.kind;
   if (said.on_target === true) parts.push(`target ${said.target_force_n} N within the interval`);
   if (said.on_target === false) parts.push(`off the target of ${said.target_force_n} N`);
-  if (doc.measured.decision_time_s !== null) parts.push(`answer ${fixed(doc.measured.decision_time_s, 1)} s after contact`);
+  if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(`answer ${fixed(doc.measured.decision_time_s, 1)} s after contact`);
   if (doc.stopped_after_s !== null) parts.push(`stopped ${fixed(1000 * doc.stopped_after_s, 0)} ms after the request`);
   parts.push(...doc.measured.faults);
   if (doc.measured.damaged) parts.push("the object was damaged");
