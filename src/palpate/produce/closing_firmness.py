@@ -21,7 +21,7 @@ from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.produce import contact_width
+from palpate.produce import contact_width, sheet_gain
 from palpate.produce.firmness import RIPENESS_N
 from palpate.produce.records import MEASURED
 from palpate.settling.result import Status
@@ -40,13 +40,14 @@ _RELAXED, _RELAXED_SD = 0.10, 0.07
 _SHARPEST_MM = 0.03
 #: No body is harder than this, mm per N^(2/3): what scatter makes harder is put here.
 _HARDEST = 0.05
-#: A load below so many scatters of faint forces tells nothing.
-_FELT = 2.0
+#: A load below so many scatters of faint forces tells nothing; nor does one below a newton, where a
+#: sheet's law is at its poorest: closings that began with less scattered up to twice as much.
+_FELT, _LEAST_N = 2.0, 1.0
 _ROUNDS = 3
 
 
 class ClosingWatch:
-    """Watches one grasp for what its closing tells: firmness, or the width at contact.
+    """Watches one grasp for what its closing tells: firmness or width at contact, and the gain.
 
     Parameters
     ----------
@@ -70,6 +71,7 @@ class ClosingWatch:
         found = {
             NAME: closing_firmness(self._held, plan=self.plan),
             contact_width.NAME: contact_width.contact_width(self._held, plan=self.plan),
+            sheet_gain.NAME: sheet_gain.sheet_gain(self._held, plan=self.plan),
         }
         return {name: told for name, told in found.items() if told is not None}
 
@@ -168,4 +170,5 @@ def _load(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np
     """Return the load at each step, and at which steps there surely is one."""
     before = int(np.argmin(read_n[: int(np.argmax(read_n)) + 1]))
     load_n = np.asarray(read_n - read_n[before])
-    return load_n, (np.arange(read_n.size) > before) & (load_n > _FELT * floor_n)
+    felt = load_n > max(_FELT * floor_n, _LEAST_N)
+    return load_n, (np.arange(read_n.size) > before) & felt

@@ -39,6 +39,7 @@ MEASURED = MappingProxyType(
         "pressure_kpa": "kpa",
         "contact_mm": "mm",
         "shared_pixels": "pixels",
+        "sheet_gain": "ratio",
     }
 )
 #: Relative change of each pixel at the answer, rows of columns; None for one out of use.

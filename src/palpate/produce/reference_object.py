@@ -9,6 +9,11 @@ which the sensor says 5 N has moved, the sensor has; and a width is told to hund
 millimetre, where the object's stiffness is told to a tenth. Fingers driven by pressure tell
 firmness by how the load is shared, and what their reference seems to do in this is taken away as it
 is.
+
+Its grasps also tell how far to believe a servo's current beside the sheet. On one width the force
+is one, so what of the scatter goes with the current's say (`palpate.produce.sheet_gain`) is the
+current's own, and is left out of ball and fruit alike: down to the sheet alone where that repeats
+better.
 """
 
 from __future__ import annotations
@@ -25,6 +30,7 @@ from palpate.errors import InputError
 from palpate.estimate.stiffness import Give
 from palpate.produce.firmness import RIPENESS_N, by_day, firmness_of
 from palpate.produce.records import Drive, Grasp
+from palpate.produce.sheet_gain import log_gain
 
 #: Drift is taken to wander by so much in the root of a day (sheets that break in lose 10 to 40 % of
 #: their conductance in a few days) and to jump by so much from day to day with the weather; or by
@@ -39,6 +45,10 @@ _STEEPER = 1.25
 FloatArray = NDArray[np.float64]
 
 _DAY_S = 86_400.0
+#: Grasps further apart than this, in days, are of another morning.
+_MORNING = 0.25
+#: Gains that differ by less than this (variance) are no witness's say.
+_NO_SAY = 1e-8
 #: Beyond this, wear is more than a correction should carry, as in `palpate.sensor.wear`.
 _ADVISED = 0.3
 
@@ -59,6 +69,9 @@ class Drift:
         Of these two.
     give_mm_per_n : float
         How far a hand driven by width gives way per newton at the grip force.
+    left_out, usual_gain : float
+        Share of what other witnesses than the sheet say that is left out, and ln of the gain that
+        they give a contact on the average, which stays.
     """
 
     first_at: datetime
@@ -66,6 +79,8 @@ class Drift:
     moved: tuple[float, ...]
     drive: Drive
     give_mm_per_n: float = 0.0
+    left_out: float = 0.0
+    usual_gain: float = 0.0
 
     @classmethod
     def learn(cls, grasps: Sequence[Grasp], *, drive: Drive, give: Give | None = None) -> Drift:
@@ -87,7 +102,10 @@ class Drift:
         """
         used = [grasp for grasp in grasps if grasp.drive == drive]
         give_mm_per_n = 0.0 if give is None else _slope_mm_per_n(give)
-        read = _firmness(used) if drive == "pressure" else _force(used, give_mm_per_n=give_mm_per_n)
+        if drive == "pressure":
+            read, left_out, usual_gain = _firmness(used), 0.0, 0.0
+        else:
+            read, left_out, usual_gain = _force(used, give_mm_per_n=give_mm_per_n)
         days = by_day(read)
         if len(days) < 2:
             kept = " with its width kept" if drive == "width" else ""
@@ -110,6 +128,8 @@ class Drift:
             moved=tuple(moved.tolist()),
             drive=drive,
             give_mm_per_n=give_mm_per_n,
+            left_out=left_out,
+            usual_gain=usual_gain,
         )
 
     def at(self, when: datetime) -> float:
@@ -117,14 +137,16 @@ class Drift:
         day = (when - self.first_at).total_seconds() / _DAY_S
         return float(np.interp(day, self.days, self.moved))
 
-    def corrected(self, firmness: float, *, at: datetime) -> float:
-        """Return a firmness as the sensor would have read it on the reference's first day.
+    def freed(self, firmness: float, *, grasp: Grasp) -> float:
+        """Return the firmness of a grasp as the sensor would have read it on the first day.
 
         Compliances add: of what a hand closes at 5 N read, its own give is taken out as of 5 N.
         Where the true force is r times that, a round fruit (Hertz) of compliance C at 5 N reads as
         r^(2/3) C + c ln r, with c the gripper's give per newton.
         """
-        moved = self.at(at)
+        moved = self.at(grasp.taken_at)
+        if (gain := log_gain(grasp)) is not None:
+            moved += self.left_out * (gain - self.usual_gain)
         if self.drive == "pressure":
             return firmness - moved
         read = math.exp(-firmness)
@@ -152,23 +174,46 @@ def _firmness(grasps: Sequence[Grasp]) -> list[tuple[datetime, float]]:
     ]
 
 
-def _force(grasps: Sequence[Grasp], *, give_mm_per_n: float) -> list[tuple[datetime, float]]:
+def _force(
+    grasps: Sequence[Grasp], *, give_mm_per_n: float
+) -> tuple[list[tuple[datetime, float]], float, float]:
     """Return ln of the force read over the true one in each grasp, but for a constant.
+
+    Beside it the share of the gains that was left out of the force, and their mean, which was not.
 
     From the width to which the hand would have closed for 5 N read; how steeply force rises over
     width follows from the gripper's give and the object's own firmness on its first day.
     """
     days = by_day(_firmness(grasps))
     if not days:
-        return []
+        return [], 0.0, 0.0
     way_mm_per_n = give_mm_per_n + math.exp(-days[0].firmness) / _STEEPER
-    found = []
-    for grasp in grasps:
+    found, gains = [], []
+    for grasp in sorted(grasps, key=lambda one: one.taken_at):
         width, force = grasp.measurements.get("width_mm"), grasp.measurements.get("force_n")
         if width is not None and force is not None and firmness_of(grasp) is not None:
             at_usual_mm = width.value + way_mm_per_n * (force.value - RIPENESS_N)
             found.append((grasp.taken_at, at_usual_mm / (way_mm_per_n * RIPENESS_N)))
-    return [(at, one - found[0][1]) for at, one in found]
+            gains.append(log_gain(grasp) or 0.0)
+    if not found:
+        return [], 0.0, 0.0
+    left_out, usual_gain = _left_out(found, gains), float(np.mean(gains))
+    own = [
+        (at, one - left_out * (gain - usual_gain))
+        for (at, one), gain in zip(found, gains, strict=True)
+    ]
+    return [(at, one - own[0][1]) for at, one in own], left_out, usual_gain
+
+
+def _left_out(forces: Sequence[tuple[datetime, float]], gains: Sequence[float]) -> float:
+    """Return the share of the gains without which grasps of one morning repeat best.
+
+    Least squares of how the forces of neighbours differ over how their gains do.
+    """
+    days = [(at - forces[0][0]).total_seconds() / _DAY_S for at, _ in forces]
+    near = np.diff(days) < _MORNING
+    apart, said = np.diff([force for _, force in forces])[near], np.diff(gains)[near]
+    return min(max(float(apart @ said) / max(float(said @ said), _NO_SAY), 0.0), 1.0)
 
 
 def _smoothed(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:

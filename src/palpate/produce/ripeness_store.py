@@ -68,8 +68,7 @@ def history_of(
     for grasp in grasps:
         firmness = firmness_of(grasp) if grasp.drive == drive else None
         if firmness is not None:
-            at = grasp.taken_at
-            felt.append((grasp, firmness if drift is None else drift.corrected(firmness, at=at)))
+            felt.append((grasp, firmness if drift is None else drift.freed(firmness, grasp=grasp)))
     return ItemHistory(
         item_id=item_id,
         drive=drive,

@@ -45,7 +45,7 @@ from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 
 #: Mornings; grasps of a labelled fruit on each (the paper makes ten); of the reference object.
-DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 6, 20
+DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 6, 30
 #: A fruit to be judged is grasped so often, and again while its stage is unsure, up to so many
 #: times on one day.
 GRASPS_AT_ONCE, MOST_GRASPS = 3, 18
