@@ -42,7 +42,9 @@ def command(
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
     """
     from palpate.estimate.fruit_closings import read_closings
+    from palpate.files import keep_inputs
 
+    keep_inputs(out, inputs=(curves, index))
     made = _learned(read_closings(curves, index), files=(curves, index))
     made.save(out)
     if as_json:
@@ -136,6 +138,9 @@ def _verdict(made: DamageFile) -> list[str]:
         # Three standard deviations of a count that hits 95 %.
         if one.above_low < 0.95 - 3 * math.sqrt(0.95 * 0.05 / one.closings):
             said.append(f"{who}: the lower bound holds too rarely; are the labels right?")
-    few = [kind for kind in made.closings if kind not in made.kinds]
-    said += [f"{kind}: too few to be told apart ({made.closings[kind]})" for kind in few]
+    for kind, count in made.closings.items():
+        if kind not in made.kinds:
+            said.append(f"{kind}: too few to be told apart ({count})")
+        elif kind not in made.held_out:
+            said.append(f"{kind}: too few to be judged with some left out ({count})")
     return said or [f"usable: stiffness tells the strength of {', '.join(made.kinds) or 'these'}"]

@@ -36,18 +36,28 @@ class HeldOut:
 
 def unfit(closings: Sequence[FruitClosing]) -> dict[str, str]:
     """Return which closings can't be learned from, and why."""
-    found = {name: f"the same recording as {of}" for name, of in copies(closings).items()}
+    copied = copies(closings)
+    found = {}
     for closing in closings:
-        half_n = closing.rupture_force_n / 2
-        if closing.grasp_id in found or any(s.force_n >= half_n for s in closing.states):
-            continue
-        reached_n = float(closing.samples[:, 1].max(initial=0.0))
-        found[closing.grasp_id] = (
-            f"its curve ends at {reached_n:.2f} N, before half of its rupture force"
-            if reached_n < half_n
-            else f"its curve begins too near to its rupture force of {closing.rupture_force_n:g} N"
-        )
+        of = copied.get(closing.grasp_id)
+        why = _fault(closing) if of is None else f"the same recording as {of}"
+        if why is not None:
+            found[closing.grasp_id] = why
     return found
+
+
+def _fault(closing: FruitClosing) -> str | None:
+    """Return why nothing can be learned from a closing, None if something can."""
+    half_n = closing.rupture_force_n / 2
+    closure_mm, force_n = closing.samples.T
+    if force_n.max(initial=0.0) < half_n:
+        reached_n = force_n.max(initial=0.0)
+        return f"its curve ends at {reached_n:.2f} N, before half of its rupture force"
+    if closure_mm[-1] <= closure_mm[0]:
+        return "its closure falls while it is closed on; is it a width?"
+    if not any(state.force_n >= half_n for state in closing.states):
+        return f"its curve begins too near to its rupture force of {closing.rupture_force_n:g} N"
+    return None
 
 
 def learn(closings: Sequence[FruitClosing], *, tell_apart: bool = True) -> DamageModel:

@@ -98,6 +98,16 @@ def test_too_few_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert not out.exists()
 
 
+def test_what_is_read_is_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = write_closings(tmp_path, count=12)
+    assert palpate("calibrate", "damage", *options, "--out", str(tmp_path / "index.csv")) == 2
+    assert "index.csv is read here" in capsys.readouterr().err
+    assert palpate("calibrate", "damage", *options, "--out", str(tmp_path / "damage.json")) == 0
+    assert "kiwi: too few to be judged with some left out (12)" in capsys.readouterr().out
+
+
 def test_a_folder_that_is_not_there_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

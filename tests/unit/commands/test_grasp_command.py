@@ -78,7 +78,7 @@ def test_soft_fingers_tell_no_size_and_little_of_stiffness(
     [
         (["--object", "brick"], 2, "no simulated object 'brick'; there are: ecoflex-10"),
         (["--rig", "nowhere"], 2, "no rig 'nowhere'; there are: sim-rigid, sim-soft"),
-        (["--rig", "nowhere.toml"], 2, "rig file nowhere.toml: No such file"),
+        (["--rig", "nowhere.toml"], 2, "rig file nowhere.toml: no such file"),
         (["--rig", "sim-soft", "--object", "brick"], 2, "no simulated object 'brick'"),
         (["--target-force-n", "900"], 2, "force ceiling"),
         (["--target-force-n", "nan"], 2, "must be above 0"),

@@ -189,10 +189,14 @@ def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
     late = follow(
         "late", fruit="plum", rupture_force_n=5.0, closure_mm=closure_mm, force_n=4.9 + closure_mm
     )
-    found = unfit([cut, late, *crate(plums=3, pears=0)])
+    width = follow(
+        "width", fruit="plum", rupture_force_n=3.0, closure_mm=-closure_mm, force_n=2 * closure_mm
+    )
+    found = unfit([cut, late, width, *crate(plums=3, pears=0)])
     assert found == {
         "cut": "its curve ends at 3.98 N, before half of its rupture force",
         "late": "its curve begins too near to its rupture force of 5 N",
+        "width": "its closure falls while it is closed on; is it a width?",
     }
 
 
