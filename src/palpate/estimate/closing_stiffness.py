@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtri
 from scipy.stats import norm
 
-from palpate.estimate.closing_steps import ClosingCurve, FloatArray
+from palpate.estimate.closing_steps import LAG, LAG_SD, ClosingCurve, FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
@@ -31,10 +31,6 @@ _SCATTERS = {0.007: 0.4, 0.02: 0.4, 0.08: 0.2}
 #: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
 #: from placement to placement, and its least and most.
 _TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
-#: A step that raises the force at one go is read low, because the sheet lags: by this share of the
-#: rise (in ln force) that is not yet forgotten. Mean and scatter over 160 development closings on
-#: the twin, with the true forces beside them.
-_LAG, _LAG_SD = 0.16, 0.08
 #: An object off the middle, or another face than the block's: pads and fingers give a share more.
 _GIVE_SD = 0.02
 #: By how much (in ln force) the object has relaxed at the horizon against its closing, and how
@@ -166,13 +162,12 @@ def _posterior(curve: ClosingCurve, *, give: Give, rng: np.random.Generator) -> 
     spread = np.linalg.cholesky(np.linalg.inv(precision))[of_draw]
     free = rng.standard_normal((_DRAWS, _UNKNOWN, 1))
     solved = grid.mean.reshape(-1, _UNKNOWN)[places] + (spread @ free)[..., 0]
-    size_mm, further, tilt, lag, more = solved.T
-    above, lagging = curve.looks.above[-1], curve.looks.lagging[-1]
+    size_mm, further, tilt, _, more = solved.T
     return _Posterior(
         size_mm=size_mm,
         scale=scales[scale],
         shape=np.array(list(_SHAPES))[shape],
-        end_gain=_gains(curve)[gain] + further + tilt * above + (_LAG + lag) * lagging,
+        end_gain=_gains(curve)[gain] + further + tilt * curve.looks.above[-1],
         give=1.0 + more,
     )
 
@@ -193,7 +188,7 @@ def _weighed(curve: ClosingCurve, give: Give, scales: FloatArray) -> _Weighed:
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
     gain_sd = max(_SOLVED_SHARE * curve.told_sd, 1e-3)
     tilt_sd = float(np.clip(_TILT_SHARE * curve.law_sd, *_TILT_SDS))
-    known = np.array([np.inf, gain_sd, tilt_sd, _LAG_SD, _GIVE_SD])
+    known = np.array([np.inf, gain_sd, tilt_sd, LAG_SD, _GIVE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
     off_mm = touch_mm - middle_mm
@@ -223,7 +218,7 @@ def _witnesses(
     the deformation under its force add up to the size, but for gain, exponent, lag and give.
     """
     looks = curve.looks
-    log_n = np.log(looks.read_n) + _gains(curve)[:, None] + _LAG * looks.lagging
+    log_n = np.log(looks.read_n) + _gains(curve)[:, None] + LAG * looks.lagging
     give_mm = give.give_mm(np.exp(log_n))
     give_slope = (give.give_mm(1.01 * np.exp(log_n)) - give_mm) / 0.01
     log_n, give_mm, give_slope = (a[:, None, None] for a in (log_n, give_mm, give_slope))

@@ -148,28 +148,51 @@ class PixelForceLaw:
     range: tuple[float, float]
 
     @classmethod
-    def fit(cls, reading: ArrayLike, *, force_n: ArrayLike) -> PixelForceLaw:
-        """Fit the line in logarithms, its slope held near 1; doubts are `fit_laws`' business.
+    def fit(cls, reading: ArrayLike, *, force_n: ArrayLike, run: ArrayLike) -> PixelForceLaw:
+        """Fit one slope in logarithms, held near 1, within placements; the scale is their mean.
+
+        Placements read alike in proportion but not in size. Over all of them at once the slope
+        would come out too flat, and strong forces too small (errors in the reading attenuate a
+        regression). Doubts are `fit_laws`' business.
+
+        Parameters
+        ----------
+        reading, force_n : array_like, shape (n,)
+            Readings and the forces beside them, newtons.
+        run : array_like, shape (n,)
+            To which placement each belongs.
+
+        Raises
+        ------
+        CalibrationError
+            If there are too few pairs.
 
         Examples
         --------
-        >>> law = PixelForceLaw.fit([1.0, 2.0, 4.0, 8.0], force_n=[0.9, 1.8, 3.6, 7.2])
-        >>> law.force_n([2.0]).value.round(3).tolist()
-        [1.8]
+        Twice on a sheet, the second time where it reads a third more:
+
+        >>> reading = np.array([1.0, 2.0, 4.0, 8.0])
+        >>> law = PixelForceLaw.fit([*reading, *(1.33 * reading)], force_n=[*reading, *reading],
+        ...     run=[0] * 4 + [1] * 4)
+        >>> round(law.exponent, 3), law.force_n([1.0, 1.33]).value.round(2).tolist()
+        (1.0, [0.87, 1.15])
         """
         x, y = np.asarray(reading, dtype=float), np.asarray(force_n, dtype=float)
         keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
         x, y = enough_pairs(x[keep], y[keep])
+        of_run = np.unique(np.asarray(run)[keep], return_inverse=True)[1]
         # Near the threshold a reading says little of the law, and would tilt the line.
         log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
-        middle = float(np.average(log_x, weights=weight))
-        away, offset = log_x - middle, float(np.average(left, weights=weight))
+        weight_of = np.bincount(of_run, weights=weight)
+        middle = np.bincount(of_run, weights=weight * log_x) / weight_of
+        offset = np.bincount(of_run, weights=weight * left) / weight_of
+        away = log_x - middle[of_run]
         precision = (_USUAL / _EXPONENT_SD) ** 2 + (weight * away**2).sum()
-        slope = float((weight * away * (left - offset)).sum() / precision)
-        # Scatter between placements can tilt the line until the force falls with the reading.
+        slope = float((weight * away * (left - offset[of_run])).sum() / precision)
+        # Lags can tilt the line until the force falls with the reading.
         slope = max(slope, _LEAST_EXPONENT - 1.0)
         return cls(
-            log_scale=offset - slope * middle,
+            log_scale=float(np.average(offset - slope * middle, weights=weight_of)),
             exponent=1.0 + slope,
             residual_sd=_USUAL,
             floor_n=0.1 * _FAINT_N,
@@ -262,13 +285,13 @@ def fit_laws(placements: Placements) -> tuple[PixelReading, PixelForceLaw, Pixel
 
 
 def _fit(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
-    early, force = placements.early, placements.force_n
+    early, force, run = placements.early, placements.force_n, placements.run
     reading = PixelReading.fit(placements.pixel_excess[early], force_n=force[early])
     seen = reading.reading(placements.pixel_excess[:, None, :])
     return (
         reading,
-        PixelForceLaw.fit(seen[early], force_n=force[early]),
-        PixelForceLaw.fit(seen[~early], force_n=force[~early]),
+        PixelForceLaw.fit(seen[early], force_n=force[early], run=run[early]),
+        PixelForceLaw.fit(seen[~early], force_n=force[~early], run=run[~early]),
     )
 
 

@@ -31,6 +31,9 @@ _BLIND_NODES, _BLIND_WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 _SINCE_SD = 0.05
 #: What is left at the horizon of the force while closing: things relax by a percent or two.
 _RELAXED = 0.985
+#: What is held still keeps at least this share of its reading until the horizon, and comes to that
+#: many times it at most: fruit relaxes by a third, sheets creep by half. Beyond is noise drawn out.
+_KEPT = (0.5, 2.0)
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
 _FELT_PERCENT = -1.0
 
@@ -61,6 +64,7 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
         _widened(found.hold(row), by=float(found.hold(row).value) - seen[row], unit=unit)
         for row, unit in enumerate(("percent", "reading"))
     )
+    reading = _kept(reading, now=belief.now.reading)
     if plan.creep is not None:
         reading = plan.creep.joined(reading, now=belief.now.reading, since_s=float(time_s[-1]))
     return Settled(relative_percent=relative, reading=reading)
@@ -78,6 +82,14 @@ def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
         level=one.level,
         status=Status(str(one.status)),
     )
+
+
+def _kept(reading: Measurement, *, now: float) -> Measurement:
+    """Return the forecast, or the present reading in its place if nothing held could read that."""
+    least, most = now * _KEPT[0], now * _KEPT[1]
+    if now <= 0 or least <= reading.value <= most:
+        return reading
+    return replace(reading, value=now, low=least, high=most, status=Status.FELL_BACK)
 
 
 def sure_enough(settled: Settled, *, plan: Plan) -> bool:

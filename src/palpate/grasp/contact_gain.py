@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.estimate.closing_steps import LAG, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 #: A grasp loads the sheet in a few large steps, the calibration in many small ones: read soon
 #: after a step, the sheet lags by another amount than it was calibrated with (log sd).
 _HASTE_SD = 0.12
+#: Below this no sheet is asked how far the force rose, newtons.
+_FAINTEST_N = 0.05
 
 FloatArray = NDArray[np.float64]
 
@@ -48,7 +51,7 @@ def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
         return None
     closure = np.array([stair.closure for stair in belief.staircase])
     reading = np.array([stair.touch.reading for stair in belief.staircase])
-    force_n = plan.early_law.force_n(reading).value
+    force_n = _caught_up(plan.early_law.force_n(reading).value, plan)
     at = np.array([belief.closure, *(pull.closure for pull in belief.pulls)])
     sheet_n = _between(at, closure, force_n)
     if not sheet_n[0] > 0:
@@ -59,6 +62,13 @@ def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
         width_mm=[plan.gripper.target(pull.closure) for pull in belief.pulls],
         movement=[pull.moved_s for pull in belief.pulls],
     )
+
+
+def _caught_up(force_n: FloatArray, plan: Plan) -> FloatArray:
+    """Return the sheet's forces of the steps of a closing with its lag taken out."""
+    nothing = plan.early_law.force_n(0.0, level=plan.level)
+    rising = unforgotten(force_n, faint_n=max(float(nothing.high), _FAINTEST_N))
+    return np.asarray(force_n * np.exp(LAG * rising))
 
 
 def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatArray:

@@ -44,6 +44,16 @@ def test_doubts_grow_with_the_scatter_of_placements() -> None:
     assert wide.high - wide.low > narrow.high - narrow.low
 
 
+def test_the_scatter_of_placements_does_not_flatten_the_law() -> None:
+    rng = np.random.default_rng(1)
+    force_n = np.tile(np.geomspace(0.5, 8, 12), 40)
+    run = np.repeat(np.arange(40), 12)
+    reading = np.exp(0.4 * rng.standard_normal(40))[run] * (force_n / 2.0) ** (1 / 1.2)
+    law = PixelForceLaw.fit(reading, force_n=force_n, run=run)
+    assert abs(law.exponent - 1.2) < 0.03
+    assert abs(float(law.force_n(1.0).value) / 2.0 - 1) < 0.1
+
+
 def test_nothing_read_may_still_be_a_faint_force() -> None:
     law = PixelForceLaw(
         log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.3, range=(0.3, 10.0)
@@ -54,7 +64,9 @@ def test_nothing_read_may_still_be_a_faint_force() -> None:
 
 
 def test_a_law_rises_whatever_the_scatter() -> None:
-    law = PixelForceLaw.fit([1.0, 1.5, 2.0, 2.5, 3.0], force_n=[9.0, 5.0, 4.0, 2.0, 1.0])
+    law = PixelForceLaw.fit(
+        [1.0, 1.5, 2.0, 2.5, 3.0], force_n=[9.0, 5.0, 4.0, 2.0, 1.0], run=[0] * 5
+    )
     faint, strong = law.force_n([0.0, 6.0]).value
     assert faint == 0.0
     assert 0.0 < strong < np.inf

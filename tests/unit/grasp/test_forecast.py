@@ -1,0 +1,49 @@
+"""What is held is never forecast to read nothing, however noisy the sheet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.estimate.own_creep import OwnCreep
+from palpate.grasp.answer import forecast
+from palpate.grasp.belief import Belief, Touch
+from palpate.grasp.plan import Plan
+from palpate.settling.result import Status
+
+#: Frames of a sheet whose reading scatters by a fifth: drawn out, they would end below nothing.
+NOISY = (5.16, 4.83, 5.80, 5.13, 4.33, 5.45, 6.63, 6.18, 4.12)
+CREEP = OwnCreep(log_mean=0.2, log_sd=0.05, early_s=0.4, settled_s=20.0)
+
+
+def held(plan: Plan) -> Belief:
+    touches = tuple(
+        Touch(
+            time_s=0.3 + k / 15,
+            finger_percent=(-60.0, -60.0),
+            relative_percent=-60.0 - 0.01 * k,
+            reading=reading,
+        )
+        for k, reading in enumerate(NOISY, start=1)
+    )
+    return Belief(touches=touches, now_s=touches[-1].time_s, moved_s=0.0)
+
+
+def test_a_forecast_that_ran_away_leaves_what_is_read(plan: Plan) -> None:
+    time_s = 0.3 + np.arange(1, len(NOISY) + 1) / 15
+    found = plan.settling.predict(time_s, np.array([NOISY]), horizon_s=20.0, level=0.9)
+    assert found.hold(0).value < 0
+    belief = held(plan)
+    reading = forecast(belief, plan=plan).reading
+    assert reading.value == belief.now.reading
+    assert reading.status is Status.FELL_BACK
+    assert reading.low <= 0.5 * reading.value
+    assert reading.high >= 2.0 * reading.value
+
+
+def test_the_sheets_own_creep_takes_its_place(plan: Plan) -> None:
+    belief = held(plan)
+    reading = forecast(belief, plan=replace(plan, creep=CREEP)).reading
+    assert 1.05 < reading.value / belief.now.reading < 1.25
+    assert reading.high / reading.low < 1.5
