@@ -331,7 +331,9 @@ def test_an_unplugged_board_turns_the_link_red(come: Callable[..., Page], tmp_pa
         os.close(slave)
         os.close(master)
         expect(page.locator("#link")).to_have_attribute("data-state", "stale")
-        expect(page.locator("#link-text")).to_contain_text("STALE")
+        expect(page.locator("#link-text")).to_contain_text("NO FRAMES")
+        verdict(page, "the sensor is silent")
+        expect(page.locator("#verdict .why")).to_contain_text("check its cable and power")
         expect(page.locator("#grasp")).to_be_disabled()
     plugged.join(10)
 

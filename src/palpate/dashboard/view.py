@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from palpate.dashboard.live import Live, finite
 from palpate.dashboard.session import Activity, Session
 from palpate.estimate.measurement import Measurement
@@ -31,7 +33,7 @@ def document(
     silent_s : float
         How long ago the devices' process said anything.
     """
-    live = session.live
+    live, link = session.live, _link(session, silent_s=silent_s)
     after_s = after_s if generation == live.generation else -math.inf
     source = live.source
     return {
@@ -48,7 +50,7 @@ def document(
             "simulated": source.simulated,
             "replayed": source.replayed,
         },
-        "link": _link(session, silent_s=silent_s),
+        "link": link,
         "hand": _hand(live),
         "pixels": _pixels(live),
         "curve": [[point.time_s, round(point.percent, 2)] for point in live.since(after_s)],
@@ -60,7 +62,7 @@ def document(
         ],
         "began_s": None if live.thought is None else live.thought.began_s,
         "phase": None if live.thought is None else live.thought.phase,
-        "verdict": _verdict(session),
+        "verdict": _verdict(session, stale=link["stale"]),
         "measured": _measured(session),
         "stopped_after_s": session.stopped_after_s,
         "recording": None if session.recording is None else session.recording.name,
@@ -120,8 +122,11 @@ def _pixels(live: Live) -> dict[str, Any] | None:
     }
 
 
-def _verdict(session: Session) -> dict[str, Any]:
+def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     """Return the big words: of the grasp that ended, of the one that runs, or what goes on."""
+    if session.activity is Activity.WATCHING and (broken := _broken(session.live, stale=stale)):
+        text, why = broken
+        return {"text": text, "why": why, "firmness": None, "on_target": None, "kind": "bad"}
     grasped, thought = session.grasped, session.live.thought
     if grasped is not None:
         said = verdict(grasped.result, target_force_n=session.target_force_n)
@@ -137,6 +142,15 @@ def _verdict(session: Session) -> dict[str, Any]:
         "on_target": None,
         "kind": "good" if thought.decided else "busy",
     }
+
+
+def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
+    """Return what is wrong with the sensor that is watched, and what to do; None while it reads."""
+    if stale and live.pulse.frames:
+        return "the sensor is silent", "check its cable and power; it goes on as soon as it answers"
+    if live.percent is not None and np.isnan(live.percent).all():
+        return "no pixel reads", "check the cable between sensor and board; Doctor says more"
+    return None
 
 
 _PHASES = {

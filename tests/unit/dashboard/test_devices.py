@@ -252,7 +252,7 @@ def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path
 @pytest.mark.parametrize(
     ("order", "said"),
     [
-        (OpenRig(name="nowhere.toml"), "nowhere.toml: No such file"),
+        (OpenRig(name="nowhere.toml"), "nowhere.toml: no such file"),
         (OpenRig(name="sim-rigid", object_name="moon"), "no simulated object 'moon'"),
         (Play(file=Path("nothing.mcap")), "nothing.mcap: can't be opened"),
         (OpenHand(), "no rig is open"),

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import Frames, Pulse, Source, Thought
-from palpate.dashboard.session import Session
+from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.view import document
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
@@ -131,6 +131,25 @@ def test_an_open_pixel_is_null_in_the_document() -> None:
     pixels = document(session, generation=-1, after_s=0.0)["pixels"]
     assert pixels["percent"][0] == [None, None]
     assert pixels["ohm"][0] == [None, None]
+
+
+def watched(*, stale: bool = False, counts: int = 300) -> dict:
+    """Return the verdict of a page that watches a sensor which was read before."""
+    session = Session(send=lambda message: None)
+    session.activity = Activity.WATCHING
+    session.live.begin(SOURCE)
+    session.live.add(frames(1, counts=counts))
+    session.live.pulse = Pulse(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
+    return document(session, generation=-1, after_s=0.0)["verdict"]
+
+
+def test_a_broken_sensor_is_not_called_ready() -> None:
+    assert (watched()["text"], watched()["kind"]) == ("ready", "idle")
+    silent = watched(stale=True)
+    assert (silent["text"], silent["kind"]) == ("the sensor is silent", "bad")
+    assert "check its cable and power" in silent["why"]
+    unread = watched(counts=0)
+    assert (unread["text"], unread["kind"]) == ("no pixel reads", "bad")
 
 
 def test_a_process_that_hangs_turns_the_link_red() -> None:

@@ -1,5 +1,7 @@
 // Asks for what is new, draws it, and asks again: a slow screen asks less often and holds up nobody.
 const PERIOD_MS = 66, SILENT_MS = 1500, WINDOW_S = 30, DEEPEST = 80;
+// A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
+const HIGHEST = 100;
 const RAMP = [[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]];
 const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20 s", "%", 1] };
 const STATUS = { too_short: "short hold", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
@@ -81,7 +83,7 @@ function drawCurve(doc) {
   const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : 0;
   const zero = doc.began_s ?? (seen.curve.length ? seen.curve[0][0] : 0);
   const start = Math.max(zero, last - WINDOW_S), end = Math.max(last, start + WINDOW_S);
-  const curve = seen.curve.filter(([t]) => t >= start), band = seen.band.filter(([t]) => t >= start);
+  const curve = seen.curve.filter(([t]) => t >= start).map(([t, v]) => [t, Math.min(v, HIGHEST)]), band = seen.band.filter(([t]) => t >= start);
   const values = [0, ...curve.map((p) => p[1]), ...band.flatMap((b) => [b[1], b[3]])].slice(curve.length ? 1 : 0);
   // Never closer than this: noise must not look like a signal.
   const middle = (Math.max(...values) + Math.min(...values)) / 2, half = Math.max(4, 0.56 * (Math.max(...values) - Math.min(...values)));
@@ -141,6 +143,7 @@ function drawVerdict(doc) {
   if (!card) return;
   const said = doc.verdict, parts = [];
   card.dataset.kind = said.kind;
+  if (said.why) parts.push(said.why);
   if (said.on_target === true) parts.push(`target ${said.target_force_n} N within the interval`);
   if (said.on_target === false) parts.push(`off the target of ${said.target_force_n} N`);
   if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(`answer ${fixed(doc.measured.decision_time_s, 1)} s after contact`);
@@ -156,7 +159,7 @@ function drawHead(doc) {
   const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
   const age = link.age_s === null ? "no frame yet" : link.age_s < 1 ? `${fixed(1000 * link.age_s, 0)} ms ago` : `${fixed(link.age_s, 1)} s ago`;
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
-  $("link-text").textContent = replayed ? "replay" : link.waiting ? doc.activity : `${link.stale ? "STALE · " : ""}${rate} · ${link.lost} lost${link.corrupt ? ` · ${link.corrupt} corrupt` : ""} · last frame ${age}`;
+  $("link-text").textContent = replayed ? "replay" : link.waiting ? doc.activity : `${link.stale ? "NO FRAMES · " : ""}${rate} · ${link.lost} lost${link.corrupt ? ` · ${link.corrupt} corrupt` : ""} · last frame ${age}`;
   pill.title = `${link.frames} frames, ${link.lost} lost, ${link.corrupt} corrupt, ${link.late} late; 99 % within ${fixed(1000 * link.period_p99_s, 1)} ms of the one before`;
   $("rig-name").textContent = doc.source ? `${replayed ? "replay of " : ""}${doc.source.name}` : "no rig";
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
@@ -168,7 +171,7 @@ function silent() {
   const pill = $("link");
   if (!pill) return;
   pill.dataset.state = "stale";
-  $("link-text").textContent = "STALE · this page lost palpate serve";
+  $("link-text").textContent = "NO CONNECTION · this page lost palpate serve";
 }
 
 async function tick() {
