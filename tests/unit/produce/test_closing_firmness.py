@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.estimate.gain import Gain
 from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.planning import plan_grasp
@@ -15,6 +16,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperState
 from palpate.produce.closing_firmness import ClosingWatch, closing_firmness, round_softness
 from palpate.produce.held_at import held_at
+from palpate.produce.sheet_gain import sheet_gain
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
@@ -100,3 +102,50 @@ def test_a_grasp_without_answer_tells_neither(
     nothing.see(beliefs[0])
     assert nothing.measured() == {}
     assert closing_firmness(beliefs[0], plan=watch.plan) is None
+
+
+def test_loads_fainter_than_a_newton_do_not_count(
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+) -> None:
+    watch, _, _, beliefs = watched
+    held = next(one for one in reversed(beliefs) if one.phase == "hold")
+    gain = float(np.exp(held.gain.log_mean))
+    steps = held.staircase
+    law = watch.plan.early_law
+    readings = np.linspace(0.0, max(step.touch.reading for step in steps), 500)
+    load_n = gain * law.force_n(readings).value
+    load_n = load_n - load_n[0]
+    before = min(steps, key=lambda step: step.touch.reading)
+
+    def told(added_n: float) -> float:
+        """Return the firmness where a step at a wrong width is put before the true ones."""
+        reading = float(np.interp(added_n, load_n, readings)) + before.touch.reading
+        extra = replace(
+            before,
+            closure=before.closure + 0.1,
+            touch=replace(before.touch, reading=reading),
+        )
+        found = closing_firmness(
+            replace(held, staircase=(before, extra, *steps[steps.index(before) + 1 :])),
+            plan=watch.plan,
+        )
+        assert found is not None
+        return found.value
+
+    true = closing_firmness(held, plan=watch.plan)
+    assert true is not None
+    assert told(0.8) == pytest.approx(true.value)
+    assert abs(told(1.6) / true.value - 1.0) > 0.01
+
+
+def test_what_other_witnesses_made_of_the_contact_is_kept(
+    watched: tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]],
+) -> None:
+    watch, _, _, beliefs = watched
+    held = next(one for one in reversed(beliefs) if one.phase == "hold")
+    kept = watch.measured()["sheet_gain"]
+    assert kept.value == pytest.approx(np.exp(held.gain.log_mean))
+    assert kept.value != 1.0
+    assert kept.high / kept.value == pytest.approx(kept.value / kept.low)
+    alone = replace(held, gain=Gain.unknown(law_sd=held.gain.law_sd))
+    assert sheet_gain(alone, plan=watch.plan).value == 1.0

@@ -314,6 +314,58 @@ def test_a_reference_that_stands_still_is_believed_to() -> None:
     assert left(-0.03) < 0.06
 
 
+def with_gain(one: Grasp, log_gain: float) -> Grasp:
+    """Return a grasp whose force other witnesses changed by so much."""
+    gain = math.exp(log_gain)
+    kept = Measurement(value=gain, low=0.9 * gain, high=1.1 * gain, unit="ratio")
+    return replace(one, measurements={**one.measurements, "sheet_gain": kept})
+
+
+MORNINGS = (0.0, 0.3, -0.2, 0.15)
+
+
+def balls(rng: np.random.Generator, *, sheet_sd: float, current_sd: float) -> list[Grasp]:
+    """Return grasps of a ball: a current that errs with the morning, believed by half."""
+    found = []
+    for day, morning in enumerate(MORNINGS):
+        for _ in range(20):
+            sheet, current = sheet_sd * rng.normal(), morning + current_sd * rng.normal()
+            gain = 0.5 * (current - sheet)
+            found.append(with_gain(ball_at(math.exp(sheet + gain), day=float(day)), gain))
+    return found
+
+
+def test_a_current_that_errs_is_left_out_of_ball_and_fruit() -> None:
+    drift = Drift.learn(
+        balls(np.random.default_rng(3), sheet_sd=0.01, current_sd=0.12), drive="width"
+    )
+    assert drift.left_out > 0.9
+    assert np.max(np.abs(drift.moved)) < 0.02
+    # One fruit, on two mornings; without its gains it would seem to harden by a tenth.
+    first, later = (
+        drift.freed(
+            math.log(3.0) + 2.0 / 3.0 * 0.5 * MORNINGS[day],
+            grasp=with_gain(grasp("fruit", 3.0, day=float(day)), 0.5 * MORNINGS[day]),
+        )
+        for day in (0, 1)
+    )
+    assert later == pytest.approx(first, abs=0.02)
+
+
+def test_a_current_that_mends_the_sheet_is_kept() -> None:
+    drift = Drift.learn(
+        balls(np.random.default_rng(3), sheet_sd=0.12, current_sd=0.01), drive="width"
+    )
+    assert drift.left_out == 0.0
+    assert drift.moved[1] == pytest.approx(0.15, abs=0.05)
+
+
+def test_grasps_without_gains_are_believed_as_they_are() -> None:
+    ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.9, 5), (0.92, 5))]
+    drift = Drift.learn(ball, drive="width")
+    assert (drift.left_out, drift.usual_gain) == (0.0, 0.0)
+
+
 def test_a_worn_sensor_is_advised_about() -> None:
     ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.5, 5), (0.52, 5))]
     assert "calibrate force anew" in Drift.learn(ball, drive="width").advice
