@@ -16,13 +16,14 @@ def palpate(*arguments: str) -> int:
     return run(build_app(), list(arguments), name="palpate")
 
 
-def write_closings(folder: Path, *, count: int, fruit: str = "kiwi") -> list[str]:
-    """Write closings on springs that rupture at 1.5 mm, give or take; return the options."""
+def write_closings(folder: Path, *, count: int, melons: int = 0) -> list[str]:
+    """Write closings on springs: kiwis rupture at about 1.5 mm, melons at 6; return the options."""
     rng = np.random.default_rng(4)
     curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
-    for number in range(count):
+    for number in range(count + melons):
+        fruit, borne_mm = ("kiwi", 1.5) if number < count else ("melon", 6.0)
         stiffness = 1.2 * np.exp(0.4 * rng.standard_normal())
-        limit_n = 1.5 * stiffness * np.exp(0.2 * rng.standard_normal())
+        limit_n = borne_mm * stiffness * np.exp(0.2 * rng.standard_normal())
         index.append(f"k{number},{fruit},{limit_n:.3f}")
         closure_mm = np.arange(0.1, 1.1 * limit_n / stiffness, 0.02)
         curves += [f"k{number},{x:.2f},{stiffness * x:.4f}" for x in closure_mm]
@@ -34,7 +35,7 @@ def write_closings(folder: Path, *, count: int, fruit: str = "kiwi") -> list[str
 @pytest.fixture(scope="module")
 def damage_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("damage")
-    options = write_closings(folder, count=40)
+    options = write_closings(folder, count=40, melons=20)
     assert palpate("calibrate", "damage", *options, "--out", str(folder / "damage.json")) == 0
     return folder / "damage.json"
 
@@ -146,14 +147,28 @@ def test_the_card_says_what_the_limit_did(
     assert palpate("grasp", "--seed", "1", "--damage", str(damage_file)) == 0
     card = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert "Damage limit" in card
-    assert "(unknown kind, 40 closings)" in card
+    assert "(unknown kind, 60 closings)" in card
+
+
+def test_a_kind_that_bears_more_is_given_a_higher_limit(
+    damage_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    low_n = {}
+    for kind in ("kiwi", "melon"):
+        told = ["--damage", str(damage_file), "--kind", kind, "--json"]
+        assert palpate("grasp", "--object", "kiwi", "--seed", "3", *told) == 0
+        low_n[kind] = json.loads(capsys.readouterr().out)["damage_limit"]["low_n"]
+    assert low_n["melon"] > 2 * low_n["kiwi"]
 
 
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
         (["--kind", "kiwi"], "--kind kiwi: give --damage FILE too"),
-        (["--damage", "{file}", "--kind", "plum"], "no kind 'plum'; it tells apart: kiwi; leave"),
+        (
+            ["--damage", "{file}", "--kind", "plum"],
+            "no kind 'plum'; it tells apart: kiwi, melon; leave",
+        ),
         (["--damage", "nowhere.json"], "damage file nowhere.json: No such file or directory"),
         (["--damage", "{folder}/index.csv"], "not whole JSON"),
     ],
