@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate.sensor.array import IdleLines
 
 _OPEN_ARRAY = "palpate.sensor.board_array:open_board"
-_ANY_PORT, _NO_GRIPPER = "auto", "none"
+_ANY_PORT, _NO_GRIPPER, _LAYOUT = "auto", "none", "rigid-2x2"
 #: Kind of gripper -> the function that opens it.
 _GRIPPERS = {
     "dynamixel": "palpate.gripper.dynamixel:open_gripper",
@@ -51,6 +51,10 @@ def init(
         str | None,
         typer.Option(help="floating: two multiplexers; held: rows on the Mega's pins; isolated."),
     ] = None,
+    fingers: Annotated[
+        int | None,
+        typer.Option(help="Fingers that the rows of a layout such as 6x3 are on. [default: 1]"),
+    ] = None,
     rate_hz: Annotated[float, typer.Option(help="Frames per second.")] = 250.0,
     baud: Annotated[
         int, typer.Option(help="Speed that the firmware was built for.", min=1)
@@ -62,44 +66,73 @@ def init(
     Example: palpate init rig.toml --port /dev/ttyACM0 --layout rigid-2x2 --reference-ohm 4700
     """
     from palpate.files import atomic_path
-    from palpate.sensor.board_array import PRESETS, check_rate, layout_named
-    from palpate.sensor.ports import serial_ports
+    from palpate.sensor.board_array import check_rate
 
     if file.suffix != ".toml":
         raise InputError(f"{file}: a rig file ends in .toml")
     if file.exists() and not force:
         raise InputError(f"{file} exists; give another name, or --force to replace it")
     check_rate(rate_hz)
-    likely = [found.device for found in serial_ports() if found.board is not None]
-    chosen: dict[str, str | float | bool] = {
-        "port": _ask("Serial port", port, likely[0] if len(likely) == 1 else _ANY_PORT),
-        "layout": _ask(f"Layout ({', '.join(PRESETS)}, or e.g. 4x4)", layout, "rigid-2x2"),
-        "reference_ohm": _ohm(_ask("Reference resistor, ohm", reference_ohm, "4700")),
-        "taxel_leg": _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper"),
-        "idle_lines": _ask(
-            "Idle lines: floating (two multiplexers), held (direct rows), or isolated",
-            idle_lines,
-            "floating",
-        ),
-        "rate_hz": rate_hz,
-        "baud": baud,
-    }
-    if chosen["taxel_leg"] not in ("upper", "lower"):
-        raise InputError(f"--taxel-leg {chosen['taxel_leg']}: give upper or lower")
-    layout_named(
-        str(chosen["layout"]),
-        reference_ohm=float(chosen["reference_ohm"]),
-        idle_lines=cast("IdleLines", chosen["idle_lines"]),
-    )
+    array: dict[str, str | float | bool] = {"port": _port(port)}
+    array |= _pixels(layout, fingers) | _divider(reference_ohm, taxel_leg, idle_lines)
+    array |= {"rate_hz": rate_hz, "baud": baud}
+    _check_pixels(array)
     hand = _hand(gripper, gripper_port)
     if hand.get("open") == _GRIPPERS["pneumatic"]:
         # The regulator is the board's: its frames must carry the pressure.
-        chosen["pressure"] = True
-    text = rig_text(chosen, gripper=hand, calibration=f"{file.stem}-calibration.json")
+        array["pressure"] = True
+    text = rig_text(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
         partial.write_text(text)
     print(f"written: {file}\nnext: palpate doctor --rig {file}")
-    print(f"then: palpate calibrate rest --rig {file}")
+    print(f"then: palpate calibrate rest --rig {file}, and force and compliance to grasp with it")
+
+
+def _port(port: str | None) -> str:
+    from palpate.sensor.ports import serial_ports
+
+    likely = [found.device for found in serial_ports() if found.board is not None]
+    return _ask("Serial port", port, likely[0] if len(likely) == 1 else _ANY_PORT)
+
+
+def _pixels(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
+    """Return the matrix, and how many fingers it is on where its name does not say so."""
+    from palpate.sensor.board_array import PRESETS
+
+    name = _ask(f"Layout ({', '.join(PRESETS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
+    if name in PRESETS and fingers is None:
+        return {"layout": name}
+    stated = _ask("Fingers that its rows are on", fingers, "1")
+    if not stated.isdecimal():
+        raise InputError(f"--fingers {stated}: give a whole number, such as 2")
+    return {"layout": name, "fingers": int(stated)}
+
+
+def _divider(
+    reference_ohm: float | None, taxel_leg: str | None, idle_lines: str | None
+) -> dict[str, str | float | bool]:
+    """Return how the pixels are wired and read."""
+    resistor = _ohm(_ask("Reference resistor, ohm", reference_ohm, "4700"))
+    leg = _ask("Pixel at the supply (upper) or at ground (lower)", taxel_leg, "upper")
+    if leg not in ("upper", "lower"):
+        raise InputError(f"--taxel-leg {leg}: give upper or lower")
+    idle = _ask(
+        "Idle lines: floating (two multiplexers), held (direct rows), or isolated",
+        idle_lines,
+        "floating",
+    )
+    return {"reference_ohm": resistor, "taxel_leg": leg, "idle_lines": idle}
+
+
+def _check_pixels(array: dict[str, str | float | bool]) -> None:
+    from palpate.sensor.board_array import layout_named
+
+    layout_named(
+        str(array["layout"]),
+        reference_ohm=float(array["reference_ohm"]),
+        idle_lines=cast("IdleLines", array["idle_lines"]),
+        fingers=int(array.get("fingers", 1)),
+    )
 
 
 def _hand(kind: str | None, port: str | None) -> dict[str, str | float]:

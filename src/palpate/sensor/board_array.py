@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 from palpate.clock import RealClock
 from palpate.errors import InputError
@@ -30,13 +30,15 @@ def layout_named(
     taxel_leg: Literal["upper", "lower"] = "upper",
     idle_lines: IdleLines = "isolated",
     line_ohm: float = 0.0,
+    fingers: int = 1,
+    pitch_mm: float | None = None,
 ) -> ArrayLayout:
     """Return a preset layout, or one of rows x columns, with its divider and wiring.
 
     Parameters
     ----------
     name : str
-        ``"rigid-2x2"``, ``"soft-3x2"``, or e.g. ``"4x4"`` (all of it on one finger).
+        ``"rigid-2x2"``, ``"soft-3x2"``, or the whole matrix, e.g. ``"6x3"``.
     reference_ohm : float
         The divider's fixed resistor.
     taxel_leg : {"upper", "lower"}
@@ -45,6 +47,10 @@ def layout_named(
         What the lines of the other pixels do while one is read (`ArrayLayout`).
     line_ohm : float
         In series with every pixel: the multiplexers' on-resistance.
+    fingers : int
+        How many fingers the rows of a matrix are on, as many on each; presets know theirs.
+    pitch_mm : float, optional
+        Distance between the centres of neighbouring pixels; 10 by default.
 
     Raises
     ------
@@ -53,29 +59,47 @@ def layout_named(
 
     Examples
     --------
-    >>> layout_named("soft-3x2").pixels, layout_named("4x3", reference_ohm=1e3).rows
-    (12, 4)
+    Two fingers with three rows of three pixels each:
+
+    >>> layout_named("soft-3x2").pixels, layout_named("6x3", fingers=2).finger_of_row
+    (12, (0, 0, 0, 1, 1, 1))
     """
     if not reference_ohm > 0:
         raise InputError(f"the reference resistor must be above 0 ohm, not {reference_ohm:g}")
     divider = Divider(reference_ohm=reference_ohm, taxel_leg=taxel_leg)
+    wiring: dict[str, Any] = {"divider": divider, "idle_lines": idle_lines, "line_ohm": line_ohm}
+    if pitch_mm is not None:
+        if not 0 < pitch_mm < math.inf:
+            raise InputError(f"a pitch of {pitch_mm:g} mm: give millimetres between pixel centres")
+        wiring["pitch_mm"] = pitch_mm
     if name in PRESETS:
-        return _wired(PRESETS[name], divider, idle_lines, line_ohm)
+        preset = PRESETS[name]
+        if fingers not in (1, preset.fingers):
+            raise InputError(f"layout {name} is on {preset.fingers} fingers, not on {fingers}")
+        return _wired(preset, wiring)
     rows, _, cols = name.partition("x")
     sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
     if len(sizes) != 2 or not all(1 <= size <= _MOST_LINES for size in sizes):
         raise InputError(
             f"no layout {name!r}: give {', '.join(PRESETS)}, or rows x columns from 1x1 to 16x16"
         )
-    grid = ArrayLayout(name=name, rows=sizes[0], cols=sizes[1], finger_of_row=(0,) * sizes[0])
-    return _wired(grid, divider, idle_lines, line_ohm)
+    if fingers < 1 or sizes[0] % fingers:
+        raise InputError(
+            f"layout {name} on {fingers} fingers: each finger needs as many of the {sizes[0]} rows"
+        )
+    each = sizes[0] // fingers
+    grid = ArrayLayout(
+        name=name,
+        rows=sizes[0],
+        cols=sizes[1],
+        finger_of_row=tuple(row // each for row in range(sizes[0])),
+    )
+    return _wired(grid, wiring)
 
 
-def _wired(
-    layout: ArrayLayout, divider: Divider, idle_lines: IdleLines, line_ohm: float
-) -> ArrayLayout:
+def _wired(layout: ArrayLayout, wiring: dict[str, Any]) -> ArrayLayout:
     try:
-        return replace(layout, divider=divider, idle_lines=idle_lines, line_ohm=line_ohm)
+        return replace(layout, **wiring)
     except ValueError as error:
         raise InputError(str(error)) from error
 
@@ -100,6 +124,8 @@ def open_board(
     taxel_leg: Literal["upper", "lower"] = "upper",
     idle_lines: IdleLines = "isolated",
     line_ohm: float = 0.0,
+    fingers: int = 1,
+    pitch_mm: float | None = None,
     rate_hz: float = 250.0,
     oversampling: int = 1,
     baud: int = BAUD,
@@ -112,7 +138,7 @@ def open_board(
     ----------
     port : str, optional
         Device, e.g. ``"/dev/ttyACM0"``; by default found by USB id, or by asking who answers.
-    layout, reference_ohm, taxel_leg, idle_lines, line_ohm
+    layout, reference_ohm, taxel_leg, idle_lines, line_ohm, fingers, pitch_mm
         As in `layout_named`.
     rate_hz : float
         Frames per second.
@@ -139,6 +165,8 @@ def open_board(
         taxel_leg=taxel_leg,
         idle_lines=idle_lines,
         line_ohm=line_ohm,
+        fingers=fingers,
+        pitch_mm=pitch_mm,
     )
     clock = RealClock()
 

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.sensor.board_array import open_board
+from palpate.errors import InputError
+from palpate.sensor.board_array import layout_named, open_board
 
 
 def init(*arguments: object) -> int:
@@ -40,6 +41,22 @@ def test_options_become_a_rig_file(tmp_path: Path) -> None:
         },
         "gripper": {"open": "my_arm:open_hand"},
     }
+
+
+def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    assert init(path, "--port", "auto", "--layout", "6x3", "--fingers", "2") == 0
+    stated = tomllib.loads(path.read_text())["array"]
+    assert (stated["layout"], stated["fingers"]) == ("6x3", 2)
+    layout = layout_named(stated["layout"], fingers=stated["fingers"], pitch_mm=6.5)
+    assert (layout.pixels, layout.fingers, layout.pitch_mm) == (18, 2, 6.5)
+    assert layout.finger_mask(1)[:, 0].tolist() == [False] * 3 + [True] * 3
+
+
+@pytest.mark.parametrize("pitch_mm", [0.0, -1.0, float("nan")])
+def test_a_pitch_that_is_none(pitch_mm: float) -> None:
+    with pytest.raises(InputError, match="give millimetres between pixel centres"):
+        layout_named("3x3", pitch_mm=pitch_mm)
 
 
 def test_what_it_names_exists(tmp_path: Path) -> None:
@@ -99,6 +116,9 @@ def test_an_existing_file_is_kept_unless_forced(
     [
         (["rig.json"], "ends in .toml"),
         (["rig.toml", "--layout", "round"], "no layout"),
+        (["rig.toml", "--layout", "5x3", "--fingers", "2"], "5x3 on 2 fingers: each finger needs"),
+        (["rig.toml", "--layout", "6x3", "--fingers", "-2"], "--fingers -2: give a whole number"),
+        (["rig.toml", "--layout", "soft-3x2", "--fingers", "3"], "is on 2 fingers, not on 3"),
         (["rig.toml", "--reference-ohm", "-5"], "above 0 ohm"),
         (["rig.toml", "--rate-hz", "nan"], "a rate of nan Hz: give frames per second"),
         (["rig.toml", "--rate-hz", "0"], "a rate of 0 Hz"),
@@ -131,12 +151,12 @@ def test_questions_on_a_terminal(tmp_path: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
-    os.write(master, b"auto\n4x4\n1000\n\n\n\n")
+    os.write(master, b"auto\n4x4\n2\n1000\n\n\n\n")
     assert asked.wait(timeout=60) == 0
     _, err = asked.communicate()
     os.close(master)
     os.close(slave)
     assert b"Reference resistor, ohm" in err
     array = tomllib.loads(path.read_text())["array"]
-    assert array["layout"] == "4x4"
+    assert (array["layout"], array["fingers"]) == ("4x4", 2)
     assert array["reference_ohm"] == 1000.0

@@ -191,7 +191,7 @@ def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str
         (["--rig", "sim-rigid", "--port", "x"], "--port: a rig states that itself"),
         (["--rig", "sim-rigid", "--rate-hz", "9"], "--rate-hz: a rig states that itself"),
         (["--rig", "nothing"], "no rig 'nothing'"),
-        (["--rig", "gone.toml"], "gone.toml: No such file"),
+        (["--rig", "gone.toml"], "gone.toml: no such file"),
         (["--seconds", "0"], "--seconds 0: must be above 0"),
     ],
 )
