@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage_file import DamageFile
-from palpate.estimate.damage_learning import held_out, learn, split, unfit
+from palpate.estimate.damage_learning import at_half_load, held_out, learn, split, unfit
 from palpate.estimate.fruit_closings import FruitClosing, copies, follow, read_closings
 from palpate.estimate.measurement import Measurement
 
@@ -165,6 +165,18 @@ def test_the_kind_is_worth_something_on_closings_left_out() -> None:
     assert found["plum"].error_percent < found["plum"].median_error_percent
     assert found[""].above_low > 0.85
     assert found[""].closings == 55
+
+
+def test_nothing_is_said_of_a_closing_by_a_model_that_knows_it() -> None:
+    closings = crate(plums=20, pears=0)
+    missed = []
+    for training, test in split(closings):
+        model = learn(training)
+        for closing in test:
+            limit = at_half_load(closing, model=model, kind="plum")
+            assert limit is not None
+            missed.append(100 * abs(limit.predicted_n / closing.rupture_force_n - 1))
+    assert held_out(closings)["plum"].error_percent == pytest.approx(np.mean(missed))
 
 
 def test_copies_of_one_recording_are_found_and_stay_together() -> None:
