@@ -16,10 +16,13 @@ FloatArray: TypeAlias = NDArray[np.float64]
 LAG, LAG_SD = 0.16, 0.08
 #: A sheet forgets this share of a rise of the force with each step of a closing.
 _FORGOTTEN = 0.3
+#: This contact's exponent against the law's, because the load spreads over the pixels as it grows
+#: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
+#: from placement to placement, and its least and most.
+_TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
 #: The gain is told by the servo's current all along the closing, from this share of the force on
-#: and the more the larger it was; the lag of the sheet is taken out there. What exponent and lag
-#: leave open (ln force) is in its doubt already (`servo_force`), and solved for here.
-_TOLD_FROM, _TOLD_SD = 0.3, 0.05
+#: and the more the larger it was; the lag of the sheet is taken out there.
+_TOLD_FROM = 0.3
 #: A reading below so many scatters of faint forces may be drift before the contact: such a step
 #: says only that the force was no larger.
 _FELT = 2.0
@@ -45,6 +48,11 @@ def unforgotten(force_n: FloatArray, *, faint_n: float) -> FloatArray:
         remembered += _FORGOTTEN * (now - remembered)
         found.append(now - remembered)
     return np.array(found)
+
+
+def tilt_sd(law_sd: float) -> float:
+    """Return the scatter of a contact's exponent about the law's, from the scatter of the law."""
+    return float(np.clip(_TILT_SHARE * law_sd, *_TILT_SDS))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,5 +136,6 @@ class ClosingCurve:
 
     @property
     def told_sd(self) -> float:
-        """Doubt of the gain without what exponent and lag make of it."""
-        return float(np.sqrt(max(self.gain_sd**2 - _TOLD_SD**2, (0.5 * self.gain_sd) ** 2)))
+        """Doubt of the gain without what the exponent makes of it, which is solved for."""
+        tilted = tilt_sd(self.law_sd) * self.looks.above[-1]
+        return float(np.sqrt(max(self.gain_sd**2 - tilted**2, (0.5 * self.gain_sd) ** 2)))

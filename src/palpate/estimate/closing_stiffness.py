@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtri
 from scipy.stats import norm
 
-from palpate.estimate.closing_steps import LAG, LAG_SD, ClosingCurve, FloatArray
+from palpate.estimate.closing_steps import LAG, LAG_SD, ClosingCurve, FloatArray, tilt_sd
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
@@ -27,10 +27,6 @@ _SHAPES = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
 #: Scatter of ln force from step to step within one closing, and how likely. Most contacts read
 #: evenly, once their exponent and lag are known; some reseat themselves.
 _SCATTERS = {0.007: 0.4, 0.02: 0.4, 0.08: 0.2}
-#: This contact's exponent against the law's, because the load spreads over the pixels as it grows
-#: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
-#: from placement to placement, and its least and most.
-_TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
 #: An object off the middle, or another face than the block's: pads and fingers give a share more.
 _GIVE_SD = 0.02
 #: By how much (in ln force) the object has relaxed at the horizon against its closing, and how
@@ -187,8 +183,7 @@ def _weighed(curve: ClosingCurve, give: Give, scales: FloatArray) -> _Weighed:
     sharp_mm = max(give.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
     gain_sd = max(_SOLVED_SHARE * curve.told_sd, 1e-3)
-    tilt_sd = float(np.clip(_TILT_SHARE * curve.law_sd, *_TILT_SDS))
-    known = np.array([np.inf, gain_sd, tilt_sd, LAG_SD, _GIVE_SD])
+    known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _GIVE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
     off_mm = touch_mm - middle_mm

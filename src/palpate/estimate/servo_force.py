@@ -23,9 +23,9 @@ from palpate.sensor.current_pairs import CurrentPairs
 
 #: A calibration of the current needs so many readings under load, and this range of force.
 _FEWEST, _RANGE_N = 10, 2.0
-#: How the force rose is told by a sheet that lags, and the thing relaxes a little once the fingers
-#: stand: a few percent off, the same for all readings.
-_SHAPE_SD = 0.05
+#: How the force rose is told by a sheet whose lag is not quite known, and the thing relaxes a
+#: little once the fingers stand: a few percent off, the same for all readings.
+_SHAPE_SD = 0.03
 #: What a sheet may not show of a force (threshold of its pixels, typical), newtons, and the least
 #: share of the final force that a reading must have to say anything of it.
 _BLIND_N, _LEAST_SHARE = 0.25, 0.3
@@ -100,6 +100,7 @@ class CurrentLaw:
         share: ArrayLike,
         width_mm: ArrayLike,
         movement: ArrayLike,
+        tilt_sd: float = 0.0,
     ) -> MeasuredForce | None:
         """Return the force at the end of a closing; None if no reading is of a grip.
 
@@ -115,6 +116,8 @@ class CurrentLaw:
             Force at each, as a share of that at the end, by the sheet.
         movement : array_like, shape (n,)
             Equal for readings of one movement.
+        tilt_sd : float
+            Scatter of the exponent of the sheet that told the shares.
 
         Examples
         --------
@@ -144,10 +147,12 @@ class CurrentLaw:
             covariance = np.linalg.inv(design.T @ weighed + np.diag([0.0, 1.0 / _BLIND_N**2]))
             end_n = float((covariance @ (weighed.T @ force_n))[0])
         mean_sd_n = self.gears.mean_sd_ma / self.ma_per_n
+        seen = share[share > _LEAST_SHARE]
+        tilted = tilt_sd * float(np.average(np.log(seen), weights=seen**2))
         return MeasuredForce(
             force_n=end_n,
             sd_n=float(np.hypot(np.sqrt(covariance[0, 0]), mean_sd_n)),
-            log_sd=float(np.hypot(WARMTH_SD, _SHAPE_SD)),
+            log_sd=float(np.linalg.norm([WARMTH_SD, _SHAPE_SD, tilted])),
         )
 
     def _loaded(self, force_n: float) -> float:

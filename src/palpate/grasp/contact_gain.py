@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.closing_steps import LAG, unforgotten
+from palpate.estimate.closing_steps import LAG, tilt_sd, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
         share=sheet_n[1:] / sheet_n[0],
         width_mm=[plan.gripper.target(pull.closure) for pull in belief.pulls],
         movement=[pull.moved_s for pull in belief.pulls],
+        tilt_sd=tilt_sd(plan.early_law.residual_sd),
     )
 
 

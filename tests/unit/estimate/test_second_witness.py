@@ -84,6 +84,24 @@ def test_stated_scatter_of_a_measured_force_is_the_real_one(movement_ma: float) 
     assert forces.std() == pytest.approx(found[0].sd_n if found[0] else 0.0, rel=0.1)
 
 
+def test_a_sheet_of_unsure_exponent_leaves_the_force_less_sure() -> None:
+    law, share = geared(movement_ma=0.0), np.linspace(0.3, 1.0, 8)
+
+    def log_sd(tilt_sd: float) -> float:
+        found = law.measured(
+            40.0 + 48.0 * share,
+            share=share,
+            width_mm=np.full(8, 30.0),
+            movement=np.zeros(8),
+            tilt_sd=tilt_sd,
+        )
+        assert found is not None
+        return found.log_sd
+
+    # Told at four fifths of the force on average: the exponent counts for a quarter.
+    assert log_sd(0.2) ** 2 - log_sd(0.0) ** 2 == pytest.approx((0.2 * 0.24) ** 2, rel=0.1)
+
+
 def test_no_reading_of_a_grip_measures_nothing() -> None:
     law = CurrentLaw.fit(pairs())
     assert law.measured([], share=[], width_mm=[], movement=[]) is None
