@@ -10,10 +10,8 @@ millimetre, where the object's stiffness is told to a tenth. Fingers driven by p
 firmness by how the load is shared, and what their reference seems to do in this is taken away as it
 is.
 
-Its grasps also tell how far to believe a servo's current beside the sheet. On one width the force
-is one, so what of the scatter goes with the current's say (`palpate.produce.sheet_gain`) is the
-current's own, and is left out of ball and fruit alike: down to the sheet alone where that repeats
-better.
+Its grasps also tell how far to believe a servo's current beside the sheet, and what its warming up
+does to a morning (`palpate.produce.reference_force`).
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from palpate.errors import InputError
 from palpate.estimate.stiffness import Give
 from palpate.produce.firmness import RIPENESS_N, by_day, firmness_of
 from palpate.produce.records import Drive, Grasp
-from palpate.produce.sheet_gain import log_gain
+from palpate.produce.reference_force import ForceRead
 
 #: Drift is taken to wander by so much in the root of a day (sheets that break in lose 10 to 40 % of
 #: their conductance in a few days) and to jump by so much from day to day with the weather; or by
@@ -40,15 +38,9 @@ _WANDER, _WEATHER = 0.1, 0.05
 _SHARES = np.geomspace(1 / 16, 2.0, 11)
 #: Least share of the deformation read that is taken to be the fruit's.
 _LEAST_SHARE = 0.2
-#: How much more steeply than by its secant a ball's force rises: between a spring and Hertz (1.5).
-_STEEPER = 1.25
 FloatArray = NDArray[np.float64]
 
 _DAY_S = 86_400.0
-#: Grasps further apart than this, in days, are of another morning.
-_MORNING = 0.25
-#: Gains that differ by less than this (variance) are no witness's say.
-_NO_SAY = 1e-8
 #: Beyond this, wear is more than a correction should carry, as in `palpate.sensor.wear`.
 _ADVISED = 0.3
 
@@ -69,9 +61,8 @@ class Drift:
         Of these two.
     give_mm_per_n : float
         How far a hand driven by width gives way per newton at the grip force.
-    left_out, usual_gain : float
-        Share of what other witnesses than the sheet say that is left out, and ln of the gain that
-        they give a contact on the average, which stays.
+    force : ForceRead or None
+        What the widths told of the forces read; None by a hand driven by pressure.
     """
 
     first_at: datetime
@@ -79,8 +70,7 @@ class Drift:
     moved: tuple[float, ...]
     drive: Drive
     give_mm_per_n: float = 0.0
-    left_out: float = 0.0
-    usual_gain: float = 0.0
+    force: ForceRead | None = None
 
     @classmethod
     def learn(cls, grasps: Sequence[Grasp], *, drive: Drive, give: Give | None = None) -> Drift:
@@ -102,10 +92,10 @@ class Drift:
         """
         used = [grasp for grasp in grasps if grasp.drive == drive]
         give_mm_per_n = 0.0 if give is None else _slope_mm_per_n(give)
-        if drive == "pressure":
-            read, left_out, usual_gain = _firmness(used), 0.0, 0.0
-        else:
-            read, left_out, usual_gain = _force(used, give_mm_per_n=give_mm_per_n)
+        force = (
+            None if drive == "pressure" else ForceRead.by_width(used, give_mm_per_n=give_mm_per_n)
+        )
+        read = _firmness(used) if force is None else force.read
         days = by_day(read)
         if len(days) < 2:
             kept = " with its width kept" if drive == "width" else ""
@@ -128,14 +118,18 @@ class Drift:
             moved=tuple(moved.tolist()),
             drive=drive,
             give_mm_per_n=give_mm_per_n,
-            left_out=left_out,
-            usual_gain=usual_gain,
+            force=force,
         )
 
     def at(self, when: datetime) -> float:
-        """Return the change at a time: between days in a line, before and after them constant."""
+        """Return the change at a time: between days in a line, before and after them constant.
+
+        Within a morning on which the reference was felt, what warms up is in it.
+        """
         day = (when - self.first_at).total_seconds() / _DAY_S
-        return float(np.interp(day, self.days, self.moved))
+        moved = float(np.interp(day, self.days, self.moved))
+        since_h = 24.0 * min((day - one for one in self.days), key=abs)
+        return moved if self.force is None else moved + self.force.warmed(since_h)
 
     def freed(self, firmness: float, *, grasp: Grasp) -> float:
         """Return the firmness of a grasp as the sensor would have read it on the first day.
@@ -145,8 +139,8 @@ class Drift:
         r^(2/3) C + c ln r, with c the gripper's give per newton.
         """
         moved = self.at(grasp.taken_at)
-        if (gain := log_gain(grasp)) is not None:
-            moved += self.left_out * (gain - self.usual_gain)
+        if self.force is not None:
+            moved += self.force.said_too_much(grasp)
         if self.drive == "pressure":
             return firmness - moved
         read = math.exp(-firmness)
@@ -172,48 +166,6 @@ def _firmness(grasps: Sequence[Grasp]) -> list[tuple[datetime, float]]:
         for grasp in grasps
         if (firmness := firmness_of(grasp)) is not None
     ]
-
-
-def _force(
-    grasps: Sequence[Grasp], *, give_mm_per_n: float
-) -> tuple[list[tuple[datetime, float]], float, float]:
-    """Return ln of the force read over the true one in each grasp, but for a constant.
-
-    Beside it the share of the gains that was left out of the force, and their mean, which was not.
-
-    From the width to which the hand would have closed for 5 N read; how steeply force rises over
-    width follows from the gripper's give and the object's own firmness on its first day.
-    """
-    days = by_day(_firmness(grasps))
-    if not days:
-        return [], 0.0, 0.0
-    way_mm_per_n = give_mm_per_n + math.exp(-days[0].firmness) / _STEEPER
-    found, gains = [], []
-    for grasp in sorted(grasps, key=lambda one: one.taken_at):
-        width, force = grasp.measurements.get("width_mm"), grasp.measurements.get("force_n")
-        if width is not None and force is not None and firmness_of(grasp) is not None:
-            at_usual_mm = width.value + way_mm_per_n * (force.value - RIPENESS_N)
-            found.append((grasp.taken_at, at_usual_mm / (way_mm_per_n * RIPENESS_N)))
-            gains.append(log_gain(grasp) or 0.0)
-    if not found:
-        return [], 0.0, 0.0
-    left_out, usual_gain = _left_out(found, gains), float(np.mean(gains))
-    own = [
-        (at, one - left_out * (gain - usual_gain))
-        for (at, one), gain in zip(found, gains, strict=True)
-    ]
-    return [(at, one - own[0][1]) for at, one in own], left_out, usual_gain
-
-
-def _left_out(forces: Sequence[tuple[datetime, float]], gains: Sequence[float]) -> float:
-    """Return the share of the gains without which grasps of one morning repeat best.
-
-    Least squares of how the forces of neighbours differ over how their gains do.
-    """
-    days = [(at - forces[0][0]).total_seconds() / _DAY_S for at, _ in forces]
-    near = np.diff(days) < _MORNING
-    apart, said = np.diff([force for _, force in forces])[near], np.diff(gains)[near]
-    return min(max(float(apart @ said) / max(float(said @ said), _NO_SAY), 0.0), 1.0)
 
 
 def _smoothed(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> FloatArray:
