@@ -48,6 +48,7 @@ REAL = (
         "--stretch-force=holds_force_relaxation.csv.gz",
     ),
     ("rupture", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
+    ("rupture-limits", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
 )
 #: `palpate` of this interpreter, installed or not on the path.
 RUN = "import sys; from palpate.cli import main; sys.exit(main())"

@@ -16,6 +16,7 @@ from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.commands.grasp_limit import Limit
     from palpate.grasp.runner import Subscriber, Watcher
     from palpate.rig import Rig
 
@@ -111,7 +112,13 @@ def grasp(
         if record is not None:
             subscribers.append(
                 stack.enter_context(
-                    _recorder(record, rig=devices, seed=seed, target_force_n=target_force_n)
+                    _recorder(
+                        record,
+                        rig=devices,
+                        seed=seed,
+                        target_force_n=target_force_n,
+                        limit=limit,
+                    )
                 )
             )
         result = run_grasp(
@@ -145,13 +152,20 @@ def grasp(
 
 @contextmanager
 def _recorder(
-    path: Path, *, rig: Rig, seed: int, target_force_n: float | None
+    path: Path, *, rig: Rig, seed: int, target_force_n: float | None, limit: Limit | None
 ) -> Iterator[Subscriber]:
     """Yield a subscriber that writes every observation to a recording."""
     from palpate.grasp.belief import Observation
     from palpate.rig.recorded import open_grasp_recording
 
-    with open_grasp_recording(path, rig=rig, seed=seed, target_force_n=target_force_n) as writer:
+    with open_grasp_recording(
+        path,
+        rig=rig,
+        seed=seed,
+        target_force_n=target_force_n,
+        damage=None if limit is None else limit.text,
+        kind="" if limit is None else limit.kind,
+    ) as writer:
 
         def recorder(observation: Observation) -> None:
             writer.add_observation(observation.frame, gripper=observation.gripper)

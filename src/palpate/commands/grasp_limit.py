@@ -21,6 +21,7 @@ class Limit:
     def __init__(self, file: DamageFile, *, path: Path, kind: str) -> None:
         self.model = file.model
         self.kind = kind
+        self.text = file.as_text()
         self._file = file
         self._path = path
         self._low_n = math.inf

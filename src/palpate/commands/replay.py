@@ -67,6 +67,7 @@ def _clock(file: Path, *, speed: float | None) -> Clock:
 
 
 def _decide_again(source: Replay, *, clock: Clock) -> GraspResult:
+    from palpate.estimate.damage_file import recorded_model
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
     from palpate.recording import ReplayGripper
@@ -74,7 +75,13 @@ def _decide_again(source: Replay, *, clock: Clock) -> GraspResult:
 
     calibration = Calibration.from_text(source.info.calibration or "", where="the recording")
     gripper = ReplayGripper(source)
-    plan = plan_grasp(calibration, gripper=gripper, target_force_n=source.info.target_force_n)
+    plan = plan_grasp(
+        calibration,
+        gripper=gripper,
+        target_force_n=source.info.target_force_n,
+        damage=recorded_model(source.info.damage),
+        kind=source.info.kind,
+    )
     return run_grasp(plan, array=source, gripper=gripper, clock=clock)
 
 

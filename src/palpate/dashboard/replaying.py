@@ -10,6 +10,7 @@ from palpate.clock import RealClock
 from palpate.dashboard.messages import Grasped, Guide, Play, Source
 from palpate.dashboard.outlet import Outlet
 from palpate.errors import DeviceTimeoutError, RecordingError
+from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import released, step
 from palpate.grasp.phases import Phase
@@ -88,7 +89,14 @@ def _plan_of(replay: Replay) -> Plan | None:
     gripper = ReplayGripper(replay)
     # It holds for as long as the recording does.
     endless = {"hold_s": float("inf"), "longest_s": float("inf")}
-    return plan_grasp(calibration, gripper=gripper, target_force_n=info.target_force_n, **endless)
+    return plan_grasp(
+        calibration,
+        gripper=gripper,
+        target_force_n=info.target_force_n,
+        damage=recorded_model(info.damage),
+        kind=info.kind,
+        **endless,
+    )
 
 
 def _source_of(replay: Replay, file: Path, plan: Plan | None) -> Source:

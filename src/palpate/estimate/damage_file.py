@@ -154,6 +154,19 @@ class DamageFile:
             raise CalibrationError(f"{where}: {error}") from error
 
 
+def recorded_model(text: str | None) -> DamageModel | None:
+    """Return the model of a damage file kept in a recording, None where none was.
+
+    Raises
+    ------
+    CalibrationError
+        As `DamageFile.load`.
+    """
+    if text is None:
+        return None
+    return DamageFile.from_text(text, where="the damage file in the recording").model
+
+
 _KEYS = (
     "made_at",
     "learned_from",

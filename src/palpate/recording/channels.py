@@ -204,6 +204,8 @@ def encode_info(info: RecordingInfo) -> dict[str, str]:
         "seed": None if info.seed is None else str(info.seed),
         "gripper": None if info.gripper is None else _compact(asdict(info.gripper)),
         "target_force_n": None if info.target_force_n is None else repr(info.target_force_n),
+        "damage": info.damage,
+        "kind": info.kind or None,
     }
     return {name: text for name, text in texts.items() if text is not None}
 
@@ -237,6 +239,8 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             versions=json.loads(texts["versions"]),
             gripper=None if gripper is None else GripperLimits(**gripper),
             target_force_n=None if target is None else float(target),
+            damage=texts.get("damage"),
+            kind=texts.get("kind", ""),
             clock_zero_unix_ns=int(texts["clock_zero_unix_ns"]),
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:

@@ -42,6 +42,10 @@ class RecordingInfo:
     target_force_n : float or None
         Grip force that was asked for: with the calibration and the limits, what a replay needs to
         decide again as it was decided live.
+    damage : str or None
+        The damage file's whole text, where a learned limit was kept to: a replay needs it too.
+    kind : str
+        Kind of object that the damage limit was told; empty if none.
     clock_zero_unix_ns : int
         Unix time, nanoseconds, at which the recording's clock read 0 s. 0 for simulated time, so
         that the same seed gives the same file.
@@ -56,6 +60,8 @@ class RecordingInfo:
     versions: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     gripper: GripperLimits | None = None
     target_force_n: float | None = None
+    damage: str | None = None
+    kind: str = ""
     clock_zero_unix_ns: int = 0
 
     def __post_init__(self) -> None:

@@ -15,9 +15,17 @@ from palpate.sensor.serial_array import SerialArray
 
 
 def open_grasp_recording(
-    path: Path, *, rig: Rig, seed: int, target_force_n: float | None
+    path: Path,
+    *,
+    rig: Rig,
+    seed: int,
+    target_force_n: float | None,
+    damage: str | None = None,
+    kind: str = "",
 ) -> RecordingWriter:
-    """Begin the recording of a grasp: with the gripper's limits, so that it can be replayed.
+    """Begin the recording of a grasp: with what its decisions rest on, for a replay.
+
+    That is the gripper's limits, the target, and the text of a damage file with the kind told.
 
     Raises
     ------
@@ -27,7 +35,13 @@ def open_grasp_recording(
         If the board is gone.
     """
     info = recording_info(rig, seed=seed)
-    info = replace(info, gripper=rig.gripper.limits, target_force_n=target_force_n)
+    info = replace(
+        info,
+        gripper=rig.gripper.limits,
+        target_force_n=target_force_n,
+        damage=damage,
+        kind=kind,
+    )
     return RecordingWriter(path, info=info)
 
 

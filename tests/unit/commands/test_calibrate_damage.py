@@ -141,6 +141,20 @@ def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
     assert told["peak_force_n"] < 0.6 * without["peak_force_n"]
 
 
+def test_its_recording_is_decided_again_with_the_limit(
+    damage_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "grasp.mcap"
+    told = ["--damage", str(damage_file), "--kind", "kiwi"]
+    grasp = ["grasp", "--object", "kiwi", "--seed", "3", "--target-force-n", "4", "--json"]
+    assert palpate(*grasp, *told, "--record", str(path)) == 0
+    live = json.loads(capsys.readouterr().out)
+    assert palpate("replay", str(path), "--json") == 0
+    again = json.loads(capsys.readouterr().out)
+    for name in ("outcome", "force_n", "peak_force_n", "moments"):
+        assert again[name] == live[name]
+
+
 def test_the_card_says_what_the_limit_did(
     damage_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
