@@ -1,5 +1,16 @@
 """palpate: examine produce by touch.
 
+Settled values
+    `predict_settled` says where holds settle to, `SettlingStream` does so sample by sample; methods
+    are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`. `read_holds` yields
+    each `Hold` of a file.
+Grasps
+    `open_rig`, `plan_grasp`, `run_grasp`; what is measured is a `Measurement`.
+Recordings
+    `load_recording`.
+Shared
+    `Status` tells how an estimate came about; `PalpateError` is the root of what is raised.
+
 Names are loaded on first use, so that ``import palpate`` costs nothing.
 """
 

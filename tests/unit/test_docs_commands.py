@@ -26,6 +26,8 @@ ROOT = Path(__file__).resolve().parents[2]
 EXECUTED = (
     "index",
     "first-grasp",
+    "settle",
+    "python",
     "build-a-sensor",
     "wire-and-flash",
     "calibrate",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,13 @@ import palpate
 def test_every_public_name_exists(name: str) -> None:
     assert getattr(palpate, name).__name__ == name
     assert name in dir(palpate)
+
+
+@pytest.mark.parametrize("name", palpate.__all__)
+def test_every_public_name_is_documented(name: str) -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "python.md"
+    assert f"`{name}`" in page.read_text(encoding="utf-8")
+    assert name in (palpate.__doc__ or "")
 
 
 def test_a_name_that_is_not_there_says_so() -> None:
