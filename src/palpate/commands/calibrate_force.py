@@ -33,7 +33,7 @@ def command(
     ] = None,
     out: Annotated[Path, typer.Option(help="File to make or renew.")] = DEFAULT_FILE,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw readings, law and held-out errors.", metavar="FILE")
+        Path | None, typer.Option(help="Draw readings and law.", metavar="FILE")
     ] = None,
     seed: Annotated[int, typer.Option(help="Simulated rigs: which sensor.", min=0)] = 0,
     temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,

@@ -95,9 +95,11 @@ def _pixels(examined: Examined) -> Table:
     health, layout = examined.health, examined.layout
     pixels = health.pixels
     marks = _marks(examined)
-    table = Table(box=None, padding=(0, 3, 0, 0), show_edge=False, header_style="dim")
-    for name in ("pixel", "finger", "at rest", "noise", "drift", "one count", ""):
-        table.add_column(name, justify="left" if name in ("pixel", "") else "right", no_wrap=True)
+    table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
+    for name in ("pixel", "finger", "at rest", "noise", "drift", "one count"):
+        table.add_column(name, justify="left" if name == "pixel" else "right", no_wrap=True)
+    if marks:
+        table.add_column("", no_wrap=True)
     for row in range(layout.rows):
         for col in range(layout.cols):
             name = pixel_name(row, col)
@@ -110,10 +112,10 @@ def _pixels(examined: Examined) -> Table:
                 _percent(float(pixels.noise_percent[row, col])),
                 _percent(float(pixels.drift_percent[row, col]), sign="+"),
                 _percent(float(pixels.count_percent[row, col])),
-                f"[bold red]{marks.get(name, '')}[/]",
+                *([f"[bold red]{marks.get(name, '')}[/]"] if marks else []),
             )
     if not table.row_count:
-        table.add_row(f"all {layout.pixels} alike", *[""] * 6)
+        table.add_row(f"all {layout.pixels} alike")
     return table
 
 

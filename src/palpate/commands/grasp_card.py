@@ -16,6 +16,8 @@ from palpate.rig import Rig
 from palpate.settling.result import Status
 
 _BAR = 20
+#: Narrower terminals have no room for the bars beside the numbers.
+_WIDE = 80
 #: Name of the measurement, label with its unit, digits after the point.
 _ROWS = (
     ("size_mm", "Size, mm", 1),
@@ -49,10 +51,11 @@ def print_card(
     if said["on_target"] is not None:
         met = "target within the interval" if said["on_target"] else "off target"
         headline.append(f"  ·  {met} ({said['target_force_n']:g} N)", style="bold")
+    console = Console(highlight=False)
     parts: list[RenderableType] = [
         headline,
         Text(""),
-        _measurements(result, truth),
+        _measurements(result, truth, bars=console.width >= _WIDE),
         Text(""),
         _timings(result),
     ]
@@ -65,7 +68,6 @@ def print_card(
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
     title = f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}"
     subtitle = f"SIMULATED on the twin, seed {seed}" if rig.simulated else "measured"
-    console = Console(highlight=False)
     console.print(
         Panel(
             Group(*parts),
@@ -78,13 +80,14 @@ def print_card(
     )
 
 
-def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Table:
+def _measurements(result: GraspResult, truth: Mapping[str, object] | None, *, bars: bool) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
     table.add_column("", no_wrap=True)
     table.add_column("value", justify="right", no_wrap=True)
     table.add_column("90 % interval", justify="center", no_wrap=True)
     if truth is not None:
-        table.add_column("", no_wrap=True)
+        if bars:
+            table.add_column("", no_wrap=True)
         table.add_column("[green]▼[/] true", justify="right", no_wrap=True)
     for name, label, digits in _ROWS:
         measured: Measurement | None = getattr(result, name)
@@ -100,7 +103,8 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None) -> Ta
         if truth is not None:
             true = truth[name]
             known = float(true) if isinstance(true, int | float) else None
-            cells += [_bar(measured, known), "-" if known is None else f"{known:.{digits}f}"]
+            cells += [_bar(measured, known)] * bars
+            cells += ["-" if known is None else f"{known:.{digits}f}"]
         table.add_row(*cells)
     return table
 

@@ -17,6 +17,7 @@ _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER, INK, GREY)
 _LINES = ("-", "--", ":")
 #: More names than this make no legend that anybody reads.
 _MOST_EVENTS = 12
+_MOST_PIXELS = 32
 
 
 def recording_figure(recording: Recording, *, title: str) -> Figure:
@@ -39,8 +40,10 @@ def recording_figure(recording: Recording, *, title: str) -> Figure:
             _draw_gripper(panels[1], recording, start_s)
         if cells:
             _draw_cells(panels[-1], recording, start_s)
+        # A sensor that fell silent is known by an event after its last frame.
+        end_s = max(float(recording.time_s[-1]), *(e.time_s for e in recording.events), start_s)
         for panel in panels:
-            panel.set_xlim(0.0, max(float(recording.time_s[-1]) - start_s, 0.1))
+            panel.set_xlim(0.0, max(end_s - start_s, 0.1))
         _draw_events(panels, recording, start_s)
         panels[-1].set_xlabel("time since the first frame (s)")
         origin = recording.info.origin
@@ -65,7 +68,17 @@ def _draw_pixels(panel: Any, recording: Recording, start_s: float) -> None:
             label=f"r{row}c{col}",
         )
     panel.set_ylabel("resistance, unfiltered (kohm)")
-    panel.legend(ncols=4, fontsize=7, loc="upper right")
+    if pixel_rows * pixel_cols <= _MOST_PIXELS:
+        # Above: wherever it stood inside, a touch or a release would run through it.
+        panel.legend(
+            ncols=8,
+            fontsize=7,
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            borderaxespad=0.2,
+            columnspacing=1.0,
+            handlelength=1.5,
+        )
 
 
 def _draw_gripper(panel: Any, recording: Recording, start_s: float) -> None:

@@ -120,3 +120,16 @@ def test_ctrl_c_at_a_question_is_a_stop(
 
     assert run(app, [], name="palpate") == 130
     assert "palpate: stopped" in capsys.readouterr().err
+
+
+def test_a_narrow_terminal_shows_every_number() -> None:
+    done = subprocess.run(
+        [*SCRIPT, *CARD],
+        capture_output=True,
+        env={**os.environ, "COLUMNS": "60", "PYTHONIOENCODING": "utf-8"},
+        check=True,
+    )
+    shown = done.stdout.decode()
+    assert max(map(len, shown.splitlines())) == 60
+    # The only dots of leaving out are those of intervals: `48.7 … 49.3`.
+    assert "…" not in shown.replace(" … ", "")

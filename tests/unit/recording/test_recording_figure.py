@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.plots.recording import recording_figure
-from palpate.recording import load_recording
+from palpate.plots.style import save_figure
+from palpate.recording import Event, load_recording
 from palpate.recording.holds import recorded_resistance_ohm
 
 
@@ -57,3 +58,24 @@ def test_the_title_says_simulated_unless_it_was_hardware(recording):
     )
     assert title(recording) == "run (twin, simulated)"
     assert title(real) == "run (hardware)"
+
+
+def test_a_silence_after_the_last_frame_is_in_the_picture(recording, tmp_path):
+    silent = Event(time_s=float(recording.time_s[-1]) + 30.0, name="silent")
+    cut = dataclasses.replace(recording, events=(silent,))
+    figure = recording_figure(cut, title="run")
+    first_s = float(recording.time_s[0])
+    assert figure.axes[0].get_xlim()[1] == pytest.approx(silent.time_s - first_s)
+    # Warnings are errors here: outside the axes, its name would leave no room for them.
+    save_figure(figure, tmp_path / "run.png")
+
+
+def test_a_large_matrix_has_no_legend_that_nobody_reads(recording):
+    few = recording_figure(recording, title="run").axes[0].get_legend()
+    assert few is not None
+    layout = dataclasses.replace(recording.info.layout, rows=8, cols=8, finger_of_row=(0,) * 8)
+    counts = np.full((len(recording.time_s), 8, 8), 300)
+    large = dataclasses.replace(
+        recording, counts=counts, info=dataclasses.replace(recording.info, layout=layout)
+    )
+    assert recording_figure(large, title="run").axes[0].get_legend() is None
