@@ -84,3 +84,27 @@ def keep_inputs(output: Path, *, inputs: Iterable[Path]) -> None:
     """
     if output.exists() and any(path.exists() and output.samefile(path) for path in inputs):
         raise InputError(f"{output} is read here and would be lost; choose another name")
+
+
+def check_place(output: Path) -> None:
+    """Refuse, before the work, a file that could not be written after it.
+
+    Raises
+    ------
+    InputError
+        If it is a folder, or its own folder is not there or can't be written to.
+
+    Examples
+    --------
+    >>> check_place(Path("no-such-folder/pad.json"))
+    Traceback (most recent call last):
+    palpate.errors.InputError: no-such-folder/pad.json: there is no folder no-such-folder; \
+make it first
+    """
+    folder = output.parent
+    if output.is_dir():
+        raise InputError(f"{output} is a folder; name a file")
+    if not folder.is_dir():
+        raise InputError(f"{output}: there is no folder {folder}; make it first")
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{output}: no right to write to {folder}; choose another place")

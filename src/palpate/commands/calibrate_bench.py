@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.errors import CalibrationError, DeviceError
+from palpate.files import check_place
 
 if TYPE_CHECKING:
     from palpate.grasp.calibrating import Bench
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration, RestValues
     from palpate.twin.world import World
 
+#: Where neither option nor rig file names another.
+DEFAULT_FILE = Path("calibration.json")
 #: No face of the load cell is larger.
 _START_MM = 51.0
 
@@ -142,6 +145,23 @@ def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
         take_away=lambda: world.place(None),
         simulated=True,
     )
+
+
+def calibration_file(rig: str, out: Path | None) -> Path:
+    """Return the file that a step goes into: as told, else the rig file's, else the usual one.
+
+    Raises
+    ------
+    InputError
+        If the rig file can't be read, or the calibration could not be written in the end.
+    """
+    from palpate.rig.file import stated_in
+
+    stated = stated_in(Path(rig)) if out is None and rig.endswith(".toml") else {}
+    named = Path(rig).parent / str(stated["calibration"]) if "calibration" in stated else None
+    path = out or named or DEFAULT_FILE
+    check_place(path)
+    return path
 
 
 def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> Calibration | None:

@@ -27,7 +27,10 @@ def command(
     rig: Annotated[
         str, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
     ] = "sim-rigid",
-    out: Annotated[Path, typer.Option(help="File to renew.")] = Path("calibration.json"),
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to renew. By default the rig file's, or calibration.json."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Simulated rigs: which gripper.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
@@ -38,19 +41,20 @@ def command(
 
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
-    from palpate.commands.calibrate_bench import open_bench
+    from palpate.commands.calibrate_bench import calibration_file, open_bench
     from palpate.estimate.stiffness import Give
 
+    path = calibration_file(rig, out)
     with open_bench(rig, seed=seed, ask=_ask) as guided:
-        made = _measured(guided, block_mm=block_mm, rig=rig, out=out)
+        made = _measured(guided, block_mm=block_mm, rig=rig, out=path)
     block = made.block
     give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
-    made.save(out)
+    made.save(path)
     if as_json:
-        print(json.dumps(_document(made, give, path=out), indent=1, allow_nan=False))
+        print(json.dumps(_document(made, give, path=path), indent=1, allow_nan=False))
         return
     simulated = " (simulated)" if made.origin == "simulated" else ""
-    print(f"{out}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
+    print(f"{path}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
     print(f"fingers and servo give {give.slope_mm_per_n:.3f} mm/N, pads {sum(give.pad_mm):.2f} mm")
     print(f"width is off by {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")
     if made.current is None:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration
     from palpate.sensor.load_traces import LoadTraces
 
-DEFAULT_FILE = Path("calibration.json")
 #: Settled holds of the guided steps, newtons, one list for each placement of the cell.
 _HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
 
@@ -31,7 +30,10 @@ def command(
         Path | None,
         typer.Option(help="Dead weights in order, up and down: column load_n.", metavar="CSV"),
     ] = None,
-    out: Annotated[Path, typer.Option(help="File to make or renew.")] = DEFAULT_FILE,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File to make or renew. By default the rig file's, or calibration.json."),
+    ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Draw readings and law.", metavar="FILE")
     ] = None,
@@ -49,26 +51,31 @@ def command(
 
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
-    from palpate.commands.calibrate_bench import has_load_cell
+    from palpate.commands.calibrate_bench import calibration_file, has_load_cell
+    from palpate.plots.style import check_plot_path, require_plots
 
+    path = calibration_file(rig, out)
+    if plot is not None:
+        check_plot_path(plot)
+        require_plots()
     if loads is None and has_load_cell(rig):
-        made = _guided(rig, seed=seed, out=out)
+        made = _guided(rig, seed=seed, out=path)
     else:
-        made = _weighed(rig, seed=seed, loads=loads, out=out)
+        made = _weighed(rig, seed=seed, loads=loads, out=path)
     made = replace(
         made,
         temperature_c=made.temperature_c if temperature_c is None else temperature_c,
         humidity_percent=made.humidity_percent if humidity_percent is None else humidity_percent,
     )
-    made.save(out)
+    made.save(path)
     if plot is not None:
         from palpate.plots.force_calibration import save_force_calibration
 
         save_force_calibration(made, path=plot)
     if as_json:
-        print(json.dumps(_document(made, path=out), indent=1, allow_nan=False))
+        print(json.dumps(_document(made, path=path), indent=1, allow_nan=False))
     else:
-        _print(made, path=out)
+        _print(made, path=path)
 
 
 class _Shown:

@@ -19,6 +19,7 @@ from palpate.commands.board_options import (
     ReferenceOption,
 )
 from palpate.errors import CalibrationError
+from palpate.files import check_place
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from palpate.sensor.array import ArrayLayout
     from palpate.sensor.calibration import Calibration, RestValues
     from palpate.sensor.health import Stretch
-
-DEFAULT_FILE = Path("calibration.json")
 
 
 def command(
@@ -66,7 +65,7 @@ def command(
 
     Example: palpate calibrate rest --rig rig.toml
     """
-    from palpate.commands.calibrate_bench import begun, earlier_calibration
+    from palpate.commands.calibrate_bench import DEFAULT_FILE, begun, earlier_calibration
     from palpate.commands.sensor_source import open_source
 
     source = open_source(
@@ -79,6 +78,7 @@ def command(
     )
     with closing(source):
         path = out or source.calibration_path or DEFAULT_FILE
+        check_place(path)
         pixels, simulated = source.array.layout, source.simulated
         earlier = None if new else earlier_calibration(path, layout=pixels, simulated=simulated)
         if not simulated:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from palpate.errors import InputError, RecordingError
+from palpate.files import check_place
 
 #: A hold teaches how the sheet settles only if it lasts until the horizon, and half a second of
 #: settled value before it.
@@ -36,8 +37,7 @@ def command(
     kinds = {".csv": "csv", ".parquet": "parquet"}
     if out.suffix not in kinds:
         raise InputError(f"--out {out}: end its name in .csv or .parquet")
-    if not out.parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.parent}; make it first")
+    check_place(out)
     if len({path.stem for path in recordings}) < len(recordings):
         raise InputError("two recordings have one name; holds are named by it, rename one")
     kept: list[Hold] = []

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from palpate.errors import InputError, RecordingError
+from palpate.files import check_place
 
 
 class Target(StrEnum):
@@ -51,8 +52,7 @@ def export(
 
     form = _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
-    if not target.parent.is_dir():
-        raise InputError(f"{target}: there is no folder {target.parent}; make it first")
+    check_place(target)
     if holds:
         try:
             cut = cut_holds(load_recording(file), unit=unit.value, name=file.stem)

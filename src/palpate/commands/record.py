@@ -54,6 +54,8 @@ def record(
     from palpate.recording import RecordingWriter
     from palpate.recording.capture import capture
 
+    if file.suffix != ".mcap":
+        raise InputError(f"{file}: a recording ends in .mcap; `palpate export` makes tables of it")
     if seconds is not None and not seconds > 0:
         raise InputError(f"--seconds {seconds:g}: must be above 0")
     options = {

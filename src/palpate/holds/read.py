@@ -19,6 +19,7 @@ from palpate.holds.text import read_text
 
 GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"
+MCAP_MAGIC = b"\x89MCA"
 
 
 def read_holds(
@@ -81,6 +82,8 @@ def _pieces(file: BufferedReader, path: Path) -> Iterator[Rows]:
     if start == PARQUET_MAGIC or ending in (".parquet", ".pq"):
         yield from read_parquet(file, name=str(path))
         return
+    if start == MCAP_MAGIC:
+        raise InputError(f"{path}: a recording; `palpate export {path} --holds` cuts its holds out")
     packed = start[:2] == GZIP_MAGIC or ending == ".gz"
     # Undecodable bytes pass as lone surrogates, so that the error can name their line.
     with TextIOWrapper(

@@ -9,14 +9,20 @@ from pathlib import Path
 import pytest
 import typer
 
-from palpate.commands import calibrate_compliance, calibrate_force, calibrate_settling
-from palpate.commands.calibrate_bench import begun
+from palpate.commands import (
+    calibrate_compliance,
+    calibrate_force,
+    calibrate_rest,
+    calibrate_settling,
+)
+from palpate.commands.calibrate_bench import begun, calibration_file
 from palpate.commands.outcome import run
 from palpate.estimate.observer_sheet import sheet_model_from_dict
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
 
 STEPS: dict[str, Callable[..., None]] = {
+    "rest": calibrate_rest.command,
     "force": calibrate_force.command,
     "compliance": calibrate_compliance.command,
     "settling": calibrate_settling.command,
@@ -122,6 +128,30 @@ def test_bad_loads_leave_the_old_calibration(
     assert call("force", "--rig", "real.toml", "--loads", str(loads), "--out", str(path)) == 2
     assert message in capsys.readouterr().err
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("step", ["rest", "force", "compliance"])
+def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
+    step: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def measure(*_: object, **__: object) -> None:
+        raise AssertionError("measured in vain")
+
+    monkeypatch.setattr("palpate.commands.sensor_source.Source.frames", measure)
+    monkeypatch.setattr("palpate.commands.calibrate_bench.open_bench", measure)
+    path = tmp_path / "none" / "pad.json"
+    assert call(step, "--rig", "sim-rigid", "--out", str(path)) == 2
+    assert f"there is no folder {path.parent}" in capsys.readouterr().err
+
+
+def test_the_rig_file_says_where_its_calibration_is(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('calibration = "mine.json"\n')
+    assert calibration_file(str(rig), None) == tmp_path / "mine.json"
+    assert calibration_file(str(rig), tmp_path / "pad.json") == tmp_path / "pad.json"
+    rig.write_text('use = "sim-rigid"\n')
+    assert calibration_file(str(rig), None) == Path("calibration.json")
+    assert calibration_file("sim-rigid", None) == Path("calibration.json")
 
 
 def test_nobody_lays_weights_on_a_simulated_rig(

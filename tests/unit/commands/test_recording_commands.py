@@ -97,6 +97,20 @@ def test_export_takes_the_form_from_the_name(recorded: Path, tmp_path: Path) -> 
     assert (tmp_path / "run.parquet").read_bytes().startswith(b"PAR1")
 
 
+def test_a_recording_is_called_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "run.csv"
+    assert palpate("record", table, "--rig", "sim-rigid", "--seconds", "1") == 2
+    assert "a recording ends in .mcap" in capsys.readouterr().err
+    assert not table.exists()
+
+
+def test_settle_sends_a_recording_to_export(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert palpate("settle", recorded) == 2
+    assert f"`palpate export {recorded} --holds`" in capsys.readouterr().err
+
+
 def test_recover_never_writes_over_another_recording(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
