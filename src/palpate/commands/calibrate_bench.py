@@ -133,8 +133,8 @@ def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
     if rig != "sim-rigid":
         raise DeviceError(
             f"rig {rig!r} has no load cell that palpate can read (a rig file names its own in "
-            "[load_cells]); calibrate with dead weights (--loads CSV or typed), or try the steps "
-            "on --rig sim-rigid"
+            "[load_cells]). Force alone goes with dead weights (`palpate calibrate force "
+            "--loads`); --rig sim-rigid shows every step"
         )
     rng = np.random.default_rng([seed, 12])
     world: World = World(None, seed=seed + 2_000_003, sheet_seed=seed)
