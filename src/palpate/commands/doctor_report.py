@@ -176,7 +176,7 @@ def _ohm(ohm: float) -> str:
 
 
 def _percent(value: float, *, sign: str = "") -> str:
-    return "-" if math.isnan(value) else f"{value:{sign}.2f} %"
+    return "-" if math.isnan(value) else f"{value:{sign}z.2f} %"
 
 
 def _number(value: float) -> float | None:

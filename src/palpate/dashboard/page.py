@@ -86,7 +86,7 @@ def _alerts(desk: Desk, hands: Hands) -> None:
         '<div id="trouble" class="alert bad hidden" role="alert">'
         '<span id="trouble-text"></span></div>',
         sanitize=False,
-    )
+    ).classes("contents")
     with ui.element("div").classes("alert guide").props("id=guide role=status") as box:
         text = ui.label()
         bar = ui.linear_progress(value=0.0, show_value=False)

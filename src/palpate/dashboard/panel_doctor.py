@@ -71,4 +71,4 @@ def report(health: Health, *, layout: ArrayLayout) -> str:
 
 
 def _said(value: float, unit: str, digits: int) -> str:
-    return f"{value:.{digits}f}{unit}" if math.isfinite(value) else "open"
+    return f"{value:z.{digits}f}{unit}" if math.isfinite(value) else "open"

@@ -150,7 +150,7 @@ function drawVerdict(doc) {
   if (doc.stopped_after_s !== null) parts.push(`stopped ${fixed(1000 * doc.stopped_after_s, 0)} ms after the request`);
   parts.push(...doc.measured.faults);
   if (doc.measured.damaged) parts.push("the object was damaged");
-  if (doc.phase && said.kind === "busy" && doc.measured.force_now_n > 0) parts.push(`about ${fixed(doc.measured.force_now_n, 1)} N`);
+  if (doc.phase && said.kind === "busy" && doc.measured.force_now_n >= 0.05) parts.push(`about ${fixed(doc.measured.force_now_n, 1)} N`);
   card.innerHTML = `<b id="verdict-text">${esc(said.text)}</b>${said.firmness ? `<span class="firm">${esc(said.firmness)}</span>` : ""}<span class="why">${esc(parts.join(" · "))}</span>`;
 }
 
