@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands import settle_options as option
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,45 +21,21 @@ if TYPE_CHECKING:
 DEFAULT_CUTOFF_S = 2.5
 #: A 90 % interval from residuals alone takes nine of them; twice that to be worth its name.
 FEW_CALIBRATION_HOLDS = 20
+#: Nobody samples a hold of 20 s that slowly.
+SLOWEST_S = 4.0
 
 
 def settle(
-    holds: Annotated[
-        list[Path],
-        typer.Argument(help="Holds files: CSV, CSV.gz or Parquet with hold_id,time_s,value."),
-    ],
-    method: Annotated[
-        list[str] | None,
-        typer.Option(help="Method; may be repeated. [default: relaxation]", metavar="NAME"),
-    ] = None,
-    cutoff: Annotated[
-        list[float] | None,
-        typer.Option(help="Use samples up to here, s; may be repeated. [default: 2.5]"),
-    ] = None,
-    horizon: Annotated[float, typer.Option(help="Time of the settled value, s.")] = 20.0,
-    level: Annotated[float, typer.Option(help="Probability the interval is to cover.")] = 0.9,
-    fit_on: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Calibration holds: intervals as wide as errors on these.", metavar="HOLDS"
-        ),
-    ] = None,
-    until_half_width: Annotated[
-        float | None,
-        typer.Option(
-            help="Decide for each hold as soon as the half-width of its interval is below this.",
-            metavar="PERCENT",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(help="Draw typical and worst holds (.png, .svg, .pdf).", metavar="FILE"),
-    ] = None,
+    holds: option.HoldsArgument,
+    method: option.MethodOption = None,
+    cutoff: option.CutoffOption = None,
+    horizon: option.HorizonOption = 20.0,
+    level: option.LevelOption = 0.9,
+    fit_on: option.FitOnOption = None,
+    until_half_width: option.UntilOption = None,
+    plot: option.PlotOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Write all of it (.json) or the rows (.csv, .parquet).", metavar="FILE"),
-    ] = None,
+    out: option.OutOption = None,
 ) -> None:
     """Predict what holds settle to from their first seconds, and say how far off that is.
 
@@ -73,13 +50,8 @@ def settle(
     report.check_outputs(plot=plot, out=out, inputs=[*holds, *(fit_on or [])])
     names = method or ["relaxation"]
     chosen = _methods(names, fit_on=fit_on or [], horizon_s=horizon)
-    without = [name for name in chosen if name != "relaxation"]
-    if until_half_width and without and not fit_on:
-        print(
-            f"palpate: --until-half-width: {', '.join(without)} has no interval without --fit-on, "
-            "so it waits to the end of each hold",
-            file=sys.stderr,
-        )
+    if until_half_width and not fit_on:
+        _say_who_waits(chosen)
     predictions = list(
         _predict(
             holds,
@@ -122,6 +94,16 @@ def _check_numbers(
         raise InputError(f"--until-half-width {until:g}: give a positive percentage, such as 2.5")
 
 
+def _say_who_waits(methods: Iterable[str]) -> None:
+    without = [name for name in methods if name != "relaxation"]
+    if without:
+        print(
+            f"palpate: --until-half-width: {', '.join(without)} has no interval without --fit-on, "
+            "so it waits to the end of each hold",
+            file=sys.stderr,
+        )
+
+
 def _check_rereadable(files: Sequence[Path]) -> None:
     for file in files:
         if file.exists() and not (file.is_file() or file.is_dir()):
@@ -129,6 +111,23 @@ def _check_rereadable(files: Sequence[Path]) -> None:
                 f"{file}: a pipe can be read only once, and --plot (or --cutoff together with "
                 "--until-half-width) reads twice; save it as a file first"
             )
+
+
+def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
+    """Pass holds on; say once where their times look like another unit's."""
+    import numpy as np
+
+    said = False
+    for hold in holds:
+        if not said and len(hold.time_s) > 1:
+            step_s = float(np.median(np.diff(hold.time_s)))
+            if said := step_s > SLOWEST_S:
+                print(
+                    f"palpate: {source}: hold {hold.hold_id} has a sample every {step_s:g} s; "
+                    "time_s is in seconds, are these milliseconds?",
+                    file=sys.stderr,
+                )
+        yield hold
 
 
 def _methods(
@@ -186,8 +185,9 @@ def _predict(
     with _progress(len(files)) as show:
         for number, file in enumerate(files):
             if cutoffs_s:
+                held = read_holds(file, until_s=horizon_s, progress=show(number))
                 yield from predict_holds(
-                    read_holds(file, until_s=horizon_s, progress=show(number)),
+                    _in_seconds(held, source=str(file)),
                     methods=methods,
                     cutoffs_s=cutoffs_s,
                     horizon_s=horizon_s,
@@ -195,8 +195,9 @@ def _predict(
                     source=str(file),
                 )
             if until_half_width_percent is not None:
+                held = read_holds(file, until_s=horizon_s, progress=show(number))
                 yield from decide_holds(
-                    read_holds(file, until_s=horizon_s, progress=show(number)),
+                    held if cutoffs_s else _in_seconds(held, source=str(file)),
                     methods=methods,
                     half_width_percent=until_half_width_percent,
                     horizon_s=horizon_s,

@@ -162,6 +162,18 @@ def test_out_writes_the_same_as_json_csv_and_parquet(
     assert rows[5]["settled"] == ""
 
 
+@pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
+def test_milliseconds_are_noticed_once(
+    how: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "holds.csv"
+    rows = [f"{hold},{100 * t},{9 - t / 50}" for hold in "ab" for t in range(210)]
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    assert ran(path, *how) == 0
+    said = capsys.readouterr().err
+    assert said.count("a sample every 100 s; time_s is in seconds, are these milliseconds?") == 1
+
+
 @pytest.mark.parametrize("read_by", ["argument", "--fit-on"])
 def test_out_never_writes_over_what_is_read(
     read_by: str, holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
