@@ -6,6 +6,9 @@ equipment raise. `exit_status` is what the command line returns for the error.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class PalpateError(Exception):
     """Root of every error that palpate raises on purpose."""
@@ -55,3 +58,28 @@ class StoreAwayError(StoreError):
     """A store that does not answer now: no server, locked, disk full. Trying later may help."""
 
     exit_status = 3
+
+
+@contextmanager
+def needing(what: str, *, extra: str) -> Iterator[None]:
+    """Import within what an extra brings; where it is missing, say how to install it.
+
+    Raises
+    ------
+    MissingExtraError
+        If a module is not installed.
+
+    Examples
+    --------
+    >>> with needing("a telepathic gripper", extra="all"):
+    ...     import telepathy
+    Traceback (most recent call last):
+    palpate.errors.MissingExtraError: a telepathic gripper needs telepathy; install it with \
+`pip install 'palpate[all]'`
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(
+            f"{what} needs {error.name}; install it with `pip install 'palpate[{extra}]'`"
+        ) from error

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError, MissingExtraError
+from palpate.errors import InputError, needing
 from palpate.files import atomic_path, keep_inputs
 from palpate.holds import read_holds
 from palpate.settling.evaluate import Prediction, score_predictions
@@ -113,12 +113,8 @@ def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]
 
 
 def _pyarrow() -> Any:
-    try:
+    with needing("--out FILE.parquet", extra="data"):
         import pyarrow as pa
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            "--out FILE.parquet needs pyarrow; install it with `pip install 'palpate[data]'`"
-        ) from error
     return pa
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from palpate.dashboard.desk import Desk, Settings
 from palpate.dashboard.realtime import check_realtime
 from palpate.dashboard.view import document
-from palpate.errors import DeviceError, MissingExtraError
+from palpate.errors import DeviceError, needing
 
 _STATIC = Path(__file__).parent / "static"
 #: A viewer whose connection breaks keeps the wheel for so long.
@@ -42,16 +42,12 @@ def serve(
     """
     # NiceGUI wants a folder for what this page does not store.
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(Path(tempfile.gettempdir(), "palpate-page")))
-    try:
+    with needing("the dashboard", extra="dashboard"):
         import uvicorn
         from fastapi import FastAPI
         from nicegui import ui
 
         from palpate.dashboard.gate import Gate, check_token, is_loopback
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            f"{error.name} is not installed: pip install 'palpate[dashboard]'"
-        ) from error
     check_token(host, token)
     if settings.realtime:
         check_realtime()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 from palpate.fabrication.pattern import Layer, Pattern
 
 
@@ -16,12 +16,8 @@ def require_dxf() -> None:
     MissingExtraError
         If ezdxf is not installed.
     """
-    try:
+    with needing("DXF", extra="fabrication"):
         import ezdxf
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            "DXF needs ezdxf; install it with `pip install 'palpate[fabrication]'`"
-        ) from error
     del ezdxf
 
 

@@ -132,6 +132,11 @@ def pairs_at(
     CalibrationError
         If there are none.
     """
+    if not pairs.since_move_s:
+        raise CalibrationError(
+            "the calibration has rest values only, and a grasp needs force: run `palpate calibrate "
+            "force` with a load cell"
+        )
     chosen = np.isclose(pairs.since_move_s, since_move_s)
     if not chosen.any():
         read = ", ".join(f"{since:g}" for since in sorted(set(pairs.since_move_s)))

@@ -6,7 +6,7 @@ import termios
 from collections.abc import Callable
 from typing import Any
 
-from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, MissingExtraError
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, needing
 from palpate.gripper.x_series import ALERT, HARDWARE_ERROR, HardwareError, PacketError, Register
 
 #: A packet that is lost or damaged once is asked for again; a servo that is gone stays silent.
@@ -47,12 +47,8 @@ class ServoLine:
     """
 
     def __init__(self, port: str, *, servo_id: int, baud: int, reply_s: float = REPLY_S) -> None:
-        try:
+        with needing("a DYNAMIXEL gripper", extra="gripper"):
             import dynamixel_sdk as sdk
-        except ImportError as error:
-            raise MissingExtraError(
-                "DYNAMIXEL grippers need dynamixel-sdk: pip install 'palpate[gripper]'"
-            ) from error
         self._sdk = sdk
         self.name = f"servo {servo_id} on {port}"
         #: Whether the last reply said that there is a hardware error.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import InputError, MissingExtraError
+from palpate.errors import InputError, needing
 from palpate.holds.rows import OPTIONAL, REQUIRED, ROWS_AT_A_TIME, Rows, check_columns
 
 if TYPE_CHECKING:
@@ -32,13 +32,9 @@ def read_parquet(stream: BinaryIO, *, name: str) -> Iterator[Rows]:
     MissingExtraError
         If pyarrow is not installed.
     """
-    try:
+    with needing(f"{name}: Parquet", extra="data"):
         import pyarrow as pa
         import pyarrow.parquet as pq
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            f"{name}: Parquet needs pyarrow; install it with `pip install 'palpate[data]'`"
-        ) from error
     start = 0
     try:
         file = pq.ParquetFile(stream, pre_buffer=False)

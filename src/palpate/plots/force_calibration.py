@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 from palpate.files import atomic_path
 from palpate.sensor.calibration import Calibration
 
@@ -19,12 +19,8 @@ def save_force_calibration(calibration: Calibration, *, path: Path) -> None:
     MissingExtraError
         If matplotlib isn't installed.
     """
-    try:
+    with needing("a plot", extra="plots"):
         from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            f"a plot needs {error.name}; install it with `pip install 'palpate[plots]'`"
-        ) from error
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     panel = figure.subplots()
     if calibration.traces is not None:

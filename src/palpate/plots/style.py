@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.errors import InputError, MissingExtraError
+from palpate.errors import InputError, needing
 from palpate.files import atomic_path
 
 if TYPE_CHECKING:
@@ -101,12 +101,8 @@ def require_plots() -> None:
     MissingExtraError
         If matplotlib is not installed.
     """
-    try:
+    with needing("a plot", extra="plots"):
         import matplotlib as mpl
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            "plots need matplotlib; install it with `pip install 'palpate[plots]'`"
-        ) from error
     del mpl
 
 

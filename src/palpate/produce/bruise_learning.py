@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.errors import InputError, MissingExtraError
+from palpate.errors import InputError, needing
 from palpate.produce.bruise_model import (
     REFERENCES,
     BruiseModel,
@@ -82,14 +82,9 @@ def _enough(truth: Sequence[bool]) -> bool:
 
 def _fit(values: FloatArray, truth: Sequence[bool], *, even: bool = True) -> Logistic:
     """Fit with equal weight to both answers; without `even`, answers swap signs: no intercept."""
-    try:
+    with needing("learning about bruises", extra="produce"):
         from sklearn.linear_model import LogisticRegression
         from sklearn.model_selection import StratifiedKFold, cross_val_predict
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            "learning about bruises needs scikit-learn; install it with "
-            "`pip install 'palpate[produce]'`"
-        ) from error
     centre = values.mean(axis=0) if even else np.zeros(values.shape[1])
     scale = np.sqrt(np.mean((values - centre) ** 2, axis=0))
     scale[scale == 0] = 1.0

@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 from palpate.files import atomic_path
 from palpate.produce.records import MEASURED, Grasp, Item, Verdict
 
@@ -113,13 +113,9 @@ def require_parquet() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    try:
+    with needing("Parquet (unlike --json)", extra="data"):
         import pyarrow
         import pyarrow.parquet
-    except ImportError as error:
-        raise MissingExtraError(
-            "Parquet needs pyarrow: run `pip install 'palpate[data]'`, or use --json"
-        ) from error
     return pyarrow
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from palpate.errors import InputError, MissingExtraError, StoreAwayError, StoreError
+from palpate.errors import InputError, StoreAwayError, StoreError, needing
 from palpate.produce.store_sql import sa
 
 #: Environment variable and file name of the store, where none is named.
@@ -124,12 +124,8 @@ def make_engine(url: sa.URL) -> sa.Engine:
     url = url.update_query_dict({"options": settings})
     if "connect_timeout" not in url.query:
         url = url.update_query_dict({"connect_timeout": str(_CONNECT_TIMEOUT_S)})
-    try:
+    with needing("a store on PostgreSQL", extra="postgresql"):
         return sa.create_engine(url, pool_pre_ping=True)
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            "a store on PostgreSQL needs psycopg: run `pip install 'palpate[postgresql]'`"
-        ) from error
 
 
 @contextmanager

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 
-try:
+with needing("the store of items", extra="produce"):
     import sqlalchemy as sa
     from sqlalchemy.dialects import postgresql, sqlite
-except ModuleNotFoundError as error:
-    raise MissingExtraError(
-        "the store of items needs SQLAlchemy: run `pip install 'palpate[produce]'`"
-    ) from error
 
 __all__ = ["postgresql", "sa", "sqlite"]

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 from palpate.files import atomic_path
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
@@ -138,13 +138,9 @@ def _write_csv(path: Path, tables: Iterable[Table]) -> int:
 
 
 def _write_parquet(path: Path, tables: Iterable[Table]) -> int:
-    try:
+    with needing("Parquet (unlike --to csv)", extra="data"):
         import pyarrow
         import pyarrow.parquet
-    except ImportError as error:
-        raise MissingExtraError(
-            "Parquet needs pyarrow: run `pip install 'palpate[data]'`, or use --to csv"
-        ) from error
     rows = 0
     writer = None
     try:

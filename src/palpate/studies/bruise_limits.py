@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 from palpate.produce.bruise_learning import learn
 from palpate.produce.bruise_model import Example, usable
 from palpate.produce.bruise_shape import Shape, contrast, middle_of, shape_of
@@ -184,13 +184,8 @@ def _examples(
 
 def areas_of(learned: Sequence[Example], tested: Sequence[Example]) -> dict[str, dict[str, float]]:
     """Return the area under the ROC curve of each judge, first met and with an earlier record."""
-    try:
+    with needing("bruise-limits", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingClassifier
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            "learning about bruises needs scikit-learn; install it with "
-            "`pip install 'palpate[produce]'`"
-        ) from error
     ours = learn(learned, learned_on="loads straight from the mechanics")
     truth = np.array([one.bruised for one in tested])
     found: dict[str, dict[str, float]] = {"ours": {}, "boosted trees": {}}

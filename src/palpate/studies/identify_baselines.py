@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 from palpate.estimate.measurement import Measurement
 from palpate.studies.identify_data import CrateItemGrasps
 
@@ -33,14 +33,10 @@ def nearest_mean(taught: Sequence[CrateItemGrasps]) -> Guess:
     MissingExtraError
         If scikit-learn is not installed.
     """
-    try:
+    with needing("the nearest mean", extra="produce"):
         from sklearn.neighbors import NearestCentroid
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(
-            "the nearest mean needs scikit-learn: run `pip install 'palpate[produce]'`"
-        ) from error
     names = ("size_mm", "stiffness_n_per_mm")
     points, kinds = _points(taught, names)
     model = make_pipeline(StandardScaler(), NearestCentroid()).fit(points, kinds)

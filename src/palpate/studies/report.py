@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,16 +12,35 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from palpate.errors import InputError, MissingExtraError
+from palpate.errors import InputError, needing
 from palpate.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+
+
+def _folder(out: Path | None) -> Path | None:
+    """Refuse, before the hours of a study, a folder that could not be written to after them."""
+    if out is not None:
+        places = (out, *out.absolute().parents)
+        existing = next(place for place in places if place.exists())
+        if not existing.is_dir():
+            raise InputError(f"--out {out}: {existing} is not a folder; name one to write into")
+        if not os.access(existing, os.W_OK):
+            raise InputError(f"--out {out}: no right to write to {existing}; choose another place")
+    return out
+
+
 OutOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--out", help="Folder for the report: JSON, tables and figures.", metavar="DIR"),
+    typer.Option(
+        "--out",
+        help="Folder for the report: JSON, tables and figures.",
+        metavar="DIR",
+        callback=_folder,
+    ),
 ]
 
 
@@ -91,8 +111,6 @@ class StudyReport:
 
     def write(self, out: Path) -> None:
         """Write `<name>.json`, `<name>.md` and each figure as PNG and SVG into a folder."""
-        if out.exists() and not out.is_dir():
-            raise InputError(f"--out {out}: not a folder; name a folder to write into")
         out.mkdir(parents=True, exist_ok=True)
         with atomic_path(out / f"{self.name}.json") as path:
             path.write_text(json.dumps(self.payload, allow_nan=False, indent=1) + "\n")
@@ -100,12 +118,8 @@ class StudyReport:
         with atomic_path(out / f"{self.name}.md") as path:
             path.write_text("\n\n".join(body) + "\n")
         for stem, draw in self.figures.items():
-            try:
+            with needing("a figure", extra="plots"):
                 figure = draw()
-            except ModuleNotFoundError as error:
-                raise MissingExtraError(
-                    f"figures need {error.name}; install it with `pip install 'palpate[plots]'`"
-                ) from error
             for suffix in (".png", ".svg"):
                 with atomic_path(out / f"{stem}{suffix}") as path:
                     figure.savefig(path, dpi=150)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import MissingExtraError
+from palpate.errors import needing
 from palpate.estimate.fruit_closings import FruitClosing
 from palpate.studies.rupture_policies import Scored
 
@@ -85,15 +85,11 @@ def learners() -> dict[str, Callable[[], Any]]:
     MissingExtraError
         If scikit-learn is not installed.
     """
-    try:
+    with needing("rupture-limits", extra="produce"):
         from sklearn.ensemble import ExtraTreesRegressor
         from sklearn.linear_model import RidgeCV
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
-    except ImportError as error:
-        raise MissingExtraError(
-            "rupture-limits trains learners: pip install 'palpate[produce]'"
-        ) from error
     return {
         "ridge, told everything": lambda: make_pipeline(
             StandardScaler(), RidgeCV(np.geomspace(0.1, 1e3, 9))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate.errors import InputError, MissingExtraError
+from palpate.errors import InputError, needing
 from palpate.holds import Hold, read_holds
 from palpate.settling.predict import METHODS, predict_settled
 from palpate.settling.result import FloatArray
@@ -111,13 +111,9 @@ def _since_peak(hold: Hold, cutoff_s: float) -> tuple[FloatArray, FloatArray]:
 
 def _learners(holds: Sequence[Hold]) -> dict[str, list[FloatArray]]:
     """Return the errors of learners, blind to the unit and told the ohm value."""
-    try:
+    with needing("settling-limits", extra="produce"):
         from sklearn.ensemble import ExtraTreesRegressor
         from sklearn.linear_model import RidgeCV
-    except ImportError as error:
-        raise MissingExtraError(
-            "settling-limits trains learners: pip install 'palpate[produce]'"
-        ) from error
     kinds: dict[str, Callable[[], Any]] = {
         "ridge": lambda: RidgeCV(np.geomspace(1e-4, 10, 12)),
         "extra trees": lambda: ExtraTreesRegressor(100, min_samples_leaf=3, random_state=0),

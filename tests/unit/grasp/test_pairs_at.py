@@ -26,3 +26,9 @@ def test_only_pairs_of_that_time_are_taken() -> None:
 def test_a_calibration_read_at_other_times_says_which() -> None:
     with pytest.raises(CalibrationError, match=r"no pairs read 0\.7 s .*0\.42, 20 s"):
         pairs_at(PAIRS, since_move_s=0.7)
+
+
+def test_a_calibration_without_forces_says_how_to_get_them() -> None:
+    none = ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=())
+    with pytest.raises(CalibrationError, match=r"rest values only.*palpate calibrate force"):
+        pairs_at(none, since_move_s=0.7)
