@@ -178,10 +178,10 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
         return None
     earlier = Calibration.load(path)
     origin = "simulated" if simulated else "hardware"
-    if earlier.layout != layout:
+    if difference := earlier.layout.difference(layout):
         raise CalibrationError(
-            f"{path} is of another sensor ({earlier.layout.difference(layout)}); mend the rig "
-            "file, give another --out, or begin the file anew with `palpate calibrate rest --new`"
+            f"{path} is of another sensor ({difference}); mend the rig file, "
+            "give another --out, or begin the file anew with `palpate calibrate rest --new`"
         )
     if earlier.origin != origin:
         raise CalibrationError(

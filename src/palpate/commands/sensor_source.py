@@ -85,9 +85,9 @@ class Source:
             calibration = Calibration.load(self.calibration_path)
         if calibration is None:
             return None
-        if calibration.layout != layout:
+        if difference := calibration.layout.difference(layout):
             raise CalibrationError(
-                f"the calibration is of another sensor ({calibration.layout.difference(layout)}); "
+                f"the calibration is of another sensor ({difference}); "
                 "mend the rig file, or run `palpate calibrate rest --new`"
             )
         return calibration.rest_ohm

@@ -90,19 +90,23 @@ class ArrayLayout:
         return np.repeat(on_finger[:, None], self.cols, axis=1)
 
     def difference(self, other: ArrayLayout) -> str:
-        """Return in words what this layout has otherwise than `other`; empty where they are equal.
+        """Return in words what this layout has otherwise than `other`; empty where they read alike.
+
+        Names don't count.
 
         Examples
         --------
         >>> from dataclasses import replace
         >>> RIGID_LAYOUT.difference(replace(RIGID_LAYOUT, idle_lines="floating"))
         "idle_lines 'isolated' instead of 'floating'"
+        >>> RIGID_LAYOUT.difference(replace(RIGID_LAYOUT, name="left gripper"))
+        ''
         """
         mine, its = ({**asdict(layout), **asdict(layout.divider)} for layout in (self, other))
         return ", ".join(
             f"{name} {mine[name]!r} instead of {its[name]!r}"
             for name in mine
-            if name != "divider" and mine[name] != its[name]
+            if name not in ("name", "divider") and mine[name] != its[name]
         )
 
 
