@@ -10,7 +10,7 @@ began in proportion, and is solved for (generalised least squares with priors).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri
@@ -107,11 +107,13 @@ def object_stiffness(
     """
     if np.count_nonzero(curve.felt) < 2 or force.value <= 0:
         return None
+    tail = (1 - force.level) / 2
+    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * ndtri(1 - tail))
+    # Settled, the force is known better than while closing, and the gain of the contact with it.
+    curve = replace(curve, gain_sd=min(curve.gain_sd, float(log_sd)))
     # A fixed seed: the same touch gives the same answer.
     rng = np.random.default_rng(0)
     held = _posterior(curve, give=give, rng=rng)
-    tail = (1 - force.level) / 2
-    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * ndtri(1 - tail))
     own_sd = float(np.sqrt(max(log_sd**2 - curve.gain_sd**2, 0.0) + _FORECAST_SD**2))
     log_force = np.log(force.value) + own_sd * rng.standard_normal(_DRAWS)
     log_force += held.end_gain
