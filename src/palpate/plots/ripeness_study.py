@@ -19,15 +19,15 @@ _LONGEST = 6.0
 
 
 def figure16(days: Mapping[str, Sequence[tuple[float, float]]]) -> Figure:
-    """Draw mean and sd of the settled change over days, one panel per gripper."""
+    """Draw mean and sd of the settled change over days, one panel per condition."""
     with new_figure(columns=max(len(days), 1), width_in=7.4, height_in=3.2) as (figure, axes):
-        for axis, (gripper, values), colour in zip(
+        for axis, (name, values), colour in zip(
             axes[0], days.items(), (BLUE, ORANGE), strict=False
         ):
             mean, sd = np.array(values).T
             at = np.arange(1, mean.size + 1)
             axis.errorbar(at, mean, yerr=sd, fmt="o-", color=colour, capsize=3)
-            axis.set(xlabel="day", xticks=at, title=f"{gripper} fingers, simulated")
+            axis.set(xlabel="day", xticks=at, title=f"{name}, simulated")
         axes[0][0].set_ylabel("settled change (%)")
     return figure
 

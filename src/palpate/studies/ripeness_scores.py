@@ -54,6 +54,8 @@ class Judged:
         Which morning.
     margin : float
         How far the true firmness is from the nearest boundary, ln of the force at 1 mm.
+    grasps : int
+        How often it was grasped that day.
     possible : float
         Probability that as many grasps that day, measured without any error, fall into the true
         stage: each meets another spot of the fruit.
@@ -67,6 +69,7 @@ class Judged:
     high_days: float
     day: int
     margin: float
+    grasps: int
     possible: float
 
 
@@ -104,6 +107,7 @@ def judged(felt: Felt) -> list[Judged]:
                     low_days=wait.low,
                     high_days=wait.high,
                     day=day,
+                    grasps=days[count - 1].grasps,
                     **_limits(fruit, day=day, grasps=days[count - 1].grasps),
                 )
             )
@@ -130,6 +134,7 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
             if off.size
             else None
         )
+    found["grasps_a_day"] = float(np.mean([row.grasps for row in rows]))
     found["possible"] = float(np.mean([row.possible for row in rows]))
     found["by_margin"] = _by_margin(rows)
     waiting = [row for row in rows if row.wait_days > 0]
@@ -144,6 +149,11 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
     return found
 
 
+def ours_exact(rows: Sequence[Judged]) -> float:
+    """Return the share of fruit days of which ours is the true stage."""
+    return float(np.mean([row.said["ours"] == row.truth for row in rows]))
+
+
 def _by_margin(rows: Sequence[Judged]) -> list[dict[str, float]]:
     """Say how often ours is exact by how far the fruit is from a boundary."""
     found = []
@@ -154,7 +164,7 @@ def _by_margin(rows: Sequence[Judged]) -> list[dict[str, float]]:
                 {
                     "from_percent": 100 * float(np.expm1(low)),
                     "fruit_days": len(there),
-                    "exact": float(np.mean([row.said["ours"] == row.truth for row in there])),
+                    "exact": ours_exact(there),
                     "possible": float(np.mean([row.possible for row in there])),
                 }
             )

@@ -44,11 +44,11 @@ from palpate.twin.ranges import uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
 
-#: Mornings; grasps of a labelled fruit on each (the paper makes ten); of the reference object.
-DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 6, 30
+#: Mornings; grasps of a labelled fruit on each, as many as the paper's; of the reference object.
+DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 10, 30
 #: A fruit to be judged is grasped so often, and again while its stage is unsure, up to so many
 #: times on one day.
-GRASPS_AT_ONCE, MOST_GRASPS = 3, 18
+GRASPS_AT_ONCE, MOST_GRASPS = 3, 30
 REFERENCE = "ball-44lbs"
 #: The labelled fruits are felt first; the others come a week later, when the sensor is older.
 LATER_DAYS = 7

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -11,40 +12,42 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.cli import build_app
+from palpate.commands.outcome import run
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.firmness import firmness_of
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness_stages import STAGES
-from palpate.studies.ripeness import report
+from palpate.studies import ripeness_station
+from palpate.studies.ripeness import CONDITIONS, chosen, report
 from palpate.studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
 from palpate.studies.ripeness_scores import judged, scores
-from palpate.studies.ripeness_station import (
-    DAYS,
-    LABELLED_GRASPS,
-    REFERENCE_GRASPS,
-    draw_labelled,
-    run_station,
-)
+from palpate.studies.ripeness_station import DAYS, draw_labelled, run_station
+from palpate.studies.ripeness_tables import Condition, named
 from palpate.twin.avocado import Avocado, draw_avocado
 
-FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
+FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 3
 
 
 @pytest.fixture(scope="module")
-def station() -> Felt:
-    return run_station(41, level="paper", gripper="rigid", aging=True, labelled=0, others=1)
+def station() -> Iterator[Felt]:
+    """A station with fewer grasps than those of the study, which take minutes."""
+    with pytest.MonkeyPatch.context() as few:
+        few.setattr(ripeness_station, "LABELLED_GRASPS", FEW_GRASPS)
+        few.setattr(ripeness_station, "REFERENCE_GRASPS", 2 * FEW_GRASPS)
+        yield run_station(41, level="paper", gripper="rigid", aging=True, labelled=0, others=1)
 
 
 def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
     fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
     ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
-    assert len(fruit) == LABELLED_GRASPS * DAYS
+    assert len(fruit) == FEW_GRASPS * DAYS
     assert all(
         {"firmness_n_per_mm", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps
     )
-    assert len(ball) == REFERENCE_GRASPS * DAYS
+    assert len(ball) == 2 * FEW_GRASPS * DAYS
     assert all(grasp.outcome is Outcome.HELD and grasp.simulated for grasp in station.grasps)
     assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
     assert len({grasp.temperature_c for grasp in fruit}) == DAYS
@@ -68,10 +71,10 @@ def test_firmness_follows_the_fruit_and_not_the_ball(station: Felt) -> None:
     assert np.ptp(ball) < 0.35 * np.ptp(fruit)
 
 
-def made_up(station: Felt, *, worn: float) -> Felt:
+def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
     """Return what a station would keep if stiffness were read with a little noise and drift."""
     rng = np.random.default_rng(8)
-    labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (12, 10))
+    labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (labelled_fruits, 10))
     grasps: list[Grasp] = []
 
     def feel(item_id: str, stiffness: float, when: float) -> None:
@@ -162,20 +165,60 @@ def test_limits_are_those_of_spots_and_boundaries(station: Felt) -> None:
 
 
 def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_path: Path) -> None:
-    felt = made_up(station, worn=-0.2)
+    felt = made_up(station, worn=-0.2, labelled_fruits=6)
     made = report({("paper", "rigid", True): [felt], ("paper", "rigid", False): [felt]})
     made.write(tmp_path)
     document = json.loads((tmp_path / "ripeness.json").read_text())
     assert [one["aging"] for one in document["conditions"]] == [True, False]
-    assert np.sum(document["conditions"][0]["confusion"]) == 10 * DAYS
+    first = document["conditions"][0]
+    assert np.sum(first["confusion"]) == 10 * DAYS
+    assert first["exact_by_sensor"] == [first["ours"]["exact"]]
+    assert first["grasps_a_day"] == 3
     text = (tmp_path / "ripeness.md").read_text()
     assert "Simulated throughout" in text
     assert "prints no numbers in Figure 16" in text
+    # Shown in detail: the first condition of each gripper.
+    assert "paper, rigid, aging: true stage" in text
+    assert "paper, rigid, not aging: true stage" not in text
     for stem in ("figure16", "ripeness"):
         assert (tmp_path / f"{stem}.png").stat().st_size > 10_000
 
 
+def test_any_condition_is_reported_alone(station: Felt, tmp_path: Path) -> None:
+    condition: Condition = ("field", "soft", True)
+    felt = made_up(station, worn=0.0, labelled_fruits=6)
+    made = report({condition: [felt]})
+    made.write(tmp_path)
+    text = (tmp_path / "ripeness.md").read_text()
+    assert f"{named(condition)}: true stage" in text
+    assert f"| {named(condition)} | not printed |" in text
+    assert set(made.figures) == {"figure16", "ripeness"}
+
+
+def test_where_no_fruit_ripened_there_is_no_figure_16(station: Felt) -> None:
+    felt = made_up(station, worn=0.0, labelled_fruits=6)
+    never = tuple(replace(fruit, half_day=30.0) for fruit in felt.others)
+    made = report({("paper", "soft", True): [replace(felt, others=never)]})
+    assert set(made.figures) == {"ripeness"}
+    assert not any("Figure 16" in table.title for table in made.tables)
+
+
+def test_conditions_are_chosen_by_any_of_their_parts() -> None:
+    assert tuple(chosen()) == CONDITIONS
+    assert chosen(level="field") == [("field", "rigid", True), ("field", "soft", True)]
+    assert chosen(gripper="soft", aging=False) == [("paper", "soft", False)]
+    assert chosen(level="paper", gripper="rigid", aging=True) == [("paper", "rigid", True)]
+
+
+def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = ["study", "ripeness", "--level", "field", "--gripper", "soft", "--no-aging"]
+    assert run(build_app(), asked, name="palpate") == 2
+    assert "leave --no-aging out" in capsys.readouterr().err
+
+
 def test_a_study_without_fruit_to_judge_says_so(station: Felt) -> None:
-    felt = made_up(station, worn=0.0)
+    felt = made_up(station, worn=0.0, labelled_fruits=6)
     with pytest.raises(InputError, match="judge more with --fruits"):
         report({("paper", "rigid", True): [replace(felt, others=())]})
