@@ -36,8 +36,8 @@ from palpate.studies.report import JsonOption, OutOption, StudyReport
 
 #: Items of each kind that teach. A packhouse has that many at hand.
 TAUGHT = 10
-#: Seeds of the sensors; others were used while this was made.
-FIRST_SENSOR = 900
+#: Seeds of the sensors; others were used while this was made, and for earlier figures.
+FIRST_SENSOR = 910
 
 SensorsOption = Annotated[
     int, typer.Option(help="Sensors and crates of each level; the published figures: 3.", min=1)
