@@ -17,6 +17,7 @@ import pytest
 from benchmarks.dashboard import ROOT, write_rig
 from benchmarks.serial_reading import board
 from playwright.sync_api import Browser, Page, expect, sync_playwright
+from tests.closings import write_damage_file
 from tests.conftest import skip
 
 from palpate.recording import load_recording
@@ -291,6 +292,24 @@ def test_everything_comes_from_here_and_is_reached_by_keyboard(
         reached.add(page.evaluate("document.activeElement.id || document.activeElement.innerText"))
     assert {"grasp", "release", "stop", "use-rig", "shade"} <= reached
     assert page.evaluate("document.body.classList.contains('body--dark')")
+
+
+def test_a_damage_file_has_the_page_ask_for_the_kind(
+    come: Callable[..., Page], tmp_path: Path
+) -> None:
+    damage = write_damage_file(tmp_path)
+    with served(tmp_path, *SIMULATED, "--damage", str(damage)) as address:
+        page = come(address)
+        fresh(page)
+        page.get_by_label("Kind (for its damage limit)").click()
+        page.get_by_role("option", name="kiwi").click()
+        page.get_by_label("Target force, N (empty: a gentle squeeze)").fill("8")
+        grasp(page)
+        expect(page.locator("#verdict")).to_contain_text("the damage limit keeps it below")
+        release(page)
+    (recording,) = (tmp_path / "data").glob("grasp-*.mcap")
+    info = load_recording(recording).info
+    assert (info.kind, info.damage) == ("kiwi", damage.read_text())
 
 
 def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(

@@ -42,7 +42,7 @@ class Limit:
             "rate": DAMAGE_RATE,
             "low_n": self._low_n if told else None,
             "passed": told and (result.peak_force_n or 0.0) > self._low_n,
-            "kept_below_target": any(moment.name == "damage_limit" for moment in result.moments),
+            "kept_below_target": result.limited,
         }
 
 

@@ -31,6 +31,14 @@ def serve(
         str | None,
         typer.Option(help="Store of items, path or URL. [default: $PALPATE_STORE, or as items]"),
     ] = None,
+    damage: Annotated[
+        Path | None,
+        typer.Option(
+            help="Keep every grasp below what such produce bears: a file of "
+            "`palpate calibrate damage`; the page then asks for the kind.",
+            metavar="FILE",
+        ),
+    ] = None,
     host: Annotated[
         str, typer.Option(help="Address to listen at; beyond the loopback --token is needed.")
     ] = "127.0.0.1",
@@ -54,6 +62,7 @@ def serve(
     """
     from palpate.dashboard.desk import Settings
     from palpate.dashboard.server import serve as serve_page
+    from palpate.estimate.damage_file import DamageFile
     from palpate.rig import rig_names
     from palpate.twin.objects import OBJECTS
 
@@ -73,6 +82,7 @@ def serve(
         speed=speed,
         benches={"sim-rigid": open_simulated_bench},
         realtime=realtime,
+        damage=None if damage is None else DamageFile.load(damage),
     )
     serve_page(settings, host=host, port=port, token=token, announce=_announce)
 

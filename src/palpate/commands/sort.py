@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.commands.store_option import STORE_HELP
+from palpate.errors import InputError
 
 
 def sort(
@@ -19,6 +20,14 @@ def sort(
             "names of items from standard input, one a line. Without it: items of the store, by "
             "the grasps they had; nothing is written.",
             metavar="NAME_OR_TOML",
+        ),
+    ] = None,
+    damage: Annotated[
+        Path | None,
+        typer.Option(
+            help="With --rig: press no item harder than produce like it bears; a file of "
+            "`palpate calibrate damage`.",
+            metavar="FILE",
         ),
     ] = None,
     store: Annotated[
@@ -48,14 +57,18 @@ def sort(
     from palpate.commands.sort_report import SortReport
     from palpate.commands.sort_run import sort_from_store, sort_with_rig
     from palpate.commands.sort_supply import open_supply
+    from palpate.estimate.damage_file import DamageFile
     from palpate.produce.rules_file import read_rules
 
     book = read_rules(rules)
+    limit = None if damage is None else DamageFile.load(damage).model
     if rig is None:
+        if limit is not None:
+            raise InputError(f"--damage {damage}: nothing is grasped; name a --rig")
         report = SortReport(book=book, dry=True)
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:
-        supply = open_supply(rig, seed=seed, items=items, taught=taught)
+        supply = open_supply(rig, seed=seed, items=items, taught=taught, damage=limit)
         try:
             report = SortReport(book=book, dry=False)
             sort_with_rig(report, supply, rules=rules, store=store, batch=batch)

@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from palpate.estimate.damage import DamageModel
     from palpate.produce.records import Item
     from palpate.produce.rules import RuleBook
     from palpate.produce.sorting_hand import SortingHand
@@ -73,7 +74,9 @@ class SimulatedCrate:
     teaching: Mapping[str, CrateItem]
 
     @classmethod
-    def open(cls, *, seed: int, items: int, taught: int) -> SimulatedCrate:
+    def open(
+        cls, *, seed: int, items: int, taught: int, damage: DamageModel | None = None
+    ) -> SimulatedCrate:
         """Calibrate a sensor of the twin as a user would, and draw a crate."""
         from palpate.rig import Rig
         from palpate.rig.simulated import calibrated
@@ -94,7 +97,7 @@ class SimulatedCrate:
         )
         teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
         return cls(
-            hand=_hand(rig),
+            hand=_hand(rig, damage),
             calibration=rig.calibration.as_text(),
             table=table,
             crate={item.item_id: item for item in crate},
@@ -141,12 +144,12 @@ class NamedByLine:
     rig: Rig
 
     @classmethod
-    def open(cls, name: str) -> NamedByLine:
+    def open(cls, name: str, *, damage: DamageModel | None = None) -> NamedByLine:
         """Open a rig."""
         from palpate.rig import open_rig
 
         rig = open_rig(name)
-        return cls(hand=_hand(rig), calibration=rig.calibration.as_text(), rig=rig)
+        return cls(hand=_hand(rig, damage), calibration=rig.calibration.as_text(), rig=rig)
 
     def names(self) -> Iterator[str]:
         """Yield names until the input ends or a line is empty."""
@@ -172,8 +175,10 @@ class NamedByLine:
         self.rig.close()
 
 
-def open_supply(rig: str, *, seed: int, items: int, taught: int) -> Supply:
-    """Open what a rig's name stands for.
+def open_supply(
+    rig: str, *, seed: int, items: int, taught: int, damage: DamageModel | None = None
+) -> Supply:
+    """Open what a rig's name stands for; its grasps keep to a learned damage limit.
 
     Raises
     ------
@@ -181,11 +186,11 @@ def open_supply(rig: str, *, seed: int, items: int, taught: int) -> Supply:
         If there is no such rig, or it does not open.
     """
     if rig == _SIMULATED:
-        return SimulatedCrate.open(seed=seed, items=items, taught=taught)
-    return NamedByLine.open(rig)
+        return SimulatedCrate.open(seed=seed, items=items, taught=taught, damage=damage)
+    return NamedByLine.open(rig, damage=damage)
 
 
-def _hand(rig: Rig) -> SortingHand:
+def _hand(rig: Rig, damage: DamageModel | None) -> SortingHand:
     from palpate.grasp.planning import plan_grasp
     from palpate.produce.sorting_hand import SortingHand
     from palpate.produce.store_writing import calibration_id_of
@@ -194,7 +199,7 @@ def _hand(rig: Rig) -> SortingHand:
         array=rig.array,
         gripper=rig.gripper,
         clock=rig.clock,
-        plan=plan_grasp(rig.calibration, gripper=rig.gripper),
+        plan=plan_grasp(rig.calibration, gripper=rig.gripper, damage=damage),
         rig=rig.name,
         origin=rig.origin,
         calibration_id=calibration_id_of(rig.calibration.as_text()),

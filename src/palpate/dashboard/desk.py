@@ -15,6 +15,7 @@ from palpate.dashboard.ledger import Ledger
 from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Urgent
 from palpate.dashboard.session import Session
 from palpate.dashboard.station import BenchOpener
+from palpate.estimate.damage_file import DamageFile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +38,8 @@ class Settings:
         Opens the bench with a load cell, by the rig's name.
     realtime : bool
         Whether the devices' process comes before all others.
+    damage : DamageFile or None
+        The learned limit that grasps keep to.
     """
 
     rigs: tuple[str, ...]
@@ -48,6 +51,7 @@ class Settings:
     speed: float
     benches: dict[str, BenchOpener]
     realtime: bool = False
+    damage: DamageFile | None = None
 
 
 class Desk:

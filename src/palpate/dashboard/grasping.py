@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from palpate.dashboard.messages import Grasp, Grasped, OpenHand
 from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
+from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
@@ -25,13 +26,20 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
         rig.calibration,
         gripper=rig.gripper,
         target_force_n=order.target_force_n,
+        damage=recorded_model(order.damage),
+        kind=order.kind,
         hold_s=HOLD_S,
         longest_s=LONGEST_S,
     )
     station.catch_up()
     order.recording.parent.mkdir(parents=True, exist_ok=True)
     with open_grasp_recording(
-        order.recording, rig=rig, seed=station.seed, target_force_n=order.target_force_n
+        order.recording,
+        rig=rig,
+        seed=station.seed,
+        target_force_n=order.target_force_n,
+        damage=order.damage,
+        kind=order.kind,
     ) as writer:
 
         def recorder(observation: Observation) -> None:

@@ -34,12 +34,15 @@ class OpenRig:
 class Grasp:
     """Close on what is there and hold it; every frame goes to the recording.
 
-    `item_id` names what it is, where it is to be remembered.
+    `item_id` names what it is, where it is to be remembered. `damage` is the text of a damage file
+    whose limit is kept to, and `kind` what is grasped, where known.
     """
 
     target_force_n: float | None
     recording: Path
     item_id: str = ""
+    damage: str | None = None
+    kind: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from palpate.dashboard.desk import Desk
 from palpate.dashboard.messages import Grasp, OpenRig, Record
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
+from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.safety import FORCE_CEILING_N
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
@@ -22,6 +23,7 @@ class Wishes:
 
     target_force_n: float | None = None
     item_id: str | None = None
+    kind: str = ""
 
 
 def set_up_panel(desk: Desk, hands: Hands, wishes: Wishes) -> None:
@@ -46,10 +48,24 @@ def set_up_panel(desk: Desk, hands: Hands, wishes: Wishes) -> None:
         ui.label("Grasps of an item are kept in the store; the page Items shows them.").classes(
             "muted"
         )
+        if desk.settings.damage is not None:
+            _kind(desk.settings.damage, wishes)
         ui.separator()
         _rig(desk, hands)
         ui.separator()
         _recording(desk, hands)
+
+
+def _kind(damage: DamageFile, wishes: Wishes) -> None:
+    """Ask what is grasped, of the kinds whose limits were learned."""
+
+    def tell(kind: str) -> None:
+        wishes.kind = kind
+
+    known = {"": "not told", **{kind: kind for kind in damage.kinds}}
+    kind = ui.select(known, value=wishes.kind, on_change=lambda event: tell(event.value))
+    kind.props('outlined dense label="Kind (for its damage limit)"').classes("w-full")
+    ui.label("Grasps stay below what such produce bears, as far as they feel it.").classes("muted")
 
 
 def grasp_buttons(desk: Desk, hands: Hands, wishes: Wishes) -> None:
@@ -60,10 +76,13 @@ def grasp_buttons(desk: Desk, hands: Hands, wishes: Wishes) -> None:
         if wanted is not None and not 0 < wanted <= FORCE_CEILING_N:
             ui.notify(f"target force: above 0 and at most {FORCE_CEILING_N:g} N", type="warning")
             return
+        damage = desk.settings.damage
         order = Grasp(
             target_force_n=wanted,
             recording=desk.new_recording("grasp"),
             item_id=(wishes.item_id or "").strip(),
+            damage=None if damage is None else damage.as_text(),
+            kind=wishes.kind,
         )
         hands.order(order)
 

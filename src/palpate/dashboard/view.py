@@ -179,6 +179,7 @@ def _measured(session: Session) -> dict[str, Any]:
         "values": {name: _one(value, truth.get(name)) for name, value in rows.items()},
         "decided": grasped is not None or (thought is not None and thought.decided),
         "decision_time_s": None if result is None else result.decision_time_s,
+        "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
         "force_now_n": None if thought is None else thought.force_n,
         "faults": [] if grasped is None else list(grasped.result.faults),

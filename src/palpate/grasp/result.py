@@ -77,6 +77,11 @@ class GraspResult:
     moments: tuple[Moment, ...] = ()
     faults: tuple[str, ...] = field(default=())
 
+    @property
+    def limited(self) -> bool:
+        """Whether the damage limit kept the force below the target."""
+        return any(moment.name == "damage_limit" for moment in self.moments)
+
     def as_json(self) -> dict[str, object]:
         """Return the documented JSON form, without `verdict` and `truth`."""
         measured = {

@@ -142,7 +142,7 @@ def _controlled(
         low_n=None if force is None else force.low,
         high_n=None if force is None else force.high,
         known_n=known_n[0] if known_n else None,
-        limited=any(moment.name == "damage_limit" for moment in result.moments),
+        limited=result.limited,
         on_target_s=_on_target_s(result),
         force_n=truth.force_n,
         damaged=damaged(world, task),

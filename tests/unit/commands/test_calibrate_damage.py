@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.closings import write_closings, write_damage_file
 
 from palpate.cli import build_app, run
 from palpate.estimate.damage_file import DamageFile
@@ -16,28 +17,9 @@ def palpate(*arguments: str) -> int:
     return run(build_app(), list(arguments), name="palpate")
 
 
-def write_closings(folder: Path, *, count: int, melons: int = 0) -> list[str]:
-    """Write closings on springs: kiwis rupture at about 1.5 mm, melons at 6; return the options."""
-    rng = np.random.default_rng(4)
-    curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
-    for number in range(count + melons):
-        fruit, borne_mm = ("kiwi", 1.5) if number < count else ("melon", 6.0)
-        stiffness = 1.2 * np.exp(0.4 * rng.standard_normal())
-        limit_n = borne_mm * stiffness * np.exp(0.2 * rng.standard_normal())
-        index.append(f"k{number},{fruit},{limit_n:.3f}")
-        closure_mm = np.arange(0.1, 1.1 * limit_n / stiffness, 0.02)
-        curves += [f"k{number},{x:.2f},{stiffness * x:.4f}" for x in closure_mm]
-    (folder / "curves.csv").write_text("\n".join(curves) + "\n")
-    (folder / "index.csv").write_text("\n".join(index) + "\n")
-    return ["--curves", str(folder / "curves.csv"), "--index", str(folder / "index.csv")]
-
-
 @pytest.fixture(scope="module")
 def damage_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("damage")
-    options = write_closings(folder, count=40, melons=20)
-    assert palpate("calibrate", "damage", *options, "--out", str(folder / "damage.json")) == 0
-    return folder / "damage.json"
+    return write_damage_file(tmp_path_factory.mktemp("damage"), melons=20)
 
 
 def test_real_fruit_is_learned_and_its_copy_left_out(

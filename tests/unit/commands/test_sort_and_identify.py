@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.closings import write_damage_file
 
 from palpate.cli import build_app
 from palpate.commands.outcome import run
@@ -289,6 +290,30 @@ def test_items_before_other_fingers_are_named_line_by_line(
     assert (row["item_id"], row["belongs"]) == ("A17", None)
     with Store.open(store) as kept:
         assert kept.grasps_of("A17")
+
+
+def test_a_damage_file_makes_the_hand_gentler(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, path = tmp_path / "rig.toml", tmp_path / "size.toml"
+    rig.write_text('use = "sim-rigid"\n')
+    path.write_text(BY_SIZE)
+    peak_n = []
+    for n, told in enumerate(((), ("--damage", write_damage_file(tmp_path)))):
+        store = tmp_path / f"{n}.sqlite"
+        monkeypatch.setattr("sys.stdin", io.StringIO("A17\n\n\n"))
+        status, _, _ = palpate("sort", "--rules", path, "--rig", rig, "--store", store, *told)
+        assert status == 0
+        with Store.open(store) as kept:
+            peak_n.append(kept.grasps_of("A17")[0].peak_force_n)
+    assert 0 < peak_n[1] < 0.9 * peak_n[0]
+
+
+def test_a_damage_file_needs_a_hand(palpate: Palpate, tmp_path: Path, rules: Path) -> None:
+    file = write_damage_file(tmp_path)
+    status, _, err = palpate("sort", "--rules", rules, "--damage", file)
+    assert status == 2
+    assert "nothing is grasped; name a --rig" in err
 
 
 def test_soft_fingers_can_not_decide_on_class_or_size(palpate: Palpate, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.closings import write_damage_file
 
 from palpate.commands.serve import open_simulated_bench
 from palpate.dashboard.devices import Devices
@@ -128,6 +129,31 @@ def test_a_grasp_from_order_to_release_with_every_frame_recorded(
     assert opened.updates[-1].pulse.lost == 0
     decided = [u.thought.decided for u in opened.updates if u.thought is not None]
     assert decided == sorted(decided)
+
+
+def test_a_grasp_keeps_to_the_damage_file_and_its_recording_has_it(
+    opened: Page, tmp_path: Path
+) -> None:
+    learned = write_damage_file(tmp_path).read_text()
+    order = Grasp(
+        target_force_n=8.0,
+        recording=tmp_path / "limited.mcap",
+        damage=learned,
+        kind="kiwi",
+    )
+    free = Grasp(target_force_n=8.0, recording=tmp_path / "free.mcap")
+    peak_n = {}
+    for one in (free, order):
+        opened.send(one)
+        opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+        opened.send(ReleaseNow())
+        found = opened.ended(one).found
+        assert isinstance(found, Grasped)
+        peak_n[one] = found.result.peak_force_n or 0.0
+    assert 0 < peak_n[order] < 0.7 * peak_n[free]
+    info = load_recording(order.recording).info
+    assert (info.damage, info.kind) == (order.damage, "kiwi")
+    assert load_recording(free.recording).info.damage is None
 
 
 def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: Path) -> None:

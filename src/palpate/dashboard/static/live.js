@@ -148,6 +148,7 @@ function drawVerdict(doc) {
   if (said.on_target === false) parts.push(`off the target of ${said.target_force_n} N`);
   if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(`answer ${fixed(doc.measured.decision_time_s, 1)} s after contact`);
   if (doc.stopped_after_s !== null) parts.push(`stopped ${fixed(1000 * doc.stopped_after_s, 0)} ms after the request`);
+  if (doc.measured.limited) parts.push("the damage limit keeps it below its target");
   parts.push(...doc.measured.faults);
   if (doc.measured.damaged) parts.push("the object was damaged");
   if (doc.phase && said.kind === "busy" && doc.measured.force_now_n >= 0.05) parts.push(`about ${fixed(doc.measured.force_now_n, 1)} N`);
