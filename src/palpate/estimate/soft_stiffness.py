@@ -5,27 +5,34 @@ two large ways: how far the fingers would have closed beyond the first touch, an
 back under the force. The curve in between tells little more, because a sheet's error of exponent
 bends it as an object would. So only both ends are used, and what they leave open is said: often no
 more than that the object is not softer than so much.
+
+Both ends give the softness (mm/N) of hand and object together, and its doubt is a proportion: that
+of the force. The hand's own softness is known; the object's is what goes beyond it, and can't be
+less than nothing. That makes it the measurement of something bounded (`palpate.estimate.bounded`).
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from scipy.special import ndtri
 from scipy.stats import norm
 
-from palpate.estimate.closing_steps import ClosingCurve, FloatArray
+from palpate.estimate.bounded import bounded_interval, bounded_middle
+from palpate.estimate.closing_steps import ClosingCurve
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
 
-#: Beyond its gain, a sheet reads the first force that it feels in a contact wrong by so much (ln
-#: force): that force is the nearest to its threshold, and spread over unknown pixels.
-_FIRST_SD = 0.3
-#: The millimetres of a pressure are known to this share of the way.
-_WAY_SHARE = 0.01
-_STIFFNESSES, _FORCES = 120, 61
-#: Something rigid that is this likely, against the likeliest stiffness, can't be excluded: the
-#: ratio of likelihoods that a 90 % interval of a normal error leaves.
-_RIGID_RATIO = 0.26
+#: Against the last force of the same contact, a sheet reads the first one that it feels wrong by so
+#: much (ln force): it is the nearest to the threshold, and spread over other pixels. On 160
+#: development closings of the twin 0.15 to 0.19 at both levels.
+_FIRST_SD = 0.2
+#: How the force scatters from contact to contact is told by the placements of the guided
+#: calibration, seven of them, less one for the scale.
+_FREEDOM = 6
+_FORCES = 200
 
 
 def soft_stiffness(
@@ -47,7 +54,9 @@ def soft_stiffness(
     Returns
     -------
     Measurement or None
-        Its status is `saturated` where the object may be as stiff as you like.
+        Its status is `saturated` where the object may be as stiff as you like. The interval covers
+        as often as its level says whatever the true stiffness, so of things that are rigid one in
+        ten gets an upper end.
 
     Examples
     --------
@@ -68,54 +77,61 @@ def soft_stiffness(
     """
     if not curve.felt.any() or force.value <= 0:
         return None
-    stiffness = np.geomspace(SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, _STIFFNESSES)
-    tail = (1 - force.level) / 2
-    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * norm.ppf(1 - tail))
-    middles = norm.ppf((np.arange(_FORCES) + 0.5) / _FORCES)
-    force_n = force.value * np.exp(log_sd * middles)
-    # Where contact began, if the object is so stiff and the force so large.
-    began_mm = opening_mm + give.give_mm(force_n) + force_n / stiffness[:, None]
-    way_mm = began_mm - opening_mm
-    likely = _began(curve, give, stiffness, began_mm, way_mm).mean(axis=1)
-    # Before the grasp all softness (mm/N) that this hand can tell apart is equally likely. It can't
-    # tell less apart than its give times the doubt of the force.
-    blind_mm_per_n = log_sd * float(give.give_mm(force.value)) / force.value
-    weight = likely / (1.0 + blind_mm_per_n * stiffness)
-    if not weight.sum() > 0:
+    together = _together(curve, give, opening_mm, force.value)
+    if together is None:
         return None
-    reached = np.cumsum(weight) - 0.5 * weight
-    low, value, high = np.exp(
-        np.interp([tail, 0.5, 1 - tail], reached / weight.sum(), np.log(stiffness))
+    log_mm_per_n, ways_sd = together
+    reach = float(ndtri(0.5 + force.level / 2))
+    force_sd = math.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * reach)
+    sd = math.hypot(force_sd, ways_sd)
+    hand_mm_per_n = float(give.give_mm(force.value)) / force.value
+    beyond = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
+    least, most = bounded_interval(beyond, freedom=_FREEDOM, level=force.level)
+    middle = bounded_middle(beyond, freedom=_FREEDOM)
+    low, value, high = (
+        _stiffness_n_per_mm(hand_mm_per_n * math.expm1(min(sd * end, 700.0)))
+        for end in (most, middle, least)
     )
-    open_above = likely[-1] > _RIGID_RATIO * likely.max()
     return Measurement(
-        value=float(value),
-        low=float(low),
-        high=STIFFEST_N_PER_MM if open_above else float(high),
+        value=value,
+        low=low,
+        high=high,
         unit="n_per_mm",
         level=force.level,
-        status=Status.SATURATED if open_above else force.status,
+        status=Status.SATURATED if least == 0.0 else force.status,
     )
 
 
-def _began(
-    curve: ClosingCurve,
-    give: Give,
-    stiffness: FloatArray,
-    began_mm: FloatArray,
-    way_mm: FloatArray,
-) -> FloatArray:
-    """Return how likely contact began there by the first touch, shape (stiffnesses, forces)."""
+def _stiffness_n_per_mm(softness_mm_per_n: float) -> float:
+    least, most = 1.0 / STIFFEST_N_PER_MM, 1.0 / SOFTEST_N_PER_MM
+    return 1.0 / min(max(softness_mm_per_n, least), most)
+
+
+def _together(
+    curve: ClosingCurve, give: Give, opening_mm: float, force_n: float
+) -> tuple[float, float] | None:
+    """Return ln softness (mm/N) of hand and object together, and its scatter but for the force's.
+
+    From the first touch on the fingers went `way_mm` more, and the force rose by what it is now
+    less what it was then. Both were read with the same gain, so what the gain leaves open is left
+    to the force.
+    """
     first = int(np.argmax(curve.felt))
     touched_mm, first_n = float(curve.width_mm[first]), float(curve.force_n[first])
-    per_n = float(give.give_mm(1.0)) + 1.0 / stiffness[:, None]
-    by_force_mm = touched_mm + float(give.give_mm(first_n)) + first_n / stiffness[:, None]
-    first_sd = np.hypot(np.hypot(curve.gain_sd, _FIRST_SD) * first_n, curve.floor_n)
-    sharp_mm = np.hypot(give.residual_mm, _WAY_SHARE * way_mm)
-    sd_mm = np.hypot(first_sd * per_n, sharp_mm)
-    likely = norm.pdf(began_mm, by_force_mm, sd_mm) * norm.cdf((began_mm - touched_mm) / sharp_mm)
+    way_mm = touched_mm - opening_mm
+    if not way_mm > 0:
+        return None
+    then_n = np.linspace(0.0, 0.95, _FORCES) * force_n
+    softness = way_mm / (force_n - then_n)
+    likely = norm.pdf(then_n, first_n, math.hypot(_FIRST_SD * first_n, curve.floor_n))
     if first > 0:
         # Nothing was felt one step before: no more than a faint force can have been there.
-        furthest_mm = float(curve.width_mm[first - 1]) + curve.faint_n * per_n
-        likely = likely * norm.cdf((furthest_mm - began_mm) / np.hypot(sharp_mm, 0.5 * sd_mm))
-    return np.asarray(likely)
+        step_mm = float(curve.width_mm[first - 1]) - touched_mm
+        most_n = curve.faint_n + step_mm / softness
+        doubt_n = np.hypot(curve.floor_n, give.residual_mm / softness)
+        likely = likely * norm.cdf((most_n - then_n) / doubt_n)
+    if not likely.sum() > 0:
+        return None
+    mean = float(np.average(np.log(softness), weights=likely))
+    spread = float(np.average((np.log(softness) - mean) ** 2, weights=likely))
+    return mean, math.hypot(math.sqrt(spread), give.residual_mm / way_mm)
