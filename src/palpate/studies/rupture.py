@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 import typer
@@ -28,6 +28,9 @@ from palpate.studies.rupture_tradeoff import RATES, Method, tradeoff
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: Pairs of closings that are learned from and closings that are judged.
+_Splits: TypeAlias = Sequence[tuple[list[FruitClosing], list[FruitClosing]]]
 
 
 def command(
@@ -63,43 +66,11 @@ def command(
     _report(splits, how=how, nominal_rate=nominal_rate).emit(as_json=as_json, out=out)
 
 
-def _report(
-    splits: Sequence[tuple[list[FruitClosing], list[FruitClosing]]],
-    *,
-    how: str,
-    nominal_rate: float,
-) -> StudyReport:
-    rows: list[dict[str, Any]] = []
-    rows_unknown: list[dict[str, Any]] = []
-    tested: list[FruitClosing] = []
-    scores: dict[str, list[Scored]] = {}
-    for training, test in splits:
-        tested += test
-        for known, collected in ((True, rows), (False, rows_unknown)):
-            model = learn(training, tell_apart=known)
-            collected += [
-                _row(closing, model=model, known=known, nominal_rate=nominal_rate)
-                for closing in test
-            ]
-            name = "ours" if known else "ours, fruit unknown"
-            scores.setdefault(name, []).extend(
-                our_scores(closing, model=model, kind_known=known) for closing in test
-            )
-        of_fruit = {
-            fruit: [c for c in training if c.fruit == fruit]
-            for fruit in sorted({c.fruit for c in training})
-        }
-        medians = {f: float(np.median([c.rupture_force_n for c in of_fruit[f]])) for f in of_fruit}
-        lines = {fruit: fit_rule(of_fruit[fruit]) for fruit in of_fruit}
-        for closing in test:
-            if closing.fruit not in of_fruit:
-                raise InputError(f"no {closing.fruit} to learn from, but {closing.grasp_id} is one")
-            scores.setdefault("cap per fruit", []).append(
-                cap_scores(closing, median_n=medians[closing.fruit])
-            )
-            scores.setdefault("stiffness rule", []).append(
-                rule_scores(closing, line=lines[closing.fruit])
-            )
+def _report(splits: _Splits, *, how: str, nominal_rate: float) -> StudyReport:
+    rows, ours = _guarded(splits, known=True, nominal_rate=nominal_rate)
+    rows_unknown, ours_unknown = _guarded(splits, known=False, nominal_rate=nominal_rate)
+    tested = [closing for _, test in splits for closing in test]
+    scores = {"ours": ours, "ours, fruit unknown": ours_unknown, **_baseline_scores(splits)}
     if all(closing.fruit in PUBLISHED for closing in tested):
         scores["rule as published"] = [published_scores(closing) for closing in tested]
     entries = tradeoff([Method(name, scores[name]) for name in scores], closings=tested)
@@ -135,6 +106,39 @@ def _report(
         },
         figures={"rupture": lambda: _figure(entries)},
     )
+
+
+def _guarded(
+    splits: _Splits, *, known: bool, nominal_rate: float
+) -> tuple[list[dict[str, Any]], list[Scored]]:
+    """Return what our guard did on each fruit, told its kind or not, and its scores."""
+    rows: list[dict[str, Any]] = []
+    scores: list[Scored] = []
+    for training, test in splits:
+        model = learn(training, tell_apart=known)
+        for closing in test:
+            rows.append(_row(closing, model=model, known=known, nominal_rate=nominal_rate))
+            scores.append(our_scores(closing, model=model, kind_known=known))
+    return rows, scores
+
+
+def _baseline_scores(splits: _Splits) -> dict[str, list[Scored]]:
+    """Return the scores of what needs no curve, or no more than a line in the stiffness."""
+    capped: list[Scored] = []
+    ruled: list[Scored] = []
+    for training, test in splits:
+        of_fruit = {
+            fruit: [c for c in training if c.fruit == fruit]
+            for fruit in {c.fruit for c in training}
+        }
+        medians = {f: float(np.median([c.rupture_force_n for c in of_fruit[f]])) for f in of_fruit}
+        lines = {fruit: fit_rule(of_fruit[fruit]) for fruit in of_fruit}
+        for closing in test:
+            if closing.fruit not in of_fruit:
+                raise InputError(f"no {closing.fruit} to learn from, but {closing.grasp_id} is one")
+            capped.append(cap_scores(closing, median_n=medians[closing.fruit]))
+            ruled.append(rule_scores(closing, line=lines[closing.fruit]))
+    return {"cap per fruit": capped, "stiffness rule": ruled}
 
 
 def _row(
