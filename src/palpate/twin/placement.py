@@ -62,7 +62,8 @@ class Placements:
         spot = share * self._grid.pitch_mm * (where + 0.05 * rng.standard_normal(2))
         common = ranges.place_common_log_sd * rng.standard_normal()
         own = ranges.place_pixel_log_sd * rng.standard_normal(pixels)
-        used = replace(environment, cycles=environment.cycles + contacts)
+        since = 0 if environment.cycles_are_all else contacts
+        used = replace(environment, cycles=environment.cycles + since)
         gain = self._sheet.gain * self._sheet.gain_factor(used) * np.exp(common + own)
         aside = np.random.default_rng([self._seed, 3, placed])
         off_middle_mm = 0.0 if placed in self.fixtures else uniform(aside, ranges.off_middle_mm)

@@ -156,6 +156,9 @@ class Environment:
         Climate.
     cycles : int
         Contacts made before.
+    cycles_are_all : bool
+        Whether those count the world's own contacts too: of whoever keeps the count and says it
+        anew. Otherwise the own ones wear the gain besides.
     suction_kpa : float
         By how much the pressure outside the sheet lies below that between its layers.
     """
@@ -163,6 +166,7 @@ class Environment:
     temperature_c: float = ROOM_C
     humidity_percent: float = ROOM_HUMIDITY_PERCENT
     cycles: int = 0
+    cycles_are_all: bool = False
     suction_kpa: float = 0.0
 
     @property

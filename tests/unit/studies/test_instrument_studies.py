@@ -31,7 +31,7 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
     "springs": lambda: springs.report(sensors=1, repeats=2),
     "table4": lambda: table4.report(sensors=1, repeats=2),
     "environment": lambda: environment.report(sensors=1, repeats=2),
-    "fatigue": lambda: fatigue.report(sensors=1, simulated=4),
+    "fatigue": lambda: fatigue.report(sensors=1, cycles=6, checked_at=(3,)),
     "noise": lambda: noise.report(
         sensors=1, chains={name: noise.CHAINS[name] for name in NOISE_CHAINS}
     ),

@@ -1,0 +1,26 @@
+"""Who keeps the count of a sheet's use, and says it anew, counts no contact twice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.twin.mechanics import PixelGrid
+from palpate.twin.placement import Placements
+from palpate.twin.ranges import ranges_of
+from palpate.twin.velostat import Environment, draw_sheet
+
+
+def gain(environment: Environment, *, contacts: int) -> float:
+    """Return the mean gain of one contact; chance is the same whatever the surroundings."""
+    sheet = draw_sheet(np.random.default_rng(5), layout=RIGID_LAYOUT, level="field")
+    placements = Placements(
+        sheet=sheet, grid=PixelGrid.of(RIGID_LAYOUT), ranges=ranges_of("field"), seed=5
+    )
+    return float(placements.of(1, contacts, environment=environment).gain.mean())
+
+
+def test_own_contacts_wear_besides_unless_they_are_in_the_count() -> None:
+    before = gain(Environment(cycles=200), contacts=100)
+    assert gain(Environment(cycles=300, cycles_are_all=True), contacts=100) == before
+    assert gain(Environment(cycles=300), contacts=100) != before
