@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.studies.fatigue import Wearing
+from palpate.studies.fatigue_cycles import Wearing
 
 
 @pytest.fixture(scope="module")
