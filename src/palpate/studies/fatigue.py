@@ -31,7 +31,7 @@ CYCLES = 2500
 #: object here).
 CHECKED_AT = (100, 500, 1000, 2000)
 #: The first of the sensors; the protocol was worked out on those before.
-SENSORS, FIRST_SENSOR = 4, 20
+SENSORS, FIRST_SENSOR = 2, 20
 #: Drift counts from the median of so many cycles: one contact scatters by a third at `field`.
 BEGINNING = 30
 #: Cycles whose running median is drawn.
