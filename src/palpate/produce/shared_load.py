@@ -95,16 +95,20 @@ def _closing(observations: Sequence[Observation], *, until_s: float) -> Sequence
 
 
 def _rise(closing: Sequence[Observation], *, held: FloatArray, layout: ArrayLayout) -> float:
-    """Return the power of the force with which sharing rose over the last half of the load."""
+    """Return the power of the force with which sharing rose over the last half of the load.
+
+    It is 0 where none of the load, or no less of it, was felt in the mean up to that moment.
+    """
     light = np.flatnonzero(_load(_percent(closing, layout=layout)) < _EARLIER * _load(held))
     if not light.size:
         return 0.0
     at_s = closing[int(light[-1])].frame.time_s
     earlier = percent_until(at_s, observations=closing, layout=layout)
     before, after = minus_log_sharing(earlier), minus_log_sharing(held)
-    if before is None or after is None:
+    light_load, load = float(_load(earlier)), float(_load(held))
+    if before is None or after is None or not 0.0 < light_load < load:
         return 0.0
-    rise = _EXCESS_POWER * (before - after) / math.log(float(_load(held) / _load(earlier)))
+    rise = _EXCESS_POWER * (before - after) / math.log(load / light_load)
     return min(max(rise, 0.0), _RADIUS_POWER)
 
 
