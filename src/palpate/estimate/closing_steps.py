@@ -13,6 +13,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 #: A step that raises the force at one go is read low, because the sheet lags: by this share of the
 #: rise (in ln force) that is not yet forgotten. On development closings of the twin, with the true
 #: forces beside them, 0.16 on springs; 0.05 where half the things relax as fruit does meanwhile.
+#: Relaxing bends a closing the other way: a stiffness, told from the bend, takes none on average.
 LAG, LAG_SD = 0.1, 0.08
 #: A sheet forgets this share of a rise of the force with each step of a closing.
 _FORGOTTEN = 0.3

@@ -26,7 +26,7 @@ TARGETS_N = (1.5, 8.0)
 #: stand. Correlation of stiffness and strength then is about that of recorded fruit.
 _YIELD_MM, _YIELD_LOG_SD = 4.0, 0.45
 #: Share of things that relax as fruit does, and how much they and others relax.
-_FRUIT_SHARE, _FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
+_FRUIT_SHARE, FRUIT_RELAXES, _OTHERS_RELAX = 0.5, (0.10, 0.35), (0.0, 0.05)
 #: Lifting takes this share of the target, with the least friction there is.
 _LIFT_SHARE = (0.2, 0.6)
 #: Wear of the sheet when it is used, contacts.
@@ -89,7 +89,7 @@ def thing(
     """Draw a thing of any stiffness, shape and strength."""
     contact = "hertz" if rng.random() < 0.5 else "linear"
     force_at_1mm_n = log_uniform(rng, STIFFNESS_N)
-    relaxing = _FRUIT_RELAXES if rng.random() < _FRUIT_SHARE else _OTHERS_RELAX
+    relaxing = FRUIT_RELAXES if rng.random() < _FRUIT_SHARE else _OTHERS_RELAX
     yield_mm = _YIELD_MM * float(np.exp(_YIELD_LOG_SD * rng.standard_normal()))
     yield_n = force_at_1mm_n * yield_mm ** (1.5 if contact == "hertz" else 1.0)
     return TwinObject(

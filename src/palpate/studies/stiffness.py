@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,6 +17,7 @@ from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
 from palpate.settling.result import Status
+from palpate.studies.force_control_world import FRUIT_RELAXES, thing
 from palpate.studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate.studies.stoppable import uninterrupted
 from palpate.twin.devices import TwinArray, TwinGripper
@@ -29,9 +31,11 @@ if TYPE_CHECKING:
 LEVELS = ("paper", "field")
 #: Two decades, N/mm.
 RANGE_N_PER_MM = (0.5, 50.0)
+#: Objects have that secant stiffness under this force, newtons; and their sizes.
+FIRM_N, SIZES_MM = 10.0, (30.0, 60.0)
 #: A gentle squeeze, just enough to measure, and a firm one that the hand can do, newtons.
 SQUEEZES_N: dict[GripperKind, tuple[float | None, ...]] = {
-    "rigid": (None, 10.0),
+    "rigid": (None, FIRM_N),
     "soft": (None, 6.0),
 }
 #: Where the summary is cut: fingers, pads and servo together are a spring of about 4 N/mm.
@@ -40,11 +44,15 @@ EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """One grasp: what was said of the stiffness and what was true, N/mm; NaN where not answered."""
+    """One grasp: what was said of the stiffness and what was true, N/mm; NaN where not answered.
+
+    `object` says how it presses back: see `_kind_of`.
+    """
 
     gripper: GripperKind
     level: str
     squeeze: str
+    object: str
     truth: float
     value: float
     low: float
@@ -58,7 +66,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Grasp linear objects from 0.5 to 50 N/mm and compare the stiffness with the true one.
+    """Grasp objects from 0.5 to 50 N/mm and compare the stiffness with the true one.
 
     Example: palpate study stiffness --out reports
     """
@@ -76,23 +84,38 @@ def answers_of(
     level: str, *, seed: int, stiffness: float, gripper: GripperKind = "rigid"
 ) -> list[Answer]:
     """Calibrate one sensor on one hand, and grasp one object with each squeeze."""
-    rng = np.random.default_rng([seed, 21])
-    obj = TwinObject(
-        name=f"{stiffness:.2g} N/mm",
-        size_mm=float(rng.uniform(30, 60)),
-        contact="linear",
-        force_at_1mm_n=stiffness,
-        relaxing_share=(0.01, 0.01, 0.01),
-        relaxing_time_s=(0.5, 3.0, 20.0),
-        flat=bool(rng.random() < 0.5),
-    )
+    obj = object_of(stiffness, seed=seed)
     calibration = calibrated(seed=seed, level=level, apart_from="", kind=gripper)
     worlds = partial(World, obj, seed=seed, sheet_seed=seed, level=level, gripper=gripper)
-    return [_answer(worlds(), calibration, force_n, stiffness) for force_n in SQUEEZES_N[gripper]]
+    return [
+        _answer(worlds(), calibration, force_n, obj=obj, nominal=stiffness)
+        for force_n in SQUEEZES_N[gripper]
+    ]
+
+
+def object_of(stiffness: float, *, seed: int) -> TwinObject:
+    """Draw an object of a secant stiffness: flat or round, like a spring or relaxing like fruit.
+
+    Half of them are of each, as the things of the force control study are; they stand any force.
+    """
+    obj = thing(np.random.default_rng([seed, 21]), size_mm=SIZES_MM)
+    deformation_mm = FIRM_N / stiffness
+    return replace(
+        obj,
+        name=f"{stiffness:.2g} N/mm",
+        force_at_1mm_n=FIRM_N / deformation_mm**obj.exponent,
+        yield_n=math.inf,
+        rupture_n=math.inf,
+    )
 
 
 def _answer(
-    world: World, calibration: Calibration, target_force_n: float | None, nominal: float
+    world: World,
+    calibration: Calibration,
+    target_force_n: float | None,
+    *,
+    obj: TwinObject,
+    nominal: float,
 ) -> Answer:
     gripper = TwinGripper(world)
     result = uninterrupted(
@@ -109,12 +132,19 @@ def _answer(
         gripper=world.gripper,
         level=world.level,
         squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
+        object=_kind_of(obj),
         truth=nominal if truth is None else truth,
         value=found.value if answered and found else np.nan,
         low=found.low if answered and found else np.nan,
         high=found.high if answered and found else np.nan,
         status=str(found.status) if answered and found else "none",
     )
+
+
+def _kind_of(obj: TwinObject) -> str:
+    """Return what an object is like: flat or round contact, relaxing like fruit or hardly."""
+    relaxing = "fruit" if sum(obj.relaxing_share) >= FRUIT_RELAXES[0] else "spring"
+    return f"{relaxing}, {'round' if obj.contact == 'hertz' else 'flat'}"
 
 
 def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
@@ -137,7 +167,7 @@ def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
 
 
 def _summary(answers: Sequence[Answer]) -> list[dict[str, Any]]:
-    """Return scores of each hand, level and squeeze: of all objects, and by their stiffness."""
+    """Return scores of each hand, level and squeeze: of all, by stiffness, and by kind."""
     summary = []
     for key in dict.fromkeys(_kind(one) for one in answers):
         mine = [one for one in answers if _kind(one) == key]
@@ -146,6 +176,9 @@ def _summary(answers: Sequence[Answer]) -> list[dict[str, Any]]:
         for low, high in pairwise(EDGES_N_PER_MM):
             part = [one for one in mine if low <= one.truth < high]
             summary.append({**named, "range": f"{low:g}-{high:g} N/mm", **_scores(part)})
+        for kind in sorted({one.object for one in mine}):
+            part = [one for one in mine if one.object == kind]
+            summary.append({**named, "range": kind, **_scores(part)})
     return summary
 
 
@@ -162,7 +195,7 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
         "median_low_over_true": "low / true",
     }
     table = Table(
-        title="Stiffness of linear objects over two decades",
+        title="Stiffness of objects over two decades",
         columns=(
             *("hand", "level", "squeeze", "range", "grasps", "answered", "no upper end"),
             *keys.values(),
@@ -180,8 +213,9 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
         provenance=(
             "Simulated: each grasp on a sensor and gripper of its own, calibrated by a user's "
             "steps (load cell with changing faces, rigid block), then one grasp of an object it "
-            "never saw: a gentle squeeze, or to a force. True: secant stiffness at the settled "
-            "force.",
+            "never saw: a gentle squeeze, or to a force. Half of the objects press back in "
+            "proportion, half like round ones (Hertz); half relax as fruit does, by a tenth to a "
+            "third, the others hardly. True: secant stiffness at the settled force.",
             "The give of the hand is in series: where it is a times the object's own, an error of "
             "the force comes back 1 + a times in the stiffness.",
             "Soft fingers give way by nearly 4 mm/N: they tell the softest things, and of others a "

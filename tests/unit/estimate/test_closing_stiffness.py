@@ -53,6 +53,18 @@ def test_what_is_stiffer_than_the_gripper_is_told_less_well() -> None:
     assert stiff.low < 30.0 < stiff.high
 
 
+def test_what_relaxed_unseen_is_inside_though_the_force_was_sure() -> None:
+    opening = 40.0 - FORCE_N / 2.0 - GIVE.give_mm(FORCE_N)
+    curve = ClosingCurve(width_mm=opening, force_n=FORCE_N, gain_sd=0.01, law_sd=0.03, floor_n=0.05)
+    said = Measurement(value=6.0, low=5.9, high=6.1, unit="n", level=0.9)
+    found = object_stiffness(curve, give=GIVE, opening_mm=float(opening[-1]), force=said)
+    assert found is not None
+    # A fruit lost 6 % of its force and nobody felt it; the fingers came that much nearer to it.
+    left_n = 0.94 * 6.0
+    relaxed = left_n / float(40.0 - opening[-1] - GIVE.give_mm(left_n))
+    assert found.low < relaxed < 0.95 * 2.0 < 2.0 < found.high
+
+
 def test_doubt_of_the_gain_widens_the_interval_until_it_covers() -> None:
     sure, unsure = answer(2.0, gain=1.3), answer(2.0, gain=1.3, gain_sd=0.3)
     assert sure.low > 2.0
