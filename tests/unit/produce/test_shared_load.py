@@ -18,7 +18,7 @@ from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.produce.closing_firmness import ClosingWatch
 from palpate.produce.contact_width import contact_width, width_at_contact
-from palpate.produce.felt_pixels import felt_pixels
+from palpate.produce.felt_pixels import MEAN_S, felt_pixels
 from palpate.produce.firmness import RIPENESS_N, minus_log_sharing
 from palpate.produce.shared_load import shared_pixels
 from palpate.rig.simulated import calibrated
@@ -146,3 +146,23 @@ def test_what_the_sheet_remembered_before_the_touch_does_not_count() -> None:
     force_n = np.array([1.4, 0.2, 0.6, 3.0])
     pressure_kpa = np.array([4.0, *(10.0 + BEND.give.give_mm(force_n[1:]) / BEND.mm_per_kpa)])
     assert width_at_contact(pressure_kpa, force_n=force_n, bend=BEND) == pytest.approx(60.0)
+
+
+def test_a_closing_without_a_light_touch_tells_no_rise(by_size: dict[float, Felt]) -> None:
+    """The sheet forgets the last grasp meanwhile: all pixels but one read less than at first."""
+    felt = by_size[SIZES_MM[0]]
+    last = max(one.time_s for one in felt.result.moments if one.name == "answer")
+    rest = np.asarray(felt.seen[0].frame.counts)
+    moved = next(o.frame.counts for o in reversed(felt.seen) if o.frame.time_s <= last) - rest
+    forgetting = np.full(rest.shape, -0.1)
+    forgetting.flat[np.argmax(np.abs(moved))] = 0.05
+    light = tuple(rest + forgetting * moved for _ in felt.seen)
+    until_s = last - 1.0
+    seen = [
+        replace(one, frame=replace(one.frame, counts=counts))
+        if one.frame.time_s - felt.seen[0].frame.time_s > MEAN_S and one.frame.time_s < until_s
+        else one
+        for one, counts in zip(felt.seen, light, strict=True)
+    ]
+    freed = replace(felt, seen=seen).freed()["shared_pixels"]
+    assert freed.value == pytest.approx(math.exp(-felt.read))
