@@ -13,7 +13,7 @@ from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, n
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLOURS = (BLUE, AMBER, GREEN, PURPLE, GREY)
+_COLOURS = (BLUE, AMBER, GREEN, PURPLE, GREY, ORANGE)
 #: Longest wait drawn, days.
 _LONGEST = 6.0
 
@@ -62,16 +62,20 @@ def study_figure(
 
 
 def _draw_accuracy(axis: Any, accuracy: Mapping[str, Mapping[str, float | None]]) -> None:
-    names = list(accuracy)
-    ways = list(accuracy[names[0]])
-    height = 0.8 / len(ways)
-    for number, way in enumerate(ways):
-        at = np.arange(len(names)) + (number - (len(ways) - 1) / 2) * height
-        values = [accuracy[name][way] or 0.0 for name in names]
-        axis.barh(at, values, height, color=_COLOURS[number], label=way)
+    ways = list(next(iter(accuracy.values())))
+    height = 0.8 / len(accuracy)
+    for number, (condition, exact) in enumerate(accuracy.items()):
+        at = np.arange(len(ways)) + (number - (len(accuracy) - 1) / 2) * height
+        axis.barh(
+            at,
+            [exact[way] or 0.0 for way in ways],
+            height,
+            color=_COLOURS[number],
+            label=condition,
+        )
     axis.axvline(90, color=INK, lw=0.8, ls="--")
-    axis.set(yticks=range(len(names)), yticklabels=names, xlim=(0, 100))
-    axis.set_xlabel("exact stage (% of fruit days)")
+    axis.set(yticks=range(len(ways)), yticklabels=ways, xlim=(0, 100))
+    axis.set(xlabel="exact stage (% of fruit days)", title="stage of four, simulated")
     axis.invert_yaxis()
     axis.grid(visible=False, axis="y")
     axis.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)
