@@ -174,7 +174,7 @@ def draw(found: dict[str, list[Wearing]]) -> Figure:
     """Draw resistance, relative change and force over cycles on the first sensor of each level."""
     from palpate.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, new_figure
 
-    colours = (ORANGE, PURPLE, BLUE, GREEN)
+    colours, widths = (ORANGE, PURPLE, BLUE, GREEN), (3.0, 2.0, 1.2, 1.2)
     with new_figure(rows=2, columns=3, width_in=11.0, height_in=5.8) as (figure, axes):
         for row, level in zip(axes, LEVELS, strict=True):
             one = found[level][0]
@@ -182,12 +182,14 @@ def draw(found: dict[str, list[Wearing]]) -> Figure:
             row[0].plot(cycle, one.ohm, ".", color=GREY, ms=1, alpha=0.4)
             row[0].plot(cycle, _smooth(one.ohm), color=INK, lw=1.2)
             row[0].set(ylabel="resistance when closed (ohm)", title=f"simulated, {level}")
-            for values, colour in zip(one.change_percent, colours[:-1], strict=True):
-                row[1].plot(cycle, _smooth(values), color=colour, lw=1.2)
+            for values, colour, lw in zip(
+                one.change_percent, colours[:-1], widths[:-1], strict=True
+            ):
+                row[1].plot(cycle, _smooth(values), color=colour, lw=lw)
             row[1].set(ylabel="relative change (%)")
             row[2].plot(cycle, one.force_n[0], ".", color=GREY, ms=1, alpha=0.4)
-            for values, colour, name in zip(one.force_n, colours, KINDS, strict=True):
-                row[2].plot(cycle, _smooth(values), color=colour, lw=1.2, label=name)
+            for values, colour, lw, name in zip(one.force_n, colours, widths, KINDS, strict=True):
+                row[2].plot(cycle, _smooth(values), color=colour, lw=lw, label=name)
             row[2].plot(cycle, one.true_n, color=INK, lw=1.2, label="load cell")
             row[2].set(ylabel="force (N)", ylim=(0, 2 * np.median(one.true_n)))
             for axis in row:
@@ -198,4 +200,4 @@ def draw(found: dict[str, list[Wearing]]) -> Figure:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    return np.asarray(median_filter(values, size=_DRAWN, mode="nearest"))
+    return np.asarray(median_filter(values, size=_DRAWN, mode="reflect"))
