@@ -93,7 +93,11 @@ def shown_commands() -> list[tuple[str, str]]:
 def study_options(name: str) -> set[str]:
     app = typer.Typer(add_completion=False)
     app.command()(importlib.import_module(f"palpate.studies.{STUDIES[name][0]}").command)
-    return {option for parameter in typer.main.get_command(app).params for option in parameter.opts}
+    return {
+        option
+        for parameter in typer.main.get_command(app).params
+        for option in (*parameter.opts, *parameter.secondary_opts)
+    }
 
 
 @pytest.mark.parametrize(("page", "line"), shown_commands())
