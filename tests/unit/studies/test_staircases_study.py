@@ -66,6 +66,7 @@ def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
         gripper="rigid",
         level="paper",
         squeeze="10 N",
+        object="spring, flat",
         truth=2.0,
         value=2.2,
         low=1.0,
