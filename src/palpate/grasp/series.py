@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.clock import Clock
-from palpate.errors import CalibrationError
+from palpate.errors import CalibrationError, DeviceError
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.settled_series import SettledPoint, series_stiffness
 from palpate.estimate.stiffness import Give
@@ -168,6 +169,10 @@ class _Opening:
 
 
 def _pause(array: PressureArray, *, until_s: float) -> None:
-    """Read and drop frames until a time, so that none is old when the next grasp begins."""
-    while array.read(timeout_s=_FRAME_TIMEOUT_S).time_s < until_s:
-        pass
+    """Read and drop frames until a time, so that none is old when the next grasp begins.
+
+    A sensor that is lost meanwhile is left to the next grasp, whose result says so.
+    """
+    with suppress(DeviceError):
+        while array.read(timeout_s=_FRAME_TIMEOUT_S).time_s < until_s:
+            pass
