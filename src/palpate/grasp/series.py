@@ -99,6 +99,18 @@ def run_series(
     ------
     CalibrationError
         If the gripper's pressure tells no width.
+
+    Examples
+    --------
+    >>> import palpate
+    >>> rig = palpate.open_rig("sim-rigid", object_name="springs-4", seed=3)
+    >>> plan = palpate.plan_grasp(rig.calibration, gripper=rig.gripper)
+    >>> series = palpate.run_series(
+    ...     plan, up_to_n=8.0, array=rig.array, gripper=rig.gripper, clock=rig.clock
+    ... )
+    >>> rig.close()
+    >>> len(series.held), round(series.stiffness_n_per_mm.value, 1)
+    (5, 3.6)
     """
     give = plan.give
     if give is None:
