@@ -5,7 +5,7 @@ Settled values
     are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`. `read_holds` yields
     each `Hold` of a file.
 Grasps
-    `open_rig`, `plan_grasp`, `run_grasp`, `run_series`; what is measured is a `Measurement`.
+    `open_rig`, `plan_grasp`, `run_grasp`; what is measured is a `Measurement`.
 Recordings
     `load_recording`.
 Shared
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from palpate.estimate.measurement import Measurement
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
-    from palpate.grasp.series import run_series
     from palpate.holds import Hold, read_holds
     from palpate.recording import load_recording
     from palpate.rig import open_rig
@@ -53,7 +52,6 @@ __all__ = [
     "predict_settled",
     "read_holds",
     "run_grasp",
-    "run_series",
 ]
 
 _HOMES = {
@@ -72,7 +70,6 @@ _HOMES = {
     "predict_settled": "palpate.settling.predict",
     "read_holds": "palpate.holds",
     "run_grasp": "palpate.grasp.runner",
-    "run_series": "palpate.grasp.series",
 }
 
 

@@ -16,7 +16,6 @@ from palpate.commands.plain_signs import print_anything
 #: Verb -> module under `palpate.commands` that holds a function of that name.
 VERBS = (
     "grasp",
-    "stiffness",
     "settle",
     "record",
     "inspect",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from palpate.rig import Rig
 
 #: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
-EXIT_STATUS = {
+_EXIT_STATUS = {
     "held": 0,
     "nothing_there": 1,
     "slipped": 1,
@@ -140,7 +140,7 @@ def grasp(
         print(json.dumps(document, allow_nan=False, indent=1))
     else:
         print_card(result, said=said, rig=devices, seed=seed, truth=truth, limited=limited)
-    status = EXIT_STATUS[result.outcome]
+    status = _EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
         print(f"palpate grasp: {why}", file=sys.stderr)

@@ -18,20 +18,17 @@ from scipy.stats import norm
 
 from palpate.estimate.closing_steps import LAG_SD, ClosingCurve, FloatArray, tilt_sd
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.object_law import (
-    GIVE_SD,
-    SHAPES,
-    SHARPEST_MM,
-    SOFTEST_N_PER_MM,
-    STIFFEST_N_PER_MM,
-    weighted_quantiles,
-)
-from palpate.estimate.stiffness import Give
+from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
 
+#: Exponents of force over indentation and how common they are: 1 a flat or layered body, 1.5 a
+#: round one (Hertz), 1.25 what is between, 2 pointed or stiffening.
+_SHAPES = {1.0: 0.4, 1.25: 0.15, 1.5: 0.35, 2.0: 0.1}
 #: Scatter of ln force from step to step within one closing, and how likely. Most contacts read
 #: evenly, once their exponent and lag are known; some reseat themselves.
 _SCATTERS = {0.007: 0.4, 0.02: 0.4, 0.08: 0.2}
+#: An object off the middle, or another face than the block's: pads and fingers give a share more.
+_GIVE_SD = 0.02
 #: By how much (in ln force) the object has relaxed at the horizon against its closing, and how
 #: likely: springs and silicone hardly, fruit by a tenth to a third. At one closure no force rises.
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
@@ -41,6 +38,8 @@ _FRUIT_SHARE, _UNSEEN, _UNSEEN_SD = 0.5, -0.06, 0.04
 #: A staircase is no clean step, of which alone the settling is known: its forecast is off (ln
 #: force) by so much beyond its own interval.
 _FORECAST_SD = 0.02
+#: A width is never known better, mm (half an encoder step of the usual servo).
+_SHARPEST_MM = 0.02
 _GAINS, _SCALES, _DRAWS = 5, 40, 4000
 #: What is solved for: size, gain beyond that of the grid, exponent, lag, give.
 _UNKNOWN = 5
@@ -131,7 +130,7 @@ def object_stiffness(
     weight = np.where(possible, likely, 0.0)
     rigid = weight.sum() < 1e-3 * _DRAWS
     stiffness = np.clip(force_n / deformed, SOFTEST_N_PER_MM, STIFFEST_N_PER_MM)
-    low, value, high = weighted_quantiles(
+    low, value, high = _quantiles(
         stiffness, np.ones_like(weight) if rigid else weight, [tail, 0.5, 1 - tail]
     )
     return Measurement(
@@ -142,6 +141,12 @@ def object_stiffness(
         level=force.level,
         status=Status.SATURATED if rigid else force.status,
     )
+
+
+def _quantiles(values: FloatArray, weight: FloatArray, at: list[float]) -> tuple[float, ...]:
+    order = np.argsort(values)
+    reached = np.cumsum(weight[order]) - 0.5 * weight[order]
+    return tuple(np.interp(at, reached / weight.sum(), values[order]).tolist())
 
 
 def _posterior(curve: ClosingCurve, *, give: Give, rng: np.random.Generator) -> _Posterior:
@@ -163,7 +168,7 @@ def _posterior(curve: ClosingCurve, *, give: Give, rng: np.random.Generator) -> 
     return _Posterior(
         size_mm=size_mm,
         scale=scales[scale],
-        shape=np.array(list(SHAPES))[shape],
+        shape=np.array(list(_SHAPES))[shape],
         end_gain=_gains(curve)[gain] + further + tilt * curve.looks.above[-1],
         give=1.0 + more,
     )
@@ -181,10 +186,10 @@ def _weighed(curve: ClosingCurve, give: Give, scales: FloatArray) -> _Weighed:
     touch_mm, design = _witnesses(curve, give, scales)
     scatters = np.array(list(_SCATTERS))
     doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.looks.read_n) ** 2
-    sharp_mm = max(give.residual_mm, SHARPEST_MM)
+    sharp_mm = max(give.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
     gain_sd = max(_SOLVED_SHARE * curve.told_sd, 1e-3)
-    known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, GIVE_SD])
+    known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _GIVE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
     off_mm = touch_mm - middle_mm
@@ -200,7 +205,7 @@ def _weighed(curve: ClosingCurve, give: Give, scales: FloatArray) -> _Weighed:
     if not curve.felt.all():
         variance = np.linalg.inv(precision)[..., 0, 0] + sharp_mm**2
         evidence += _not_before(curve, give, scales, mean[..., 0], np.sqrt(variance))
-    evidence += np.log(list(SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
+    evidence += np.log(list(_SHAPES.values()))[:, None, None] + np.log(list(_SCATTERS.values()))
     likely = np.exp(evidence - evidence.max())
     return _Weighed(weight=likely / likely.sum(), mean=mean, precision=precision)
 
@@ -218,7 +223,7 @@ def _witnesses(
     give_mm = give.give_mm(np.exp(log_n))
     give_slope = (give.give_mm(1.01 * np.exp(log_n)) - give_mm) / 0.01
     log_n, give_mm, give_slope = (a[:, None, None] for a in (log_n, give_mm, give_slope))
-    power = 1.0 / np.array(list(SHAPES))[:, None, None]
+    power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     deformed = np.exp(power * (log_n - np.log(scales)[:, None]))
     slope_mm = give_slope + power * deformed
     moved = (-slope_mm, -slope_mm * looks.above, -slope_mm * looks.lagging, -give_mm)
@@ -233,7 +238,7 @@ def _not_before(
 
     The object began no further out than a faint force would reach.
     """
-    power = 1.0 / np.array(list(SHAPES))[:, None, None]
+    power = 1.0 / np.array(list(_SHAPES))[:, None, None]
     faint_mm = (curve.faint_n / scales[:, None]) ** power + float(give.give_mm(curve.faint_n))
     beyond_mm = float(curve.width_mm[~curve.felt].min()) + faint_mm
     return np.asarray(log_ndtr((beyond_mm - size_mm) / sd_mm))

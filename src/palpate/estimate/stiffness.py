@@ -102,3 +102,7 @@ class Give:
         An upper bound for every object: whatever is gripped only makes the series softer.
         """
         return 1.0 / max(self.slope_mm_per_n, 1e-3)
+
+
+#: Nothing softer is an object, and nothing stiffer can be told from rigid by such a gripper, N/mm.
+SOFTEST_N_PER_MM, STIFFEST_N_PER_MM = 0.02, 500.0

@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.grasp.series import run_series
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
 from palpate.settling.result import Status
@@ -85,24 +83,13 @@ def command(
 def answers_of(
     level: str, *, seed: int, stiffness: float, gripper: GripperKind = "rigid"
 ) -> list[Answer]:
-    """Calibrate one sensor on one hand; grasp one object with each squeeze, and in a series."""
+    """Calibrate one sensor on one hand, and grasp one object with each squeeze."""
     obj = object_of(stiffness, seed=seed)
     calibration = calibrated(seed=seed, level=level, apart_from="", kind=gripper)
     worlds = partial(World, obj, seed=seed, sheet_seed=seed, level=level, gripper=gripper)
-    found = [
-        (
-            "gentle" if force_n is None else f"{force_n:g} N",
-            _grasped(world := worlds(), calibration, force_n),
-            world,
-        )
-        for force_n in SQUEEZES_N[gripper]
-    ]
-    if gripper == "rigid":
-        world = worlds()
-        found.append((f"series to {FIRM_N:g} N", _in_series(world, calibration), world))
     return [
-        _answer(told, world, squeeze=squeeze, obj=obj, nominal=stiffness)
-        for squeeze, told, world in found
+        _answer(worlds(), calibration, force_n, obj=obj, nominal=stiffness)
+        for force_n in SQUEEZES_N[gripper]
     ]
 
 
@@ -122,39 +109,29 @@ def object_of(stiffness: float, *, seed: int) -> TwinObject:
     )
 
 
-def _grasped(
-    world: World, calibration: Calibration, target_force_n: float | None
-) -> Measurement | None:
-    """Return what one grasp says of the stiffness."""
-    gripper = TwinGripper(world)
-    plan = plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n)
-    result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
-    return uninterrupted(result).stiffness_n_per_mm
-
-
-def _in_series(world: World, calibration: Calibration) -> Measurement | None:
-    """Return what five grasps, firmer each time, say of it."""
-    gripper = TwinGripper(world)
-    series = run_series(
-        plan_grasp(calibration, gripper=gripper),
-        up_to_n=FIRM_N,
-        array=TwinArray(world),
-        gripper=gripper,
-        clock=world.clock,
-        told=lambda one: uninterrupted(one.result),
-    )
-    return series.stiffness_n_per_mm
-
-
 def _answer(
-    found: Measurement | None, world: World, *, squeeze: str, obj: TwinObject, nominal: float
+    world: World,
+    calibration: Calibration,
+    target_force_n: float | None,
+    *,
+    obj: TwinObject,
+    nominal: float,
 ) -> Answer:
-    truth = world.truth().stiffness_n_per_mm
+    gripper = TwinGripper(world)
+    result = uninterrupted(
+        run_grasp(
+            plan_grasp(calibration, gripper=gripper, target_force_n=target_force_n),
+            array=TwinArray(world),
+            gripper=gripper,
+            clock=world.clock,
+        )
+    )
+    truth, found = world.truth().stiffness_n_per_mm, result.stiffness_n_per_mm
     answered = truth is not None and found is not None
     return Answer(
         gripper=world.gripper,
         level=world.level,
-        squeeze=squeeze,
+        squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
         object=_kind_of(obj),
         truth=nominal if truth is None else truth,
         value=found.value if answered and found else np.nan,
@@ -236,10 +213,9 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
         provenance=(
             "Simulated: each grasp on a sensor and gripper of its own, calibrated by a user's "
             "steps (load cell with changing faces, rigid block), then one grasp of an object it "
-            "never saw: a gentle squeeze, or to a force; or, with rigid fingers, a series of five "
-            "grasps, firmer each time, the object left where it lies. Half of the objects press "
-            "back in proportion, half like round ones (Hertz); half relax as fruit does, by a "
-            "tenth to a third, the others hardly. True: secant stiffness at the settled force.",
+            "never saw: a gentle squeeze, or to a force. Half of the objects press back in "
+            "proportion, half like round ones (Hertz); half relax as fruit does, by a tenth to a "
+            "third, the others hardly. True: secant stiffness at the settled force.",
             "The give of the hand is in series: where it is a times the object's own, an error of "
             "the force comes back 1 + a times in the stiffness.",
             "Soft fingers give way by nearly 4 mm/N: they tell the softest things, and of others a "

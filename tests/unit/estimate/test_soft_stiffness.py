@@ -8,9 +8,8 @@ from scipy.stats import t as student_t
 
 from palpate.estimate.closing_steps import ClosingCurve
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.object_law import STIFFEST_N_PER_MM
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.estimate.stiffness import Give
+from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
 
 GIVE = Give(
