@@ -6,26 +6,21 @@ from typing import Annotated
 
 import typer
 
-from palpate.errors import InputError
-from palpate.studies.report import JsonOption, OutOption
+from palpate.commands.research import SETTINGS, run_named
 
-BENCHMARKS = ("settling",)
+__all__ = ["SETTINGS", "bench"]
+
+#: Entry points through which packages offer benchmarks.
+GROUP = "palpate.benchmarks"
 
 
 def bench(
-    name: Annotated[str, typer.Argument(help=f"Which: {', '.join(BENCHMARKS)}.")],
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Smaller batches and fewer repeats: some seconds.")
-    ] = False,
-    as_json: JsonOption = False,
-    out: OutOption = None,
+    context: typer.Context,
+    name: Annotated[str | None, typer.Argument(help="Which; `--list` names them.")] = None,
+    list_all: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
 ) -> None:
     """Measure speed, memory and agreement with other libraries.
 
     Example: palpate bench settling --quick
     """
-    if name not in BENCHMARKS:
-        raise InputError(f"no benchmark {name!r}; there are: {', '.join(BENCHMARKS)}")
-    from palpate.studies.settling_speed import FULL, QUICK, measure
-
-    measure(QUICK if quick else FULL).emit(as_json=as_json, out=out)
+    run_named(name, group=GROUP, verb="bench", noun="benchmark", listing=list_all, context=context)

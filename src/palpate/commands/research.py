@@ -1,0 +1,64 @@
+"""Studies and benchmarks: found through entry points, so that the product does not carry them."""
+
+from __future__ import annotations
+
+import importlib
+from importlib.metadata import entry_points
+from typing import Any, NoReturn
+
+import typer
+
+from palpate.commands.help_text import help_text
+from palpate.commands.outcome import run
+from palpate.errors import InputError
+
+#: What an entry point of such a group leads to: name -> (module with a `command`, summary).
+Catalogue = dict[str, tuple[str, str]]
+
+#: The study's own options are parsed by the study.
+SETTINGS: dict[str, Any] = {
+    "context_settings": {
+        "allow_extra_args": True,
+        "ignore_unknown_options": True,
+        "help_option_names": [],
+    }
+}
+
+
+def catalogue(group: str) -> Catalogue:
+    """Return everything that installed packages offer in a group of entry points."""
+    found: Catalogue = {}
+    for point in entry_points(group=group):
+        found |= point.load()
+    return found
+
+
+def run_named(
+    name: str | None, *, group: str, verb: str, noun: str, listing: bool, context: Any
+) -> None:
+    """List what a group offers, or run one of it with the rest of the command line."""
+    known = catalogue(group)
+    if not known:
+        _not_installed(verb)
+    if listing or name in (None, "--help"):
+        width = max(map(len, known))
+        print(f"usage: palpate {verb} NAME [--help] [--json] [--out DIR]\n")
+        for entry, (_, summary) in sorted(known.items()):
+            print(f"  {entry:<{width}}  {summary}")
+        return
+    if name not in known:
+        raise InputError(f"no {noun} {name!r}; there are: {', '.join(sorted(known))}")
+    # Loaded by name: other verbs, and other studies, must not pay for it.
+    module = importlib.import_module(known[name][0])
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command(help=help_text(module.command))(module.command)
+    status = run(app, context.args, name=f"palpate {verb} {name}")
+    if status:
+        raise typer.Exit(status)
+
+
+def _not_installed(verb: str) -> NoReturn:
+    raise InputError(
+        f"palpate {verb} needs the package palpate-studies; "
+        "in a copy of the source: pip install ./studies"
+    )

@@ -1,0 +1,223 @@
+"""Twin apples examined for the study `bruise`: who is grasped, how, and what is known of them."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.produce.bruise_model import Example, Place
+from palpate.produce.bruise_shape import Shape, middle_of
+from palpate.twin.apple import Apple, draw_apple
+from palpate.twin.produce_ranges import (
+    BRUISES,
+    BRUISES_OFF_THE_BELT,
+    SMALL_BRUISES,
+    BruiseRanges,
+)
+from palpate_studies.bruise_grasps import CLOSURE_MM, GAP_MM, OPEN_MM, ApplePress, press
+from palpate_studies.twin_session import Session
+
+#: When the answer is given, seconds after the fingers close on: early, as the paper's, at the end.
+CUTOFFS_S, EARLY_S = (1.0, 2.5, 20.0), 2.5
+#: How far the middle of the bruise lies from the middle of the fingers, at most, in both
+#: directions: whoever presents the side that is in question lays it as the twin lays everything
+#: (`off_centre` of `palpate.twin.ranges`: 0.6 of the pitch).
+PLACED_WITHIN_MM = 6.0
+#: A sensor's own idea of its class: sound apples, two sides of each.
+REFERENCE_APPLES, REFERENCE_SIDES_DEG = 8, (0.0, 90.0)
+#: Apples on one sensor, and sides gone through where nobody knows which is in question.
+APPLES_PER_SENSOR, SIDES_AROUND = 24, 5
+#: Sensors of one purpose never serve another.
+_FIRST_SENSOR = {"learn": 20_000, "test": 30_000, "small": 40_000, "off": 50_000, "around": 60_000}
+_RANGES = {"small": SMALL_BRUISES, "off": BRUISES_OFF_THE_BELT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Examined:
+    """One apple, one side of it in question, and its grasps.
+
+    Attributes
+    ----------
+    purpose, level : str
+        What for, and on which level of the twin.
+    sensor : int
+        Seed of sensor and gripper.
+    apple : Apple
+        The truth.
+    angle_deg : float
+        The side in question, to the first finger.
+    presses : mapping of str to ApplePress
+        ``before`` the bruise; ``now`` and ``again``, laid anew; the ``other`` sides, a quarter turn
+        on; at the ``same_width`` as before; or ``0``, ``1``, ... around the fruit.
+    sound : mapping of float to Shape
+        Cut-off -> how the sensor's sound apples load it then.
+    """
+
+    purpose: str
+    level: str
+    sensor: int
+    apple: Apple
+    angle_deg: float
+    presses: Mapping[str, ApplePress]
+    sound: Mapping[float, Shape]
+
+    @property
+    def bruised(self) -> bool:
+        """Whether it is."""
+        return self.apple.bruise is not None
+
+    @property
+    def place(self) -> Place | None:
+        """Where its bruise lies on the fingers that hold the side in question."""
+        bruise = self.apple.bruise
+        if bruise is None:
+            return None
+        beside = [
+            math.radians(math.remainder(bruise.angle_deg - self.angle_deg - turn, 360.0))
+            for turn in (0.0, 180.0)
+        ]
+        finger = int(np.argmin(np.abs(beside)))
+        # Columns run the other way round the fruit on the second finger.
+        across_mm = (1 - 2 * finger) * beside[finger] * self.apple.radius_mm
+        return Place(finger=finger, along_mm=bruise.height_mm, across_mm=across_mm)
+
+    def example(self, cutoff_s: float, *, press_name: str = "now") -> Example:
+        """Return what is judged, and all that it may be held against, at a time of the hold."""
+        shapes = {name: one.shape(cutoff_s) for name, one in self.presses.items()}
+        against = {"class": self.sound[cutoff_s]}
+        if "before" in shapes:
+            against["history"] = shapes["before"]
+        others = [shape for name, shape in shapes.items() if name != press_name and name.isdigit()]
+        others = [shapes["other"]] if "other" in shapes else others
+        if others:
+            against["item"] = middle_of(others, with_width=True)
+        return Example(
+            shape=shapes[press_name], against=against, bruised=self.bruised, place=self.place
+        )
+
+
+def examine(
+    purposes: Mapping[str, int], *, levels: Sequence[str], seed: int, processes: int | None = None
+) -> list[Examined]:
+    """Draw so many apples for each purpose and level, half of them bruised, and grasp them.
+
+    Parameters
+    ----------
+    purposes : mapping of str to int
+        ``learn`` and ``test``; ``small`` and ``off`` (the belt), all of them bruised; ``around``.
+    levels : sequence of str
+        Levels of the twin.
+    seed : int
+        Seed of everything.
+    processes : int, optional
+        As many as there are processors by default. The result does not depend on it.
+    """
+    batches = [
+        (purpose, level, _FIRST_SENSOR[purpose] + 1000 * seed + index, count)
+        for purpose, apples in purposes.items()
+        for level in levels
+        for index, count in enumerate(_split(apples))
+    ]
+    processes = min(processes or os.cpu_count() or 1, len(batches))
+    if processes == 1:
+        return [one for batch in batches for one in _batch(*batch)]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context) as pool:
+        return [one for made in pool.map(_batch, *zip(*batches, strict=True)) for one in made]
+
+
+def _split(apples: int) -> list[int]:
+    full, rest = divmod(apples, APPLES_PER_SENSOR)
+    return [APPLES_PER_SENSOR] * full + [rest] * (rest > 0)
+
+
+def _batch(purpose: str, level: str, sensor: int, apples: int) -> list[Examined]:
+    """Examine apples on one sensor."""
+    session = Session(sensor, level=level)
+    sound = [
+        grasped
+        for index in range(REFERENCE_APPLES)
+        for grasped in _presses(
+            session,
+            [
+                (draw_apple(np.random.default_rng([sensor, 1, index]), bruises=None), angle_deg)
+                for angle_deg in REFERENCE_SIDES_DEG
+            ],
+        )
+    ]
+    classes = {
+        cutoff_s: middle_of([one.shape(cutoff_s) for one in sound], with_width=False)
+        for cutoff_s in CUTOFFS_S
+    }
+    return [
+        _examined(session, purpose, level, sensor, index, sound=classes) for index in range(apples)
+    ]
+
+
+def _examined(
+    session: Session,
+    purpose: str,
+    level: str,
+    sensor: int,
+    index: int,
+    *,
+    sound: Mapping[float, Shape],
+) -> Examined:
+    rng = np.random.default_rng([sensor, 2, index])
+    bruised = purpose in _RANGES or index % 2 == 1
+    apple = draw_apple(rng, bruises=_ranges(purpose) if bruised else None)
+    angle_deg = rng.uniform(0.0, 360.0)
+    if apple.bruise is not None and purpose != "around":
+        beside_mm = rng.uniform(-PLACED_WITHIN_MM, PLACED_WITHIN_MM)
+        angle_deg = apple.bruise.angle_deg + math.degrees(beside_mm / apple.radius_mm)
+        angle_deg += 180.0 * rng.integers(2)
+    before = replace(apple, bruise=None)
+    turned = {"before": (before, angle_deg), "now": (apple, angle_deg)}
+    if purpose in ("learn", "test"):
+        turned["other"] = (apple, angle_deg + 90.0)
+    if purpose == "test":
+        turned["again"] = (apple, angle_deg)
+    if purpose == "around":
+        turned = {
+            str(turn): (apple, angle_deg + 180.0 * turn / SIDES_AROUND)
+            for turn in range(SIDES_AROUND)
+        }
+    made = dict(zip(turned, _presses(session, list(turned.values())), strict=True))
+    if purpose == "test":
+        made["same_width"] = press(
+            session, apple, angle_deg=angle_deg, to_mm=made["before"].width_mm - CLOSURE_MM
+        )
+    session.world.place(None)
+    return Examined(
+        purpose=purpose,
+        level=level,
+        sensor=sensor,
+        apple=apple,
+        angle_deg=angle_deg,
+        presses=made,
+        sound=sound,
+    )
+
+
+def _ranges(purpose: str) -> BruiseRanges:
+    """Return the ranges of a purpose; a side in question has its bruise near its middle."""
+    ranges = _RANGES.get(purpose, BRUISES)
+    if purpose in ("off", "around"):
+        return ranges
+    return replace(ranges, height_mm=(-PLACED_WITHIN_MM, PLACED_WITHIN_MM))
+
+
+def _presses(session: Session, turned: Sequence[tuple[Apple, float]]) -> list[ApplePress]:
+    """Grasp one apple after the other, or one apple turned; the first with fingers wide open."""
+    made: list[ApplePress] = []
+    for apple, angle_deg in turned:
+        open_mm = min(made[-1].width_mm + GAP_MM, OPEN_MM) if made else OPEN_MM
+        made.append(press(session, apple, angle_deg=angle_deg, open_mm=open_mm))
+    session.world.place(None)
+    return made

@@ -1,0 +1,97 @@
+"""The table of studies and benchmarks, found by `palpate study` and `palpate bench`."""
+
+from __future__ import annotations
+
+#: Study -> (module, what it shows). Each module holds a function `command`.
+STUDIES: dict[str, tuple[str, str]] = {
+    "force-ladders": (
+        "palpate_studies.force_ladders",
+        "Dead weights on real Velostat, sensors held out",
+    ),
+    "force-control": (
+        "palpate_studies.force_control",
+        "Random things gripped to a force and lifted, simulated",
+    ),
+    "hybrid": ("palpate_studies.hybrid", "Recorded fruit and sheets through the real firmware"),
+    "noise": (
+        "palpate_studies.noise",
+        "Filters against mains pick-up and motor spikes, on the twin",
+    ),
+    "pixels": ("palpate_studies.pixels", "Number of pixels, and dead ones, on the twin"),
+    "presence": (
+        "palpate_studies.presence",
+        "Video 3, closing again until something is there, simulated",
+    ),
+    "presses": ("palpate_studies.presses", "Force now on real Velostat under a robot's presses"),
+    "ripeness": (
+        "palpate_studies.ripeness",
+        "Figure 16, stages and days to ripe of avocados on the twin",
+    ),
+    "rupture": (
+        "palpate_studies.rupture",
+        "When to stop closing on real fruit, before it ruptures",
+    ),
+    "rupture-limits": (
+        "palpate_studies.rupture_limits",
+        "How much of a rupture the curve before it can tell",
+    ),
+    "realism": ("palpate_studies.realism", "The twin's scatter beside real recordings"),
+    "bruise": (
+        "palpate_studies.bruise",
+        "Table 6 and Figure 17, bruised apples told from sound ones, simulated",
+    ),
+    "bruise-limits": (
+        "palpate_studies.bruise_limits",
+        "How well a bruise could be told without a sheet's scatter",
+    ),
+    "detection-limit": (
+        "palpate_studies.detection_limit",
+        "Weakest force seen and linearity, on the twin",
+    ),
+    "environment": (
+        "palpate_studies.environment",
+        "Figures 1b and 3, climate and suction on the twin",
+    ),
+    "fatigue": (
+        "palpate_studies.fatigue",
+        "Figure 4, 2 500 cycles on the twin, re-zeroed and corrected",
+    ),
+    "speed": ("palpate_studies.speed", "Actuation speed against every predictor, on the twin"),
+    "size": ("palpate_studies.size", "Figure 14, size of strawberries in 1 mm steps, simulated"),
+    "slip": ("palpate_studies.slip", "Slip and removal: rates, false alarms, delays, simulated"),
+    "springs": ("palpate_studies.springs", "Figure 10b, springs on the twin"),
+    "table1": ("palpate_studies.table1", "Table 1 and Figures 5 and 6, on simulated holds"),
+    "table2": ("palpate_studies.table2", "Table 2 and Figure 8b, silicone sheets on the twin"),
+    "table3": ("palpate_studies.table3", "Table 3 and Figure 9, exercise balls on the twin"),
+    "table4": (
+        "palpate_studies.table4",
+        "Table 4 and Figure 11c on the twin, and why slopes differ",
+    ),
+    "table5": ("palpate_studies.table5", "Table 5: force estimated early, simulated"),
+    "stiffness": ("palpate_studies.stiffness", "Stiffness in N/mm over two decades, simulated"),
+    "staircases": (
+        "palpate_studies.staircases",
+        "Force now during staircases of closing and opening, simulated",
+    ),
+    "settling-limits": (
+        "palpate_studies.settling_limits",
+        "How well any predictor could do, real and drawn",
+    ),
+    "identify": (
+        "palpate_studies.identify",
+        "What each item of a mixed crate is, strangers among them, simulated",
+    ),
+    "sorting": (
+        "palpate_studies.sorting",
+        "Purity and items per hour of sorting by rules, simulated",
+    ),
+    "real-holds": ("palpate_studies.real_holds", "Table 1 on real recordings, specimens held out"),
+}
+
+#: Benchmark -> (module, what it measures), of the same form.
+BENCHMARKS: dict[str, tuple[str, str]] = {
+    "settling": (
+        "palpate_studies.settling_speed",
+        "Predictors of the settled value against curve_fit and lmfit: time, memory, agreement",
+    ),
+}

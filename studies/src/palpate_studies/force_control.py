@@ -1,0 +1,263 @@
+"""Random things gripped to a force and lifted: ours beside the simpler ways, simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from scipy.stats import beta
+
+from palpate_studies.force_control_baselines import by_current, fixed_extra
+from palpate_studies.force_control_grasps import NEAR, Gripped, ours, waiting
+from palpate_studies.force_control_world import (
+    GRASPS_PER_SHEET,
+    PRESSED,
+    TARGETS_N,
+    Task,
+    learned_damage,
+    task,
+)
+from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from palpate.estimate.damage import DamageModel
+
+LEVELS = ("paper", "field")
+#: The first seed of the shown grasps; others were used to build the controller.
+FIRST_SEED = 800_000
+#: Things that the simpler ways are tried on: waiting takes them minutes each.
+COMPARED = 40
+
+
+def command(
+    grasps: Annotated[int, typer.Option(help="Things gripped at each level.", min=1)] = 8,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Grip random things to a force, lift them, and count what was missed, dropped and damaged.
+
+    Example: palpate study force-control --grasps 100 --out reports
+    """
+    found = list[Gripped]()
+    damage = learned_damage(seed=FIRST_SEED)
+    for level in LEVELS:
+        seeds = range(FIRST_SEED, FIRST_SEED + grasps)
+        tasks = [task(seed, level=level) for seed in seeds]
+        found += gripped(tasks, damage=damage)
+    report(found).emit(as_json=as_json, out=out)
+
+
+def gripped(tasks: Sequence[Task], *, damage: DamageModel) -> Iterator[Gripped]:
+    """Grip every task by ours, and the first ones in every other way that their hand allows."""
+    for number, one in enumerate(tasks):
+        yield ours(one, damage=damage)
+        if number < COMPARED:
+            yield waiting(one, damage=damage)
+            yield fixed_extra(one)
+            if one.kind == "rigid":
+                yield by_current(one)
+
+
+def scores(found: Sequence[Gripped]) -> dict[str, Any]:
+    """Return what counts, of the grasps of one method at one level."""
+    count, damaged = len(found), sum(one.damaged for one in found)
+    lifted = [one for one in found if one.lifted]
+    # Where the damage limit kept the force below the target, missing it is the answer.
+    aimed = [one for one in found if not one.limited and (one.said_n is not None or one.lifted)]
+    near = [abs(one.off_target) <= NEAR for one in aimed]
+    known = [abs(one.force_n / one.known_n - 1.0) <= NEAR for one in aimed if one.known_n]
+    said = [
+        one.low_n <= one.force_n <= one.high_n
+        for one in found
+        if one.low_n is not None and one.high_n is not None
+    ]
+    times_s = [one.on_target_s for one in found if one.on_target_s is not None]
+    return {
+        "grasps": count,
+        "damaged": damaged,
+        # Clopper-Pearson, one-sided 95 %.
+        "damaged_rate_at_most": _most(damaged, count),
+        "lifted": len(lifted),
+        "dropped": sum(one.dropped for one in lifted),
+        "not_lifted": count - len(lifted),
+        # What such grasps risk on average, and what of it before anything could be known.
+        "risk_per_1000": 1000 * float(np.mean([one.risk for one in found])),
+        "touch_risk_per_1000": 1000 * float(np.mean([one.touch_risk for one in found])),
+        "limited": sum(one.limited for one in found),
+        "limited_could_bear": sum(one.limited and one.could_bear for one in found),
+        "could_bear": sum(one.could_bear for one in found),
+        "aimed": len(aimed),
+        "within_10_percent": float(np.mean(near)) if near else None,
+        # Of grasps that were held: as near an answer that knew settling and wear would have come.
+        "within_10_percent_if_known": float(np.mean(known)) if known else None,
+        "median_off_target_percent": (
+            float(100 * np.median([abs(one.off_target) for one in aimed])) if aimed else None
+        ),
+        "coverage": float(np.mean(said)) if said else None,
+        "median_on_target_s": float(np.median(times_s)) if times_s else None,
+    }
+
+
+def _most(bad: int, count: int) -> float:
+    return 1.0 if bad == count else float(beta.ppf(0.95, bad + 1, count - bad))
+
+
+def report(found: Sequence[Gripped]) -> StudyReport:
+    """Return the report of any number of grasps."""
+    methods = list(dict.fromkeys(one.method for one in found))
+    summary = [
+        {"level": level, "method": method, "gripper": kind, **scores(part)}
+        for level in LEVELS
+        for method in methods
+        for kind in ("all", "rigid", "soft")
+        if (part := _part(found, level, method, kind))
+    ]
+    return StudyReport(
+        name="force-control",
+        title="Gripping random things to a force, and lifting them (simulated)",
+        provenance=(
+            "Simulated: sizes within the stroke, stiffness over two decades, linear or Hertz, flat "
+            "or round, half relaxing as fruit does, off-centre, off the middle, on worn sheets; "
+            f"every fourth sensor on soft fingers. Targets {TARGETS_N[0]:g} to {TARGETS_N[1]:g} N; "
+            "the weight takes 20-60 % of the target at the least friction there is.",
+            f"A sensor calibrated by a user's steps for every {GRASPS_PER_SHEET} grasps. Damage "
+            f"limit learned from {PRESSED} other things pressed in a test stand; kind not known.",
+            "Risked: share of things as stiff as these, of any strength, that would have yielded "
+            "under the largest force of each grasp; by the touch alone: under the force at which "
+            "the touch was confirmed.",
+            "Within 10 %: true settled force against the target, of grasps that the damage limit "
+            "did not keep below it. Were settling and wear known: the same of those of them that "
+            "were held, for an answer by the sheet alone that knew how it is going to settle and "
+            "how it wore since its calibration, and a hand that stopped exactly there.",
+            "Lifted: only where the method says that the grip will do; the simpler ways lift "
+            f"blindly, and are tried on the first {COMPARED} things of each level. Motor current "
+            "alone, read at rest: rigid fingers only.",
+        ),
+        tables=[
+            _table("What came of it", summary, columns=_BECAME),
+            _table("How near the target", summary, columns=_CAME_NEAR),
+        ],
+        payload={
+            "study": "force-control",
+            "simulated": True,
+            "summary": summary,
+            "rows": [_row(one) for one in found],
+        },
+        figures={"force-control": lambda: _figure(found, methods)},
+    )
+
+
+def _part(found: Sequence[Gripped], level: str, method: str, kind: str) -> list[Gripped]:
+    mine = [one for one in found if (one.task.level, one.method) == (level, method)]
+    return [one for one in mine if kind in ("all", one.task.kind)]
+
+
+def _row(one: Gripped) -> dict[str, Any]:
+    return {
+        "seed": one.task.seed,
+        "level": one.task.level,
+        "gripper": one.task.kind,
+        "method": one.method,
+        "outcome": one.outcome,
+        "stiffness_n_per_mm": one.task.obj.force_at_1mm_n,
+        "yield_n": one.task.obj.yield_n,
+        "target_n": one.task.target_n,
+        "lift_n": one.task.lift_n,
+        "force_n": one.force_n,
+        "said_n": one.said_n,
+        "known_n": one.known_n,
+        "low_n": one.low_n,
+        "high_n": one.high_n,
+        "lifted": one.lifted,
+        "dropped": one.dropped,
+        "damaged": one.damaged,
+        "limited": one.limited,
+        "could_bear": one.could_bear,
+        "risk": one.risk,
+        "touch_risk": one.touch_risk,
+        "on_target_s": one.on_target_s,
+    }
+
+
+#: Two tables, because one of all columns fits no screen: header -> key and form.
+_BECAME = {
+    "grasps": ("grasps", "d"),
+    "damaged": ("damaged", "d"),
+    "risked, of 1000": ("risk_per_1000", ".1f"),
+    "by the touch alone": ("touch_risk_per_1000", ".1f"),
+    "lifted": ("lifted", "d"),
+    "dropped": ("dropped", "d"),
+    "kept below by the damage limit": ("limited", "d"),
+    "could have borne it": ("limited_could_bear", "d"),
+}
+_CAME_NEAR = {
+    "aimed": ("aimed", "d"),
+    "within 10 % of target": ("within_10_percent", ".2f"),
+    "were settling and wear known": ("within_10_percent_if_known", ".2f"),
+    "median miss, %": ("median_off_target_percent", ".0f"),
+    "coverage (0.9)": ("coverage", ".2f"),
+    "median s from contact to on target": ("median_on_target_s", ".1f"),
+}
+
+
+def _table(
+    title: str, summary: Sequence[dict[str, Any]], *, columns: Mapping[str, tuple[str, str]]
+) -> Table:
+    return Table(
+        title=title,
+        columns=("level", "method", "gripper", *columns),
+        rows=[
+            (
+                *(row[name] for name in ("level", "method", "gripper")),
+                *(
+                    "-" if row[key] is None else f"{row[key]:{form}}"
+                    for key, form in columns.values()
+                ),
+            )
+            for row in summary
+        ],
+    )
+
+
+def _figure(found: Sequence[Gripped], methods: Sequence[str]) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(2.6 * len(methods), 5.2), layout="constrained")
+    panels = figure.subplots(2, len(methods), sharex=True, sharey=True, squeeze=False)
+    ends = np.array([0.8 * TARGETS_N[0], 1.25 * TARGETS_N[1]])
+    for row, level in enumerate(LEVELS):
+        for column, method in enumerate(methods):
+            panel = panels[row, column]
+            mine = [one for one in found if (one.task.level, one.method) == (level, method)]
+            size = 6.0 if len(mine) < 200 else 3.0
+            panel.fill_between(ends, (1 - NEAR) * ends, (1 + NEAR) * ends, color="#DDDDDD", lw=0)
+            for name, colour, chosen in (
+                ("as aimed", "#0072B2", [one for one in mine if not _bad(one) and not one.limited]),
+                ("damage limit", "#E69F00", [one for one in mine if one.limited]),
+                ("dropped or damaged", "#D55E00", [one for one in mine if _bad(one)]),
+            ):
+                target_n = [one.task.target_n for one in chosen]
+                force_n = [max(one.force_n, 0.3) for one in chosen]
+                panel.plot(target_n, force_n, ".", ms=size, color=colour, label=name)
+            panel.set(xscale="log", yscale="log", ylim=(0.25, 40.0))
+            for axis in (panel.xaxis, panel.yaxis):
+                axis.set_major_formatter("{x:g}")
+                axis.set_minor_formatter("")
+            panel.set_xticks([2, 4, 8])
+            panel.spines[["top", "right"]].set_visible(False)
+            if row == 0:
+                panel.set_title(method, fontsize=9)
+            if column == 0:
+                panel.set_ylabel(f"twin, {level}\nsettled force, N")
+            if row == 1:
+                panel.set_xlabel("target, N")
+    panels[0, -1].legend(fontsize=7, frameon=False, loc="upper left")
+    return figure
+
+
+def _bad(one: Gripped) -> bool:
+    return one.dropped or one.damaged

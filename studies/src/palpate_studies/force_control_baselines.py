@@ -1,0 +1,140 @@
+"""The simpler ways to grip: a threshold and a fixed closing, and the servo's current alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.gripper.interface import GripperCommand
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
+from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.objects import draw_object
+from palpate.twin.world import GripperKind, World
+from palpate_studies.force_control_grasps import LIFTED_S, Gripped, damaged
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task, chance_of_damage
+
+#: The paper's way: after contact close further by a fixed amount, right for the middle of the
+#: population (3.5 N on 5 N/mm in series with the gripper).
+_EXTRA: dict[GripperKind, float] = {"rigid": 1.6, "soft": 9.0}
+_STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
+_RATE: dict[GripperKind, float] = {"rigid": 20.0, "soft": 15.0}
+_DWELL_S = 0.42
+#: Closing by current alone: finer steps, and readings averaged at each.
+_FINE_MM, _READINGS = 0.25, 5
+
+
+def fixed_extra(task: Task) -> Gripped:
+    """Close in steps until a finger's change passes the threshold, then by a fixed amount (4.1)."""
+    world = task.world()
+    array, gripper = TwinArray(world), TwinGripper(world)
+    rest_ohm = _ohm(array, seconds=0.5)
+
+    def touched() -> bool:
+        change = relative_change_percent(_ohm(array, seconds=_DWELL_S), rest_ohm=rest_ohm)
+        fingers = finger_means(change, finger_of_row=world.layout.finger_of_row)
+        return float(np.nanmin(fingers)) <= CONTACT_PERCENT
+
+    closed = _close_until(world, gripper, touched, step=_STEP[task.kind], kind=task.kind)
+    _drive(world, gripper, closed + _EXTRA[task.kind], kind=task.kind)
+    return _blindly_lifted(world, task, method="threshold and fixed extra closing")
+
+
+def by_current(task: Task) -> Gripped:
+    """Close in fine steps until the servo's current says the target; rigid fingers only."""
+    world = task.world()
+    gripper = TwinGripper(world)
+    zero_ma, ma_per_n = _current_line(task.seed // GRASPS_PER_SHEET, task.level)
+
+    def reached() -> bool:
+        world.clock.sleep_s(_DWELL_S)
+        return _current_ma(gripper, world) >= zero_ma + ma_per_n * task.target_n
+
+    _close_until(world, gripper, reached, step=_FINE_MM, kind="rigid")
+    return _blindly_lifted(world, task, method="motor current alone")
+
+
+@lru_cache(maxsize=2)
+def _current_line(sheet: int, level: str) -> tuple[float, float]:
+    """Calibrate current against a load cell, in another session: zero (mA) and slope (mA/N)."""
+    world = World(None, seed=sheet + 1_000_003, sheet_seed=sheet, level=level)
+    world.place(draw_object(np.random.default_rng([sheet, 35]), "ball-44lbs"))
+    gripper, cell = TwinGripper(world), TwinLoadCell(world)
+    rows = list[tuple[float, float]]()
+
+    def enough() -> bool:
+        world.clock.sleep_s(_DWELL_S)
+        force_n = cell.read_n()
+        if force_n > 0.5:
+            rows.append((force_n, _current_ma(gripper, world)))
+        return force_n > 10.0
+
+    _drive(world, gripper, 22.0, kind="rigid")
+    _close_until(world, gripper, enough, step=_FINE_MM, kind="rigid")
+    force_n, current_ma = np.array(rows).T
+    slope, zero = np.polyfit(force_n, current_ma, 1)
+    return float(zero), max(float(slope), 1.0)
+
+
+def _current_ma(gripper: TwinGripper, world: World) -> float:
+    readings = []
+    for _ in range(_READINGS):
+        readings.append(gripper.state().current_ma)
+        world.clock.sleep_s(0.02)
+    return float(np.mean(readings))
+
+
+def _ohm(array: TwinArray, *, seconds: float) -> NDArray[np.float64]:
+    """Wait, and return the mean resistance of the last three frames."""
+    count = max(int(seconds * 15), 3)
+    frames = [array.read(timeout_s=1.0) for _ in range(count)][-3:]
+    ohm = [pixel_resistance_ohm(f.counts, layout=array.layout, oversampling=1) for f in frames]
+    return np.asarray(np.mean(ohm, axis=0))
+
+
+def _close_until(
+    world: World,
+    gripper: TwinGripper,
+    done: Callable[[], bool],
+    *,
+    step: float,
+    kind: GripperKind,
+) -> float:
+    """Close step by step until something says so, or the hand is closed; return the closure."""
+    closed = gripper.limits.closure(gripper.state())
+    while closed < gripper.limits.span - step:
+        closed += step
+        _drive(world, gripper, closed, kind=kind)
+        if done():
+            break
+    return closed
+
+
+def _drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> None:
+    limits = gripper.limits
+    closure = min(closure, limits.span)
+    way = abs(closure - limits.closure(gripper.state()))
+    gripper.command(GripperCommand(target=limits.target(closure), rate=_RATE[kind]))
+    world.clock.sleep_s(way / _RATE[kind] + 0.05)
+
+
+def _blindly_lifted(world: World, task: Task, *, method: str) -> Gripped:
+    """Lift whatever is between the fingers, hold it, and say what came of it."""
+    world.clock.sleep_s(1.0)
+    world.lift()
+    world.clock.sleep_s(LIFTED_S)
+    world.force_n(world.now_s())
+    truth = world.truth()
+    return Gripped(
+        task=task,
+        method=method,
+        outcome="lifted",
+        lifted=True,
+        dropped=world.dropped,
+        force_n=truth.force_n,
+        damaged=damaged(world, task),
+        risk=chance_of_damage(task.obj, truth.peak_force_n),
+    )

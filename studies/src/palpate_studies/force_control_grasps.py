@@ -1,0 +1,183 @@
+"""One task gripped by the controller, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from palpate.estimate.damage import DamageModel
+from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import HORIZON_S, plan_grasp
+from palpate.grasp.result import GraspResult
+from palpate.grasp.runner import run_grasp
+from palpate.rig.simulated import calibrated
+from palpate.sensor.calibration import Calibration
+from palpate.settling.recorded import Recorded
+from palpate.signal.relative import excess_conductance
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.velostat import Environment
+from palpate.twin.world import GripperKind, World
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task, chance_of_damage
+from palpate_studies.stoppable import uninterrupted
+
+#: Near enough to the target.
+NEAR = 0.1
+#: Held so long in the air before it is given back, seconds.
+LIFTED_S = 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gripped:
+    """What came of one task; None where the method says or does nothing of the kind.
+
+    Attributes
+    ----------
+    method, outcome : str
+        How it was gripped, and how that ended.
+    force_n : float
+        True settled force of the final hold.
+    said_n, low_n, high_n : float or None
+        The settled force that was said, and its interval.
+    lifted, dropped, damaged, limited : bool
+        Whether it was lifted, fell, was pressed beyond its yield, and whether the damage limit kept
+        the force below the target.
+    known_n : float or None
+        The settled force by the sheet's law alone, if it were known how the sheet is going to
+        settle and how it wore since its calibration.
+    on_target_s : float or None
+        From contact until it was first said to be on target after the last movement.
+    touch_risk, risk : float
+        Share of such things that yield under the force at which the touch was confirmed, and under
+        the largest force of the grasp (`force_control_world.chance_of_damage`).
+    """
+
+    task: Task
+    method: str
+    outcome: str
+    force_n: float
+    lifted: bool
+    dropped: bool
+    damaged: bool
+    said_n: float | None = None
+    low_n: float | None = None
+    high_n: float | None = None
+    known_n: float | None = None
+    limited: bool = False
+    on_target_s: float | None = None
+    touch_risk: float = 0.0
+    risk: float = 0.0
+
+    @property
+    def could_bear(self) -> bool:
+        """Whether the thing would have borne the target, and what counts as near it."""
+        return self.task.obj.yield_n > (1.0 + NEAR) * self.task.target_n
+
+    @property
+    def off_target(self) -> float:
+        """Settled force over target, less 1."""
+        return self.force_n / self.task.target_n - 1.0
+
+
+def ours(task: Task, *, damage: DamageModel) -> Gripped:
+    """Grip with the controller as shipped."""
+    return _controlled(task, lambda plan: plan, method="ours", damage=damage)
+
+
+def waiting(task: Task, *, damage: DamageModel) -> Gripped:
+    """Grip with the same controller, but wait for the settled value after each movement."""
+    until_s = HORIZON_S - 0.5
+
+    def patient(plan: Plan) -> Plan:
+        return replace(
+            plan,
+            settling=Recorded(),
+            correct_after_s=until_s,
+            decide_after_s=until_s,
+            decide_by_s=until_s,
+        )
+
+    return _controlled(task, patient, method="wait 20 s after each move", damage=damage)
+
+
+def _controlled(
+    task: Task, change: Callable[[Plan], Plan], *, method: str, damage: DamageModel
+) -> Gripped:
+    world = task.world()
+    gripper, lifted, touched_n = TwinGripper(world), list[float](), list[float]()
+    known_n = list[float]()
+
+    def arm(belief: Belief) -> None:
+        if belief.phase is Phase.CONTACT and not touched_n:
+            touched_n.append(world.force_n(belief.now_s))
+        if belief.phase is Phase.HOLD and not lifted:
+            lifted.append(belief.now_s)
+            known_n.append(_known_n(task, world, belief, plan))
+            world.lift()
+
+    plan = plan_grasp(
+        _calibration(task),
+        gripper=gripper,
+        target_force_n=task.target_n,
+        lift_force_n=task.lift_n,
+        damage=damage,
+        hold_s=LIFTED_S,
+        longest_s=300.0,
+    )
+    array = TwinArray(world)
+    result = uninterrupted(
+        run_grasp(change(plan), array=array, gripper=gripper, clock=world.clock, watchers=[arm])
+    )
+    force, truth = result.force_n, world.truth()
+    return Gripped(
+        task=task,
+        method=method,
+        outcome=str(result.outcome),
+        lifted=bool(lifted),
+        dropped=world.dropped,
+        said_n=None if force is None else force.value,
+        low_n=None if force is None else force.low,
+        high_n=None if force is None else force.high,
+        known_n=known_n[0] if known_n else None,
+        limited=result.limited,
+        on_target_s=_on_target_s(result),
+        force_n=truth.force_n,
+        damaged=damaged(world, task),
+        touch_risk=chance_of_damage(task.obj, sum(touched_n)),
+        risk=chance_of_damage(task.obj, truth.peak_force_n),
+    )
+
+
+def _known_n(task: Task, world: World, belief: Belief, plan: Plan) -> float:
+    """Return what the sheet's law says of the reading to come, with the wear taken out."""
+    later = deepcopy(world)
+    later.clock.sleep_s(max(belief.moved_s + HORIZON_S - later.clock.now_s(), 0.0))
+    ohm = later.pixel_resistance_ohm(later.clock.now_s())
+    assert belief.rest_ohm is not None
+    fresh = world.sheet.gain_factor(Environment()) / world.sheet.gain_factor(task.used)
+    excess = fresh * excess_conductance(ohm, rest_ohm=belief.rest_ohm)
+    return float(plan.settled_law.force_n(plan.reading.reading(excess)).value)
+
+
+def damaged(world: World, task: Task) -> bool:
+    return world.truth().peak_force_n >= task.obj.yield_n
+
+
+def _on_target_s(result: GraspResult) -> float | None:
+    """Return the time from contact to the last statement of being on target."""
+    at = {moment.name: moment.time_s for moment in result.moments if moment.finger is None}
+    if "contact" not in at or at.get("on_target", -1.0) < at.get("adjusted", -1.0):
+        return None
+    return at["on_target"] - at["contact"] if "on_target" in at else None
+
+
+def _calibration(task: Task) -> Calibration:
+    return _calibrated(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+
+
+@lru_cache(maxsize=2)
+def _calibrated(sheet: int, level: str, kind: GripperKind) -> Calibration:
+    return calibrated(seed=sheet, level=level, apart_from="", kind=kind)

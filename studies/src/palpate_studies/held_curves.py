@@ -1,0 +1,76 @@
+"""Readings of several objects over time, at one width: Figures 8b and 9b of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.settling.result import FloatArray
+from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.objects import TwinObject
+from palpate_studies.twin_session import GAP_MM, HOLD_S, LEVELS, STILL_S, Session
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Sensor and grasps that are drawn.
+SHOWN_SENSOR, SHOWN_GRASPS = 0, 5
+
+
+def draw_curves(
+    objects: Mapping[str, TwinObject], *, width_mm: float, title: str, fixture: bool = False
+) -> Figure:
+    """Draw mean and standard deviation over a few grasps of each object, level by level.
+
+    Parameters
+    ----------
+    objects : mapping of str to TwinObject
+        Label -> what is grasped.
+    width_mm : float
+        Width that the fingers close to.
+    title : str
+        The figure of the paper.
+    fixture : bool
+        Whether objects lie in the middle, within 1 mm.
+    """
+    from palpate.plots.style import AMBER, BLUE, GREEN, ORANGE, PURPLE, SKY, new_figure
+
+    with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
+        for axis, level in zip(axes[0], LEVELS, strict=True):
+            colours = (PURPLE, GREEN, ORANGE, BLUE, SKY, AMBER)
+            for (label, obj), colour in zip(objects.items(), colours, strict=False):
+                time_s, curves = _curves(obj, level, width_mm=width_mm, fixture=fixture)
+                mean, sd = curves.mean(axis=0), curves.std(axis=0, ddof=1)
+                axis.fill_between(time_s, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
+                axis.plot(time_s, mean, "--", color=colour, label=label)
+            axis.set(
+                xlabel="time from actuation (s)",
+                ylabel="mean relative change (%)",
+                title=f"{title}, simulated, level {level}",
+                ylim=(-102, 25),
+            )
+        axes[0, 0].legend(ncols=2, loc="upper right", fontsize=7)
+    return figure
+
+
+def _curves(
+    obj: TwinObject, level: str, *, width_mm: float, fixture: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return times and mean relative change of a few grasps, shape (grasps, times)."""
+    session = Session(SHOWN_SENSOR, level=level)
+    session.place(obj, fixture=fixture)
+    curves = []
+    for _ in range(SHOWN_GRASPS):
+        session.close_to(obj.size_mm + GAP_MM)
+        session.world.clock.sleep_s(STILL_S)
+        rest_ohm = session.mean_ohm()
+        session.close_to(width_mm)
+        ohm = session.read(HOLD_S)
+        curves.append(mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)))
+        session.gripper.release()
+        session.world.clock.sleep_s(HOLD_S)
+    shortest = min(map(len, curves))
+    time_s = np.arange(1, shortest + 1) / session.world.frame_rate_hz
+    return time_s, np.array([curve[:shortest] for curve in curves])

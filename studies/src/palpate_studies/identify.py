@@ -1,0 +1,196 @@
+"""A mixed crate: what each item is, by touch alone, and what is none of the kinds taught."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.produce.identify import FALSE_REJECT, Identifier, TaughtItem
+from palpate.produce.identify_result import UNKNOWN
+from palpate.produce.identify_store import touches_of
+from palpate_studies.identify_baselines import nearest_mean, size_thresholds
+from palpate_studies.identify_data import (
+    LEVELS,
+    SORTED_GRASPS,
+    CrateItemGrasps,
+    measured_crates,
+    read_crates,
+    write_crates,
+)
+from palpate_studies.identify_tables import (
+    Answer,
+    as_row,
+    confusion,
+    confusion_table,
+    counted,
+    points,
+    reliability,
+    strangers_table,
+    summary_table,
+)
+from palpate_studies.plots.identify import confusion_figure, kinds_figure, reliability_figure
+from palpate_studies.report import JsonOption, OutOption, StudyReport
+
+#: Items of each kind that teach. A packhouse has that many at hand.
+TAUGHT = 10
+#: Seeds of the sensors; others were used while this was made, and for earlier figures.
+FIRST_SENSOR = 910
+
+SensorsOption = Annotated[
+    int, typer.Option(help="Sensors and crates of each level; the published figures: 3.", min=1)
+]
+ItemsOption = Annotated[
+    int, typer.Option(help="Items of each kind in a crate; the published figures: 6.", min=1)
+]
+CratesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--crates", help="crates.json of an earlier --out, instead of grasping.", metavar="FILE"
+    ),
+]
+
+
+def command(
+    sensors: SensorsOption = 1,
+    items: ItemsOption = 2,
+    crates: CratesOption = None,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Tell the kinds of a mixed crate, strangers among them, from one to three grasps.
+
+    Example: palpate study identify --out reports
+    """
+    found = crates_of(crates, sensors=sensors, items=items)
+    report(found).emit(as_json=as_json, out=out)
+    if out is not None:
+        write_crates(found, out / "crates.json")
+
+
+def crates_of(path: Path | None, *, sensors: int, items: int) -> list[CrateItemGrasps]:
+    """Return crates from a file, or grasp them."""
+    if path is not None:
+        return read_crates(path)
+    return [
+        item
+        for level in LEVELS
+        for sensor in range(FIRST_SENSOR, FIRST_SENSOR + sensors)
+        for item in measured_crates(level=level, sensor=sensor, taught=TAUGHT, sorted_items=items)
+    ]
+
+
+def taught_items(crates: Sequence[CrateItemGrasps]) -> list[TaughtItem]:
+    """Return what teaches, as the identifier takes it."""
+    return [
+        TaughtItem(
+            kind=item.kind, touches=touches_of([one.grasp for one in item.grasps], drive="width")
+        )
+        for item in crates
+        if item.teaches
+    ]
+
+
+def answers(crates: Sequence[CrateItemGrasps]) -> list[Answer]:
+    """Let every method name every item of the crates, each level and sensor on its own."""
+    found = []
+    for level in sorted({item.level for item in crates}, key=LEVELS.index):
+        of_level = [item for item in crates if item.level == level]
+        for sensor in sorted({item.sensor for item in of_level}):
+            mine = [item for item in of_level if item.sensor == sensor]
+            others = [item for item in of_level if item.sensor != sensor]
+            found += _by_sensor(mine, others, level=level)
+    return found
+
+
+def _by_sensor(
+    mine: Sequence[CrateItemGrasps], others: Sequence[CrateItemGrasps], *, level: str
+) -> list[Answer]:
+    """Let every method, taught on this sensor, name its crate; ours also taught on the others."""
+    teaching = [item for item in mine if item.teaches]
+    sorting = [item for item in mine if not item.teaches]
+    found = []
+    for method, guess in (
+        ("size thresholds", size_thresholds(teaching)),
+        ("nearest mean", nearest_mean(teaching)),
+    ):
+        for item in sorting:
+            measured = item.grasps[0].grasp.measurements
+            said = guess(measured) if len(measured) == 4 else UNKNOWN
+            found.append(Answer(level=level, method=method, item=item, said=said))
+    known = Identifier(taught_items(teaching))
+    for count in range(1, SORTED_GRASPS + 1):
+        method = f"ours, {count} grasp{'s' if count > 1 else ''}"
+        found += _ours(known, sorting, method=method, level=level, count=count)
+    if others:
+        abroad = Identifier(taught_items(others))
+        found += _ours(
+            abroad,
+            sorting,
+            method="ours, taught on other sensors",
+            level=level,
+            count=SORTED_GRASPS,
+        )
+    return found
+
+
+def _ours(
+    known: Identifier, items: Sequence[CrateItemGrasps], *, method: str, level: str, count: int
+) -> list[Answer]:
+    found = []
+    for item in items:
+        touches = touches_of([one.grasp for one in item.grasps[:count]], drive="width")
+        identity = known.identify(touches) if touches else None
+        said = UNKNOWN if identity is None else identity.kind
+        found.append(Answer(level=level, method=method, item=item, said=said, identity=identity))
+    return found
+
+
+def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
+    """Put the answers into tables and figures."""
+    said = answers(crates)
+    levels = [level for level in LEVELS if any(item.level == level for item in crates)]
+    methods = list(dict.fromkeys(one.method for one in said))
+    summary = [
+        counted([one for one in said if (one.level, one.method) == (level, method)])
+        for level in levels
+        for method in methods
+        if any((one.level, one.method) == (level, method) for one in said)
+    ]
+    last = f"ours, {SORTED_GRASPS} grasps"
+    best = [one for one in said if one.method == last]
+    sensors = len({(item.level, item.sensor) for item in crates})
+    return StudyReport(
+        name="identify",
+        title="What is it? Kinds of a mixed crate by size and stiffness (simulated)",
+        provenance=(
+            f"Simulated: {sensors} sensors and grippers, each calibrated by a user's steps, then "
+            "taught with items of each kind (two grasps each), then a crate that it never saw. "
+            "Every measurement is that of a grasp by the controller; nothing is told of the truth.",
+            "Ranges of the kinds were fixed beforehand (palpate.twin.produce_ranges). Several "
+            "kinds overlap in both size and stiffness, and strangers may feel like a taught kind.",
+        ),
+        tables=[
+            summary_table(summary),
+            strangers_table(best, levels),
+            *[confusion_table([o for o in best if o.level == level], level) for level in levels],
+        ],
+        payload={
+            "simulated": True,
+            "false_reject": FALSE_REJECT,
+            "summary": summary,
+            "reliability": {level: reliability(best, level) for level in levels},
+            "rows": [as_row(one) for one in best],
+        },
+        figures={
+            "identify-confusion": lambda: confusion_figure(
+                {level: confusion(best, level) for level in levels}
+            ),
+            "identify-kinds": lambda: kinds_figure(points(crates, levels)),
+            "identify-reliability": lambda: reliability_figure(
+                {level: reliability(best, level) for level in levels}
+            ),
+        },
+    )

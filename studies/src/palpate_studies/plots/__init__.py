@@ -1,0 +1,1 @@
+"""Figures that only studies draw, in the style of `palpate.plots`."""

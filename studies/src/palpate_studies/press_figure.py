@@ -1,0 +1,51 @@
+"""The best, the median and the worst press, as the observer and a static law followed them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate_studies.press_follow import Followed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def draw_followed(
+    observed: Sequence[Followed], static: Sequence[Followed], *, stretched: bool = False
+) -> Figure:
+    """Draw the observer's best, median and worst press, the static law's answer beside it.
+
+    What is stretched loses some percent of its force: shown large, not from 0 on.
+    """
+    from matplotlib.figure import Figure
+
+    order = np.argsort([np.median(np.abs(one.log_error)) for one in observed])
+    places = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}
+    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
+    for panel, (name, place) in zip(figure.subplots(1, 3), places.items(), strict=True):
+        _draw_press(panel, observed[place], static[place])
+        press = observed[place].press
+        which = "" if stretched else f", press {press.press}"
+        panel.set_title(f"{name}: {press.recording_id}{which}", fontsize=8)
+        panel.set(xlabel="time since told, s", ylabel="force, N")
+        if not stretched:
+            panel.set_ylim(0, None)
+        panel.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].legend(frameon=False, fontsize=8, loc="best")
+    return figure
+
+
+def _draw_press(panel: Any, observed: Followed, static: Followed) -> None:
+    trace = observed.press.trace
+    clock = trace.time_s - trace.time_s[trace.told]
+    shown = clock > -0.6
+    panel.plot(clock[shown], trace.force_n[shown], color="#222222", lw=1.6, label="load cell")
+    panel.plot([0], [observed.told_n], "o", color="#222222", ms=5, label="told")
+    panel.fill_between(
+        observed.time_s, observed.low_n, observed.high_n, color="#0072B2", alpha=0.2, lw=0
+    )
+    panel.plot(observed.time_s, observed.value_n, color="#0072B2", lw=1.3, label="observer")
+    panel.plot(static.time_s, static.value_n, color="#D55E00", lw=1.1, ls="--", label="static")

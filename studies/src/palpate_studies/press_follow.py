@@ -1,0 +1,82 @@
+"""Run a model over a press as if it came in live, and compare with the load cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimate.creep import FloatArray
+from palpate.estimate.observer import ForceObserver, ObserverModel
+from palpate_studies.press_data import Press
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Followed:
+    """What a model said of a press, at each sample after the force was told.
+
+    Attributes
+    ----------
+    press : Press
+        The press.
+    value_n, low_n, high_n : ndarray, shape (n_after,)
+        Force and the ends of its interval, newtons.
+    """
+
+    press: Press
+    value_n: FloatArray
+    low_n: FloatArray
+    high_n: FloatArray
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Seconds since the force was told."""
+        trace = self.press.trace
+        return np.asarray(trace.time_s[trace.told + 1 :] - trace.time_s[trace.told])
+
+    @property
+    def told_n(self) -> float:
+        """Force that was told, newtons."""
+        return float(self.press.trace.force_n[self.press.trace.told])
+
+    @property
+    def truth_n(self) -> FloatArray:
+        """Force of the load cell, newtons."""
+        return self.press.trace.force_n[self.press.trace.told + 1 :]
+
+    @property
+    def log_error(self) -> FloatArray:
+        """ln(estimated / true force)."""
+        return np.asarray(np.log(self.value_n / self.truth_n))
+
+    @property
+    def last_held_log_error(self) -> float:
+        """Error at the last sample before the release; of the first where none was held."""
+        return float(self.log_error[max(self.press.last_held - self.press.trace.told - 1, 0)])
+
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """Whether the interval holds the true force."""
+        return (self.low_n <= self.truth_n) & (self.truth_n <= self.high_n)
+
+
+def follow(press: Press, model: ObserverModel, *, level: float = 0.9) -> Followed:
+    """Run the observer over a press, frame by frame, and keep what it said after it was told."""
+    observer = ForceObserver(model, level=level)
+    trace = press.trace
+    said = []
+    for k, time_s in enumerate(trace.time_s):
+        one = slice(k, k + 1)
+        now = observer.step(
+            float(time_s),
+            trace.excess[one],
+            resolution=trace.resolution[one],
+            deformation=None if trace.deformation is None else trace.deformation[one],
+        )
+        if k == trace.told:
+            observer.tell(trace.force_n[one])
+        elif k > trace.told:
+            said.append((now.value_n[0], now.low_n[0], now.high_n[0]))
+    value, low, high = np.array(said).T
+    return Followed(press=press, value_n=value, low_n=low, high_n=high)

@@ -1,0 +1,205 @@
+"""Force now under real presses: told once, then from resistance alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import numpy as np
+import typer
+
+from palpate.errors import InputError
+from palpate.estimate.observer_fit import fit_observer
+from palpate_studies.press_data import TOLD_SHARE, Press, read_presses
+from palpate_studies.press_figure import draw_followed
+from palpate_studies.press_follow import Followed, follow
+from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.stretches import follow_stretches, read_stretches, stretch_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FOLDS = 5
+LEVEL = 0.9
+#: Model -> whether it remembers.
+MODELS: Mapping[str, bool] = {"static": False, "observer": True}
+
+Rows: TypeAlias = list[dict[str, Any]]
+
+
+def command(
+    recordings: Annotated[
+        Path, typer.Option(help="Recordings of presses to learn from.", metavar="CSV")
+    ],
+    test_recordings: Annotated[
+        Path | None,
+        typer.Option(help="Recordings to follow; without, 5 folds by setting.", metavar="CSV"),
+    ] = None,
+    stretch_resistance: Annotated[
+        Path | None,
+        typer.Option(help="Resistance of stretched rubber, to follow its force.", metavar="HOLDS"),
+    ] = None,
+    stretch_force: Annotated[
+        Path | None, typer.Option(help="Force of the same holds.", metavar="HOLDS")
+    ] = None,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Follow the force of real presses from resistance, told the force once in each.
+
+    Example: palpate study presses --recordings presses.csv.gz
+    """
+    if (stretch_resistance is None) != (stretch_force is None):
+        raise InputError("--stretch-resistance and --stretch-force go together; give both")
+    stretches = (
+        read_stretches(stretch_resistance, force=stretch_force)
+        if stretch_resistance and stretch_force
+        else []
+    )
+    known = read_presses(recordings)
+    if test_recordings is None:
+        splits = _folds(known)
+        split = f"{FOLDS} folds by setting: a setting's repeats are left out together."
+    else:
+        tested = read_presses(test_recordings)
+        splits = [(known, tested)]
+        shared = {p.recording_id for p in known} & {p.recording_id for p in tested}
+        split = f"Learned from {recordings}, followed on {test_recordings}" + (
+            f"; {len(shared)} recordings are in both, so those errors are of the fit."
+            if shared
+            else ", no recording in both."
+        )
+    followed: dict[str, list[Followed]] = {name: [] for name in MODELS}
+    for train, tested in splits:
+        for name, memory in MODELS.items():
+            model = fit_observer([press.trace for press in train], memory=memory)
+            followed[name] += [follow(press, model, level=LEVEL) for press in tested]
+    report = _report(followed, split=split)
+    report = _with_stretches(report, stretches) if stretches else report
+    report.emit(as_json=as_json, out=out)
+
+
+def _folds(presses: Sequence[Press]) -> list[tuple[list[Press], list[Press]]]:
+    settings = list(dict.fromkeys(press.trace.group for press in presses))
+    splits = []
+    for fold in (settings[k::FOLDS] for k in range(min(FOLDS, len(settings)))):
+        inside = [press for press in presses if press.trace.group not in fold]
+        splits.append((inside, [press for press in presses if press.trace.group in fold]))
+    return splits
+
+
+def _rows(followed: Mapping[str, Sequence[Followed]]) -> Rows:
+    return [
+        {
+            "recording_id": one.press.recording_id,
+            "press": one.press.press,
+            "model": model,
+            "median_abs_log_error": float(np.median(np.abs(one.log_error))),
+            "final_log_error": float(one.log_error[-1]),
+            "last_held_log_error": one.last_held_log_error,
+            "coverage": float(np.mean(one.covered)),
+            "final_covered": bool(one.covered[-1]),
+        }
+        for model, each in followed.items()
+        for one in each
+    ]
+
+
+def _summary(rows: Rows, settings: Mapping[str, str]) -> Rows:
+    summary: Rows = []
+    for setting in ("all", *dict.fromkeys(settings.values())):
+        for model in MODELS:
+            mine = [
+                row
+                for row in rows
+                if row["model"] == model and setting in ("all", settings[row["recording_id"]])
+            ]
+            columns = {key: np.array([row[key] for row in mine]) for key in mine[0]}
+            summary.append(
+                {
+                    "setting": setting,
+                    "model": model,
+                    "presses": len(mine),
+                    "median_abs_log_error": float(np.median(columns["median_abs_log_error"])),
+                    "final_log_error": float(np.median(np.abs(columns["final_log_error"]))),
+                    "last_held_log_error": float(np.median(np.abs(columns["last_held_log_error"]))),
+                    "coverage": float(np.mean(columns["coverage"])),
+                    "final_coverage": float(np.mean(columns["final_covered"])),
+                }
+            )
+    return summary
+
+
+def _references(followed: Sequence[Followed]) -> dict[str, float]:
+    """Return the median error of two answers that read no sensor at all."""
+    rises = [np.log(one.truth_n / one.told_n) for one in followed]
+    plateau = -np.log(TOLD_SHARE)
+    return {
+        "told_force_held": float(np.median([np.median(np.abs(rise)) for rise in rises])),
+        "told_force_over_told_share": float(
+            np.median([np.median(np.abs(rise - plateau)) for rise in rises])
+        ),
+    }
+
+
+def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyReport:
+    rows = _rows(followed)
+    observed = followed["observer"]
+    settings = {one.press.recording_id: one.press.trace.group for one in observed}
+    summary = _summary(rows, settings)
+    references = _references(observed)
+    columns = (
+        ("median_abs_log_error", "abs ln error"),
+        ("final_log_error", "at the end"),
+        ("last_held_log_error", "before release"),
+        ("coverage", "coverage"),
+        ("final_coverage", "coverage, end"),
+    )
+    table = Table(
+        title="Force after it was told, medians over presses",
+        columns=("setting", "model", "presses", *(title for _, title in columns)),
+        rows=[
+            [one["setting"], one["model"], str(one["presses"])]
+            + [f"{one[key]:.3f}" for key, _ in columns]
+            for one in summary
+        ],
+    )
+    return StudyReport(
+        name="presses",
+        title="Force now on real Velostat under a robot's presses",
+        provenance=(
+            f"Real recordings with a reference load cell. {split}",
+            "Both models are told the force once per press, then see resistance alone. The end of "
+            "a press is inside its release, which lasts two or three samples.",
+            "No sensor at all: the told force held errs by "
+            f"{references['told_force_held']:.3f} in the median. The moment of telling gives the "
+            f"plateau away: told / {TOLD_SHARE:g} would err by "
+            f"{references['told_force_over_told_share']:.3f}; no model here uses that.",
+        ),
+        tables=[table],
+        payload={"rows": rows, "summary": summary, "references": references, "level": LEVEL},
+        figures={"presses": lambda: draw_followed(followed["observer"], followed["static"])},
+    )
+
+
+def _with_stretches(report: StudyReport, stretches: Sequence[Press]) -> StudyReport:
+    followed = follow_stretches(stretches, level=LEVEL)
+    table, rows = stretch_table(stretches, followed)
+
+    def draw() -> Figure:
+        return draw_followed(followed["observer"], followed["static"], stretched=True)
+
+    return replace(
+        report,
+        provenance=(
+            *report.provenance,
+            "Stretches: the observer also knows that the clip stands still, so that the rubber "
+            "relaxes by itself; `sheet alone` does not. The last two rows of each specimen are "
+            "bounds, not estimators.",
+        ),
+        tables=[*report.tables, table],
+        payload={**report.payload, "stretches": rows},
+        figures={**report.figures, "stretches": draw},
+    )

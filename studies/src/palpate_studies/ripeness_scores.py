@@ -1,0 +1,207 @@
+"""Judgements of fruits beside the truth: ours, with and without reference, and naive ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from palpate.errors import InputError
+from palpate.produce.reference_object import Drift
+from palpate.produce.ripeness import judge_by_first_day
+from palpate.produce.ripeness_stages import RIPE, STAGES, Boundaries
+from palpate.twin.avocado import Avocado
+from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N
+from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
+from palpate_studies.ripeness_station import DAYS
+
+FloatArray = NDArray[np.float64]
+
+#: Ways to judge -> what they are.
+WAYS = {
+    "ours": "course and labels, drift taken out by the reference object",
+    "ours, no reference": "the same without the reference object",
+    "one day alone": "firmness of that day against learned boundaries, reference used",
+    "own first day": "no labels: softening since the item's first day, reference used",
+    "settled change": "the paper's way: change at one width or pressure, learned thresholds",
+}
+
+
+#: Distances from a boundary (ln of the force at 1 mm) between which errors are told apart.
+MARGINS = (0.0, np.log(1.1), np.log(1.25), np.log(1.5), np.inf)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """One fruit on one day, judged in every way; stages as numbers, firmest 0.
+
+    Attributes
+    ----------
+    truth : int
+        True stage.
+    said : dict of str to int
+        By way; -1 where that way does not exist.
+    wait_days : float
+        True days until ripe, 0 and below where it is.
+    value_days, low_days, high_days : float
+        What ours said of it, with the reference object.
+    day : int
+        Which morning.
+    margin : float
+        How far the true firmness is from the nearest boundary, ln of the force at 1 mm.
+    grasps : int
+        How often it was grasped that day.
+    possible : float
+        Probability that as many grasps that day, measured without any error, fall into the true
+        stage: each meets another spot of the fruit.
+    """
+
+    truth: int
+    said: dict[str, int]
+    wait_days: float
+    value_days: float
+    low_days: float
+    high_days: float
+    day: int
+    margin: float
+    grasps: int
+    possible: float
+
+
+def judged(felt: Felt) -> list[Judged]:
+    """Judge every fruit that was not labelled, on every day by its days up to then."""
+    drift = drift_of(felt)
+    with_reference, without = (rule_of(felt, one) for one in (drift, None))
+    single = _single_day(felt, drift)
+    published, sign = _published(felt)
+    found = []
+    for number, fruit in enumerate(felt.others):
+        days, raw = (days_of(felt, f"fruit-{number}", one) for one in (drift, None))
+        for count in range(1, len(days) + 1):
+            day = round(days[count - 1].day)
+            ours = with_reference.judge(days[:count])
+            wait = ours.days_to_ripe
+            if wait is None:
+                raise InputError("a rule from labels always knows the course")
+            own = -1
+            if felt.grasps[0].drive == "width":
+                own = STAGES.index(judge_by_first_day(days[:count]).stage)
+            change = felt.as_published[f"fruit-{number}", day]
+            found.append(
+                Judged(
+                    truth=STAGES.index(fruit.stage(day)),
+                    said={
+                        "ours": STAGES.index(ours.stage),
+                        "ours, no reference": STAGES.index(without.judge(raw[:count]).stage),
+                        "one day alone": _likeliest(single, days[count - 1].firmness),
+                        "own first day": own,
+                        "settled change": _likeliest(published, sign * change),
+                    },
+                    wait_days=fruit.day_of(RIPE) - day,
+                    value_days=wait.value,
+                    low_days=wait.low,
+                    high_days=wait.high,
+                    day=day,
+                    grasps=days[count - 1].grasps,
+                    **_limits(fruit, day=day, grasps=days[count - 1].grasps),
+                )
+            )
+    return found
+
+
+def _limits(fruit: Avocado, *, day: int, grasps: int) -> dict[str, float]:
+    """Return margin and possible share, as of `Judged`."""
+    bounds = np.array([np.inf, *np.log(AVOCADO_BOUNDS_N), -np.inf])
+    above = np.log(fruit.force_at_1mm_n(day)) - bounds
+    stage = STAGES.index(fruit.stage(day))
+    spread = fruit.spot_log_sd / np.sqrt(grasps)
+    softer, firmer = norm.cdf(-above[[stage + 1, stage]] / spread)
+    return {"margin": float(np.abs(above).min()), "possible": float(firmer - softer)}
+
+
+def scores(rows: Sequence[Judged]) -> dict[str, Any]:
+    """Return exact and within-one shares of each way, and what the days to ripe are worth."""
+    found: dict[str, Any] = {"fruit_days": len(rows)}
+    for way in WAYS:
+        off = np.array([abs(row.truth - row.said[way]) for row in rows if row.said[way] >= 0])
+        found[way] = (
+            {"exact": float(np.mean(off == 0)), "within_one": float(np.mean(off <= 1))}
+            if off.size
+            else None
+        )
+    found["grasps_a_day"] = float(np.mean([row.grasps for row in rows]))
+    found["possible"] = float(np.mean([row.possible for row in rows]))
+    found["by_margin"] = _by_margin(rows)
+    waiting = [row for row in rows if row.wait_days > 0]
+    found["days_to_ripe"] = {
+        "fruit_days": len(waiting),
+        "coverage": float(np.mean([r.low_days <= r.wait_days <= r.high_days for r in waiting])),
+        "median_abs_error_days": float(
+            np.median([abs(r.value_days - r.wait_days) for r in waiting])
+        ),
+        "median_width_days": float(np.median([r.high_days - r.low_days for r in waiting])),
+    }
+    return found
+
+
+def ours_exact(rows: Sequence[Judged]) -> float:
+    """Return the share of fruit days of which ours is the true stage."""
+    return float(np.mean([row.said["ours"] == row.truth for row in rows]))
+
+
+def _by_margin(rows: Sequence[Judged]) -> list[dict[str, float]]:
+    """Say how often ours is exact by how far the fruit is from a boundary."""
+    found = []
+    for low, high in pairwise(MARGINS):
+        there = [row for row in rows if low <= row.margin < high]
+        if there:
+            found.append(
+                {
+                    "from_percent": 100 * float(np.expm1(low)),
+                    "fruit_days": len(there),
+                    "exact": ours_exact(there),
+                    "possible": float(np.mean([row.possible for row in there])),
+                }
+            )
+    return found
+
+
+def confusion(rows: Sequence[Judged]) -> NDArray[np.int64]:
+    """Return counts of true stage (rows) against ours (columns)."""
+    table = np.zeros((len(STAGES), len(STAGES)), dtype=np.int64)
+    for row in rows:
+        table[row.truth, row.said["ours"]] += 1
+    return table
+
+
+def _single_day(felt: Felt, drift: Drift) -> Boundaries:
+    known = [(fruit, day) for fruit, days in labelled_of(felt, drift) for day in days]
+    return Boundaries.learn(
+        [day.firmness for _, day in known], [fruit.stage(round(day.day)) for fruit, day in known]
+    )
+
+
+def _published(felt: Felt) -> tuple[Boundaries, float]:
+    """Learn thresholds on the settled change from the same labels as ours, and its direction.
+
+    Under one pressure a ripe fruit may read more than a hard one, for it lies against more pixels.
+    """
+    known = [
+        (change, fruit.stage(day))
+        for number, fruit in enumerate(felt.labelled)
+        for day in range(DAYS)
+        if (change := felt.as_published.get((f"labelled-{number}", day))) is not None
+    ]
+    changes, labels = np.array([change for change, _ in known]), [label for _, label in known]
+    ranks = [STAGES.index(label) for label in labels]
+    sign = -float(np.sign(np.cov(changes, ranks)[0, 1])) or 1.0
+    return Boundaries.learn(sign * changes, labels), sign
+
+
+def _likeliest(rule: Boundaries, firmness: float) -> int:
+    return int(np.argmax(rule.probabilities(firmness)))

@@ -1,0 +1,282 @@
+"""A bench at which avocados of the twin are felt on some mornings, by a sensor that also ages.
+
+Each fruit lies in a nest that centres it, as does the reference object, a rubber ball that is felt
+first every morning. Between mornings the same hand grasps other things all day. Everything goes
+through devices, controller and a calibration made by a user's steps; what is handed on is what a
+store would keep, with the twin's truth beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from uuid import UUID
+
+import numpy as np
+
+from palpate.grasp.belief import Observation
+from palpate.grasp.calibrating import measure_rest
+from palpate.grasp.planning import HORIZON_S, plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.interface import GripperCommand
+from palpate.produce.closing_firmness import ClosingWatch
+from palpate.produce.felt_pixels import felt_pixels
+from palpate.produce.firmness import RIPENESS_N
+from palpate.produce.held_at import held_at
+from palpate.produce.records import Drive, Grasp
+from palpate.produce.ripeness import RipenessRule
+from palpate.produce.shared_load import shared_pixels
+from palpate.rig.simulated import calibrated
+from palpate.rig.twin_bench import twin_bench
+from palpate.sensor.calibration import RestValues
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.settling.result import FloatArray
+from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.avocado import Avocado, draw_avocado
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import TwinObject, draw_object
+from palpate.twin.produce_ranges import AVOCADO_STAGES, STATION
+from palpate.twin.ranges import uniform
+from palpate.twin.velostat import Environment
+from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
+from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, days_of, drift_of, rule_of
+from palpate_studies.stoppable import uninterrupted
+
+#: Mornings; grasps of a labelled fruit on each, as many as the paper's; of the reference object.
+DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 10, 30
+#: A fruit to be judged is grasped so often, and again while its stage is unsure, up to so many
+#: times on one day.
+GRASPS_AT_ONCE, MOST_GRASPS = 3, 30
+REFERENCE = "ball-44lbs"
+#: The labelled fruits are felt first; the others come a week later, when the sensor is older.
+LATER_DAYS = 7
+_FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
+#: A fruit is laid into the nest, and the sheet forgets the last one: as long as it reads so many
+#: percent below its rest, the user waits once more, but not for ever.
+_PAUSE_S, _REMEMBERS, _LONGEST_PAUSE_S = 5.0, -5.0, 30.0
+#: The fingers wait so far from it, by eye.
+_GAP_MM = 3.0
+#: Steps of the squeeze, newtons: five to the grip force.
+_FORCE_STEP_N = 1.2
+#: Slower than the paper's 15 Hz: thousands of grasps are worked out frame by frame.
+_FRAME_RATE_HZ = 10.0
+#: The paper's way: closure beyond a caliper's size, or pressure, the same on all days; and the time
+#: over which readings are averaged.
+_CLOSED_BY_MM, _PRESSURE_KPA, _MEAN_S = 3.0, 28.0, 0.5
+
+
+def run_station(
+    sensor: int, *, level: str, gripper: GripperKind, aging: bool, labelled: int, others: int
+) -> Felt:
+    """Feel some fruits on four mornings each; `aging` switches wear and weather on.
+
+    More fruits than `labelled` are labelled where these do not show every stage.
+    """
+    rng = np.random.default_rng([sensor, 31])
+    bench = _Bench(sensor, level=level, gripper=gripper)
+    first = draw_labelled(rng, labelled)
+    second = tuple(draw_avocado(rng) for _ in range(others))
+    weather = np.random.default_rng([sensor, 32])
+    # A new sheet was pressed some sixty times for its calibration.
+    cycles = 60.0
+    rule = None
+    for begins, fruits, name in ((0, first, "labelled"), (LATER_DAYS, second, "fruit")):
+        if first and name == "fruit":
+            rule = rule_of(learned := bench.kept(first), drift_of(learned))
+        for day in range(DAYS if fruits else 0):
+            surroundings = Environment()
+            if aging:
+                surroundings = Environment(
+                    temperature_c=uniform(weather, STATION.temperature_c),
+                    humidity_percent=uniform(weather, STATION.humidity_percent),
+                    cycles=int(cycles),
+                )
+                cycles += uniform(weather, STATION.cycles_per_day)
+            bench.morning(begins + day, surroundings=surroundings)
+            # Half before the fruit and half after it: the servo warms up on the way.
+            bench.feel_reference(REFERENCE_GRASPS // 2)
+            bench.feel_fruits(fruits, name=name, day=day, rule=rule)
+            bench.feel_reference(REFERENCE_GRASPS - REFERENCE_GRASPS // 2)
+        cycles += (LATER_DAYS - DAYS) * uniform(weather, STATION.cycles_per_day)
+    return bench.kept(first, second)
+
+
+def draw_labelled(rng: np.random.Generator, fewest: int) -> tuple[Avocado, ...]:
+    """Draw fruits until there are enough and, if there are any, they show every stage in time."""
+    drawn = [draw_avocado(rng) for _ in range(fewest)]
+    while drawn and {one.stage(day) for one in drawn for day in range(DAYS)} != set(AVOCADO_STAGES):
+        drawn.append(draw_avocado(rng))
+    return tuple(drawn)
+
+
+class _Bench:
+    """One sensor on one gripper; a new world every morning."""
+
+    def __init__(self, sensor: int, *, level: str, gripper: GripperKind) -> None:
+        self._sensor, self._level, self._gripper = sensor, level, gripper
+        self.calibration = calibrated(seed=sensor, level=level, apart_from=REFERENCE, kind=gripper)
+        self.grasps: list[Grasp] = []
+        self.damaged = 0
+        self.as_published: dict[tuple[str, int], float] = {}
+        self._ids = np.random.default_rng([sensor, 33])
+        self._reference = draw_object(np.random.default_rng([sensor, 34]), REFERENCE)
+
+    def morning(self, day: int, *, surroundings: Environment) -> None:
+        """Begin a day: a new world around the same sensor, in these surroundings.
+
+        Weather and wear move the rest values, so these are taken anew with the hand empty
+        (`palpate calibrate rest`): to a grasp, a sheet that reads a sixth lower looks pressed.
+        """
+        self._day, self._surroundings = day, surroundings
+        self._rng = np.random.default_rng([self._sensor, 35, day])
+        self._world = World(
+            None,
+            seed=self._sensor * 1000 + day + 500_000_000,
+            sheet_seed=self._sensor,
+            level=self._level,
+            gripper=self._gripper,
+            environment=surroundings,
+            frame_rate_hz=_FRAME_RATE_HZ,
+        )
+        calibration = replace(self.calibration, rest=_rest_of(self._world))
+        self._array, self._hand = TwinArray(self._world), TwinGripper(self._world)
+        self._plan = plan_grasp(
+            calibration,
+            gripper=self._hand,
+            target_force_n=RIPENESS_N,
+            force_step_n=_FORCE_STEP_N,
+            hold_s=0.0,
+        )
+
+    def feel_reference(self, times: int) -> None:
+        """Grasp the object that does not ripen."""
+        for _ in range(times):
+            self._feel(self._reference, item_id=REFERENCE_ID)
+
+    def feel_fruits(
+        self, fruits: Sequence[Avocado], *, name: str, day: int, rule: RipenessRule | None
+    ) -> None:
+        """Grasp each fruit as a user would, and once more in the paper's way."""
+        for number, fruit in enumerate(fruits):
+            item_id, times = f"{name}-{number}", 0
+            at_once = LABELLED_GRASPS if rule is None else GRASPS_AT_ONCE
+            while times == 0 or (times < MOST_GRASPS and self._unsure(item_id, rule=rule)):
+                for _ in range(at_once):
+                    self._feel(fruit.spot(day, rng=self._rng), item_id=item_id)
+                times += at_once
+            spot = fruit.spot(day, rng=self._rng)
+            self.as_published[item_id, day] = self._settled_percent(spot, fruit=fruit)
+
+    def kept(self, labelled: tuple[Avocado, ...], others: tuple[Avocado, ...] = ()) -> Felt:
+        """Return all that was felt so far."""
+        return Felt(
+            calibration=self.calibration,
+            labelled=labelled,
+            others=others,
+            grasps=tuple(self.grasps),
+            damaged=self.damaged,
+            as_published=self.as_published,
+        )
+
+    def _unsure(self, item_id: str, *, rule: RipenessRule | None) -> bool:
+        """Whether the fruit's stage is in doubt by what was felt up to now."""
+        if rule is None:
+            return False
+        felt = self.kept(())
+        days = days_of(felt, item_id, drift_of(felt))
+        return not days or rule.judge(days).unsure
+
+    def _wait_near(self, size_mm: float) -> None:
+        """Bring the fingers near what lies in the nest, and let the sheet come to rest."""
+        limits = self._plan.gripper
+        gap_mm = math.ceil(size_mm) + _GAP_MM - OPEN_MM
+        target = limits.highest + gap_mm if limits.drive == "width" else -gap_mm / SOFT_MM_PER_KPA
+        self._hand.command(GripperCommand(target=target, rate=self._plan.rate))
+        give_up_s = self._world.clock.now_s() + _LONGEST_PAUSE_S
+        self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
+        while self._remembered_percent() < _REMEMBERS and self._world.clock.now_s() < give_up_s:
+            self._array.skip_until(self._world.clock.now_s() + _PAUSE_S)
+
+    def _remembered_percent(self) -> float:
+        """Return how far the open hand still reads below the morning's rest values."""
+        now_ohm = self._mean_ohm(after_s=0.0)
+        return float(mean_change(relative_change_percent(now_ohm, rest_ohm=self._plan.rest_ohm)))
+
+    def _settled_percent(self, spot: TwinObject, *, fruit: Avocado) -> float:
+        """Close on a fruit as the paper does, and return what has settled after 20 s."""
+        target = _PRESSURE_KPA
+        if self._gripper == "rigid":
+            target = round(fruit.size_mm) - _CLOSED_BY_MM
+        self._world.place(spot, fixture=True)
+        rest_ohm = self._mean_ohm(after_s=_PAUSE_S)
+        self._hand.command(GripperCommand(target=target, rate=40.0))
+        held_ohm = self._mean_ohm(after_s=HORIZON_S - _MEAN_S)
+        self._hand.release()
+        self._world.clock.sleep_s(_PAUSE_S)
+        return float(mean_change(relative_change_percent(held_ohm, rest_ohm=rest_ohm)))
+
+    def _mean_ohm(self, *, after_s: float) -> FloatArray:
+        self._array.skip_until(self._world.clock.now_s() + after_s)
+        until_s = self._world.clock.now_s() + _MEAN_S
+        counts = []
+        while self._world.clock.now_s() < until_s:
+            counts.append(self._array.read(timeout_s=1.0).counts)
+        layout = self._plan.layout
+        return np.asarray(pixel_resistance_ohm(np.stack(counts), layout=layout).mean(axis=0))
+
+    def _feel(self, obj: TwinObject, *, item_id: str) -> None:
+        world, observations = self._world, list[Observation]()
+        closing = ClosingWatch(self._plan)
+        world.place(obj, fixture=True)
+        self._wait_near(obj.size_mm)
+        result = uninterrupted(
+            run_grasp(
+                self._plan,
+                array=self._array,
+                gripper=self._hand,
+                clock=world.clock,
+                subscribers=[observations.append],
+                watchers=[closing.see],
+            )
+        )
+        self.damaged += world.truth(horizon_s=0.0).damaged
+        measured = {
+            name: value
+            for name in ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
+            if (value := getattr(result, name)) is not None
+        }
+        drive: Drive = "width" if self._gripper == "rigid" else "pressure"
+        measured |= held_at(observations, result=result, drive=drive) | closing.measured()
+        measured |= shared_pixels(
+            observations, result=result, layout=self._plan.layout, measured=measured
+        )
+        taken_at = _FIRST + timedelta(days=self._day, seconds=world.clock.now_s())
+        self.grasps.append(
+            Grasp(
+                grasp_id=str(UUID(bytes=self._ids.bytes(16), version=4)),
+                item_id=item_id,
+                taken_at=taken_at,
+                rig=f"sim-{self._gripper}",
+                drive=drive,
+                origin="twin",
+                outcome=result.outcome,
+                measurements=measured,
+                pixel_settled_percent=felt_pixels(
+                    observations, result=result, layout=self._plan.layout
+                ),
+                decision_time_s=result.decision_time_s,
+                peak_force_n=result.peak_force_n,
+                temperature_c=self._surroundings.temperature_c,
+                humidity_percent=self._surroundings.humidity_percent,
+            )
+        )
+
+
+def _rest_of(world: World) -> RestValues:
+    """Return the rest values of an empty hand."""
+    bench = twin_bench(world, start=TwinGripper(world).limits.target(0.0))
+    rest = measure_rest(bench)
+    bench.array.close()
+    return rest

@@ -1,0 +1,133 @@
+"""Strawberries sized on the twin: as the paper's Figure 13 does, and by our grasp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.planning import DWELL_S, plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.rig.simulated import calibrated
+from palpate.sensor.calibration import Calibration
+from palpate.settling.result import FloatArray
+from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
+from palpate.twin.devices import TwinArray
+from palpate.twin.objects import TwinObject, draw_object
+from palpate_studies.stoppable import uninterrupted
+from palpate_studies.twin_session import Session
+
+#: The fingers begin here, open beyond the largest strawberry, and close by this much at a time.
+START_MM, STEP_MM = 46.0, 1.0
+#: The paper gives no waiting time after a step: ours, in which the spike of the movement fades.
+WAIT_S, READ_S = DWELL_S - 0.2, 0.2
+STILL_S = 1.0
+#: Ours on the paper's own steps: no finer one, and no deeper into the fruit than it takes.
+SAME_STEPS = {"fine_step": STEP_MM, "smallest_step": STEP_MM, "fewest_steps": 2}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sized:
+    """One strawberry: its size, what each way says of it, and what our grasp did to it.
+
+    Attributes
+    ----------
+    sensor, berry : int
+        Seeds.
+    true_mm : float
+        Its extent along the closing axis.
+    published_mm : float
+        The previous width, as in the paper's Figure 13; NaN where contact was never seen.
+    same_steps, ours : Measurement or None
+        Our estimate from closing in the paper's steps, and from the usual grasp.
+    damaged : bool
+        Whether our usual grasp pressed it beyond its yield force.
+    """
+
+    sensor: int
+    berry: int
+    true_mm: float
+    published_mm: float
+    same_steps: Measurement | None
+    ours: Measurement | None
+    damaged: bool
+
+
+def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
+    """Size so many strawberries on each sensor of a level, each three times."""
+    for sensor in sensors:
+        calibration = calibrated(seed=sensor, level=level, apart_from="strawberry")
+        for berry in range(berries):
+            obj = draw_object(np.random.default_rng([sensor, berry, 31]), "strawberry")
+            yield _sized(obj, level=level, sensor=sensor, berry=berry, calibration=calibration)
+
+
+def _sized(
+    obj: TwinObject, *, level: str, sensor: int, berry: int, calibration: Calibration
+) -> Sized:
+    same_steps, _ = _grasped(obj, level, sensor, berry, calibration, SAME_STEPS)
+    ours, damaged = _grasped(obj, level, sensor, berry, calibration, {})
+    return Sized(
+        sensor=sensor,
+        berry=berry,
+        true_mm=obj.size_mm,
+        published_mm=previous_width_mm(_faced(obj, level, sensor, berry)),
+        same_steps=same_steps,
+        ours=ours,
+        damaged=damaged,
+    )
+
+
+def _faced(obj: TwinObject, level: str, sensor: int, berry: int) -> Session:
+    """Return a sensor and gripper with the strawberry between its fingers, not touched yet."""
+    session = Session(sensor, level=level, trial=berry)
+    session.close_to(START_MM)
+    session.world.clock.sleep_s(STILL_S)
+    session.world.place(obj)
+    return session
+
+
+def previous_width_mm(session: Session) -> float:
+    """Close as in Figure 13 until all pixels' mean has fallen by 10 %; return the width before."""
+    rest_ohm, width_mm = session.rest_ohm(), START_MM
+    while width_mm > session.gripper.limits.lowest:
+        before_mm, width_mm = width_mm, width_mm - STEP_MM
+        session.close_to(width_mm)
+        session.world.clock.sleep_s(WAIT_S)
+        change = relative_change_percent(session.read(READ_S), rest_ohm=rest_ohm)
+        if float(np.mean(mean_change(change))) <= CONTACT_PERCENT:
+            return before_mm
+    return float("nan")
+
+
+def _grasped(
+    obj: TwinObject,
+    level: str,
+    sensor: int,
+    berry: int,
+    calibration: Calibration,
+    options: dict[str, float],
+) -> tuple[Measurement | None, bool]:
+    """Grasp it; return the size that was found and whether it took damage."""
+    session = _faced(obj, level, sensor, berry)
+    world, gripper = session.world, session.gripper
+    plan = plan_grasp(calibration, gripper=gripper, **options)
+    array = TwinArray(world)
+    result = uninterrupted(run_grasp(plan, array=array, gripper=gripper, clock=world.clock))
+    return result.size_mm, world.truth().damaged
+
+
+def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
+    """Return estimate minus size of those that have one, shape (n,)."""
+    if way == "published":
+        errors = np.array([one.published_mm - one.true_mm for one in found], dtype=float)
+        return np.asarray(errors[np.isfinite(errors)])
+    return np.array([m.value - true_mm for m, true_mm in measured(found, way)], dtype=float)
+
+
+def measured(found: Sequence[Sized], way: str) -> list[tuple[Measurement, float]]:
+    """Return each of our estimates with the true size: `same_steps` or `ours`."""
+    pairs = [(getattr(one, way), one.true_mm) for one in found]
+    return [(value, true_mm) for value, true_mm in pairs if value is not None]

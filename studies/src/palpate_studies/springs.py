@@ -1,0 +1,66 @@
+"""Figure 10b of the paper: plates on two to eight springs, grasped at one width."""
+
+from __future__ import annotations
+
+from palpate_studies.equal_width import (
+    CLOSURE_MM,
+    SEED,
+    SENSORS,
+    LineStudy,
+    settled_readings,
+)
+from palpate_studies.report import JsonOption, OutOption, StudyReport
+from palpate_studies.twin_session import drawn
+
+#: The twin's setups and their nominal stiffness, N/mm; the paper prints none.
+SETUPS = {"springs-2": 2.0, "springs-4": 4.0, "springs-6": 6.0, "springs-8": 8.0}
+#: Paper, section 3.2: of the line between stiffness and settled change, 4 setups, 10 grasps each.
+STUDY = LineStudy(
+    name="springs",
+    title="Figure 10b: springs of four stiffnesses at one width",
+    figure="figure10b",
+    reading="mean change",
+    published_r_squared=0.96,
+    ratings=tuple(SETUPS.values()),
+    rated="stiffness (N/mm)",
+)
+SIZE_MM, REPEATS = 45.0, 10
+#: The width is not printed, and R^2 depends on it.
+CLOSURES_MM = (1.0, 2.0, CLOSURE_MM)
+
+
+def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+    """Grasp simulated springs of four stiffnesses and compare R^2 with the paper's section 3.2.
+
+    Example: palpate study springs --out reports
+    """
+    report().emit(as_json=as_json, out=out)
+
+
+def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
+    """Make the grasps and put R^2 beside the published one."""
+    setups = [drawn(name, seed=SEED) for name in SETUPS]
+    conditions = {
+        f"closed by {closure_mm:g} mm": settled_readings(
+            setups, width_mm=SIZE_MM - closure_mm, repeats=repeats, sensors=sensors
+        )
+        for closure_mm in CLOSURES_MM
+    }
+    return STUDY.report(
+        conditions,
+        main=f"closed by {CLOSURE_MM:g} mm",
+        provenance=[
+            f"Simulated: {repeats} grasps of each setup at one width on each of {sensors} "
+            "sensors per level; median sensor's mean ± sd (range of means).",
+            "Published: the R^2 of section 3.2; the paper prints neither changes, stiffnesses nor "
+            "the width, so no one row is its protocol. The farther the closing, the more the "
+            "change saturates and the lower R^2: what decides is the range of changes reached. "
+            "3 mm was tried first, 1 and 2 mm added after seeing it.",
+        ],
+        changes=(
+            f"Settled mean change, percent, closed by {CLOSURE_MM:g} mm",
+            ("setup", "N/mm"),
+            [[name, f"{rating:g}"] for name, rating in SETUPS.items()],
+        ),
+        payload={"closures_mm": list(CLOSURES_MM), "stiffness_n_per_mm": SETUPS},
+    )

@@ -1,0 +1,240 @@
+"""Table 1 and Figures 5 and 6 of the paper: accelerated estimation of the settled value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from palpate.holds import Hold
+from palpate.settling.evaluate import Prediction, predict_holds, score_predictions
+from palpate.settling.exponential import Exponential, fit_exponential
+from palpate.settling.log_law import LogLaw
+from palpate.settling.recorded import Recorded
+from palpate.settling.relaxation import Relaxation
+from palpate.settling.result import SettlingMethod
+from palpate.settling.scoring import bootstrap_interval, settled_value, summarise
+from palpate.signal.transient import WAIT_S
+from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.twin_holds import twin_holds
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CUTOFFS_S = (1.0, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 15.0, 20.0)
+#: Paper, Table 1: mean error in percent of the settled relative change.
+PUBLISHED: dict[str, tuple[float, ...]] = {
+    "recorded": (15, 10, 9.2, 8.2, 6.6, 5.4, 4.6, 3.9, 3.2, 2.8, 2.4, 0.86, 0),
+    "exponential": (12, 2.9, 2.5, 2.3, 2.6, 2.8, 2.7, 2.7, 2.5, 2.3, 2.0, 1.0, 0.58),
+}
+#: The family of relaxation that was fitted to Table 1, and what of the table was used for that.
+FITTED_FAMILY = "two-mode"
+CALIBRATION_INPUTS: dict[str, dict[str, tuple[float, ...]]] = {
+    "two-mode": {"recorded": CUTOFFS_S, "exponential": (2.5, 10.0)},
+    "slow-power": {"recorded": CUTOFFS_S},
+    "hetero": {"recorded": CUTOFFS_S},
+}
+#: Cut-off of Figure 5.
+FIGURE_5_CUTOFF_S = 2.5
+HORIZON_S, LEVEL, REPEATS = 20.0, 0.9, 10
+#: Sensors of the other families to one of the fitted: they differ by more from sensor to sensor.
+OTHERS_TIMES = 4
+
+METHODS: Mapping[str, SettlingMethod] = {
+    "recorded": Recorded(),
+    "exponential": Exponential(),
+    "log_law": LogLaw(),
+    "relaxation": Relaxation(),
+}
+
+
+def command(
+    as_json: JsonOption = False,
+    out: OutOption = None,
+    families: Annotated[
+        bool, typer.Option("--families", help="Also on the twin's other relaxation families.")
+    ] = False,
+) -> None:
+    """Compare predictions of the settled value on simulated holds with the paper's Table 1.
+
+    Example: palpate study table1 --out reports
+    """
+    names = tuple(CALIBRATION_INPUTS) if families else (FITTED_FAMILY,)
+    report(families=names).emit(as_json=as_json, out=out)
+
+
+def report(*, families: Sequence[str] = (FITTED_FAMILY,), repeats: int = REPEATS) -> StudyReport:
+    """Make the holds of each family, predict, and put the errors beside the published ones."""
+    sensors = {n: repeats if n == FITTED_FAMILY else OTHERS_TIMES * repeats for n in families}
+    holds = {name: list(twin_holds(repeats=sensors[name], family=name)) for name in families}
+    results = {name: _errors(made) for name, made in holds.items()}
+    return StudyReport(
+        name="table1",
+        title="Table 1: errors of the predicted settled value, percent of it",
+        provenance=_provenance(sensors),
+        tables=[_table(name, results[name]) for name in families],
+        payload={
+            "study": "table1",
+            "origin": "twin",
+            "horizon_s": HORIZON_S,
+            "cutoffs_s": list(CUTOFFS_S),
+            "holds": {name: len(made) for name, made in holds.items()},
+            "published_mean_abs_error_percent": {k: list(v) for k, v in PUBLISHED.items()},
+            "calibration_inputs": {
+                name: {method: list(used) for method, used in CALIBRATION_INPUTS[name].items()}
+                for name in families
+            },
+            "families": results,
+        },
+        figures={
+            "figure5": lambda: figure_5(holds[families[0]]),
+            "figure6": lambda: figure_6(results[families[0]]),
+        },
+    )
+
+
+def _provenance(sensors: Mapping[str, int]) -> list[str]:
+    each = ", ".join(f"{count} of the family {name}" for name, count in sensors.items())
+    return [
+        f"Simulated: 20 holds on each sensor of the twin ({each}): 4 silicone sheets x 5 closures, "
+        "8 pixels, 10 bit, 15 Hz, mean relative change.",
+        "Published: the paper's Table 1. Mean absolute errors; brackets hold a 90 % bootstrap "
+        "interval over sensors.",
+        "Marked *: the twin's family was fitted to this entry (`two-mode`: the recorded row, and "
+        "the exponential row at 2.5 and 10 s; the other families: the recorded row), so agreement "
+        "there shows nothing. All else is a prediction.",
+        "Our exponential falls back on the recorded value where the fit does not determine the "
+        "settled value; the paper does not say what it did there.",
+        "Relaxation holds a sensor as Table 1 tells it possible (as one of several), and the part "
+        "of its prior that is for contact was chosen while looking at holds of these same families "
+        "(other seeds): its row here is no test on an unknown sensor.",
+    ]
+
+
+def _errors(holds: Sequence[Hold]) -> dict[str, list[dict[str, float | None]]]:
+    """Return for each method one row of scores per cut-off."""
+    predictions: dict[tuple[str, float], list[Prediction]] = {}
+    for found in predict_holds(
+        holds, methods=METHODS, cutoffs_s=CUTOFFS_S, horizon_s=HORIZON_S, level=LEVEL
+    ):
+        predictions.setdefault((found.method, found.cutoff_s), []).append(found)
+    return {
+        method: [_row(predictions[method, cutoff_s], cutoff_s) for cutoff_s in CUTOFFS_S]
+        for method in METHODS
+    }
+
+
+def _row(predictions: Sequence[Prediction], cutoff_s: float) -> dict[str, float | None]:
+    scores = score_predictions(predictions)
+    sensors = [found.hold_id.split("/")[0] for found in predictions]
+    low, high = bootstrap_interval(np.abs(scores.error_percent), sensors, statistic=np.mean)
+    row = {
+        "cutoff_s": cutoff_s,
+        **summarise(scores),
+        "mean_abs_error_low_percent": low,
+        "mean_abs_error_high_percent": high,
+        "not_ok_share": float(np.mean([found.status != "ok" for found in predictions])),
+    }
+    return {key: value if np.isfinite(value) else None for key, value in row.items()}
+
+
+def _table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]) -> Table:
+    rows = []
+    for index, cutoff_s in enumerate(CUTOFFS_S):
+        cells = [f"{cutoff_s:g}"]
+        for method, row in ((method, errors[method][index]) for method in errors):
+            if method in PUBLISHED:
+                used = cutoff_s in CALIBRATION_INPUTS[family].get(method, ())
+                cells.append(f"{PUBLISHED[method][index]:g}{'*' if used else ''}")
+            low, high = row["mean_abs_error_low_percent"], row["mean_abs_error_high_percent"]
+            interval = "" if low is None else f" ({low:.1f}-{high:.1f})"
+            cells.append(f"{row['mean_abs_error_percent']:.1f}{interval}")
+        rows.append(cells)
+    columns = ["cut-off, s"]
+    for method in errors:
+        columns += [f"{method}, paper"] * (method in PUBLISHED) + [f"{method}, ours"]
+    title = f"Family {family}: mean |error|, percent of the settled relative change"
+    return Table(title=title, columns=tuple(columns), rows=rows)
+
+
+def figure_5(holds: Sequence[Hold]) -> Figure:
+    """Draw the hold whose exponential has the median error at 2.5 s, with its fit."""
+    from palpate.plots.style import BLUE, GREY, INK, ORANGE, new_figure
+
+    hold = _median_hold(holds)
+    seen = hold.time_s <= FIGURE_5_CUTOFF_S
+    fit = fit_exponential(hold.time_s[seen], hold.values[None, seen])
+    settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+    peak_s = hold.time_s[seen][np.argmax(np.abs(hold.values[seen] - fit.settled[0]))]
+    curve_s = np.linspace(peak_s + WAIT_S, HORIZON_S, 400)
+    curve = fit.settled[0] + fit.amplitude[0] * np.exp(-fit.rate_per_s[0] * (curve_s - peak_s))
+    error = 100 * abs(fit.settled[0] / settled - 1)
+    with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
+        for axis in axes[0]:
+            axis.plot(hold.time_s, hold.values, color=BLUE, label="simulated reading")
+            axis.plot(curve_s, curve, color=ORANGE, label="exponential, equations 2-3")
+            axis.axvspan(peak_s + WAIT_S, FIGURE_5_CUTOFF_S, color=GREY, alpha=0.2, label="fitted")
+            axis.axhline(settled, color=INK, linestyle="--", linewidth=1, label="settled, 20 s")
+            axis.set(xlabel="time from actuation (s)", xlim=(0, HORIZON_S))
+        axes[0, 0].set(
+            ylabel="mean relative change (%)",
+            title=f"Figure 5, simulated: the hold with the median error ({error:.1f} %)",
+        )
+        axes[0, 1].set(ylim=_around(curve[0], settled), title="the same, enlarged")
+        axes[0, 0].legend(loc="upper right")
+    return figure
+
+
+def _around(first: float, last: float) -> tuple[float, float]:
+    """Return limits that show the way between two values, with room."""
+    room = 0.3 * abs(first - last)
+    return min(first, last) - room, max(first, last) + room
+
+
+def _median_hold(holds: Sequence[Hold]) -> Hold:
+    found = list(
+        predict_holds(
+            holds,
+            methods={"exponential": METHODS["exponential"]},
+            cutoffs_s=[FIGURE_5_CUTOFF_S],
+            horizon_s=HORIZON_S,
+            level=LEVEL,
+        )
+    )
+    error = np.abs(score_predictions(found).error_percent)
+    fitted = np.array([row.status == "ok" for row in found])
+    order = [index for index in np.argsort(error) if fitted[index]]
+    return holds[int(order[len(order) // 2])]
+
+
+def figure_6(errors: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Draw mean error against cut-off: published and ours."""
+    from palpate.plots.style import look_of, new_figure
+
+    with new_figure(width_in=6.5, height_in=4.0) as (figure, axes):
+        axis = axes[0, 0]
+        for method, rows in errors.items():
+            colour, marker = look_of(method)
+            ours = [row["mean_abs_error_percent"] for row in rows]
+            axis.plot(CUTOFFS_S, ours, color=colour, marker=marker, label=f"{method}, simulated")
+            if method in PUBLISHED:
+                axis.plot(
+                    CUTOFFS_S,
+                    PUBLISHED[method],
+                    color=colour,
+                    marker=marker,
+                    linestyle="--",
+                    markerfacecolor="white",
+                    label=f"{method}, published",
+                )
+        axis.set(
+            xlabel="cut-off (s from actuation)",
+            ylabel="mean |error| (% of settled change)",
+            title=f"Figure 6: published, and simulated holds of the family {FITTED_FAMILY}",
+            xlim=(0, HORIZON_S + 0.4),
+            ylim=(0, None),
+        )
+        axis.legend()
+    return figure

@@ -1,0 +1,93 @@
+"""Table 2 and Figure 8b of the paper: four silicone sheets grasped at one width."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate_studies.equal_width import (
+    CALIBRATION_INPUT,
+    CLOSURE_MM,
+    SEED,
+    SENSORS,
+    Settled,
+    settled_readings,
+)
+from palpate_studies.held_curves import draw_curves
+from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.twin_session import LEVELS, drawn
+
+#: Paper, Table 2: mean and standard deviation over 10 grasps, percent; Shore hardness.
+PUBLISHED = {
+    "ecoflex-10": (-46.0, 1.8, "00-10"),
+    "dragonskin-10": (-54.7, 1.2, "A-10"),
+    "dragonskin-20": (-66.9, 0.52, "A-20"),
+    "dragonskin-30": (-71.5, 0.74, "A-30"),
+}
+#: The sheets are 40 mm thick, in their holder.
+WIDTH_MM, REPEATS = 40.0 - CLOSURE_MM, 10
+READING = "mean change"
+
+
+def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+    """Grasp four simulated silicone sheets at one width and compare with the paper's Table 2.
+
+    Example: palpate study table2 --out reports
+    """
+    report().emit(as_json=as_json, out=out)
+
+
+def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
+    """Make the grasps and put the changes beside the published ones."""
+    names = tuple(PUBLISHED)
+    found = settled_readings(
+        [drawn(name, seed=SEED) for name in names],
+        width_mm=WIDTH_MM,
+        repeats=repeats,
+        sensors=sensors,
+    )
+    rows = [
+        [name, PUBLISHED[name][2], "{:g} ± {:g}".format(*PUBLISHED[name][:2])]
+        + [found[level].cell(READING, index) for level in LEVELS]
+        for index, name in enumerate(names)
+    ]
+    ordered = {level: _in_order(found[level]) for level in LEVELS}
+    return StudyReport(
+        name="table2",
+        title="Table 2: settled relative change of four silicone sheets at one width",
+        provenance=[
+            f"Simulated: {repeats} grasps of each sheet at {WIDTH_MM:g} mm on each of {sensors} "
+            "sensors per level; median sensor's mean ± sd over grasps (range of means).",
+            "Published: the paper's Table 2, one sensor, 10 grasps, width not printed.",
+            CALIBRATION_INPUT,
+            "Sensors on which the four means stand in the order of hardness: "
+            + ", ".join(f"{ordered[level]} of {sensors} ({level})" for level in LEVELS)
+            + ".",
+        ],
+        tables=[
+            Table(
+                title="Settled relative change, percent",
+                columns=("sheet", "Shore", "published", *LEVELS),
+                rows=rows,
+            )
+        ],
+        payload={
+            "study": "table2",
+            "origin": "twin",
+            "width_mm": WIDTH_MM,
+            "published": {name: list(values[:2]) for name, values in PUBLISHED.items()},
+            "levels": {level: found[level].as_json(READING) for level in LEVELS},
+            "sensors_in_order": ordered,
+        },
+        figures={
+            "figure8b": lambda: draw_curves(
+                {name: drawn(name, seed=SEED) for name in names},
+                width_mm=WIDTH_MM,
+                title="Figure 8b",
+            )
+        },
+    )
+
+
+def _in_order(found: Settled) -> int:
+    """Return on how many sensors a stiffer sheet changed more, for all four."""
+    return int(np.sum(np.all(np.diff(found.means(READING), axis=0) < 0, axis=0)))

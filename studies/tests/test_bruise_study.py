@@ -1,0 +1,105 @@
+"""The study of bruised apples, made small."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.produce.bruise_model import BruiseModel
+from palpate.twin.produce_ranges import BRUISES
+from palpate_studies import bruise, bruise_data
+from palpate_studies.bruise_data import Examined, examine
+from palpate_studies.bruise_scores import CHANGE, SAME_WIDTH, THRESHOLD, Scored, area
+from palpate_studies.bruise_table6 import CLOSURE_MM, COLUMNS, DROPPED, SIZE_MM, grasped
+from palpate_studies.bruise_tables import reliability
+
+
+@pytest.fixture(scope="module")
+def examined() -> list[Examined]:
+    """Return a few apples of each purpose; those of the level field are those of paper again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bruise_data, "REFERENCE_APPLES", 1)
+        purposes = {"learn": 20, "test": 4, "small": 1, "off": 1, "around": 2}
+        made = examine(purposes, levels=("paper",), seed=900, processes=1)
+    return made + [replace(one, level="field") for one in made]
+
+
+def test_sides_are_placed_and_grasped_as_said(examined: list[Examined]) -> None:
+    learned = [one for one in examined if one.purpose == "learn"]
+    assert sum(one.bruised for one in learned) == 20
+    for one in learned:
+        assert set(one.presses) == {"before", "now", "other"}
+        assert all(np.isfinite(press.settled_percent).all() for press in one.presses.values())
+        if one.place is not None and one.apple.bruise is not None:
+            assert abs(one.place.along_mm) <= 6.0
+            assert abs(one.place.across_mm) <= 6.0
+            low, high = BRUISES.diameter_mm_log
+            assert low <= one.apple.bruise.diameter_mm <= high
+    assert {one.apple.bruise.diameter_mm < 11.3 for one in examined if one.purpose == "small"} == {
+        True
+    }
+    off = [one.apple.bruise for one in examined if one.purpose == "off"]
+    assert all(one is not None and one.height_mm >= 12.0 for one in off)
+
+
+def test_an_early_answer_sees_nothing_later(examined: list[Examined]) -> None:
+    press = examined[0].presses["now"]
+    late = (press.time_s > 1.0)[:, None, None]
+    changed = replace(
+        press,
+        change_percent=press.change_percent + 10.0 * late,
+        settled_percent=press.settled_percent + 10.0,
+    )
+    assert np.array_equal(changed.shape(1.0).modes, press.shape(1.0).modes)
+    assert not np.array_equal(changed.shape(2.5).modes, press.shape(2.5).modes)
+    assert not np.array_equal(changed.shape(20.0).modes, press.shape(20.0).modes)
+
+
+def test_the_report_holds_every_way_and_writes_its_models(
+    examined: list[Examined], tmp_path: Path
+) -> None:
+    made = {level: [grasped(level, 70_000, repeats=2)] for level in ("paper", "field")}
+    models = bruise.learned_models(examined)
+    found = bruise.report(examined, made, models=models)
+    document = json.loads(json.dumps(found.payload, allow_nan=False))
+    for level in ("paper", "field"):
+        ways = document["ways"][level]
+        assert {THRESHOLD, CHANGE, SAME_WIDTH} < set(ways)
+        assert len(ways) == 16
+        assert all(0 <= way["auc"] <= 1 for way in ways.values())
+        assert set(document["table6"][level]["recorded, 20 s"]) == set(COLUMNS)
+        assert document["apples"][level]["learn"] == 20
+        assert level in models[level][2.5].learned_on
+    assert "Calibration inputs" in " ".join(found.provenance)
+    found.write(tmp_path)
+    assert (tmp_path / "figure17.png").stat().st_size > 10_000
+    assert (tmp_path / "bruise-reliability.png").stat().st_size > 10_000
+    models["paper"][2.5].save(tmp_path / "model.json")
+    assert BruiseModel.load(tmp_path / "model.json") == models["paper"][2.5]
+
+
+def test_the_dropped_apple_reads_less_at_the_width_it_had(examined: list[Examined]) -> None:
+    found = grasped("paper", 70_001, repeats=2)
+    before, after = (found.values("recorded, 20 s", name).mean() for name in ("before", "after"))
+    assert before < after < 0
+    assert DROPPED.dent_mm < CLOSURE_MM < SIZE_MM
+
+
+def test_the_area_counts_ties_as_halves() -> None:
+    assert area(np.array([True, False]), np.array([1.0, 1.0])) == 0.5
+    assert np.isnan(area(np.array([True, True]), np.array([1.0, 2.0])))
+
+
+def test_reliability_bins_hold_their_shares() -> None:
+    said = np.array([-5.0] * 20 + [5.0] * 20)
+    truth = np.array([False] * 19 + [True] + [True] * 20)
+    one = Scored(bruised=truth, score=said, sensors=["a"] * 40)
+    first, last = reliability(one)
+    assert first["bruised"] == pytest.approx(0.05)
+    assert first["low"] < 0.05 < first["high"]
+    assert (last["bruised"], last["sides"]) == (1.0, 20)
+    assert one.found() == pytest.approx(20 / 21)

@@ -1,0 +1,137 @@
+"""The studies of force control and presence: what they count, on grasps made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.twin.friction import N_PER_G
+from palpate.twin.objects import FRICTION
+from palpate.twin.world import GripperKind
+from palpate_studies.force_control import report as force_report
+from palpate_studies.force_control import scores
+from palpate_studies.force_control_grasps import Gripped, ours
+from palpate_studies.force_control_world import (
+    TARGETS_N,
+    chance_of_damage,
+    learned_damage,
+    task,
+    thing,
+)
+from palpate_studies.presence import Session, report
+
+
+def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> Gripped:
+    one = task(7, level="paper")
+    force_n = force_share * one.target_n
+    return Gripped(
+        task=one,
+        method="ours",
+        outcome="held",
+        force_n=force_n,
+        lifted=True,
+        dropped=False,
+        damaged=damaged,
+        said_n=one.target_n,
+        low_n=0.9 * one.target_n,
+        high_n=1.1 * one.target_n,
+        limited=limited,
+        on_target_s=2.0,
+    )
+
+
+def test_what_the_damage_limit_kept_below_is_no_miss() -> None:
+    found = [made(force_share=1.05), made(force_share=1.3), made(force_share=0.5, limited=True)]
+    counted = scores(found)
+    assert counted["aimed"] == 2
+    assert counted["within_10_percent"] == 0.5
+    assert counted["coverage"] == 1 / 3
+    assert counted["limited"] == 1
+
+
+def test_an_answer_that_knew_more_is_judged_where_it_would_have_stopped() -> None:
+    far = replace(made(force_share=1.3), known_n=1.25 * made(force_share=1.0).task.target_n)
+    counted = scores([far, made(force_share=1.0)])
+    assert counted["within_10_percent"] == 0.5
+    # The second was not held: nothing is known of what its sheet would have read.
+    assert counted["within_10_percent_if_known"] == 1.0
+
+
+def test_none_damaged_of_few_bounds_little() -> None:
+    few = scores([made(force_share=1.0)] * 10)
+    assert few["damaged"] == 0
+    assert 0.25 < few["damaged_rate_at_most"] < 0.27
+    assert scores([made(force_share=1.0, damaged=True)])["damaged_rate_at_most"] == 1.0
+
+
+def test_tasks_are_drawn_by_seed_and_can_be_lifted_at_their_target() -> None:
+    for seed in range(20):
+        one = task(seed, level="field")
+        assert one == task(seed, level="field")
+        assert TARGETS_N[0] <= one.target_n <= TARGETS_N[1]
+        weight_n = N_PER_G * one.obj.mass_g
+        assert weight_n <= 2 * FRICTION[0] * one.target_n
+        assert one.obj.yield_n < one.obj.rupture_n
+
+
+def test_what_a_grasp_risked_is_the_share_of_such_things_that_yield() -> None:
+    rng = np.random.default_rng(5)
+    things = [thing(rng, size_mm=(30.0, 50.0)) for _ in range(4000)]
+    force_n = 3.0
+    yielded = np.mean([one.yield_n <= force_n for one in things])
+    risked = np.mean([chance_of_damage(one, force_n) for one in things])
+    assert risked == pytest.approx(yielded, abs=0.015)
+    assert chance_of_damage(things[0], 0.0) == 0.0
+
+
+def test_things_kept_below_that_could_have_borne_it_are_counted() -> None:
+    one = made(force_share=0.5, limited=True)
+    weak = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=0.5)))
+    strong = replace(one, task=replace(one.task, obj=replace(one.task.obj, yield_n=99.0)))
+    counted = scores([weak, strong, strong])
+    assert (counted["limited"], counted["limited_could_bear"], counted["could_bear"]) == (3, 2, 2)
+
+
+def test_the_report_says_simulated() -> None:
+    document = force_report([made(force_share=1.0)])
+    assert document.payload["simulated"] is True
+    assert "imulated" in document.title
+
+
+@pytest.mark.parametrize("kind", ["rigid", "soft"])
+def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
+    drawn = task(7, level="paper")
+    tender = replace(
+        drawn.obj,
+        contact="linear",
+        force_at_1mm_n=0.8,
+        yield_n=3.0,
+        rupture_n=3.6,
+        mass_g=2.0 * FRICTION[0] * 0.5 / N_PER_G,
+    )
+    wanted = replace(drawn, kind=kind, obj=tender, target_n=7.0, lift_n=0.5)
+    found = ours(wanted, damage=learned_damage(seed=5))
+    assert found.limited
+    assert not found.damaged
+    assert found.outcome == "held" or not found.lifted
+    assert found.force_n < 3.0
+
+
+def test_presence_counts_what_was_missed_and_imagined() -> None:
+    def session(name: str, empty: int, outcome: str, said: int) -> Session:
+        return Session(
+            level="paper", name=name, empty_tries=empty, outcome=outcome, said_empty=said
+        )
+
+    counted = report(
+        [
+            session("kiwi", 1, "held", 1),
+            session("kiwi", 0, "held", 1),
+            session("", 3, "held", 1),
+            session("", 3, "nothing_there", 3),
+        ]
+    ).payload["summary"][0]
+    assert (counted["missed"], counted["imagined"]) == (1, 1)
+    assert counted["sessions_right"] == 2

@@ -1,0 +1,130 @@
+"""The ladder study: on invented and on real ladders, and on files that can't be used."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app, run
+from palpate_studies.force_ladders import draw
+
+LOADS_N = [0.0, 0.6, 1.2, 1.1, 1.6, 2.0, 3.0, 4.0, 6.0, 9.0]
+
+
+def ladder_csv(path: Path, names: str, *, loads_n: list[float] = LOADS_N) -> Path:
+    """Write invented ladders, one per letter of `names`, each with its own gain and exponent."""
+    lines = ["ladder,step,load_n,resistance_ohm,spread_ohm"]
+    for name in names:
+        rng = np.random.default_rng(ord(name))
+        exponent, gain = rng.normal(1.1, 0.2), rng.normal(-3.5, 0.5)
+        for step, load_n in enumerate(loads_n):
+            excess = np.exp(gain) * load_n**exponent * np.exp(0.1 * rng.standard_normal())
+            lines.append(f"{name},{step},{load_n},{1 / (0.001 + excess):.4f},0.1")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def study(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """Run the study; return exit status, standard output and standard error."""
+    status = run(build_app(), ["study", "force-ladders", *arguments], name="palpate")
+    output = capsys.readouterr()
+    return status, output.out, output.err
+
+
+def test_json_has_every_scored_step_of_every_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known, tested = ladder_csv(tmp_path / "a.csv", "ABC"), ladder_csv(tmp_path / "b.csv", "XY")
+    status, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
+    document = json.loads(out)
+    assert status == 0
+    assert len(document["rows"]) == 2 * 3 * 9
+    assert {row["ladder"] for row in document["rows"]} == {"X", "Y"}
+    assert sum(row["calibration"] for row in document["rows"]) == 2 * 3 * 3
+    assert {one["model"] for one in document["summary"]} == {"line", "power", "ours"}
+
+
+def test_predictions_rest_on_the_first_three_weights_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = ladder_csv(tmp_path / "a.csv", "ABC")
+    answers = []
+    for name, last in (("x.csv", 9.0), ("y.csv", 20.0)):
+        tested = ladder_csv(tmp_path / name, "X", loads_n=[*LOADS_N[:-1], last])
+        lines = tested.read_text().splitlines()
+        shown = ladder_csv(tmp_path / "same.csv", "X").read_text().splitlines()[-1].split(",")[3]
+        fields = lines[-1].split(",")
+        tested.write_text("\n".join([*lines[:-1], ",".join([*fields[:3], shown, "0.1"])]) + "\n")
+        _, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
+        answers.append([row["predicted_n"] for row in json.loads(out)["rows"]])
+    assert answers[0] == answers[1]
+
+
+def test_a_ladder_never_teaches_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    two = ladder_csv(tmp_path / "two.csv", "AX")
+    one = ladder_csv(tmp_path / "one.csv", "A")
+    tested = ladder_csv(tmp_path / "x.csv", "X")
+    rows = []
+    for known in (two, one):
+        _, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
+        rows.append(json.loads(out)["rows"])
+    assert rows[0] == rows[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("ladder,step,load_n\nA,0,0\n", "no column resistance_ohm"),
+        ("ladder,step,load_n,resistance_ohm\nA,0,1.0,50\n", "doesn't begin unloaded"),
+        ("ladder,step,load_n,resistance_ohm\nA,0,0,500\nA,1,1.0,50\n", "fewer than 5 loaded"),
+        ("ladder,step,load_n,resistance_ohm\nA,0,0,0\n", "0 ohm"),
+    ],
+)
+def test_unusable_files_get_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    status, out, err = study(capsys, "--ladders", str(path))
+    assert (status, out) == (2, "")
+    assert message in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_one_ladder_alone_has_nothing_to_learn_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, err = study(capsys, "--ladders", str(ladder_csv(tmp_path / "a.csv", "A")))
+    assert status == 2
+    assert "no ladder other than 'A'" in err
+
+
+def test_real_ladders_ours_beats_the_plain_power_law_on_each(
+    real_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ladders = real_data / "velostat_force_ladders.csv"
+    _, out, _ = study(capsys, "--ladders", str(ladders), "--json")
+    document = json.loads(out)
+    error = {
+        (one["ladder"], one["model"]): one["median_abs_log_ratio"] for one in document["summary"]
+    }
+    names = {name for name, _ in error}
+    assert all(error[name, "ours"] <= error[name, "power"] for name in names)
+    ours, power = (np.mean([error[name, model] for name in names]) for model in ("ours", "power"))
+    assert ours <= 0.6 * power
+    covered = [
+        row["low_n"] <= row["load_n"] <= row["high_n"]
+        for row in document["rows"]
+        if row["model"] == "ours"
+    ]
+    assert np.mean(covered) >= 0.8
+
+
+def test_figure_has_a_panel_per_ladder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    _, out, _ = study(capsys, "--ladders", str(ladder_csv(tmp_path / "a.csv", "ABCD")), "--json")
+    figure = draw(json.loads(out)["rows"])
+    assert [panel.get_title() for panel in figure.axes if panel.get_visible()] == list("ABCD")

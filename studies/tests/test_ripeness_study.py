@@ -1,0 +1,224 @@
+"""The study of ripeness: a station on the twin, and how judgements are counted."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.firmness import firmness_of
+from palpate.produce.records import Grasp
+from palpate.produce.ripeness_stages import STAGES
+from palpate.twin.avocado import Avocado, draw_avocado
+from palpate_studies import ripeness_station
+from palpate_studies.ripeness import CONDITIONS, chosen, report
+from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
+from palpate_studies.ripeness_scores import judged, scores
+from palpate_studies.ripeness_station import DAYS, draw_labelled, run_station
+from palpate_studies.ripeness_tables import Condition, named
+
+FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 3
+
+
+@pytest.fixture(scope="module")
+def station() -> Iterator[Felt]:
+    """A station with fewer grasps than those of the study, which take minutes."""
+    with pytest.MonkeyPatch.context() as few:
+        few.setattr(ripeness_station, "LABELLED_GRASPS", FEW_GRASPS)
+        few.setattr(ripeness_station, "REFERENCE_GRASPS", 2 * FEW_GRASPS)
+        yield run_station(41, level="paper", gripper="rigid", aging=True, labelled=0, others=1)
+
+
+def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
+    fruit = [grasp for grasp in station.grasps if grasp.item_id == "fruit-0"]
+    ball = [grasp for grasp in station.grasps if grasp.item_id == REFERENCE_ID]
+    assert len(fruit) == FEW_GRASPS * DAYS
+    assert all(
+        {"firmness_n_per_mm", "width_mm"} <= set(grasp.measurements) for grasp in station.grasps
+    )
+    assert len(ball) == 2 * FEW_GRASPS * DAYS
+    assert all(grasp.outcome is Outcome.HELD and grasp.simulated for grasp in station.grasps)
+    assert all(grasp.pixel_settled_percent is not None for grasp in station.grasps)
+    assert len({grasp.temperature_c for grasp in fruit}) == DAYS
+    assert set(station.as_published) == {("fruit-0", day) for day in range(DAYS)}
+    assert station.damaged == 0
+
+
+def test_firmness_follows_the_fruit_and_not_the_ball(station: Felt) -> None:
+    def means(item_id: str) -> list[float]:
+        felt = [
+            (grasp.taken_at.date(), firmness)
+            for grasp in station.grasps
+            if grasp.item_id == item_id and (firmness := firmness_of(grasp)) is not None
+        ]
+        days = sorted({day for day, _ in felt})
+        return [float(np.mean([f for day, f in felt if day == one])) for one in days]
+
+    true = [math.log(station.others[0].force_at_1mm_n(day)) for day in range(DAYS)]
+    fruit, ball = means("fruit-0"), means(REFERENCE_ID)
+    assert np.corrcoef(true, fruit)[0, 1] > 0.9
+    assert np.ptp(ball) < 0.35 * np.ptp(fruit)
+
+
+def made_up(station: Felt, *, worn: float, labelled_fruits: int = 12) -> Felt:
+    """Return what a station would keep if stiffness were read with a little noise and drift."""
+    rng = np.random.default_rng(8)
+    labelled, others = (tuple(draw_avocado(rng) for _ in range(n)) for n in (labelled_fruits, 10))
+    grasps: list[Grasp] = []
+
+    def feel(item_id: str, stiffness: float, when: float) -> None:
+        drift = worn * min(when / 10.0, 1.0) + 0.03 * rng.standard_normal()
+        value = stiffness * math.exp(2.0 / 3.0 * drift)
+        grasps.append(
+            Grasp(
+                item_id=item_id,
+                taken_at=FIRST + timedelta(days=when),
+                rig="made-up",
+                drive="width",
+                origin="twin",
+                outcome=Outcome.HELD,
+                measurements={
+                    name: Measurement(value=one, low=0.9 * one, high=1.1 * one, unit=unit)
+                    for name, one, unit in (
+                        ("stiffness_n_per_mm", value, "n_per_mm"),
+                        ("force_n", 5.0, "n"),
+                        # A ball of 4 N/mm, pressed by the more force the less of it is read.
+                        ("width_mm", 60.0 + 5.0 / 4.0 / 1.25 * drift, "mm"),
+                    )
+                },
+            )
+        )
+
+    def stiffness(fruit: Avocado, day: int) -> float:
+        return 1.5 * math.pow(fruit.force_at_1mm_n(day), 2.0 / 3.0)
+
+    for begins, fruits, name in ((0, labelled, "labelled"), (7, others, "fruit")):
+        for day in range(DAYS):
+            for _ in range(3):
+                feel(REFERENCE_ID, 4.0, begins + day)
+                for number, fruit in enumerate(fruits):
+                    feel(f"{name}-{number}", stiffness(fruit, day), begins + day)
+    published = {
+        (f"{name}-{number}", day): -50.0 + 10 * rng.standard_normal()
+        for name, fruits in (("labelled", labelled), ("fruit", others))
+        for number in range(len(fruits))
+        for day in range(DAYS)
+    }
+    # A gripper that hardly gives way: so little is its part in the drift.
+    block = replace(
+        station.calibration.block,
+        block_mm=(40.0,) * 4,
+        width_mm=(40.0, 39.9996, 39.9992, 39.9984),
+        force_n=(0.0, 2.0, 4.0, 8.0),
+    )
+    return Felt(
+        calibration=replace(station.calibration, block=block),
+        labelled=labelled,
+        others=others,
+        grasps=tuple(grasps),
+        damaged=0,
+        as_published=published,
+    )
+
+
+def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None:
+    felt = made_up(station, worn=-0.5)
+    assert drift_of(felt).moved[-1] == pytest.approx(-0.5, abs=0.05)
+    found = scores(judged(felt))
+    assert found["fruit_days"] == 10 * DAYS
+    assert found["ours"]["exact"] > found["ours, no reference"]["exact"] + 0.1
+    assert found["ours"]["exact"] > 0.85
+    assert found["ours"]["within_one"] == 1.0
+    assert found["settled change"]["exact"] < 0.6
+    assert found["days_to_ripe"]["coverage"] > 0.7
+
+
+def test_labelled_fruits_show_every_stage() -> None:
+    for seed in range(5):
+        drawn = draw_labelled(np.random.default_rng(seed), 3)
+        seen = [{one.stage(day) for one in drawn[:n] for day in range(DAYS)} for n in (-1, None)]
+        assert seen[1] == set(STAGES)
+        assert len(drawn) == 3 or len(seen[0]) < len(STAGES)
+    assert draw_labelled(np.random.default_rng(0), 0) == ()
+
+
+def test_limits_are_those_of_spots_and_boundaries(station: Felt) -> None:
+    felt = made_up(station, worn=0.0)
+    rows = judged(felt)
+    assert all(0.0 < row.possible <= 1.0 and row.margin >= 0.0 for row in rows)
+    near, far = min(rows, key=lambda r: r.margin), max(rows, key=lambda r: r.margin)
+    assert near.possible < 0.9 < 0.999 < far.possible
+    found = scores(rows)
+    assert sum(one["fruit_days"] for one in found["by_margin"]) == len(rows)
+    assert found["by_margin"][0]["possible"] < found["possible"] < 1.0
+
+
+def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_path: Path) -> None:
+    felt = made_up(station, worn=-0.2, labelled_fruits=6)
+    made = report({("paper", "rigid", True): [felt], ("paper", "rigid", False): [felt]})
+    made.write(tmp_path)
+    document = json.loads((tmp_path / "ripeness.json").read_text())
+    assert [one["aging"] for one in document["conditions"]] == [True, False]
+    first = document["conditions"][0]
+    assert np.sum(first["confusion"]) == 10 * DAYS
+    assert first["exact_by_sensor"] == [first["ours"]["exact"]]
+    assert first["grasps_a_day"] == 3
+    text = (tmp_path / "ripeness.md").read_text()
+    assert "Simulated throughout" in text
+    assert "prints no numbers in Figure 16" in text
+    # Shown in detail: the first condition of each gripper.
+    assert "paper, rigid, aging: true stage" in text
+    assert "paper, rigid, not aging: true stage" not in text
+    for stem in ("figure16", "ripeness"):
+        assert (tmp_path / f"{stem}.png").stat().st_size > 10_000
+
+
+def test_any_condition_is_reported_alone(station: Felt, tmp_path: Path) -> None:
+    condition: Condition = ("field", "soft", True)
+    felt = made_up(station, worn=0.0, labelled_fruits=6)
+    made = report({condition: [felt]})
+    made.write(tmp_path)
+    text = (tmp_path / "ripeness.md").read_text()
+    assert f"{named(condition)}: true stage" in text
+    assert f"| {named(condition)} | not printed |" in text
+    assert set(made.figures) == {"figure16", "ripeness"}
+
+
+def test_where_no_fruit_ripened_there_is_no_figure_16(station: Felt) -> None:
+    felt = made_up(station, worn=0.0, labelled_fruits=6)
+    never = tuple(replace(fruit, half_day=30.0) for fruit in felt.others)
+    made = report({("paper", "soft", True): [replace(felt, others=never)]})
+    assert set(made.figures) == {"ripeness"}
+    assert not any("Figure 16" in table.title for table in made.tables)
+
+
+def test_conditions_are_chosen_by_any_of_their_parts() -> None:
+    assert tuple(chosen()) == CONDITIONS
+    assert chosen(level="field") == [("field", "rigid", True), ("field", "soft", True)]
+    assert chosen(gripper="soft", aging=False) == [("paper", "soft", False)]
+    assert chosen(level="paper", gripper="rigid", aging=True) == [("paper", "rigid", True)]
+
+
+def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = ["study", "ripeness", "--level", "field", "--gripper", "soft", "--no-aging"]
+    assert run(build_app(), asked, name="palpate") == 2
+    assert "leave --no-aging out" in capsys.readouterr().err
+
+
+def test_a_study_without_fruit_to_judge_says_so(station: Felt) -> None:
+    felt = made_up(station, worn=0.0, labelled_fruits=6)
+    with pytest.raises(InputError, match="judge more with --fruits"):
+        report({("paper", "rigid", True): [replace(felt, others=())]})

@@ -1,0 +1,141 @@
+"""The rupture study on real fruit, and on files that can't be used."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import run
+from palpate.errors import InputError
+from palpate.estimate.fruit_closings import follow, read_closings
+from palpate_studies import rupture
+from palpate_studies.catalogue import STUDIES
+from palpate_studies.rupture_published import published_scores
+
+ROW_KEYS = {
+    "grasp_id",
+    "fruit",
+    "rupture_force_n",
+    "predicted_n",
+    "low_n",
+    "stop_force_n",
+    "ruptured",
+}
+
+
+def run_study(arguments: list[str]) -> int:
+    import typer
+
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command()(rupture.command)
+    return run(app, arguments, name="palpate study rupture")
+
+
+def test_on_real_fruit_it_is_firmer_than_a_cap(
+    real_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"]
+    assert run_study(["--curves", str(files[0]), "--index", str(files[1]), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["rows"]) == 163
+    assert set(result["rows"][0]) == ROW_KEYS
+    for row in result["rows"]:
+        assert row["ruptured"] == (row["stop_force_n"] >= row["rupture_force_n"])
+    ruptured = sum(row["ruptured"] for row in result["rows"])
+    # A nominal 1 % of 163 is 1.6; more than 7 has a probability below 0.1 % under it.
+    assert ruptured <= 7
+    firmness = {
+        (e["method"], e["rate_limit"]): e["firmness"]
+        for e in result["tradeoff"]
+        if e["fruit"] == "all"
+    }
+    for rate in (0.01, 0.05, 0.1):
+        assert firmness["ours", rate] > firmness["cap per fruit", rate]
+        assert firmness["ours", rate] > firmness["rule as published", rate]
+
+
+def test_decisions_use_no_sample_from_after_them(real_data: Path) -> None:
+    closings = read_closings(
+        real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"
+    )
+    for closing in closings:
+        assert all(force < closing.rupture_force_n for force in closing.force_n)
+        assert all(
+            state.force_n <= force + 1e-9
+            for state, force in zip(closing.states, closing.force_n, strict=True)
+        )
+
+
+def test_fruit_without_published_constants_is_judged_without_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    curves, index = ["grasp_id,closure_mm,force_n"], ["grasp_id,fruit,rupture_force_n"]
+    for number in range(20):
+        stiffness = rng.uniform(2.0, 8.0)
+        index.append(f"p{number},pear,{2.0 * stiffness * rng.uniform(0.8, 1.2):.3f}")
+        curves += [f"p{number},{x:.2f},{stiffness * x:.4f}" for x in np.arange(0.0, 3.0, 0.02)]
+    files = tmp_path / "curves.csv", tmp_path / "index.csv"
+    files[0].write_text("\n".join(curves) + "\n")
+    files[1].write_text("\n".join(index) + "\n")
+    out = ["--out", str(tmp_path / "report"), "--json"]
+    assert run_study(["--curves", str(files[0]), "--index", str(files[1]), *out]) == 0
+    result = json.loads(capsys.readouterr().out)
+    methods = {entry["method"] for entry in result["tradeoff"]}
+    assert methods == {"ours", "ours, fruit unknown", "cap per fruit", "stiffness rule"}
+    assert (tmp_path / "report" / "rupture.png").stat().st_size > 10_000
+
+
+def test_the_published_rule_reads_the_stiffness_of_its_window() -> None:
+    closure_mm = np.arange(0.0, 2.0, 0.01)
+    closing = follow(
+        "k", fruit="kiwi", rupture_force_n=50.0, closure_mm=closure_mm, force_n=3.0 * closure_mm
+    )
+    scored = published_scores(closing)
+    assert scored.force_n.tolist() == (3.0 * closure_mm).tolist()
+    assert scored.score[:9] == pytest.approx(3.0 * closure_mm[:9] / 3.652)
+    assert scored.score[9:] == pytest.approx(3.0 * closure_mm[9:] / (2.78 * 3.0 + 0.345))
+
+
+def test_a_label_without_a_curve_is_named(tmp_path: Path) -> None:
+    curves, index = tmp_path / "curves.csv", tmp_path / "index.csv"
+    curves.write_text("grasp_id,closure_mm,force_n\na,1.0,2.0\n")
+    index.write_text("grasp_id,fruit,rupture_force_n\nb,kiwi,3.0\n")
+    with pytest.raises(InputError, match="no curve for b"):
+        read_closings(curves, index)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "empty"),
+        ("grasp_id,fruit\na,kiwi\n", "no column rupture_force_n"),
+        ("grasp_id,fruit,rupture_force_n\na,kiwi,firm\n", "line 2"),
+        ("grasp_id,fruit,rupture_force_n\na,kiwi,-1\n", "must be positive"),
+    ],
+)
+def test_bad_labels_end_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, complaint: str
+) -> None:
+    curves, index = tmp_path / "curves.csv", tmp_path / "index.csv"
+    curves.write_text("grasp_id,closure_mm,force_n\na,1.0,2.0\n")
+    index.write_text(text)
+    assert run_study(["--curves", str(curves), "--index", str(index)]) == 2
+    message = capsys.readouterr().err
+    assert complaint in message
+    assert message.count("\n") == 1
+
+
+def test_too_few_fruit_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    curves, index = tmp_path / "curves.csv", tmp_path / "index.csv"
+    curves.write_text("grasp_id,closure_mm,force_n\na,1.0,2.0\na,2.0,4.0\n")
+    index.write_text("grasp_id,fruit,rupture_force_n\na,kiwi,3.0\n")
+    assert run_study(["--curves", str(curves), "--index", str(index)]) == 2
+    assert "give more closings" in capsys.readouterr().err
+
+
+def test_the_study_is_listed() -> None:
+    assert STUDIES["rupture"][0] == "palpate_studies.rupture"

@@ -1,0 +1,85 @@
+"""The staircase, Table 5 and stiffness studies: small runs say what they are and stay finite."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.sensor.load_traces import LoadTraces
+from palpate_studies import staircases, stiffness, table5
+from palpate_studies.staircase_data import FollowedForce, settled_traces
+
+
+def test_settled_reading_lies_ahead_of_a_creeping_one() -> None:
+    time_s = np.arange(60) / 15
+    creeping = 5.0 - 2.0 * np.exp(-time_s / 2.0)
+    run = LoadTraces(
+        run=np.zeros(60),
+        time_s=time_s,
+        excess=creeping[:, None],
+        width_mm=np.full(60, 40.0),
+        current_ma=np.full(60, np.nan),
+        force_n=np.linspace(1, 2, 60),
+    )
+    settled = np.asarray(settled_traces(run).excess)[:, 0]
+    assert settled[3] == creeping[3]
+    assert abs(settled[-1] - 5.0) < abs(creeping[-1] - 5.0)
+
+
+def test_scores_of_known_errors() -> None:
+    force = np.array([1.0, 2.0, 4.0])
+    half = FollowedForce(
+        time_s=force, force_n=force, value_n=force / 2, low_n=0 * force, high_n=force * 0.9
+    )
+    exact = FollowedForce(
+        time_s=force, force_n=force, value_n=force, low_n=0 * force, high_n=force * 2
+    )
+    scores = staircases._scores([half], [half])
+    assert scores["share_of_static"] == 1
+    assert scores["rms_log_error"] == pytest.approx(np.log(2))
+    assert scores["rms_log_error_own_gain_out"] == pytest.approx(0)
+    assert scores["coverage"] == 0
+    assert staircases._scores([exact], [half])["share_of_static"] == 0
+
+
+def test_table5_report(tmp_path: Path) -> None:
+    errors = {
+        level: {name: np.array([0.1, 0.3]) for name in table5.ALL_ROWS} for level in table5.LEVELS
+    }
+    report = table5._report(errors, sensors=1, repeats=1)
+    report.write(tmp_path)
+    document = json.loads((tmp_path / "table5.json").read_text())
+    rows = {(row["level"], row["technique"]): row for row in document["rows"]}
+    assert rows["paper", "exponential, 2.5 s"]["published_n"] == 0.14
+    assert rows["field", "ours, 1 s"]["published_ratio"] is None
+    assert rows["paper", "ours, 2.5 s"]["ratio"] == 1
+    assert "Simulated" in (tmp_path / "table5.md").read_text()
+    assert (tmp_path / "figure12.png").stat().st_size > 1000
+
+
+def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
+    given = stiffness.Answer(
+        gripper="rigid",
+        level="paper",
+        squeeze="10 N",
+        object="spring, flat",
+        truth=2.0,
+        value=2.2,
+        low=1.0,
+        high=4.0,
+        status="ok",
+    )
+    nan = float("nan")
+    none = replace(given, truth=9.0, value=nan, low=nan, high=nan, status="none")
+    report = stiffness._report([given, none])
+    report.write(tmp_path)
+    document = json.loads((tmp_path / "stiffness.json").read_text())
+    overall = document["summary"][0]
+    assert (overall["grasps"], overall["answered"]) == (2, 1)
+    assert overall["median_abs_error_percent"] == pytest.approx(10.0)
+    assert overall["coverage"] == 1
+    assert overall["no_upper_end"] == 0

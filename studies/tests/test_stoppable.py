@@ -1,0 +1,35 @@
+"""A study that is told to stop ends as a whole."""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import Any
+
+import pytest
+
+from palpate_studies import force_control_grasps
+from palpate_studies.force_control import gripped
+from palpate_studies.force_control_world import learned_damage, task
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_the_study_with_the_hand_safe(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = signal.getsignal(number)
+    worlds = list[Any]()
+
+    class Gripper(force_control_grasps.TwinGripper):
+        def command(self, wanted: Any) -> Any:
+            os.kill(os.getpid(), number)
+            worlds.append(self)
+            return super().command(wanted)
+
+    monkeypatch.setattr(force_control_grasps, "TwinGripper", Gripper)
+    tasks = [task(seed, level="paper") for seed in (8, 9)]
+    with pytest.raises(KeyboardInterrupt):
+        list(gripped(tasks, damage=learned_damage(seed=1)))
+    assert len(worlds) == 1
+    assert not worlds[0].state().moving
+    assert signal.getsignal(number) is before
