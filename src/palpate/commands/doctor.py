@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,20 +22,11 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from palpate.commands.doctor_report import Examined
     from palpate.commands.sensor_source import Source
     from palpate.sensor.array import ArrayLayout, Frame
     from palpate.sensor.findings import Finding
-    from palpate.sensor.health import Health, Stretch
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Examined:
-    """A judged sensor and where its frames came from."""
-
-    name: str
-    simulated: bool
-    layout: ArrayLayout
-    health: Health
+    from palpate.sensor.health import Stretch
 
 
 def doctor(
@@ -92,6 +82,7 @@ def doctor(
 
 
 def _live(source: Source, *, duration_s: float, press: bool) -> Examined:
+    from palpate.commands.doctor_report import Examined
     from palpate.commands.sensor_source import FRAME_TIMEOUT_S
     from palpate.sensor.health import examine
     from palpate.sensor.health_link import LinkEvents
@@ -131,6 +122,7 @@ def _live(source: Source, *, duration_s: float, press: bool) -> Examined:
 
 def _of_recording(path: Path, *, duration_s: float, press: bool) -> Examined:
     """Judge pixels by the first seconds of a recording, the link by all of it."""
+    from palpate.commands.doctor_report import Examined
     from palpate.recording import load_recording
     from palpate.sensor.health import Stretch, examine
 

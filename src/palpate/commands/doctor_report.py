@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, Group, RenderableType
@@ -13,12 +14,22 @@ from rich.text import Text
 from palpate.sensor.findings import Severity, pixel_name
 
 if TYPE_CHECKING:
-    from palpate.commands.doctor import Examined
+    from palpate.sensor.array import ArrayLayout
     from palpate.sensor.health import Health
 
 _MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
 #: Larger arrays would fill the screen: only their odd pixels are listed.
 _LISTED_PIXELS = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Examined:
+    """A judged sensor and where its frames came from."""
+
+    name: str
+    simulated: bool
+    layout: ArrayLayout
+    health: Health
 
 
 def as_document(examined: Examined) -> dict[str, Any]:

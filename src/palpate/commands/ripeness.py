@@ -13,10 +13,10 @@ from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.commands.ripeness_report import Judged
     from palpate.produce.records import Drive, Item
     from palpate.produce.reference_object import Drift
-    from palpate.produce.ripeness import Ripeness, RipenessRule
-    from palpate.produce.ripeness_store import ItemHistory
+    from palpate.produce.ripeness import RipenessRule
     from palpate.produce.store import Store
 
 _DEFAULT_STAGES = "hard,conditioned,ripe,overripe"
@@ -86,22 +86,6 @@ def ripeness(
         print_report(judged)
 
 
-class Judged:
-    """One item with all that is said of it."""
-
-    def __init__(
-        self,
-        item: Item,
-        *,
-        history: ItemHistory,
-        ripeness: Ripeness,
-        rule: RipenessRule | None,
-        drift: Drift | None,
-    ) -> None:
-        self.item, self.history, self.ripeness = item, history, ripeness
-        self.rule, self.drift = rule, drift
-
-
 def _names(stages: str, *, ripe: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in stages.split(","))
     if len(names) < 2 or len(set(names)) < len(names) or not all(names):
@@ -136,6 +120,7 @@ class _Judge:
 
     def judged(self, item: Item) -> Judged:
         """Judge one item by what it was taught on the same kind of fingers."""
+        from palpate.commands.ripeness_report import Judged
         from palpate.produce.identify_store import drive_of
         from palpate.produce.ripeness_store import history_of, judge
 
@@ -145,7 +130,7 @@ class _Judge:
         history = history_of(grasps, item_id=item.item_id, drive=drive, drift=drift)
         rule = self._rule(item, drive)
         return Judged(
-            item,
+            item=item,
             history=history,
             ripeness=judge(history, rule=rule, ripe=self._ripe),
             rule=rule,

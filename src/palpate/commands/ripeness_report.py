@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,20 @@ from palpate.produce.ripeness import SURE, Days
 from palpate.produce.ripeness_store import ItemHistory, assumed, explanation
 
 if TYPE_CHECKING:
-    from palpate.commands.ripeness import Judged
+    from palpate.produce.records import Item
+    from palpate.produce.reference_object import Drift
+    from palpate.produce.ripeness import Ripeness, RipenessRule
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """One item with everything that is known of its ripeness."""
+
+    item: Item
+    history: ItemHistory
+    ripeness: Ripeness
+    rule: RipenessRule | None
+    drift: Drift | None
 
 
 def document(judged: Sequence[Judged]) -> dict[str, object]:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from palpate.twin.mechanics import PixelGrid
+    from palpate.twin.pixel_grid import PixelGrid
 
 FloatArray: TypeAlias = NDArray[np.float64]
 

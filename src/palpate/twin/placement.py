@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.twin.mechanics import PixelGrid
+from palpate.twin.pixel_grid import PixelGrid
 from palpate.twin.ranges import Ranges, uniform
 from palpate.twin.velostat import Creep, Environment, Sheet
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
 from palpate.twin.lag import follow_line
-from palpate.twin.mechanics import Compliance, Motion, PixelGrid, pixel_shares
+from palpate.twin.mechanics import Compliance, Motion, pixel_shares
 from palpate.twin.objects import TwinObject
+from palpate.twin.pixel_grid import PixelGrid
 from palpate.twin.placement import Placement, Placements
 from palpate.twin.ranges import Ranges
 from palpate.twin.squeeze import Squeeze

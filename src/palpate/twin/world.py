@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.friction import AT_REST, N_PER_G
-from palpate.twin.mechanics import Compliance, Motion, PixelGrid
+from palpate.twin.mechanics import Compliance, Motion
 from palpate.twin.objects import TwinObject
+from palpate.twin.pixel_grid import PixelGrid
 from palpate.twin.plant import Plant, State
 from palpate.twin.ranges import ranges_of, uniform
 from palpate.twin.readout import Readout

@@ -23,8 +23,9 @@ from palpate.produce.bruise_model import Example, usable
 from palpate.produce.bruise_shape import Shape, contrast, middle_of, shape_of
 from palpate.settling.result import FloatArray
 from palpate.twin.apple import Apple, draw_apple
-from palpate.twin.mechanics import Compliance, PixelGrid, series_force_n
+from palpate.twin.mechanics import Compliance, series_force_n
 from palpate.twin.objects import TwinObject
+from palpate.twin.pixel_grid import PixelGrid
 from palpate.twin.produce_ranges import BRUISES
 from palpate.twin.ranges import PAPER, uniform
 from palpate.twin.world import World

@@ -9,7 +9,8 @@ import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.twin.apple import Apple, Bruise, draw_apple
-from palpate.twin.mechanics import PixelGrid, pixel_shares
+from palpate.twin.mechanics import pixel_shares
+from palpate.twin.pixel_grid import PixelGrid
 from palpate.twin.produce_ranges import BRUISES
 
 GRID = PixelGrid.of(RIGID_LAYOUT)
