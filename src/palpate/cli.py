@@ -13,32 +13,16 @@ from palpate.commands.help_text import help_text
 from palpate.commands.outcome import run
 from palpate.commands.plain_signs import print_anything
 
-#: Verb -> module under `palpate.commands` that holds a function of that name.
-VERBS = (
-    "grasp",
-    "settle",
-    "record",
-    "inspect",
-    "replay",
-    "export",
-    "recover",
-    "ports",
-    "study",
-    "bench",
-    "doctor",
-    "live",
-    "serve",
-    "calibrate",
-    "flash",
-    "init",
-    "pattern",
-    "items",
-    "ripeness",
-    "report",
-    "bruise",
-    "identify",
-    "sort",
-)
+#: Heading of the help -> its verbs. Each is a function of that name in a module of that name under
+#: `palpate.commands`.
+GROUPS: dict[str, tuple[str, ...]] = {
+    "Measure": ("grasp", "live", "serve", "record"),
+    "Recordings": ("settle", "inspect", "replay", "export", "recover"),
+    "Set up": ("init", "ports", "flash", "doctor", "calibrate", "pattern"),
+    "Produce": ("items", "report", "ripeness", "bruise", "identify", "sort"),
+    "Research": ("study", "bench"),
+}
+VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
 
 def build_app() -> typer.Typer:
@@ -54,15 +38,17 @@ def build_app() -> typer.Typer:
     @app.callback()
     def root(
         version: Annotated[
-            bool, typer.Option("--version", help="Say which version this is.", callback=_version)
+            bool, typer.Option("--version", help="Print the version.", callback=_version)
         ] = False,
     ) -> None:
         pass
 
-    for verb in VERBS:
-        module = importlib.import_module(f"palpate.commands.{verb}")
-        function, settings = getattr(module, verb), getattr(module, "SETTINGS", {})
-        app.command(name=verb, help=help_text(function), **settings)(function)
+    for heading, verbs in GROUPS.items():
+        for verb in verbs:
+            module = importlib.import_module(f"palpate.commands.{verb}")
+            function, settings = getattr(module, verb), getattr(module, "SETTINGS", {})
+            text = help_text(function)
+            app.command(name=verb, help=text, rich_help_panel=heading, **settings)(function)
     return app
 
 

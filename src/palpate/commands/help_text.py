@@ -1,10 +1,16 @@
-"""A command's docstring as its help: paragraphs that flow to whatever width the terminal has."""
+"""Help that reads: docstrings that flow to the terminal's width, and placeholders in words."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
+
+import typer
+
+#: What stands for a value of this type where a command names nothing better.
+_PLACEHOLDERS: dict[object, str] = {int: "N", float: "NUMBER", str: "TEXT", Path: "FILE"}
 
 
 def help_text(function: Callable[..., Any]) -> str:
@@ -23,5 +29,31 @@ def help_text(function: Callable[..., Any]) -> str:
     >>> help_text(grasp)
     'Close on it.\\n\\nThen give it back.'
     """
-    paragraphs = (inspect.getdoc(function) or "").split("\n\n")
+    # The list of commands shows the first paragraph, which an example would clutter.
+    paragraphs = (
+        (inspect.getdoc(function) or "").replace(" Example: ", "\n\nExample: ").split("\n\n")
+    )
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+
+
+def readable(command: Any) -> Any:
+    """Return a command whose options without a placeholder have one in words, and switches none.
+
+    Typer would print the Python type: `--json <bool>`, `--cutoff <list[float]>`.
+    """
+    for nested in getattr(command, "commands", {}).values():
+        readable(nested)
+    # The option --help is made at first use, and kept.
+    context = typer.Context(command)
+    for parameter in (*command.params, command.get_help_option(context)):
+        if parameter is None or parameter.metavar is not None:
+            continue
+        annotation = parameter.type_descriptor.annotation
+        element = next(iter(get_args(annotation)), annotation)
+        if parameter.param_type_name == "argument":
+            parameter.metavar = parameter.name.upper()
+        elif parameter.is_flag:
+            parameter.metavar = ""
+        elif element in _PLACEHOLDERS:
+            parameter.metavar = _PLACEHOLDERS[element]
+    return command

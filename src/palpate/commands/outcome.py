@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import typer
 
+from palpate.commands.help_text import readable
 from palpate.errors import PalpateError
 
 EXIT_STOPPED = 130
@@ -28,7 +29,7 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
     int
         0 done, 1 the answer is no, 2 bad usage or input, 3 equipment, 130 stopped by Ctrl-C.
     """
-    command = typer.main.get_command(app)
+    command = readable(typer.main.get_command(app))
     try:
         status = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
         return int(status or 0)

@@ -1,0 +1,5 @@
+"""`python -m palpate` is the `palpate` command."""
+
+from palpate.cli import main
+
+main()
