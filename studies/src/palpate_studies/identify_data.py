@@ -13,6 +13,7 @@ from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.files import atomic_path
 from palpate.grasp.planning import plan_grasp
+from palpate.produce.identify_result import UNKNOWN
 from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.sorting_hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrated
@@ -61,6 +62,11 @@ class CrateItemGrasps:
     stiffness_n_per_mm: float
     damaged: bool
     grasps: tuple[TimedGrasp, ...]
+
+    @property
+    def named(self) -> str:
+        """What a method that makes no mistake says: the kind, or unknown for a stranger."""
+        return self.kind if self.known else UNKNOWN
 
 
 def measured_crates(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
-from palpate.estimate.damage import FOLDS
+from palpate.estimate.damage import FOLDS, LEAST_LOAD
 from palpate.estimate.damage_learning import at_half_load, learn, split
 from palpate.estimate.fruit_closings import FruitClosing, copies, read_closings
 from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
@@ -17,9 +18,7 @@ from palpate_studies.rupture_learners import features, learned_scores, learners
 from palpate_studies.rupture_policies import Scored, our_scores
 from palpate_studies.rupture_published import PUBLISHED, published_scores
 from palpate_studies.rupture_told import told_half_load
-from palpate_studies.rupture_tradeoff import RATES, Method, tradeoff
-
-Splits: TypeAlias = Sequence[tuple[Sequence[FruitClosing], Sequence[FruitClosing]]]
+from palpate_studies.rupture_tradeoff import RATES, Method, Splits, settings_of, tradeoff
 
 _OURS, _PUBLISHED = "ours", "rule as published"
 #: How much firmer than the published rule a grip would have to be to be worth a fifth more.
@@ -68,12 +67,15 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
         errors[f"{_PUBLISHED}, told the true half load"] = _by_fruit(
             tested, map(_missed_at_true_half, tested, scores[_PUBLISHED])
         )
-    entries = tradeoff([Method(name, scores[name]) for name in scores], closings=tested)
+    methods = [Method(name, scores[name], _settings(scores[name], splits)) for name in scores]
+    entries = tradeoff(methods, closings=tested)
     provenance = (
         f"Real recordings of fruit closed on until rupture, copies left out; {FOLDS}-fold.",
         "Learners are told all of each curve that came before: stiffness over several stretches, "
         "bend, roughness, force lost on the way, sampling, size, force; one is trained for each "
         "fruit. They show what the curves hold, and are no part of palpate.",
+        "Settings of the grip are chosen for each part on the scores of the other parts' fruit, by "
+        "models fitted without them.",
         "Stretches: a fifth of each fruit's closings, neighbours in the file, left out together.",
     )
     return StudyReport(
@@ -88,6 +90,13 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
             "tradeoff": entries,
         },
     )
+
+
+def _settings(scored: Sequence[Scored], splits: Splits) -> NDArray[np.float64]:
+    """Return settings for each fruit, shape (fruits, rates), from the scores of other parts."""
+    critical = np.array([max(one.score.tolist(), default=LEAST_LOAD) for one in scored])
+    part = np.repeat(np.arange(len(splits)), [len(test) for _, test in splits])
+    return np.array([settings_of(critical[part != mine]) for mine in part])
 
 
 def _stretches(closings: Sequence[FruitClosing]) -> Splits:
@@ -170,7 +179,7 @@ def _firmness_table(entries: Sequence[dict[str, Any]]) -> Table:
                 (fruit, "a fifth firmer than that", *(f"{_FIFTH * one:.2f}" for one in firm))
             )
     return Table(
-        title="Firmness (mean stop force / rupture force) at a rupture rate of at most",
+        title="Firmness (mean stop force / rupture force) at a nominal rate of rupture",
         columns=("fruit", "method", *(f"{rate:.0%}" for rate in RATES)),
         rows=rows,
     )

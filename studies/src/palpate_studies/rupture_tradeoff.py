@@ -1,34 +1,113 @@
-"""How firm a grip each way of stopping gives, at equal rates of rupture."""
+"""How firm a grip each way of stopping gives, at settings that were chosen on other fruit."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import beta
 
+from palpate.estimate.damage import LEAST_LOAD
+from palpate.estimate.damage_learning import split
 from palpate.estimate.fruit_closings import FruitClosing
+from palpate_studies.protocol.parts import Learned
 from palpate_studies.rupture_policies import Scored, stop_forces
 
-#: Rates of rupture at which methods are compared.
+#: Nominal rates of rupture at which methods are compared.
 RATES = (0.01, 0.02, 0.03, 0.05, 0.075, 0.10)
-#: Settings tried per method: each score that any closing passed would do; so many are plenty.
-SETTINGS = 400
 LEVEL = 0.9
+
+#: Scores closings by what was learned from others.
+Scorer: TypeAlias = Callable[[FruitClosing], Scored]
+#: Pairs of closings that are learned from and closings that are judged.
+Splits: TypeAlias = Sequence[tuple[Sequence[FruitClosing], Sequence[FruitClosing]]]
+
+
+class Policy(NamedTuple):
+    """A way of stopping: its name, and what learns its score from training fruit."""
+
+    name: str
+    learn: Callable[[Sequence[FruitClosing]], Scorer]
 
 
 class Method(NamedTuple):
-    """A way of stopping: its scores along each closing; it stops at a chosen one."""
+    """A policy applied: its scores along each closing, and the scores at which it stops there.
+
+    `settings` has shape (closings, rates), chosen for each of `RATES` without that closing.
+    """
 
     name: str
     scores: Sequence[Scored]
+    settings: NDArray[np.float64]
+
+
+def applied(policy: Policy, splits: Splits) -> Method:
+    """Learn a policy and choose its settings on each training part, and score the test part.
+
+    Raises
+    ------
+    SeenBeforeError
+        If a closing is in both parts.
+    """
+    scores, settings = list[Scored](), list[NDArray[np.float64]]()
+    for training, test in splits:
+        chosen = Learned(
+            found=settings_of(critical_scores(policy, training)),
+            seen=frozenset(map(specimen, training)),
+        )
+        scorer, at = policy.learn(training), chosen.on(map(specimen, test))
+        scores += [scorer(closing) for closing in test]
+        settings += [at] * len(test)
+    return Method(policy.name, scores, np.array(settings))
+
+
+def specimen(closing: FruitClosing) -> str:
+    """Return what a recording is known by: two files may use one name for two fruits."""
+    return f"{closing.grasp_id} ({closing.rupture_force_n:g} N, {len(closing.samples)} samples)"
+
+
+def critical_scores(policy: Policy, training: Sequence[FruitClosing]) -> list[float]:
+    """Return the largest score that each training fruit bore, by policies fitted without it."""
+    return [
+        max(scored.score.tolist(), default=LEAST_LOAD)
+        for inner, left_out in split(training)
+        for scored in map(policy.learn(inner), left_out)
+    ]
+
+
+def settings_of(critical: Sequence[float]) -> NDArray[np.float64]:
+    """Return the score at which to stop for each nominal rate, as the shipped guard chooses its.
+
+    The k-th smallest critical score of n promises a rate of at most k / (n + 1) on fruit like
+    these; with too few of them the setting lies below the smallest.
+
+    Examples
+    --------
+    >>> settings_of(list(range(1, 100)))[[0, 3]].tolist()
+    [1.0, 5.0]
+    """
+    ordered = np.sort(critical)
+    ranks = np.floor(np.array(RATES) * (len(ordered) + 1)).astype(int)
+    found = ordered[np.minimum(np.maximum(ranks, 1), len(ordered)) - 1]
+    return np.asarray(np.where(ranks == 0, np.nextafter(found, -np.inf), found))
+
+
+def stops(method: Method, closings: Sequence[FruitClosing]) -> NDArray[np.float64]:
+    """Return the stop force over the rupture force, shape (closings, rates); 1 is a rupture."""
+    rows = [
+        stop_forces([scored], rupture_force_n=[closing.rupture_force_n], at=at)[0]
+        / closing.rupture_force_n
+        for scored, at, closing in zip(method.scores, method.settings, closings, strict=True)
+    ]
+    return np.array(rows)
 
 
 def tradeoff(
     methods: Sequence[Method], *, closings: Sequence[FruitClosing]
 ) -> list[dict[str, Any]]:
-    """Sweep each method over its setting and report the firmest grip at each rate of rupture.
+    """Report the grip of each method at each nominal rate of rupture, and the rate it had.
 
     Parameters
     ----------
@@ -39,36 +118,30 @@ def tradeoff(
     Returns
     -------
     list of dict
-        ``fruit`` (or "all"), ``method``, ``rate_limit``, ``setting``, ``ruptured``, ``grasps``,
-        ``rupture_rate`` with its binomial 90 % bounds ``rate_low`` and ``rate_high`` (Clopper and
-        Pearson), and ``firmness``: mean stop force as a share of the rupture force.
+        ``fruit`` (or "all"), ``method``, ``rate_limit`` (nominal), ``setting`` (median over the
+        parts), ``ruptured``, ``grasps``, ``rupture_rate`` with its binomial 90 % bounds
+        ``rate_low`` and ``rate_high`` (Clopper and Pearson), and ``firmness``: mean stop force as
+        a share of the rupture force, 1 for one that ruptured.
     """
-    limits_n = np.array([closing.rupture_force_n for closing in closings])
+    shares = {method.name: stops(method, closings) for method in methods}
     entries = []
     for fruit in [*sorted({closing.fruit for closing in closings}), "all"]:
         chosen = [i for i, closing in enumerate(closings) if fruit in ("all", closing.fruit)]
-        of_chosen_n = limits_n[chosen][:, None]
         for method in methods:
-            scores = [method.scores[i] for i in chosen]
-            every = np.concatenate([one.score for one in scores])
-            settings = np.unique(np.quantile(every, np.linspace(0, 1, SETTINGS)))
-            stops_n = stop_forces(scores, rupture_force_n=limits_n[chosen].tolist(), at=settings)
-            ruptured = np.sum(stops_n >= of_chosen_n, axis=0)
-            firmness = np.mean(stops_n / of_chosen_n, axis=0)
-            for rate in RATES:
-                allowed = np.where(ruptured <= rate * len(chosen), firmness, -np.inf)
-                best = int(np.argmax(allowed))
+            of_chosen = shares[method.name][chosen]
+            for column, rate in enumerate(RATES):
+                ruptured = int(np.sum(of_chosen[:, column] >= 1))
                 entries.append(
                     {
                         "fruit": fruit,
                         "method": method.name,
                         "rate_limit": rate,
-                        "setting": float(settings[best]),
+                        "setting": float(np.median(method.settings[chosen, column])),
                         "grasps": len(chosen),
-                        "ruptured": int(ruptured[best]),
-                        "rupture_rate": float(ruptured[best] / len(chosen)),
-                        **_bounds(int(ruptured[best]), len(chosen)),
-                        "firmness": float(firmness[best]),
+                        "ruptured": ruptured,
+                        "rupture_rate": ruptured / len(chosen),
+                        **_bounds(ruptured, len(chosen)),
+                        "firmness": float(of_chosen[:, column].mean()),
                     }
                 )
     return entries

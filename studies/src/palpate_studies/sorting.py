@@ -30,9 +30,9 @@ from palpate_studies.identify import (
     ItemsOption,
     SensorsOption,
     crates_of,
-    taught_items,
+    identifiers,
 )
-from palpate_studies.identify_baselines import Guess, nearest_mean, size_thresholds
+from palpate_studies.identify_baselines import Guess, guesses
 from palpate_studies.identify_data import LEVELS, SORTED_GRASPS, CrateItemGrasps, write_crates
 from palpate_studies.plots.sorting import purity_figure
 from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
@@ -116,15 +116,14 @@ def runs(crates: Sequence[CrateItemGrasps], *, book: RuleBook) -> list[Run]:
 def _sorted_by_all(crate: Sequence[CrateItemGrasps], *, book: RuleBook) -> dict[str, list[Placed]]:
     teaching = [item for item in crate if item.teaches]
     sorting = [item for item in crate if not item.teaches]
-    known = Identifier(taught_items(teaching))
     done = {
-        "size thresholds": _by_guess(sorting, size_thresholds(teaching), book=book),
-        "nearest mean": _by_guess(sorting, nearest_mean(teaching), book=book),
+        method: _by_guess(sorting, guess, book=book) for method, guess in guesses(teaching).items()
     }
-    for most in range(1, book.most_grasps + 1):
-        name = "ours, one grasp" if most == 1 else f"ours, up to {most} grasps"
-        tried = replace(book, most_grasps=most)
-        done[name] = [_placed(item, known=known, book=tried) for item in sorting]
+    for name, known in identifiers(teaching).items():
+        for most in range(1, book.most_grasps + 1):
+            method = f"{name}, " + ("one grasp" if most == 1 else f"up to {most} grasps")
+            tried = replace(book, most_grasps=most)
+            done[method] = [_placed(item, known=known, book=tried) for item in sorting]
     return done
 
 

@@ -37,7 +37,7 @@ def tradeoff_figure(entries: Sequence[Mapping[str, Any]]) -> Figure:
                     continue
                 color, marker = look_of(look)
                 axis.plot(
-                    [100 * entry["rate_limit"] for entry in chosen],
+                    [100 * entry["rupture_rate"] for entry in chosen],
                     [entry["firmness"] for entry in chosen],
                     line,
                     color=color,
@@ -46,9 +46,11 @@ def tradeoff_figure(entries: Sequence[Mapping[str, Any]]) -> Figure:
                 )
             count = next(entry["grasps"] for entry in entries if entry["fruit"] == fruit)
             axis.set_title(f"{fruit} ({count} grasps)")
-            axis.set_xlabel("ruptured, at most (%)")
+            axis.set_xlabel("ruptured (%)")
             axis.set_ylim(0, 1)
         axes[0][0].set_ylabel("stop force / rupture force")
         axes[0][0].legend(loc="lower right", fontsize=7)
-        fig.suptitle("Real fruit: firmness of the grip at equal rates of rupture", fontsize=10)
+        fig.suptitle(
+            "Real fruit: firmness of the grip, settings chosen on other fruit", fontsize=10
+        )
     return fig

@@ -1,0 +1,87 @@
+"""Parts stay apart, differences are paired; no setting is scored where it was chosen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.errors import PalpateError
+from palpate.estimate.fruit_closings import FruitClosing, follow
+from palpate_studies.protocol.paired import paired_difference
+from palpate_studies.protocol.parts import Fold, SeenBeforeError, choose, folds
+from palpate_studies.rupture import _policies
+from palpate_studies.rupture_tradeoff import RATES, applied, stops, tradeoff
+
+
+def pears(count: int, *, seed: int) -> list[FruitClosing]:
+    rng = np.random.default_rng(seed)
+    found = []
+    for number in range(count):
+        stiffness = rng.uniform(2.0, 8.0)
+        closure_mm = np.arange(0.0, 4.0, 0.02)
+        found.append(
+            follow(
+                f"p{number}",
+                fruit="pear",
+                rupture_force_n=float(2.0 * stiffness * np.exp(0.2 * rng.standard_normal())),
+                closure_mm=closure_mm,
+                force_n=stiffness * closure_mm,
+            )
+        )
+    return found
+
+
+def test_a_choice_is_refused_where_it_was_made() -> None:
+    chosen = choose([0.1, 0.2], loss=lambda x: abs(x - 0.2), on=["a", "b"])
+    assert chosen.on(["c"]) == 0.2
+    with pytest.raises(SeenBeforeError, match="b was used"):
+        chosen.on(["b", "c"])
+    assert issubclass(SeenBeforeError, PalpateError)
+
+
+def test_folds_test_every_specimen_once_and_share_none() -> None:
+    names = [name for name in "abcdefg" for _ in range(3)]
+    made = folds(names, count=4)
+    assert sorted(name for fold in made for name in fold.test) == sorted(set(names))
+    for fold in made:
+        assert not set(fold.test) & (set(fold.train) | set(fold.choose))
+    with pytest.raises(SeenBeforeError):
+        Fold(train=("a",), choose=("a",), test=("b",))
+    with pytest.raises(ValueError, match="3 folds of 2"):
+        folds("ab", count=3)
+
+
+def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() -> None:
+    rng = np.random.default_rng(3)
+    hard = np.repeat(rng.uniform(1.0, 20.0, 30), 4)
+    names = [str(k) for k in np.repeat(np.arange(30), 4)]
+    rival = hard + 0.5 + 0.1 * rng.standard_normal(hard.size)
+    found = paired_difference(hard, rival, names, statistic=np.mean)
+    assert found.verdict == "ours"
+    assert found.low < -0.5 < found.high
+    assert found.high - found.low < 0.1
+    assert paired_difference(rival, hard, names, statistic=np.mean).verdict == "rival"
+    assert paired_difference(hard, hard, names).verdict == "undecided"
+    assert paired_difference([1.0], [2.0], ["a"]).as_json()["low"] is None
+    with pytest.raises(ValueError, match="not finite"):
+        paired_difference([np.nan, 1.0], [1.0, 1.0], ["a", "b"])
+
+
+def test_a_rupture_setting_is_never_used_on_fruit_that_it_was_chosen_on() -> None:
+    fruit = pears(24, seed=1)
+    policy = _policies([(fruit, fruit)])[0]
+    with pytest.raises(SeenBeforeError, match="used for fitting or choosing"):
+        applied(policy, [(fruit, fruit[:3])])
+
+
+def test_rupture_settings_come_from_the_training_fruit_alone() -> None:
+    training, test = pears(60, seed=1), pears(30, seed=2)
+    policy = _policies([(training, test)])[0]
+    whole, part = (applied(policy, [(training, some)]) for some in (test, test[:5]))
+    assert part.settings == pytest.approx(whole.settings[:5])
+    assert stops(part, test[:5]) == pytest.approx(stops(whole, test)[:5])
+    assert np.all(np.diff(whole.settings[0]) >= 0)
+    rows = [row for row in tradeoff([whole], closings=test) if row["fruit"] == "all"]
+    assert [row["rate_limit"] for row in rows] == list(RATES)
+    # At a nominal 10 % of 30 more than 9 rupture with a probability of 0.2 % only.
+    assert rows[-1]["ruptured"] <= 9
