@@ -18,7 +18,7 @@ from palpate.commands.plain_signs import print_anything
 GROUPS: dict[str, tuple[str, ...]] = {
     "Measure": ("grasp", "live", "serve", "record"),
     "Recordings": ("settle", "inspect", "replay", "export", "recover"),
-    "Set up": ("init", "ports", "flash", "doctor", "calibrate", "pattern"),
+    "Set up": ("demo", "init", "ports", "flash", "doctor", "calibrate", "pattern"),
     "Produce": ("items", "report", "ripeness", "bruise", "identify", "sort"),
     "Research": ("study", "bench"),
 }

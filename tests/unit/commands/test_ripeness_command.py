@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from palpate.cli import build_app, run
+from palpate.demo.packhouse import write_packhouse
 from palpate.produce.records import About, Item, Source
 from palpate.produce.store import Store
 
@@ -21,9 +22,7 @@ def palpate(*arguments: str) -> int:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("ripeness") / "batch.sqlite"
-    runpy.run_path(str(EXAMPLE), run_name="example")["make_store"](path)
-    return path
+    return write_packhouse(tmp_path_factory.mktemp("ripeness"))[0]
 
 
 @pytest.fixture(autouse=True)

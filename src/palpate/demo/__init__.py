@@ -1,0 +1,1 @@
+"""Files to try palpate on without a sensor; all of it simulated, and labelled so."""
