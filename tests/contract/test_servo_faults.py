@@ -21,6 +21,7 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.gripper import x_series as x
 from palpate.gripper.dynamixel import DynamixelGripper, open_gripper
+from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.servo_line import RefusedError, ServoLine
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
@@ -67,6 +68,116 @@ def test_a_damaged_reply_is_asked_for_again(gripper: DynamixelGripper, bus: Serv
     bus.spoilt = 3
     with pytest.raises(DeviceError, match="replies are damaged"):
         gripper.state()
+
+
+def test_a_late_reply_is_no_answer_to_the_next_question(world: World, bus: ServoBus) -> None:
+    """Replies come 90 ms late and each may take 50: an answer is right, or there is none."""
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.05)
+    gripper = DynamixelGripper(line, clock=world.clock, fingers=CrankFingers())
+    close_slowly(gripper)
+    world.clock.sleep_s(1.0)
+    bus.late_s = 0.09
+    where_mm, silent = world.drive_value(world.clock.now_s()), 0
+    for register, value in 3 * [(x.CURRENT_LIMIT, 1193), (x.MODEL_NUMBER, 1020), (x.GOAL_PWM, 885)]:
+        try:
+            assert line.read(register) == value
+            assert gripper.state().width_mm == pytest.approx(where_mm, abs=0.1)
+        except DeviceTimeoutError:
+            silent += 1
+    assert silent
+    bus.late_s = 0.0
+    assert gripper.state().width_mm == pytest.approx(where_mm, abs=0.1)
+    gripper.close()
+
+
+def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
+    gripper: DynamixelGripper, bus: ServoBus, world: World
+) -> None:
+    close_slowly(gripper)
+    bus.late_s = 2.0
+    with pytest.raises(DeviceTimeoutError):
+        gripper.stop()
+    stopped_at_mm = world.drive_value(world.clock.now_s())
+    for _ in range(20):
+        world.clock.sleep_s(0.01)
+        world.drive_value(world.clock.now_s())
+    assert not world.moving(world.clock.now_s())
+    assert world.drive_value(world.clock.now_s()) == pytest.approx(stopped_at_mm, abs=0.3)
+
+
+def test_a_stop_that_is_not_obeyed_is_told(gripper: DynamixelGripper, bus: ServoBus) -> None:
+    close_slowly(gripper)
+    bus.deaf = True
+    with pytest.raises(DeviceError, match="was told to stop and moves on"):
+        gripper.stop()
+
+
+def test_stopping_a_hand_that_holds_leaves_its_goal(
+    gripper: DynamixelGripper, bus: ServoBus, world: World
+) -> None:
+    """A new goal where it is would take the grip away that a loaded servo holds with."""
+    close_slowly(gripper)
+    world.clock.sleep_s(6.0)
+    bus.position_error = 40
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    before = line.read(x.GOAL_POSITION)
+    gripper.stop()
+    assert line.read(x.GOAL_POSITION) == before
+    line.close()
+
+
+def test_a_position_that_it_can_not_have_reached_is_refused(
+    gripper: DynamixelGripper, bus: ServoBus, world: World
+) -> None:
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
+    world.clock.sleep_s(1 / 15)
+    bus.position_error = -1500
+    with pytest.raises(DeviceError, match="no servo turns so fast"):
+        gripper.state()
+
+
+@pytest.mark.parametrize(
+    ("model_number", "options", "words"),
+    [
+        (1020, {"current_limit_ma": 0.0}, "current_limit_ma 0: must be above 0 and at most 3209"),
+        (1020, {"current_limit_ma": 5000.0}, "at most 3209"),
+        (1020, {"current_limit_ma": math.nan}, "current_limit_ma nan"),
+        (1060, {"pwm_limit_percent": 0.0}, "pwm_limit_percent 0: must be above 0 and at most 100"),
+        (1060, {"pwm_limit_percent": 101.0}, "at most 100"),
+        (1020, {"watchdog_s": 0.0}, "watchdog_s 0: the servo's watchdog takes 0.02 to 2.54 s"),
+        (1020, {"watchdog_s": 2.6}, "watchdog_s 2.6"),
+        (1020, {"watchdog_s": math.nan}, "watchdog_s nan"),
+    ],
+)
+def test_limits_that_the_servo_would_not_keep_are_refused(
+    world: World, model_number: int, options: dict[str, float], words: str
+) -> None:
+    bus = ServoBus(world, model_number=model_number)
+    with pytest.raises(InputError, match=words):
+        on_servo(world, bus, **options)
+    bus.close()
+
+
+def test_the_slowest_movement_is_slow(gripper: DynamixelGripper, bus: ServoBus) -> None:
+    """0 would be the servo's fastest."""
+    gripper.command(GripperCommand(target=50.0, rate=1e-3))
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    assert line.read(x.PROFILE_VELOCITY) == 1
+    line.close()
+
+
+def test_the_watchdog_is_armed_again_after_a_trip(
+    gripper: DynamixelGripper, bus: ServoBus, world: World
+) -> None:
+    close_slowly(gripper)
+    for _ in range(60):
+        world.clock.sleep_s(0.01)
+        world.drive_value(world.clock.now_s())
+    assert not gripper.state().moving
+    close_slowly(gripper)
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    assert line.read(x.BUS_WATCHDOG) == 25
+    line.close()
 
 
 def test_overload_is_told_and_cleared_on_request(
@@ -245,7 +356,8 @@ def test_a_grasp_through_the_servo(plan: Plan, gripper: DynamixelGripper, world:
     assert result.force_n is not None
     assert truth.size_mm is not None
     assert abs(result.size_mm.value - truth.size_mm) < 1.0
-    assert result.force_n.low <= truth.force_n <= result.force_n.high
+    # One draw of an interval that misses one in ten: the error itself is what can be held to.
+    assert abs(result.force_n.value - truth.force_n) < 0.2 * truth.force_n
     assert not truth.damaged
     assert gripper.state().width_mm > 73.0
 

@@ -216,7 +216,6 @@ class Belief:
 def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     """Add an observation: count the frame, follow the movement, read the touch."""
     frame, gripper = observation.frame, observation.gripper
-    gap = 0 if belief.last_sequence is None else frame.sequence - belief.last_sequence - 1
     still_since = belief.still_since_s
     if gripper.moving:
         still_since = None
@@ -224,15 +223,10 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         still_since = frame.time_s
     closure = _closure(belief, gripper, plan)
     belief = replace(
-        belief,
-        began_s=frame.time_s if belief.began_s is None else belief.began_s,
-        now_s=frame.time_s,
+        counted(belief, frame),
         closure=closure,
         behind=max(closure - plan.gripper.closure(gripper), 0.0),
         still_since_s=still_since,
-        frames=belief.frames + 1,
-        lost=belief.lost + max(gap, 0),
-        last_sequence=frame.sequence,
     )
     ohm = pixel_resistance_ohm(frame.counts, layout=plan.layout, oversampling=frame.oversampling)
     if belief.rest_ohm is None:
@@ -241,6 +235,19 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         return replace(belief, touches=(), pulls=pulled(belief, gripper, plan))
     touch = _touch(frame.time_s, ohm, belief, plan)
     return noticed(replace(belief, touches=(*belief.touches, touch)))
+
+
+def counted(belief: Belief, frame: Frame) -> Belief:
+    """Count a frame and note its time; what it shows is not taken in."""
+    gap = 0 if belief.last_sequence is None else frame.sequence - belief.last_sequence - 1
+    return replace(
+        belief,
+        began_s=frame.time_s if belief.began_s is None else belief.began_s,
+        now_s=frame.time_s,
+        frames=belief.frames + 1,
+        lost=belief.lost + max(gap, 0),
+        last_sequence=frame.sequence,
+    )
 
 
 def _closure(belief: Belief, gripper: GripperState, plan: Plan) -> float:
@@ -259,7 +266,9 @@ def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) 
     assert belief.rest_ohm is not None
     change = relative_change_percent(ohm, rest_ohm=belief.rest_ohm)
     fingers = finger_means(change, finger_of_row=plan.layout.finger_of_row)
-    excess = excess_conductance(ohm, rest_ohm=belief.rest_ohm)
+    # A pixel beyond the converter's range has at least the conductance of its last step.
+    told = np.maximum(ohm, plan.layout.divider.least_ohm)
+    excess = excess_conductance(told, rest_ohm=belief.rest_ohm)
     return Touch(
         time_s=time_s,
         finger_percent=tuple(np.nan_to_num(fingers).tolist()),

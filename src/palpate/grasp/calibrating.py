@@ -316,7 +316,9 @@ def _reading(
 ) -> Reading:
     """Read so long after a movement: means of the last `mean_s`."""
     ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
-    excess = np.nan_to_num(excess_conductance(ohm, rest_ohm=rest.rest_ohm)).mean(axis=0)
+    # A pixel beyond the converter's range has at least the conductance of its last step.
+    told = np.maximum(ohm, bench.array.layout.divider.least_ohm)
+    excess = np.nan_to_num(excess_conductance(told, rest_ohm=rest.rest_ohm)).mean(axis=0)
     relative = mean_change(relative_change_percent(ohm, rest_ohm=rest.rest_ohm))
     return Reading(
         since_move_s=since_move_s,

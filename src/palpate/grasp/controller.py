@@ -67,7 +67,7 @@ def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
 
 def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:
     """End the grasp because of a danger, as `safety.reaction` says for its phase."""
-    outcome = Outcome(danger.value)
+    outcome = Outcome(danger.outcome)
     if reaction(danger, phase=belief.phase, drive=plan.gripper.drive) is Reaction.OPEN:
         return _release(belief, plan, outcome)
     belief = replace(belief, result=replace(belief.result, outcome=outcome))

@@ -2,12 +2,45 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 _UNITS = {"width": "mm", "pressure": "kPa"}
+#: So far beyond the ends of its range a gripper's report is still believed, mm or kPa.
+_BEYOND = {"width": 5.0, "pressure": 10.0}
+#: No motor of such a gripper takes this current, mA.
+_MOST_MA = 20_000.0
+
+
+def unbelievable(
+    state: GripperState, *, limits: GripperLimits, before: GripperState | None = None
+) -> str | None:
+    """Say what of a gripper's report can't be; None if all can.
+
+    Examples
+    --------
+    >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+    >>> unbelievable(GripperState(time_s=0.0, width_mm=30.0), limits=limits)
+    >>> unbelievable(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
+    'the gripper reports nan mm, and its range is 5 to 74 mm; check its cable and its driver'
+    """
+    reported, unit, far = limits.reported(state), _UNITS[limits.drive], _BEYOND[limits.drive]
+    if not limits.lowest - far <= reported <= limits.highest + far:
+        return (
+            f"the gripper reports {reported:.4g} {unit}, and its range is {limits.lowest:g} to "
+            f"{limits.highest:g} {unit}; check its cable and its driver"
+        )
+    unsensed = math.isnan(state.current_ma)
+    lost = unsensed and before is not None and not math.isnan(before.current_ma)
+    if lost or not (unsensed or abs(state.current_ma) < _MOST_MA):
+        return (
+            f"the gripper reports a current of {state.current_ma:g} mA; check its cable and its "
+            "driver"
+        )
+    return None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,10 +49,12 @@ class Following:
 
     Attributes
     ----------
-    target : float
-        Where the gripper was sent, mm or kPa.
-    due_s : float
-        When it must be there.
+    begin, target : float
+        Where the gripper was, and where it was sent, mm or kPa.
+    ends_s, due_s : float
+        When the way is done at the rate sent, and when the gripper must have arrived.
+    rate : float
+        Speed of the way, mm/s or kPa/s.
 
     Examples
     --------
@@ -30,10 +65,19 @@ class Following:
     >>> follow.complaint(state, now_s=0.5, limits=limits, safety=SafetyLimits())
     >>> follow.complaint(state, now_s=0.7, limits=limits, safety=SafetyLimits())
     'the gripper was sent to 30.0 mm and reports 34.0 mm; is it blocked, locked or without supply?'
+
+    Passing the target is known at once:
+
+    >>> past = GripperState(time_s=0.3, width_mm=29.7)
+    >>> follow.complaint(past, now_s=0.3, limits=limits, safety=SafetyLimits())
+    'the gripper was sent to 30.0 mm and runs on: it reports 29.7 mm; take its supply away'
     """
 
+    begin: float
     target: float
+    ends_s: float
     due_s: float
+    rate: float
 
     @classmethod
     def of(
@@ -46,18 +90,44 @@ class Following:
         safety: SafetyLimits,
     ) -> Following:
         """Begin to follow a command that was sent at `now_s`, when the gripper was at `state`."""
-        way = abs(sent.target - limits.reported(state))
-        return cls(target=sent.target, due_s=now_s + way / sent.rate + safety.arrival_s)
+        begin = limits.reported(state)
+        ends_s = now_s + abs(sent.target - begin) / sent.rate
+        return cls(
+            begin=begin,
+            target=sent.target,
+            ends_s=ends_s,
+            due_s=ends_s + safety.arrival_s,
+            rate=sent.rate,
+        )
+
+    def glance_s(
+        self, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
+    ) -> float | None:
+        """Return how often a hand that closes by width must be looked at; None once it is done.
+
+        In that time it could pass its target by what is allowed. Pressure comes with the frames.
+        """
+        closes = limits.drive == "width" and self.target < self.begin
+        every_s = safety.past_mm / self.rate
+        return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
     def complaint(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> str | None:
-        """Say what is wrong once the gripper had the time to arrive; None if nothing is."""
-        reported = limits.reported(state)
-        astray = safety.astray_mm if limits.drive == "width" else safety.astray_kpa
+        """Say what is wrong: closed beyond the target, or not there in time; None if nothing is."""
+        reported, unit = limits.reported(state), _UNITS[limits.drive]
+        past, astray = safety.past_mm, safety.astray_mm
+        if limits.drive == "pressure":
+            past, astray = safety.past_kpa, safety.astray_kpa
+        closing = -1.0 if limits.drive == "width" else 1.0
+        furthest = closing * max(closing * self.begin, closing * self.target)
+        if closing * (reported - furthest) > past:
+            return (
+                f"the gripper was sent to {self.target:.1f} {unit} and runs on: it reports "
+                f"{reported:.1f} {unit}; take its supply away"
+            )
         if now_s < self.due_s or not abs(reported - self.target) > astray:
             return None
-        unit = _UNITS[limits.drive]
         return (
             f"the gripper was sent to {self.target:.1f} {unit} and reports {reported:.1f} {unit}; "
             "is it blocked, locked or without supply?"

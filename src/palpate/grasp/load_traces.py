@@ -159,7 +159,8 @@ class _Recorder:
             layout=self._bench.array.layout,
             oversampling=frames[0].oversampling,
         )
-        excess = excess_conductance(ohm, rest_ohm=rest_ohm)
+        told = np.maximum(ohm, self._bench.array.layout.divider.least_ohm)
+        excess = excess_conductance(told, rest_ohm=rest_ohm)
         return {
             "run": np.full(len(frames), float(run)),
             "time_s": np.array([frame.time_s for frame in frames]),

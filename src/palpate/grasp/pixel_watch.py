@@ -1,4 +1,4 @@
-"""Pixels that fail during a grasp: open, shorted, or stuck at what they last read."""
+"""Pixels that fail during a grasp: open, shorted, stuck, or pressed beyond what can be read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from palpate.grasp.belief import Observation
 from palpate.grasp.plan import Plan
+from palpate.grasp.safety import Alarm, Danger
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health_pixels import at_ends
 
@@ -16,17 +17,23 @@ _FRAMES = 2
 #: reading changed by this share from one frame to the next.
 _LOADED, _JUMP = 0.5, 0.05
 #: Every movement of the fingers shakes each pixel's reading, contact or not. One that has slept
-#: through so many, while no other one slept through more than `_OTHERS` of them, is stuck.
-_MOVES, _OTHERS = 8, 3
+#: through so many, while no other one slept through more than `_OTHERS` of them, is stuck. Where
+#: all of them slept through `_ALL_MOVES`, the frames arrive and are not new.
+_MOVES, _OTHERS, _ALL_MOVES = 8, 3, 4
+#: The sheet has answered a movement after so long; the reports of a hand that stands differ by less
+#: than this, mm or kPa.
+_ANSWERED_S, _SAME = 0.3, 0.1
+_SEE_DOCTOR = "see what `palpate doctor` says"
 
 
 class PixelWatch:
     """Watches the pixels that the calibration knows; what it did not read is not missed.
 
-    An open or a short is known at its second frame. A sheet pressed beyond the converter's range
-    reads like a short: it is one if no other pixel is under load, or if it jumped there alone. A
-    pixel that sticks in the middle of its range is known after eight movements of the fingers; one
-    that sticks later, in the squeeze or the hold, is not known here.
+    A pixel at an end of its range makes a frame doubtful, and is an alarm at its second frame.
+    A short is never taken for no load. It is told from a sheet pressed beyond the converter's range
+    by how it came: alone, or while the fingers stood still, which no load does. A pixel that sticks
+    in the middle of its range is known after eight movements of the fingers, all of them together
+    after four; one that sticks later, in the hold, is not known here.
 
     Parameters
     ----------
@@ -42,36 +49,73 @@ class PixelWatch:
         self._rest = np.where(self._known, rest_ohm, 1.0) / plan.layout.divider.reference_ohm
         self._counts: NDArray[np.float64] | None = None
         self._opened = np.zeros(rest_ohm.shape, dtype=int)
-        self._shorted = np.zeros(rest_ohm.shape, dtype=int)
+        self._ended = np.zeros(rest_ohm.shape, dtype=int)
+        self._shorted = np.zeros(rest_ohm.shape, dtype=bool)
         self._slept = np.zeros(rest_ohm.shape, dtype=int)
         self._shaken = np.zeros(rest_ohm.shape, dtype=bool)
         self._counted_at = 0.0
+        self._closure = 0.0
+        self._moved_s = -np.inf
 
-    def complaint(self, observation: Observation) -> str | None:
+    @property
+    def doubtful(self) -> bool:
+        """Whether the last frame has a pixel at an end of its range: nothing is decided on it."""
+        return bool((self._known & ((self._opened > 0) | (self._ended > 0))).any())
+
+    def alarm(self, observation: Observation) -> Alarm | None:
         """Take the next observation; say which pixel failed and how, None if none did."""
         frame = observation.frame
         counts = np.asarray(frame.counts, dtype=float) / frame.oversampling
         before = counts if self._counts is None else self._counts
-        self._counts = counts
         self._shaken |= counts != before
+        moving, closure = (
+            observation.gripper.moving,
+            self._plan.gripper.closure(observation.gripper),
+        )
+        if self._counts is not None and (moving or abs(closure - self._closure) > _SAME):
+            self._moved_s = frame.time_s
+        self._closure = closure
         # A long way at one speed shakes the sheet at its ends only: it is one movement.
-        if not observation.gripper.moving:
-            self._count_moves(self._plan.gripper.closure(observation.gripper))
-        opened, shorted = at_ends(counts, layout=self._layout)
+        if not moving:
+            self._count_moves(closure)
+        opened, ended = at_ends(counts, layout=self._layout)
         self._opened = np.where(opened, self._opened + 1, 0)
-        jumped = self._known & (np.abs(counts - before) > _JUMP * np.maximum(before, 1.0))
-        begins = ~self._others_pressed(counts) | (jumped & ~_others(jumped))
-        self._shorted = np.where(shorted & (begins | (self._shorted > 0)), self._shorted + 1, 0)
+        self._ended = np.where(ended, self._ended + 1, 0)
+        jumped = np.abs(counts - before) > _JUMP * np.maximum(before, 1.0)
+        jumped = self._known & (jumped if self._counts is not None else ended)
+        standing = frame.time_s - self._moved_s > _ANSWERED_S
+        came = jumped & (~_others(jumped) | standing)
+        short = ~self._others_pressed(counts) | came
+        self._shorted = ended & (self._shorted | ((self._ended == 1) & short))
+        self._counts = counts
+        return self._found()
+
+    def _found(self) -> Alarm | None:
+        asleep = self._known & (self._slept >= _ALL_MOVES)
+        if self._known.any() and (asleep == self._known).all():
+            return Alarm(
+                danger=Danger.SENSOR_LOST,
+                words=f"no pixel has changed in {_ALL_MOVES} movements of the fingers: frames "
+                f"arrive, and are not new; {_SEE_DOCTOR}",
+            )
+        ended = self._ended >= _FRAMES
         failed = {
             "open": self._opened >= _FRAMES,
-            "short": self._shorted >= _FRAMES,
+            "short": ended & self._shorted,
             "stuck": self._stuck(),
         }
         for how, mask in failed.items():
             if (mask & self._known).any():
-                row, col = np.argwhere(mask & self._known)[0].tolist()
-                return f"pixel {pixel_name(row, col)} reads {how}; see what `palpate doctor` says"
+                words = f"{self._first(mask)} reads {how}; {_SEE_DOCTOR}"
+                return Alarm(danger=Danger.SENSOR_LOST, words=words)
+        if (ended & self._known).any():
+            words = f"{self._first(ended)} is pressed beyond what can be read: force unknown"
+            return Alarm(danger=Danger.FORCE_LIMIT, words=words)
         return None
+
+    def _first(self, mask: NDArray[np.bool_]) -> str:
+        row, col = np.argwhere(mask & self._known)[0].tolist()
+        return f"pixel {pixel_name(row, col)}"
 
     def _count_moves(self, closure: float) -> None:
         """Count the movements that each pixel has slept through."""

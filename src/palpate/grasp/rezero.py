@@ -11,14 +11,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
 from palpate.signal.relative import rest_baseline
 
+FloatArray = NDArray[np.float64]
+
 #: A hand that touches the sheet, or a sheet that recovers, gets so long to come to rest, seconds.
 _PATIENCE_S = 3.0
+#: Weather and wear move a sheet's rest by less than this factor, all pixels alike, and single
+#: pixels by less than this one against the others: what lies beyond is no rest of this sheet.
+_SHEET_FACTOR, _PIXEL_FACTOR = 2.5, 2.0
 #: Closing over so many steps of the approach without a rise shows that nothing presses.
 _PROVING_STEPS = 1.5
 
@@ -39,6 +45,39 @@ def rezeroed(belief: Belief, *, plan: Plan) -> Belief:
             return replace(belief, rest_frames=(), still_since_s=belief.now_s)
         return _unsure(belief, refused, plan=plan)
     return replace(belief, rest_ohm=rest.rest_ohm, rest_frames=())
+
+
+def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
+    """Say why rest values can't be this sheet's, whatever the weather; None if they can.
+
+    They are compared with the calibration's: the median over the pixels, then each pixel.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> plan = SimpleNamespace(rest_ohm=np.array([[9e3, 8e3, 7e3]]))
+    >>> strange_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)
+    >>> strange_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)
+    'the sheet at rest reads 0.0025 times the calibration's resistance, and weather or wear ...
+    """
+    ratio = np.asarray(rest_ohm) / np.asarray(plan.rest_ohm)
+    ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
+    if not ratio.size:
+        return None
+    shared = float(np.median(ratio))
+    if not 1.0 / _SHEET_FACTOR < shared < _SHEET_FACTOR:
+        return (
+            f"the sheet at rest reads {shared:.2g} times the calibration's resistance, and weather "
+            f"or wear move it by less than a factor of {_SHEET_FACTOR:g}; see what `palpate "
+            "doctor` says"
+        )
+    apart = float(np.exp(np.abs(np.log(ratio / shared)).max()))
+    if apart < _PIXEL_FACTOR:
+        return None
+    return (
+        f"a pixel at rest has moved by a factor of {apart:.2g} against the others since the "
+        f"calibration, and weather or wear move them alike; see what `palpate doctor` says"
+    )
 
 
 def _unsure(belief: Belief, refused: CalibrationError, *, plan: Plan) -> Belief:

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from statistics import median
 from types import FrameType
 from typing import TypeAlias, TypeVar
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.grasp.belief import Belief, Observation, commanded
+from palpate.grasp.belief import Belief, Observation, commanded, counted
 from palpate.grasp.controller import Move, released, step, stopped
-from palpate.grasp.following import Following
+from palpate.grasp.current_watch import CurrentWatch
+from palpate.grasp.following import Following, unbelievable
 from palpate.grasp.phases import Phase
 from palpate.grasp.pixel_watch import PixelWatch
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult
-from palpate.grasp.safety import Danger
+from palpate.grasp.rezero import strange_rest
+from palpate.grasp.safety import Alarm, Danger
 from palpate.gripper.interface import Gripper, GripperState
-from palpate.sensor.array import Frame, PressureArray
+from palpate.sensor.array import Frame, PressureArray, wrong_counts
 
 #: Gets every observation: a recorder, a view. It must return quickly; what it raises ends it alone.
 Subscriber: TypeAlias = Callable[[Observation], None]
@@ -33,10 +37,13 @@ Told = TypeVar("Told")
 
 #: How long an opening hand may take before it is stopped where it is.
 _OPENING_S = 10.0
-#: Until two frames have told the sensor's own rate, it gets this long for each.
+#: Until some frames have told the sensor's own rate, it gets this long for each.
 _FIRST_FRAME_S = 2.0
-#: The period follows the frames with this weight, so that one late frame doesn't loosen the limit.
-_PERIOD_WEIGHT = 0.1
+#: The period is the median of the last intervals, of a few at least: no single frame that is late
+#: or early moves the limit.
+_INTERVALS, _FEWEST_INTERVALS = 15, 3
+#: A frame may be scanned so far in the future: what two clocks differ by.
+_AHEAD_S = 0.1
 
 
 class _Feed:
@@ -44,54 +51,98 @@ class _Feed:
 
     def __init__(self, array: PressureArray, *, clock: Clock, plan: Plan) -> None:
         self._array, self._clock, self._safety = array, clock, plan.safety
+        self._layout = plan.layout
         self._last_s: float | None = None
-        self._period_s: float | None = None
+        self._intervals_s = deque[float](maxlen=_INTERVALS)
 
-    def next(self) -> Frame:
-        stale_after_s = (
-            _FIRST_FRAME_S if self._period_s is None else self._safety.stale_after_s(self._period_s)
-        )
-        frame = self._array.read(timeout_s=stale_after_s)
+    def next(self, hand: _Hand, belief: Belief) -> Frame | Alarm:
+        """Return the next frame, or what the hand does wrong while it is waited for."""
+        stale_after_s = _FIRST_FRAME_S
+        if len(self._intervals_s) >= _FEWEST_INTERVALS:
+            stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
+        until_s = self._clock.now_s() + stale_after_s
+        while True:
+            left_s = until_s - self._clock.now_s()
+            every_s = hand.glance_s(self._clock.now_s()) or left_s
+            try:
+                frame = self._array.read(timeout_s=max(min(every_s, left_s), 0.0))
+                break
+            except DeviceTimeoutError as late:
+                if every_s < left_s:
+                    alarm = hand.glance(belief, now_s=self._clock.now_s())
+                elif left_s < stale_after_s:
+                    raise DeviceTimeoutError(
+                        f"no frame in {stale_after_s:.2f} s; check the sensor's cable and power"
+                    ) from late
+                else:
+                    raise
+            if alarm is not None:
+                return alarm
+        self._check(frame, stale_after_s=stale_after_s)
+        if self._last_s is not None:
+            self._intervals_s.append(frame.time_s - self._last_s)
+        self._last_s = frame.time_s
+        return frame
+
+    def _check(self, frame: Frame, *, stale_after_s: float) -> None:
         age_s = self._clock.now_s() - frame.time_s
-        if age_s > stale_after_s:
+        if not -max(stale_after_s, _AHEAD_S) <= age_s <= stale_after_s:
             raise DeviceTimeoutError(
                 f"the newest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
                 "check the sensor's cable and that nothing else loads this machine"
             )
-        if self._last_s is not None:
-            period_s = frame.time_s - self._last_s
-            old_s = period_s if self._period_s is None else self._period_s
-            self._period_s = old_s + _PERIOD_WEIGHT * (period_s - old_s)
-        self._last_s = frame.time_s
-        return frame
+        wrong = wrong_counts(frame, layout=self._layout)
+        if wrong is not None:
+            raise DeviceError(wrong)
 
 
 class _Hand:
-    """The gripper, held to what it was told."""
+    """The gripper, held to what it was told, and to what its current shows."""
 
     def __init__(self, gripper: Gripper, *, plan: Plan) -> None:
         self._gripper, self._plan = gripper, plan
         self._limits, self._safety = plan.gripper, plan.safety
+        self._current = CurrentWatch(plan)
         self._following: Following | None = None
         self._last: GripperState | None = None
 
     def state(self) -> GripperState:
-        """Return its state."""
-        self._last = self._gripper.state()
-        return self._last
+        """Return its state.
 
-    def check(self, observation: Observation) -> None:
-        """Raise `DeviceError` if it is not where it was sent."""
+        Raises
+        ------
+        DeviceError
+            If it does not answer, or reports what can't be.
+        """
+        state = self._gripper.state()
+        wrong = unbelievable(state, limits=self._limits, before=self._last)
+        if wrong is not None:
+            raise DeviceError(wrong)
+        self._last = state
+        return state
+
+    def alarm(self, state: GripperState, *, belief: Belief, now_s: float) -> Alarm | None:
+        """Say what is wrong: it is not where it was sent, or presses more than it may."""
+        if self._following is not None:
+            complaint = self._following.complaint(
+                state, now_s=now_s, limits=self._limits, safety=self._safety
+            )
+            if complaint is not None:
+                return Alarm(danger=Danger.GRIPPER_FAULT, words=complaint)
+        return self._current.alarm(state, belief=belief)
+
+    def glance_s(self, now_s: float) -> float | None:
+        """Return how often it must be looked at between frames; None if they are enough."""
         if self._following is None:
-            return
-        complaint = self._following.complaint(
-            observation.gripper,
-            now_s=observation.frame.time_s,
-            limits=self._limits,
-            safety=self._safety,
-        )
-        if complaint is not None:
-            raise DeviceError(complaint)
+            return None
+        return self._following.glance_s(now_s=now_s, limits=self._limits, safety=self._safety)
+
+    def glance(self, belief: Belief, *, now_s: float) -> Alarm | None:
+        """Look at it between two frames."""
+        try:
+            return self.alarm(self.state(), belief=belief, now_s=now_s)
+        except DeviceError as error:
+            return Alarm(danger=Danger.GRIPPER_FAULT, words=str(error))
 
     def send(self, move: Move, *, now_s: float) -> Belief:
         """Send a move's command, if there is one, and follow it; return the belief, told of it."""
@@ -139,10 +190,11 @@ def run_grasp(
 ) -> GraspResult:
     """Run one grasp to its end; afterwards the gripper stands still or is open.
 
-    Ctrl-C, SIGTERM and `requests.stop` end the grasp with outcome `stopped`, a silent or lost array
-    and a pixel that fails with `sensor_lost`, a gripper that fails or does not go where it is sent
-    with `gripper_fault`; the result's `faults` say why. What that means for the hand is in
-    `palpate.grasp.safety`.
+    Ctrl-C, SIGTERM and `requests.stop` end the grasp with outcome `stopped`; a silent or lost
+    array, a pixel that fails, and a sheet that does not show what the gripper presses with
+    `sensor_lost`; a gripper that fails or does not go where it is sent with `gripper_fault`; force
+    above the ceiling, by the sheet or by the servo's current, with `force_limit`. The result's
+    `faults` say why. What that means for the hand is in `palpate.grasp.safety`.
     """
     belief, feed, faults = Belief(), _Feed(array, clock=clock, plan=plan), list[str]()
     hand, views, beliefs = _Hand(gripper, plan=plan), list(subscribers), list(watchers)
@@ -156,7 +208,7 @@ def run_grasp(
                     belief = hand.send(asked, now_s=clock.now_s())
                     continue
                 try:
-                    frame = feed.next()
+                    frame = feed.next(hand, belief)
                 except DeviceError as error:
                     faults.append(str(error))
                     lost = stopped(belief, Danger.SENSOR_LOST, plan=plan)
@@ -165,16 +217,20 @@ def run_grasp(
                         faults += hand.finish_opening(clock)
                         break
                     continue
+                if isinstance(frame, Alarm):
+                    move = _heeded((belief, None), frame, faults, plan=plan)
+                    belief = hand.send(move, now_s=clock.now_s())
+                    continue
                 observation = Observation(frame=frame, gripper=hand.state())
-                move = step(belief, observation, plan=plan)
-                ill = pixels.complaint(observation)
-                if ill is not None and move[0].phase not in (Phase.RELEASE, Phase.STOPPED):
-                    faults.append(ill)
-                    move = stopped(move[0], Danger.SENSOR_LOST, plan=plan)
+                alarm = pixels.alarm(observation)
+                move = _decided(belief, observation, doubtful=pixels.doubtful, plan=plan)
+                alarm = alarm or _strange(belief, move[0], plan=plan)
+                alarm = alarm or hand.alarm(observation.gripper, belief=move[0], now_s=frame.time_s)
                 _tell(views, observation, faults)
                 # Whatever fails from here on is told of this moment.
                 belief = move[0]
-                hand.check(observation)
+                if alarm is not None:
+                    move = _heeded(move, alarm, faults, plan=plan)
                 belief = hand.send(move, now_s=frame.time_s)
                 _tell(beliefs, belief, faults)
     except DeviceError as error:
@@ -194,6 +250,37 @@ def run_grasp(
         frames_lost=belief.lost,
         peak_force_n=belief.peak_force_n if belief.contact_s is not None else None,
     )
+
+
+def _decided(belief: Belief, observation: Observation, *, doubtful: bool, plan: Plan) -> Move:
+    """Decide on an observation, or wait for the next one; an opening needs no pixel."""
+    if doubtful and belief.phase is not Phase.RELEASE:
+        return counted(belief, observation.frame), None
+    return step(belief, observation, plan=plan)
+
+
+def _strange(before: Belief, now: Belief, *, plan: Plan) -> Alarm | None:
+    """Refuse rest values, as soon as they are taken, that can't be this sheet's."""
+    if before.rest_ohm is not None or now.rest_ohm is None:
+        return None
+    why = strange_rest(now.rest_ohm, plan=plan)
+    return None if why is None else Alarm(danger=Danger.SENSOR_LOST, words=why)
+
+
+def _heeded(move: Move, alarm: Alarm, faults: list[str], *, plan: Plan) -> Move:
+    """End the grasp as an alarm asks; a hand that opens or has ended needs none but its own.
+
+    Raises
+    ------
+    DeviceError
+        If it is the gripper that failed: nothing more is sent to it than a stop.
+    """
+    if alarm.danger is Danger.GRIPPER_FAULT:
+        raise DeviceError(alarm.words)
+    if move[0].phase in (Phase.RELEASE, Phase.STOPPED):
+        return move
+    faults.append(alarm.words)
+    return stopped(move[0], alarm.danger, plan=plan)
 
 
 def _asked(belief: Belief, requests: Requests, *, plan: Plan) -> Move | None:

@@ -22,6 +22,21 @@ class Danger(StrEnum):
     GRIPPER_FAULT = "gripper_fault"
     FORCE_LIMIT = "force_limit"
     STOPPED = "stopped"
+    #: The gripper presses more than the sheet shows: the sheet is what failed.
+    UNSEEN_FORCE = "unseen_force"
+
+    @property
+    def outcome(self) -> str:
+        """How a grasp that it ends is called."""
+        return str(Danger.SENSOR_LOST if self is Danger.UNSEEN_FORCE else self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alarm:
+    """A danger that a watch has seen, and the line that says why."""
+
+    danger: Danger
+    words: str
 
 
 class Reaction(StrEnum):
@@ -46,6 +61,9 @@ class SafetyLimits:
     astray_mm, astray_kpa : float
         A gripper that reports a width or pressure so far from what it was sent to, once it had the
         time to arrive, stops the grasp. More than a loaded servo's error of position.
+    past_mm, past_kpa : float
+        A gripper that has closed so far beyond where it was sent stops the grasp at once. Less than
+        `astray_mm`, because no load makes a servo close too far.
     arrival_s : float
         Time to arrive, beyond what the way takes at the rate sent.
     latency_s : float
@@ -68,6 +86,8 @@ class SafetyLimits:
     stale_floor_s: float = 0.1
     astray_mm: float = 0.5
     astray_kpa: float = 2.0
+    past_mm: float = 0.2
+    past_kpa: float = 1.5
     arrival_s: float = 0.4
     latency_s: float = 0.02
 
@@ -127,11 +147,11 @@ def reaction(
 ) -> Reaction:
     """Return what a stop means.
 
-    Too much force opens the hand, whatever it was doing. For any other reason a width-driven hand
-    holds still: dropping is damage too. A pressure-driven one vents: it can't hold without a host
-    that feeds it, so the choice is only between now and when the heartbeat runs out. An opening
-    that has begun is completed: half a grip is the worst of both. A gripper that failed is only
-    told to stop.
+    Too much force opens the hand, whatever it was doing, and so does a force that the sheet does
+    not show. For any other reason a width-driven hand holds still: dropping is damage too. A
+    pressure-driven one vents: it can't hold without a host that feeds it, so the choice is only
+    between now and when the heartbeat runs out. An opening that has begun is completed: half a grip
+    is the worst of both. A gripper that failed is only told to stop.
 
     Examples
     --------
@@ -144,6 +164,7 @@ def reaction(
     """
     if danger is Danger.GRIPPER_FAULT:
         return Reaction.HOLD_STILL
-    if danger is Danger.FORCE_LIMIT or phase is Phase.RELEASE or drive == "pressure":
+    too_much = danger in (Danger.FORCE_LIMIT, Danger.UNSEEN_FORCE)
+    if too_much or phase is Phase.RELEASE or drive == "pressure":
         return Reaction.OPEN
     return Reaction.HOLD_STILL

@@ -7,6 +7,7 @@ host that falls silent stops the hand. `open_gripper` is what a rig file names f
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 
 from palpate.clock import Clock, RealClock
@@ -20,6 +21,11 @@ from palpate.gripper.servo_line import REPLY_S, RefusedError, ServoLine, value_a
 WIDOWX_LIMITS = GripperLimits(drive="width", lowest=30.0, highest=74.0, fastest=60.0)
 #: After a reboot the servo needs this long before it answers (e-Manual: below 0.5 s).
 _REBOOT_S, _REBOOT_POLL_S = 2.0, 0.1
+#: A stop is confirmed by readings that say standing still, within this time.
+_STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
+#: No servo of these turns faster (rad/s), and readings may be off by so much (rad): a position that
+#: it can't have reached since the last one is another's answer, or a fault of its encoder.
+_FASTEST_RAD_PER_S, _SLACK_RAD = 12.0, 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,10 +55,12 @@ class DynamixelGripper:
     pwm_limit_percent : float
         The same for servos that measure no current: share of the supply.
     watchdog_s : float
-        Silence of the host after which the servo stops, up to 2.54 s.
+        Silence of the host after which the servo stops, 0.02 to 2.54 s.
 
     Raises
     ------
+    InputError
+        If a limit is beyond what the servo can do: none is set to another value unasked.
     DeviceError
         If the servo does not answer, is of an unknown kind, or can't be set up.
     """
@@ -71,8 +79,8 @@ class DynamixelGripper:
         self.limits = limits
         self._line, self._clock, self._fingers = line, clock, fingers
         self._current_limit_ma, self._pwm_limit_percent = current_limit_ma, pwm_limit_percent
-        steps = round(watchdog_s / x.WATCHDOG_STEP_S)
-        self._watchdog = min(max(steps, 1), x.LONGEST_WATCHDOG)
+        self._watchdog = _watchdog_steps(watchdog_s)
+        self._last: tuple[float, int] | None = None
         number = line.ping()
         locked = line.alerted
         if number not in x.MODELS:
@@ -94,12 +102,11 @@ class DynamixelGripper:
         self._refuse_errors()
         current = value_at(run, x.PRESENT_CURRENT, x.STATE_BEGIN)
         unit = self.model.ma_per_unit
-        ongoing = value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING
         return GripperState(
             time_s=self._clock.now_s(),
-            width_mm=self._width_mm(value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN)),
+            width_mm=self._width_mm(self._believed(run)),
             current_ma=math.nan if unit is None else current * unit,
-            moving=bool(ongoing or value_at(run, x.MOVING, x.STATE_BEGIN)),
+            moving=_moving(run),
         )
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
@@ -130,16 +137,41 @@ class DynamixelGripper:
         return GripperCommand(target=sent_mm, rate=mean)
 
     def stop(self) -> None:
-        """Stop where it is, if it moves: a new goal would only loosen a grip that holds."""
+        """Stop where it is, if it moves: a new goal would only loosen a grip that holds.
+
+        Raises
+        ------
+        DeviceError
+            If no reading confirms that it stands still. A servo that does not answer is left to its
+            watchdog, which is set to its shortest.
+        """
+        until_s = self._clock.now_s() + _STOPPED_S
+        try:
+            while self._halt() and self._clock.now_s() < until_s:
+                self._clock.sleep_s(_STOPPED_POLL_S)
+            if not self._halt():
+                return
+        except DeviceError:
+            with suppress(DeviceError):
+                self._line.write_blindly(x.BUS_WATCHDOG, 1)
+            raise
+        raise DeviceError(
+            f"{self._line.name} was told to stop and moves on after {_STOPPED_S:g} s; take its "
+            "supply away"
+        )
+
+    def _halt(self) -> bool:
+        """Make where it is its goal, if it moves; return whether it does."""
         run = self._line.read_run(x.STATE_BEGIN, x.STATE_END - x.STATE_BEGIN)
         if not value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING:
-            return
+            return False
         try:
             self._line.write(x.GOAL_POSITION, value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN))
         except RefusedError as refused:
             # The watchdog has stopped it already.
             if refused.code != x.PacketError.DATA_RANGE:
                 raise
+        return True
 
     def release(self) -> None:
         """Open fully."""
@@ -187,11 +219,16 @@ class DynamixelGripper:
             line.write(x.TORQUE_ENABLE, 0)
             line.write(x.OPERATING_MODE, mode)
         if unit is None:
-            wanted = round(x.FULL_PWM * self._pwm_limit_percent / 100)
-            line.write(x.GOAL_PWM, min(wanted, line.read(x.PWM_LIMIT)))
+            share = x.FULL_PWM / 100.0
+            wanted = _within_own(
+                "pwm_limit_percent", self._pwm_limit_percent, share, line.read(x.PWM_LIMIT)
+            )
+            line.write(x.GOAL_PWM, wanted)
         else:
-            wanted = round(self._current_limit_ma / unit)
-            line.write(x.GOAL_CURRENT, min(wanted, line.read(x.CURRENT_LIMIT)))
+            wanted = _within_own(
+                "current_limit_ma", self._current_limit_ma, 1.0 / unit, line.read(x.CURRENT_LIMIT)
+            )
+            line.write(x.GOAL_CURRENT, wanted)
         line.write(x.PROFILE_ACCELERATION, 0)
         line.write(x.TORQUE_ENABLE, 1)
         line.write(x.BUS_WATCHDOG, self._watchdog)
@@ -206,6 +243,21 @@ class DynamixelGripper:
             self._line.write(x.BUS_WATCHDOG, 0)
             self._line.write(x.BUS_WATCHDOG, self._watchdog)
             self._line.write(register, value)
+
+    def _believed(self, run: bytes) -> int:
+        """Return the position of a reading, if the servo can have come there since the last one."""
+        now_s, tick = self._clock.now_s(), value_at(run, x.PRESENT_POSITION, x.STATE_BEGIN)
+        last, self._last = self._last, (now_s, tick)
+        if last is None:
+            return tick
+        before_s, before = last
+        farthest = (_FASTEST_RAD_PER_S * (now_s - before_s) + _SLACK_RAD) / x.RAD_PER_TICK
+        if abs(tick - before) > farthest:
+            raise DeviceError(
+                f"{self._line.name} reports position {tick}, {now_s - before_s:.2f} s after "
+                f"{before}: no servo turns so fast. Check its cable, and reply_s in the rig file"
+            )
+        return tick
 
     def _refuse_errors(self) -> None:
         """Raise if the servo's last reply told of a hardware error."""
@@ -229,6 +281,33 @@ class DynamixelGripper:
     def _within(self, width_mm: float) -> float:
         low, high = self._fingers.reach_mm
         return min(max(width_mm, low), high)
+
+
+def _moving(run: bytes) -> bool:
+    """Whether a reading says that the servo turns, or is on its way."""
+    ongoing = value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING
+    return bool(ongoing or value_at(run, x.MOVING, x.STATE_BEGIN))
+
+
+def _watchdog_steps(watchdog_s: float) -> int:
+    longest_s = x.LONGEST_WATCHDOG * x.WATCHDOG_STEP_S
+    if not x.WATCHDOG_STEP_S <= watchdog_s <= longest_s:
+        raise InputError(
+            f"watchdog_s {watchdog_s:g}: the servo's watchdog takes {x.WATCHDOG_STEP_S:g} to "
+            f"{longest_s:g} s"
+        )
+    return round(watchdog_s / x.WATCHDOG_STEP_S)
+
+
+def _within_own(name: str, value: float, units: float, own: int) -> int:
+    """Return a limit in the servo's units; refuse one that the servo would not keep."""
+    wanted = round(value * units) if math.isfinite(value) else 0
+    if not 1 <= wanted <= own:
+        raise InputError(
+            f"{name} {value:g}: must be above 0 and at most {own / units:g}, the limit in the "
+            "servo's own memory"
+        )
+    return wanted
 
 
 def open_gripper(
@@ -265,7 +344,7 @@ def open_gripper(
     Raises
     ------
     InputError
-        If the mechanism can't reach the range.
+        If the mechanism can't reach the range, or a limit is beyond what the servo can do.
     DeviceError
         If there is no such port or servo, or it can't be set up.
     """
@@ -292,7 +371,7 @@ def open_gripper(
         )
         if clear_errors and gripper.health().errors:
             gripper.clear_errors()
-    except DeviceError:
+    except (DeviceError, InputError):
         line.close()
         raise
     return gripper

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import termios
-from collections.abc import Callable
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, needing
@@ -13,7 +15,16 @@ from palpate.gripper.x_series import ALERT, HARDWARE_ERROR, HardwareError, Packe
 _TRIES = 3
 #: How long a reply may take by default: the adapter holds bytes back for up to 16 ms.
 REPLY_S = 0.05
+#: After a reply that did not come, or was another's, the line must be silent for so many times that
+#: long before the next question: a reply that is late must not be taken for the next one's.
+_SILENT_TIMES = 2.0
 _PROTOCOL = 2.0
+#: Instructions of Protocol 2.0, and the bytes of a status packet's length field that are no data.
+_PING, _READ, _WRITE, _REBOOT, _NO_DATA = 0x01, 0x02, 0x03, 0x08, 4
+#: Where a packet keeps its number, its length, its error and its data.
+_ID, _LENGTH, _INSTRUCTION, _ERROR, _DATA = 4, 5, 7, 8, 9
+_MODEL_BYTES = 3
+_LOOK_S = 0.002
 
 
 class RefusedError(DeviceError):
@@ -71,7 +82,7 @@ class ServoLine:
 
     def ping(self) -> int:
         """Return the servo's model number."""
-        return int(self._asked(self._packets.ping)[0])
+        return int.from_bytes(self._asked(_PING, b"", answer=_MODEL_BYTES)[:2], "little")
 
     def read(self, register: Register) -> int:
         """Return the value of a register."""
@@ -79,7 +90,8 @@ class ServoLine:
 
     def read_run(self, address: int, size: int) -> bytes:
         """Return `size` bytes of the control table from `address` on."""
-        return bytes(self._asked(self._packets.readTxRx, address, size)[0])
+        asked = address.to_bytes(2, "little") + size.to_bytes(2, "little")
+        return self._asked(_READ, asked, answer=size)
 
     def write(self, register: Register, value: int) -> None:
         """Write a register.
@@ -90,12 +102,19 @@ class ServoLine:
             If the servo would not take it.
         """
         data = value.to_bytes(register.size, "little", signed=value < 0)
-        # The SDK takes lists of bytes, and changes them.
-        self._asked(self._packets.writeTxRx, register.address, register.size, list(data))
+        self._asked(_WRITE, register.address.to_bytes(2, "little") + data, answer=0)
+
+    def write_blindly(self, register: Register, value: int) -> None:
+        """Write a register without waiting for an answer: for a servo that does not answer."""
+        data = value.to_bytes(register.size, "little", signed=value < 0)
+        packet = self._packet(_WRITE, register.address.to_bytes(2, "little") + data)
+        with self._port_there():
+            self._packets.txPacket(self._port, packet)
+        self._port.is_using = False
 
     def reboot(self) -> None:
         """Restart the servo: the only way to clear a hardware error. Its torque is off then."""
-        self._asked(self._packets.reboot)
+        self._asked(_REBOOT, b"", answer=0)
 
     def errors(self) -> HardwareError:
         """Return the hardware errors; none is 0."""
@@ -106,31 +125,65 @@ class ServoLine:
         if self._port.is_open:
             self._port.closePort()
 
-    def _asked(self, exchange: Callable[..., tuple[Any, ...]], *arguments: Any) -> tuple[Any, ...]:
-        """Make one exchange, again if it failed on the line; return what it gave."""
-        result = 0
+    def _asked(self, instruction: int, given: bytes, *, answer: int) -> bytes:
+        """Make one exchange, again if it failed on the line; return the `answer` bytes it gave."""
+        result = self._sdk.COMM_RX_TIMEOUT
         for _ in range(_TRIES):
-            *given, result, error = self._exchanged(exchange, *arguments)
-            if result == self._sdk.COMM_SUCCESS:
-                self.alerted, code = bool(error & ALERT), error & ~ALERT
-                if code:
-                    raise RefusedError(f"{self.name} refused: {_reason(code)}", code=code)
-                return tuple(given)
-        if result == self._sdk.COMM_RX_CORRUPT:
+            with self._port_there():
+                reply, result, error = self._packets.txRxPacket(
+                    self._port, self._packet(instruction, given)
+                )
+                if result == self._sdk.COMM_SUCCESS and self._answers(reply, answer):
+                    self.alerted, code = bool(error & ALERT), error & ~ALERT
+                    if code:
+                        raise RefusedError(f"{self.name} refused: {_reason(code)}", code=code)
+                    return bytes(reply[_DATA : _DATA + answer])
+                self._silence()
+        if result != self._sdk.COMM_RX_TIMEOUT:
             raise DeviceError(
-                f"{self.name}: replies are damaged ({_TRIES} tries): check the cable, and that no "
-                "two servos share a number"
+                f"{self.name}: replies are damaged or late ({_TRIES} tries): check the cable, that "
+                "no two servos share a number, and reply_s in the rig file"
             )
         raise DeviceTimeoutError(
             f"{self.name} does not reply ({_TRIES} tries): check its power, cable, number and baud"
         )
 
+    def _packet(self, instruction: int, given: bytes) -> list[int]:
+        """Return a packet with room for the header and the checksum that the SDK fills in."""
+        packet = [0] * (_INSTRUCTION + 1 + len(given) + 2)
+        length = len(given) + 3
+        packet[_ID], packet[_INSTRUCTION] = self._id, instruction
+        packet[_LENGTH], packet[_LENGTH + 1] = length & 0xFF, length >> 8
+        packet[_INSTRUCTION + 1 : _INSTRUCTION + 1 + len(given)] = given
+        return packet
+
+    def _answers(self, reply: list[int], answer: int) -> bool:
+        """Whether a reply is this servo's, and as long as the answer to this question.
+
+        A refusal carries no data.
+        """
+        length = reply[_LENGTH] + (reply[_LENGTH + 1] << 8)
+        refused = bool(reply[_ERROR] & ~ALERT)
+        return reply[_ID] == self._id and length == _NO_DATA + (0 if refused else answer)
+
+    def _silence(self) -> None:
+        """Throw away what still comes, until nothing has come for a while."""
+        quiet_s = 1e-3 * _SILENT_TIMES * self._reply_ms
+        until_s = time.monotonic() + quiet_s
+        give_up_s = until_s + quiet_s
+        while (now_s := time.monotonic()) < min(until_s, give_up_s):
+            if self._port.getBytesAvailable():
+                self._port.clearPort()
+                until_s = now_s + quiet_s
+            time.sleep(_LOOK_S)
+
     def _allow_reply(self, size: int) -> None:
         self._port.setPacketTimeoutMillis(self._reply_ms + size * self._port.tx_time_per_byte)
 
-    def _exchanged(self, exchange: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
+    @contextmanager
+    def _port_there(self) -> Iterator[None]:
         try:
-            return tuple(exchange(self._port, self._id, *arguments))
+            yield
         except (OSError, termios.error) as error:
             self._port.is_using = False
             raise DeviceError(

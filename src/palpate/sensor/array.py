@@ -143,6 +143,32 @@ class Frame:
         object.__setattr__(self, "counts", counts)
 
 
+def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
+    """Say what of a frame its layout and converter can't have given; None if they can.
+
+    Examples
+    --------
+    >>> frame = Frame(time_s=0.0, sequence=0, counts=np.full((4, 2), 1024))
+    >>> wrong_counts(frame, layout=RIGID_LAYOUT)
+    'pixel R0 C0 reads 1024, and 1 conversion(s) of 10 bit give 0 to 1023; check the layout'
+    """
+    counts, divider = frame.counts, layout.divider
+    if counts.shape != (layout.rows, layout.cols):
+        return (
+            f"a frame of shape {counts.shape} does not fit layout {layout.name} "
+            f"({layout.rows} x {layout.cols}); check the board's configuration"
+        )
+    top = frame.oversampling * (divider.full_scale - 1)
+    wrong = np.argwhere((counts < 0) | (counts > top))
+    if not wrong.size:
+        return None
+    row, col = wrong[0].tolist()
+    return (
+        f"pixel R{row} C{col} reads {counts[row, col]}, and {frame.oversampling} conversion(s) of "
+        f"{divider.adc_bits} bit give 0 to {top}; check the layout"
+    )
+
+
 class PressureArray(Protocol):
     """A source of frames: hardware, the twin or a recording."""
 

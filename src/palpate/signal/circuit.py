@@ -43,6 +43,11 @@ class Divider:
         """Counts at the supply voltage: 2 ** adc_bits."""
         return int(2**self.adc_bits)
 
+    @property
+    def least_ohm(self) -> float:
+        """Least resistance that is told from a short: half a step from the end of the range."""
+        return self.reference_ohm * 1.5 / (self.full_scale - 1.5)
+
 
 class PixelFault(IntEnum):
     """What a reading at the end of the converter's range means."""

@@ -1,7 +1,9 @@
 """From ohm to what pixels say about load: rest baseline, relative change, sums over pixels.
 
 Arrays have shape (..., rows, cols). A pixel that reads open (infinite) or has no rest value gives
-NaN, and the sums over pixels leave NaN out.
+NaN, and the sums over pixels leave NaN out. A pixel that reads short has at least the conductance
+of the converter's last step: its excess is infinite, never left out, because a load that can't be
+read must not count as none.
 """
 
 from __future__ import annotations
@@ -126,18 +128,20 @@ def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> Flo
     Parameters
     ----------
     resistance_ohm : array_like, shape (..., rows, cols)
-        Readings; infinite (open) and zero (short) give NaN.
+        Readings; infinite (open) gives NaN, zero (short) infinity.
     rest_ohm : array_like, shape (rows, cols)
         Rest values; NaN or zero gives NaN.
 
     Examples
     --------
-    >>> excess_conductance([[500.0, 1000.0]], rest_ohm=[[1000.0, 1000.0]]).tolist()
-    [[1.0, 0.0]]
+    >>> excess_conductance([[500.0, 1000.0, 0.0]], rest_ohm=[[1000.0, 1000.0, 1000.0]]).tolist()
+    [[1.0, 0.0, inf]]
     """
     resistance, rest = np.asarray(resistance_ohm, float), np.asarray(rest_ohm, float)
-    usable = np.isfinite(resistance) & (resistance > 0) & (rest > 0)
-    return np.where(usable, rest / np.where(usable, resistance, 1.0) - 1.0, np.nan)
+    usable = np.isfinite(resistance) & (resistance >= 0) & (rest > 0)
+    short = usable & (resistance == 0)
+    excess = rest / np.where(usable & ~short, resistance, 1.0) - 1.0
+    return np.where(short, np.inf, np.where(usable, excess, np.nan))
 
 
 def mean_change(change_percent: ArrayLike) -> FloatArray:
@@ -206,6 +210,8 @@ def total_excess(excess: ArrayLike) -> FloatArray:
     --------
     >>> total_excess([[1.0, 0.0], [float("nan"), 2.5]]).item()
     3.5
+    >>> total_excess([[1.0, float("inf")]]).item()
+    inf
     """
     values = np.asarray(excess, float)
     total = np.nansum(values, axis=(-2, -1))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import select
 import threading
+import time
 import tty
 
 from palpate.gripper import x_series as x
@@ -67,6 +68,12 @@ class ServoBus:
         Set it, and nothing is answered any more.
     spoilt : int
         So many of the next replies have a wrong CRC.
+    late_s : float
+        Replies are so much later, seconds of real time: what was asked is answered all the same.
+    deaf : bool
+        Goals of its position are acknowledged, and not followed: it goes where it went before.
+    position_error : int
+        Steps by which the position that it reports is off.
     """
 
     def __init__(
@@ -81,6 +88,8 @@ class ServoBus:
         self._fingers = fingers or CrankFingers()
         self._id = servo_id
         self.silent, self.spoilt = False, 0
+        self.late_s, self.deaf, self.position_error = 0.0, False, 0
+        self._held = list[tuple[float, bytes]]()
         self._heard_s = world.clock.now_s()
         self._table = bytearray(x.STATE_END)
         self._put(x.MODEL_NUMBER, model_number)
@@ -125,9 +134,16 @@ class ServoBus:
     def _serve(self) -> None:
         waiting = b""
         while True:
-            ready = select.select([self._master, self._wake], [], [])[0]
+            until_s = self._held[0][0] - time.monotonic() if self._held else None
+            ready = select.select(
+                [self._master, self._wake], [], [], until_s and max(until_s, 0.0)
+            )[0]
             if self._wake in ready:
                 return
+            while self._held and self._held[0][0] <= time.monotonic():
+                os.write(self._master, self._held.pop(0)[1])
+            if self._master not in ready:
+                continue
             waiting += os.read(self._master, 4096)
             while (begin := waiting.find(_HEADER)) >= 0 and len(waiting) >= begin + 7:
                 end = begin + 7 + int.from_bytes(waiting[begin + 5 : begin + 7], "little")
@@ -172,7 +188,11 @@ class ServoBus:
         crc = crc16(packet)
         if self.spoilt:
             self.spoilt, crc = self.spoilt - 1, crc ^ 1
-        os.write(self._master, packet + crc.to_bytes(2, "little"))
+        packet += crc.to_bytes(2, "little")
+        if self.late_s:
+            self._held.append((time.monotonic() + self.late_s, packet))
+        else:
+            os.write(self._master, packet)
 
     # -- the servo --------------------------------------------------------------------------------
 
@@ -195,7 +215,7 @@ class ServoBus:
             if not self._get(x.MIN_POSITION_LIMIT) <= goal <= self._get(x.MAX_POSITION_LIMIT):
                 return x.PacketError.DATA_LIMIT
         self._table[address : address + len(data)] = data
-        if address == x.GOAL_POSITION.address:
+        if address == x.GOAL_POSITION.address and not self.deaf:
             self._go()
         return 0
 
@@ -219,7 +239,7 @@ class ServoBus:
         self._put(x.MOVING_STATUS, x.PROFILE_ONGOING if state.moving else 1)
         self._put(x.PRESENT_CURRENT, 0 if unit is None else round(state.current_ma / unit))
         turned = round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
-        self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned)
+        self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self.position_error)
         self._put(x.PRESENT_VOLTAGE, round(_SUPPLY_V / x.VOLT_PER_UNIT))
         self._put(x.PRESENT_TEMPERATURE, _TEMPERATURE_C)
 

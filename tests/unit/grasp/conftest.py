@@ -30,10 +30,11 @@ class Bench:
     def __init__(self) -> None:
         self.clock = ManualClock()
         self.size_mm, self.n_per_mm = 50.3, 2.0
-        self.width_mm = 74.0
+        self.width_mm = self._seen_mm = 74.0
         self.sequence = -1
         self.commands: list[GripperCommand] = []
         self.stops = 0
+        self.commanded_s = 0.0
         self.lost_after_s = float("inf")
         self.gone_after_s = float("inf")
 
@@ -50,7 +51,9 @@ class Bench:
         self.clock.sleep_s(PERIOD_S)
         self.sequence += 1
         ohm = REST_OHM / (1 + 2 * self.force_n / self.layout.pixels)
-        counts = np.rint(1024 * 4700 / (4700 + ohm))
+        # Every movement of the fingers shakes the sheet for a moment.
+        shaken, self._seen_mm = self.width_mm != self._seen_mm, self.width_mm
+        counts = np.rint(1024 * 4700 / (4700 + ohm)) + shaken
         return Frame(
             time_s=self.clock.now_s(),
             sequence=self.sequence,
@@ -62,6 +65,7 @@ class Bench:
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
         self.commands.append(wanted)
+        self.commanded_s = self.clock.now_s()
         self.width_mm = wanted.target
         return wanted
 

@@ -10,21 +10,30 @@ import pytest
 from palpate.grasp.belief import Observation
 from palpate.grasp.pixel_watch import PixelWatch
 from palpate.grasp.plan import Plan
+from palpate.grasp.safety import Alarm, Danger
 from palpate.gripper.interface import GripperState
 from palpate.sensor.array import Frame
 
 REST = 350
 
 
-def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str | None]:
-    """Return what the watch says of each frame; the fingers close by a step between them."""
+def alarms(
+    plan: Plan, frames: list[Any], *, step_mm: float = 0.0, moving: bool = False
+) -> list[Alarm | None]:
+    """Return the watch's alarm at each frame; the fingers close by a step between them."""
     watch = PixelWatch(plan)
-    said = []
+    found = []
     for number, counts in enumerate(frames):
         frame = Frame(time_s=number / 15, sequence=number, counts=np.asarray(counts))
-        state = GripperState(time_s=number / 15, width_mm=74.0 - number * step_mm)
-        said.append(watch.complaint(Observation(frame=frame, gripper=state)))
-    return said
+        width_mm = 74.0 - number * step_mm
+        state = GripperState(time_s=number / 15, width_mm=width_mm, moving=moving)
+        found.append(watch.alarm(Observation(frame=frame, gripper=state)))
+    return found
+
+
+def watched(plan: Plan, frames: list[Any], *, step_mm: float = 0.0) -> list[str | None]:
+    """Return what the watch says of each frame."""
+    return [alarm and alarm.words for alarm in alarms(plan, frames, step_mm=step_mm)]
 
 
 def at_rest(count: int) -> list[Any]:
@@ -55,7 +64,10 @@ def test_a_sheet_pressed_beyond_the_range_is_no_short(plan: Plan) -> None:
     for number in range(8):
         frames.append(np.minimum(REST + 100 * number + np.arange(8).reshape(4, 2) * 9, 1023))
     assert frames[-1].max() == 1023
-    assert watched(plan, frames) == [None] * 10
+    found = alarms(plan, [*frames, frames[-1]], step_mm=0.3)
+    assert found[:10] == [None] * 10
+    assert found[10] is not None
+    assert found[10].danger is Danger.FORCE_LIMIT
 
 
 def test_a_short_under_load_jumps_alone(plan: Plan) -> None:
@@ -75,9 +87,56 @@ def test_a_pixel_that_sleeps_through_movements_is_stuck(plan: Plan) -> None:
     assert 7 <= first <= 9
 
 
-def test_a_sensor_that_is_all_quiet_is_not_judged(plan: Plan) -> None:
+def test_frames_that_never_change_are_known_after_four_movements(plan: Plan) -> None:
     frames = [np.full((4, 2), REST)] * 30
-    assert watched(plan, frames, step_mm=0.5) == [None] * 30
+    said = watched(plan, frames, step_mm=0.5)
+    assert said[:4] == [None] * 4
+    assert "no pixel has changed in 4 movements" in str(said[4])
+    assert watched(plan, frames) == [None] * 30, "a hand that stands shakes nothing"
+
+
+SHORTS = {"a row": np.s_[1, :], "a column": np.s_[:, 1], "a finger": np.s_[:2], "all": np.s_[:]}
+
+
+@pytest.mark.parametrize("where", SHORTS)
+@pytest.mark.parametrize("loaded", [REST, 900])
+def test_shorts_together_are_known_in_a_standing_hand(plan: Plan, where: str, loaded: int) -> None:
+    frames = [np.full((4, 2), loaded) + number % 2 for number in range(6)]
+    for frame in frames[3:]:
+        frame[SHORTS[where]] = 1023
+    alarm = alarms(plan, frames)[4]
+    assert alarm is not None
+    assert alarm.danger is Danger.SENSOR_LOST
+    assert "reads short" in alarm.words
+
+
+def test_shorts_together_while_closing_are_force_unknown(plan: Plan) -> None:
+    frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
+    for frame in frames[3:]:
+        frame[:2] = 1023
+    alarm = alarms(plan, frames, moving=True)[4]
+    assert alarm is not None
+    assert alarm.danger is Danger.FORCE_LIMIT
+    assert "pressed beyond what can be read" in alarm.words
+
+
+def test_shorts_from_the_first_frame_on(plan: Plan) -> None:
+    alarm = alarms(plan, [np.full((4, 2), 1023)] * 2)[1]
+    assert alarm is not None
+    assert alarm.danger is Danger.SENSOR_LOST
+
+
+def test_a_frame_with_an_end_of_the_range_is_doubtful(plan: Plan) -> None:
+    watch = PixelWatch(plan)
+    doubts = []
+    for number, counts in enumerate((REST, 1023, REST + 1, 0, REST)):
+        frame = np.full((4, 2), REST)
+        frame[0, 1] = counts
+        seen = Frame(time_s=number / 15, sequence=number, counts=frame)
+        state = GripperState(time_s=number / 15, width_mm=74.0)
+        assert watch.alarm(Observation(frame=seen, gripper=state)) is None
+        doubts.append(watch.doubtful)
+    assert doubts == [False, True, False, True, False]
 
 
 def test_pixels_that_the_calibration_does_not_know_are_not_missed(plan: Plan) -> None:

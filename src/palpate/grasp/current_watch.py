@@ -1,0 +1,140 @@
+"""A bound on the force that knows nothing of the sheet: the servo's current, in every state.
+
+A servo that closes takes what its gears take and what the grip takes; at rest its gears may hold a
+part of themselves either way, but never make it take more than while closing. So the current above
+what the gears take at most is a force that is there for sure, whatever the sheet reads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from palpate.estimate.sheet_current import WARMTH_SD
+from palpate.grasp.belief import Belief
+from palpate.grasp.plan import Plan
+from palpate.grasp.safety import Alarm, Danger
+from palpate.gripper.interface import GripperState
+
+#: Deviations at which one movement is believed, and at which two in a row are: of some fifty
+#: movements of a grasp none may raise a false alarm.
+_ALONE, _TWICE = 4.5, 3.0
+#: Readings whose mean is taken; while the hand stands the current changes slowly.
+_MOVING, _STANDING = 4, 6
+#: The current must show so many times what the sheet shows at most, and this more, newtons.
+_TIMES, _MORE_N = 2.0, 0.5
+#: The sheet is asked once it has answered the movement.
+_ANSWERED_S = 0.2
+#: Without a calibration of the current, the first movements of the grasp itself show what the gears
+#: take; so many are needed. Later ones may take so many times the most of them, and this more, mA.
+_FEWEST, _TIMES_EMPTY, _MORE_MA = 4, 2.0, 20.0
+
+
+class CurrentWatch:
+    """Bounds the grip force by the servo's current, where the gripper reports it.
+
+    Parameters
+    ----------
+    plan : Plan
+        Its current law, force law and ceiling. Without a current law nothing is known of newtons;
+        then a pull that the approach of this grasp did not show and the sheet does not explain is
+        an alarm.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._pull = deque[tuple[float, float]](maxlen=_MOVING)
+        self._stand = deque[tuple[float, float]](maxlen=_STANDING)
+        self._closure = math.inf
+        self._judged = True
+        self._twice = 0
+        self._empty_ma = list[float]()
+
+    def alarm(self, state: GripperState, *, belief: Belief) -> Alarm | None:
+        """Take the gripper's next report; say what the current shows, None if all is explained."""
+        if math.isnan(state.current_ma):
+            return None
+        reading = (state.current_ma, self._plan.gripper.reported(state))
+        if not state.moving:
+            self._stand.append(reading)
+            return self._too_much(self._stand) or self._unseen(belief)
+        if self._stand:
+            self._stand.clear()
+            self._pull.clear()
+        closure, before = self._plan.gripper.closure(state), self._closure
+        self._closure = closure
+        if not (closure <= belief.sent or closure > before):
+            self._judged = True
+            return None
+        self._pull.append(reading)
+        self._judged = False
+        return self._too_much(self._pull)
+
+    def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
+        """Return the force that is there for sure."""
+        law = self._plan.current
+        if law is None or not readings:
+            return 0.0
+        current_ma, width_mm = np.array(readings).T
+        gears = law.gears
+        scatter = deviations * gears.movement_ma / max(gears.mean_ma, 1e-9)
+        most_ma = float(np.mean(gears.at(width_mm))) * math.exp(scatter)
+        most_ma += deviations * law.noise_ma / math.sqrt(len(readings))
+        per_n = law.ma_per_n * (1.0 + 2.0 * WARMTH_SD)
+        return max(float(current_ma.mean()) - most_ma, 0.0) / per_n
+
+    def _too_much(self, readings: deque[tuple[float, float]]) -> Alarm | None:
+        least_n = self._least_n(readings, deviations=_TWICE)
+        ceiling_n = self._plan.safety.force_ceiling_n
+        if least_n <= ceiling_n:
+            return None
+        words = (
+            f"the servo's current shows a grip of at least {least_n:.1f} N, and {ceiling_n:g} N is "
+            "the most allowed"
+        )
+        return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+
+    def _unseen(self, belief: Belief) -> Alarm | None:
+        """Compare the last movement, and the hand as it stands, with what the sheet shows."""
+        if belief.still_s < _ANSWERED_S or not belief.touches:
+            return None
+        if self._plan.current is None:
+            return self._unlearned(belief)
+        force = self._plan.early_law.force_n(belief.now.reading, level=self._plan.level)
+        shown_n = float(np.nan_to_num(force.high))
+        bound_n = _TIMES * shown_n + _MORE_N
+        least_n = self._least_n(self._stand, deviations=_ALONE)
+        if not self._judged:
+            self._judged = True
+            least_n = max(least_n, self._least_n(self._pull, deviations=_ALONE))
+            again_n = self._least_n(self._pull, deviations=_TWICE)
+            self._twice = self._twice + 1 if again_n > bound_n else 0
+            if self._twice > 1:
+                least_n = max(least_n, again_n)
+        if least_n <= bound_n:
+            return None
+        words = (
+            f"the servo's current shows a grip of at least {least_n:.1f} N, and the sheet at most "
+            f"{shown_n:.1f} N: does the object lie beside the sheet? See what `palpate doctor` says"
+        )
+        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
+
+    def _unlearned(self, belief: Belief) -> Alarm | None:
+        felt = belief.now.deepest_percent <= self._plan.hint_percent
+        if self._judged or felt or not self._pull:
+            return None
+        self._judged = True
+        pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
+        if len(self._empty_ma) < _FEWEST:
+            self._empty_ma.append(pull_ma)
+            return None
+        most_ma = max(self._empty_ma)
+        if pull_ma <= _TIMES_EMPTY * max(most_ma, 0.0) + _MORE_MA:
+            return None
+        words = (
+            f"the servo's current rose to {pull_ma:.0f} mA, {most_ma:.0f} mA moved the empty hand, "
+            "and the sheet shows nothing; see what `palpate doctor` says"
+        )
+        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)

@@ -1,0 +1,142 @@
+"""A bound on the force by the servo's current alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.estimate.gear_friction import GearFriction
+from palpate.estimate.servo_force import CurrentLaw
+from palpate.grasp.belief import Belief, Touch
+from palpate.grasp.current_watch import CurrentWatch
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.safety import Alarm, Danger
+from palpate.gripper.interface import GripperState
+
+GEARS_MA, MA_PER_N = 40.0, 16.0
+
+
+@pytest.fixture
+def calibrated(plan: Plan) -> Plan:
+    gears = GearFriction(mean_ma=GEARS_MA, mean_sd_ma=1.0, movement_ma=4.0)
+    return replace(plan, current=CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0))
+
+
+def belief_of(reading: float, *, closure: float, still: bool) -> Belief:
+    """Return what a grasp believes whose sheet reads so, in a hand that stands or moves."""
+    percent = -2.0 * reading
+    touch = Touch(
+        time_s=10.0, finger_percent=(percent, percent), relative_percent=percent, reading=reading
+    )
+    return Belief(
+        phase=Phase.SQUEEZE,
+        touches=(touch,) if still else (),
+        still_since_s=9.0 if still else None,
+        now_s=10.0,
+        sent=closure + 1.0,
+    )
+
+
+def moved(
+    watch: CurrentWatch,
+    current_ma: float,
+    *,
+    closure: float,
+    reading: float = 0.0,
+    opening: bool = False,
+) -> list[Alarm | None]:
+    """Move by a millimetre at a current, then stand while the gears take nothing."""
+    found = list[Alarm | None]()
+    for part in np.linspace(0.0, 1.0, 4):
+        at = closure - part if opening else closure + part
+        state = GripperState(time_s=0.0, width_mm=74.0 - at, current_ma=current_ma, moving=True)
+        belief = belief_of(reading, closure=closure, still=False)
+        if opening:
+            belief = replace(belief, sent=0.0)
+        found.append(watch.alarm(state, belief=belief))
+    stands = GripperState(time_s=0.0, width_mm=73.0 - closure, current_ma=0.0)
+    found.append(watch.alarm(stands, belief=belief_of(reading, closure=closure, still=True)))
+    return found
+
+
+def of_force(force_n: float) -> float:
+    return GEARS_MA + MA_PER_N * force_n
+
+
+def test_the_empty_hand_raises_no_alarm(calibrated: Plan) -> None:
+    watch = CurrentWatch(calibrated)
+    rng = np.random.default_rng(1)
+    for closure in range(60):
+        current_ma = GEARS_MA * float(np.exp(0.1 * rng.standard_normal()))
+        assert moved(watch, current_ma, closure=closure) == [None] * 5
+
+
+def test_a_force_above_the_ceiling_is_known_while_moving(calibrated: Plan) -> None:
+    alarm = moved(CurrentWatch(calibrated), of_force(22.0), closure=20.0, reading=100.0)[3]
+    assert alarm is not None
+    assert alarm.danger is Danger.FORCE_LIMIT
+    assert "15 N is the most allowed" in alarm.words
+
+
+def test_a_force_below_the_ceiling_is_none(calibrated: Plan) -> None:
+    watch = CurrentWatch(calibrated)
+    assert moved(watch, of_force(14.0), closure=20.0, reading=100.0) == [None] * 5
+
+
+def test_a_standing_hand_above_the_ceiling_is_known(calibrated: Plan) -> None:
+    state = GripperState(time_s=0.0, width_mm=50.0, current_ma=of_force(22.0))
+    alarm = CurrentWatch(calibrated).alarm(state, belief=belief_of(100.0, closure=24.0, still=True))
+    assert alarm is None or alarm.danger is Danger.FORCE_LIMIT
+    watch = CurrentWatch(calibrated)
+    found = [
+        watch.alarm(state, belief=belief_of(100.0, closure=24.0, still=True)) for _ in range(6)
+    ]
+    assert found[-1] is not None
+    assert found[-1].danger is Danger.FORCE_LIMIT
+
+
+@pytest.mark.parametrize("reading", [0.0, 1.0])
+def test_a_force_that_the_sheet_does_not_show(calibrated: Plan, reading: float) -> None:
+    """An object beside the sheet: known at once where it is much, else by two movements."""
+    alarm = moved(CurrentWatch(calibrated), of_force(6.0), closure=20.0, reading=reading)[-1]
+    assert alarm is not None
+    assert alarm.danger is Danger.UNSEEN_FORCE
+    assert "and the sheet at most" in alarm.words
+
+
+def test_a_weaker_one_is_known_by_two_movements(calibrated: Plan) -> None:
+    watch = CurrentWatch(calibrated)
+    assert moved(watch, of_force(2.6), closure=20.0)[-1] is None
+    assert moved(watch, of_force(2.6), closure=21.0)[-1] is not None
+
+
+def test_what_the_sheet_shows_too_is_no_alarm(calibrated: Plan) -> None:
+    watch = CurrentWatch(calibrated)
+    assert moved(watch, of_force(6.0), closure=20.0, reading=12.0) == [None] * 5
+
+
+def test_opening_is_not_judged(calibrated: Plan) -> None:
+    watch = CurrentWatch(calibrated)
+    found = moved(watch, of_force(6.0), closure=20.0, opening=True)
+    assert found == [None] * 5
+
+
+def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan) -> None:
+    watch = CurrentWatch(plan)
+    for closure in range(6):
+        assert moved(watch, GEARS_MA + closure, closure=closure) == [None] * 5
+    felt = moved(watch, of_force(6.0), closure=6.0, reading=12.0)
+    assert felt == [None] * 5
+    alarm = moved(watch, of_force(6.0), closure=7.0)[-1]
+    assert alarm is not None
+    assert alarm.danger is Danger.UNSEEN_FORCE
+    assert "moved the empty hand" in alarm.words
+
+
+def test_a_gripper_without_current_is_not_judged(calibrated: Plan) -> None:
+    state = GripperState(time_s=0.0, width_mm=50.0)
+    watch = CurrentWatch(calibrated)
+    assert watch.alarm(state, belief=belief_of(0.0, closure=24.0, still=True)) is None

@@ -1,0 +1,265 @@
+"""What ends a grasp whose sensor or gripper tells what can't be, on a spring in the hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.controller import step
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.rezero import strange_rest
+from palpate.grasp.runner import run_grasp
+from palpate.grasp.safety import FORCE_CEILING_N, SafetyLimits
+from palpate.gripper.interface import GripperState
+from palpate.sensor.array import Frame
+
+PERIOD_S = 1 / 15
+
+
+def run(plan: Plan, bench: Any, *subscribers: Any) -> GraspResult:
+    return run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, subscribers=subscribers)
+
+
+def spoil_frames(bench: Any, change: Callable[[np.ndarray], np.ndarray], *, when: Any) -> None:
+    """Change the counts of every frame from when a condition first holds."""
+    read, spoilt = bench.read, list[bool]()
+
+    def other(*, timeout_s: float) -> Frame:
+        frame = read(timeout_s=timeout_s)
+        if spoilt or when():
+            spoilt.append(True)
+            frame = replace(frame, counts=change(frame.counts.copy()))
+        return frame
+
+    bench.read = other
+
+
+def spoil_state(bench: Any, **values: float) -> None:
+    """Report other values once the object is pressed."""
+    state = bench.state
+
+    def other() -> GripperState:
+        found = state()
+        return replace(found, **values) if bench.force_n > 1.0 else found
+
+    bench.state = other
+
+
+def held(bench: Any) -> bool:
+    return bool(bench.force_n > 1.0 and bench.clock.now_s() > 18.0)
+
+
+# -- the sheet -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("where", [np.s_[0, 0], np.s_[1, :], np.s_[:, 1], np.s_[:2], np.s_[:]])
+def test_shorts_in_a_grip_end_it(plan: Plan, bench: Any, where: Any) -> None:
+    def short(counts: np.ndarray) -> np.ndarray:
+        counts[where] = 1023
+        return counts
+
+    spoil_frames(bench, short, when=lambda: held(bench))
+    result = run(replace(plan, hold_s=30.0), bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "reads short" in result.faults[0]
+    assert bench.force_n > 0, "dropping is damage too"
+
+
+def test_all_counts_at_the_top_while_closing_open_the_hand(plan: Plan, bench: Any) -> None:
+    """One wire of the dividers' ground is off: the fingers close on a block that nobody feels."""
+    bench.n_per_mm = 50.0
+    peaks = list[float]()
+    spoil_frames(bench, lambda counts: counts * 0 + 1023, when=lambda: bench.clock.now_s() > 3.0)
+    result = run(plan, bench, lambda _: peaks.append(bench.force_n))
+    assert result.outcome in (Outcome.SENSOR_LOST, Outcome.FORCE_LIMIT)
+    assert result.faults
+    assert max(peaks) < 1.0
+
+
+def test_one_flicker_to_the_end_of_the_range_changes_nothing(plan: Plan, bench: Any) -> None:
+    read = bench.read
+
+    def flickering(*, timeout_s: float) -> Frame:
+        frame = read(timeout_s=timeout_s)
+        counts = frame.counts.copy()
+        if frame.sequence % 20 == 0:
+            counts[0, 0] = 1023
+        return replace(frame, counts=counts)
+
+    bench.read = flickering
+    frames = list[Observation]()
+    result = run(plan, bench, frames.append)
+    assert result.outcome is Outcome.HELD
+    assert result.faults == ()
+    assert result.frames == len(frames)
+    assert result.frames_lost == 0
+
+
+@pytest.mark.parametrize("counts", [1024, -1])
+def test_counts_that_no_converter_gives(plan: Plan, bench: Any, counts: int) -> None:
+    def other(frame: np.ndarray) -> np.ndarray:
+        frame[3, 1] = counts
+        return frame
+
+    spoil_frames(bench, other, when=lambda: held(bench))
+    result = run(replace(plan, hold_s=30.0), bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert f"pixel R3 C1 reads {counts}" in result.faults[0]
+    assert bench.stops == 1
+
+
+def test_frames_of_another_shape(plan: Plan, bench: Any) -> None:
+    spoil_frames(bench, lambda counts: counts[:2], when=lambda: bench.clock.now_s() > 3.0)
+    result = run(plan, bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "does not fit layout" in result.faults[0]
+
+
+@pytest.mark.parametrize("time_s", [math.nan, math.inf, 1e9])
+def test_frames_of_no_time(plan: Plan, bench: Any, time_s: float) -> None:
+    read = bench.read
+    bench.read = lambda *, timeout_s: replace(read(timeout_s=timeout_s), time_s=time_s)
+    result = run(plan, bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert bench.stops == 1
+
+
+def test_frames_that_never_change_end_the_approach(plan: Plan, bench: Any) -> None:
+    frozen = list[np.ndarray]()
+
+    def freeze(counts: np.ndarray) -> np.ndarray:
+        frozen.append(counts)
+        return frozen[0]
+
+    spoil_frames(bench, freeze, when=lambda: bench.width_mm < 66.0)
+    result = run(plan, bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "frames arrive, and are not new" in result.faults[0]
+    assert 66.0 - 6 * plan.step <= bench.width_mm < 66.0
+
+
+ABSURD = {
+    "a tenth": lambda rest: 0.1 * rest,
+    "ten times": lambda rest: 10.0 * rest,
+    "inverted": lambda rest: rest * np.linspace(0.4, 2.2, rest.size).reshape(rest.shape),
+}
+
+
+@pytest.mark.parametrize("name", ABSURD)
+def test_rest_values_that_no_weather_makes(plan: Plan, bench: Any, name: str) -> None:
+    """The calibration is of a sheet that reads otherwise: the one here can't be it."""
+    result = run(replace(plan, rest_ohm=ABSURD[name](plan.rest_ohm)), bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "see what `palpate doctor` says" in result.faults[-1]
+    assert bench.force_n == 0.0
+
+
+@pytest.mark.parametrize(
+    ("factor", "fine"), [(0.41, True), (2.4, True), (0.39, False), (2.6, False)]
+)
+def test_the_drift_of_the_rest_has_a_bound(plan: Plan, factor: float, fine: bool) -> None:
+    assert (strange_rest(factor * np.asarray(plan.rest_ohm), plan=plan) is None) == fine
+
+
+# -- the clock of the frames -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("first_s", [0.001, 1.0])
+def test_one_odd_interval_does_not_move_the_stale_limit(
+    plan: Plan, bench: Any, first_s: float
+) -> None:
+    """Five periods of 1/15 s, whatever the first interval was."""
+    read = bench.read
+
+    def odd(*, timeout_s: float) -> Frame:
+        if bench.sequence == 0:
+            bench.clock.sleep_s(first_s - PERIOD_S if first_s > PERIOD_S else 0.0)
+        frame = read(timeout_s=timeout_s)
+        early = frame.sequence == 0 and first_s < PERIOD_S
+        return replace(frame, time_s=frame.time_s + (PERIOD_S - first_s) * early)
+
+    bench.read, bench.lost_after_s = odd, 4.0
+    result = run(plan, bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "no frame in 0.33 s" in result.faults[0]
+
+
+# -- the gripper -----------------------------------------------------------------------------------
+
+IMPOSSIBLE = {
+    "no width": ({"width_mm": math.nan}, "reports nan mm"),
+    "endless width": ({"width_mm": math.inf}, "reports inf mm"),
+    "a width beyond its range": ({"width_mm": 200.0}, "reports 200 mm"),
+    "endless current": ({"current_ma": math.inf}, "a current of inf mA"),
+}
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_reports_that_can_not_be(plan: Plan, bench: Any, name: str) -> None:
+    values, words = IMPOSSIBLE[name]
+    spoil_state(bench, **values)
+    result = run(plan, bench)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert words in result.faults[0]
+    assert bench.stops == 1
+
+
+def test_a_current_that_is_no_longer_reported(plan: Plan, bench: Any) -> None:
+    state = bench.state
+    bench.state = lambda: replace(state(), current_ma=40.0 if bench.force_n < 1.0 else math.nan)
+    result = run(plan, bench)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert "a current of nan mA" in result.faults[0]
+
+
+def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> None:
+    command = bench.command
+
+    def runaway(wanted: Any) -> Any:
+        command(replace(wanted, target=wanted.target - 0.3 * (bench.force_n > 1.0)))
+        return wanted
+
+    bench.command, sent_s = runaway, list[float]()
+    forces = list[float]()
+
+    def watch(_: Observation) -> None:
+        forces.append(bench.force_n)
+        if bench.force_n > 1.0 and not sent_s:
+            sent_s.append(bench.clock.now_s())
+
+    result = run(plan, bench, watch)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert "runs on" in result.faults[0]
+    assert bench.clock.now_s() == pytest.approx(bench.commanded_s + PERIOD_S, abs=1e-6)
+
+
+# -- the ceiling -----------------------------------------------------------------------------------
+
+
+def test_the_ceiling_is_15_newtons() -> None:
+    assert FORCE_CEILING_N == 15.0
+    assert SafetyLimits().force_ceiling_n == 15.0
+
+
+@pytest.mark.parametrize(("share", "opens"), [(0.99, False), (1.01, True)])
+def test_the_ceiling_is_where_it_is_said_to_be(
+    plan: Plan, bench: Any, share: float, opens: bool
+) -> None:
+    belief = Belief(
+        phase=Phase.HOLD,
+        rest_ohm=plan.rest_ohm,
+        force_n=share * plan.safety.force_ceiling_n,
+        force_high_n=2 * plan.safety.force_ceiling_n,
+    )
+    observation = Observation(frame=bench.read(timeout_s=1.0), gripper=bench.state())
+    after, command = step(belief, observation, plan=plan)
+    assert (after.result.outcome is Outcome.FORCE_LIMIT) == opens
+    assert (command is not None) == opens
