@@ -23,8 +23,8 @@ from palpate.gripper.interface import GripperState
 _ALONE, _TWICE = 4.5, 3.0
 #: Readings whose mean is taken; while the hand stands the current changes slowly.
 _MOVING, _STANDING = 4, 6
-#: The current must show so many times what the sheet shows at most, and this more, newtons.
-_TIMES, _MORE_N = 2.0, 0.5
+#: The current must show so many times what the sheet shows at most.
+_TIMES = 2.0
 #: The sheet is asked once it has answered the movement.
 _ANSWERED_S = 0.2
 #: Without a calibration of the current, the first movements of the grasp itself show what the gears
@@ -104,7 +104,7 @@ class CurrentWatch:
             return self._unlearned(belief)
         force = self._plan.early_law.force_n(belief.now.reading, level=self._plan.level)
         shown_n = float(np.nan_to_num(force.high))
-        bound_n = _TIMES * shown_n + _MORE_N
+        bound_n = _TIMES * shown_n
         least_n = self._least_n(self._stand, deviations=_ALONE)
         if not self._judged:
             self._judged = True
