@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands.options import RigOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,9 +25,7 @@ def command(
     block_mm: Annotated[
         float, typer.Option("--block-mm", help="Size of the rigid block with the load cell.")
     ] = 40.0,
-    rig: Annotated[
-        str, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
-    ] = "sim-rigid",
+    rig: RigOption = "",
     out: Annotated[
         Path | None,
         typer.Option(help="File to renew. By default the rig file's, or calibration.json."),

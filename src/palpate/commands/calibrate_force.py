@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
+from palpate.commands.options import RigOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,9 +24,7 @@ _HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 1
 
 
 def command(
-    rig: Annotated[
-        str, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
-    ] = "sim-rigid",
+    rig: RigOption = "",
     loads: Annotated[
         Path | None,
         typer.Option(help="Dead weights in order, up and down: column load_n.", metavar="CSV"),

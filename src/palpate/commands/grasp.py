@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.commands.grasp_store import open_memory
+from palpate.commands.options import RigOption
 from palpate.commands.store_option import STORE_HELP
 from palpate.errors import InputError
 
@@ -37,9 +38,7 @@ _NOT_KEPT = 3
 
 
 def grasp(
-    rig: Annotated[
-        str, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
-    ] = "sim-rigid",
+    rig: RigOption = "",
     object_name: Annotated[
         str | None,
         typer.Option("--object", help="Simulated rigs: what to grasp; drawn by default."),

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands.options import stated_rig
 from palpate.errors import InputError
 
 
@@ -68,6 +69,8 @@ def record(
         "load_cells": load_cells or None,
     }
     given = {name: value for name, value in options.items() if value is not None}
+    if rig is None and not given:
+        rig = stated_rig()
     with ExitStack() as stack:
         if rig is None:
             source = board_source(given, stack=stack)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.commands.options import stated_rig
 from palpate.errors import CalibrationError, DeviceTimeoutError, InputError
 from palpate.sensor.array import PressureArray
 from palpate.sensor.health import Stretch
@@ -131,7 +132,8 @@ def open_source(
     Parameters
     ----------
     rig : str, optional
-        Name of a rig, or a rig file; it states the rest itself.
+        Name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
+        ./rig.toml or $PALPATE_RIG.
     port, layout, reference_ohm, rate_hz, baud
         As in `palpate.sensor.board_array.open_board`; None is that function's default.
 
@@ -148,6 +150,8 @@ def open_source(
     stated = {"port": port, "layout": layout, "reference_ohm": reference_ohm}
     stated |= {"rate_hz": rate_hz, "baud": baud}
     given: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+    if rig is None and not given:
+        rig = stated_rig()
     if rig is None:
         array = open_board(**given)
         return Source(name=array.name, array=array)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands.options import RigOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,9 +15,7 @@ if TYPE_CHECKING:
 
 
 def serve(
-    rig: Annotated[
-        str, typer.Option(help="Rig to open first: a name, or a rig file.", metavar="NAME_OR_TOML")
-    ] = "sim-rigid",
+    rig: RigOption = "",
     object_name: Annotated[
         str | None, typer.Option("--object", help="Simulated rigs: what lies between the fingers.")
     ] = None,

@@ -1,0 +1,46 @@
+"""Options that several verbs share, each with one wording."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+_FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
+
+
+def stated_rig() -> str | None:
+    """Return the rig of this folder (`rig.toml`) or of the environment (`$PALPATE_RIG`)."""
+    if _FILE.is_file():
+        return str(_FILE)
+    return os.environ.get(_VARIABLE) or None
+
+
+def _chosen(rig: str) -> str:
+    """Return the rig asked for, or the stated one; a simulated one is announced."""
+    from palpate.rig import DEFAULT_RIG
+
+    chosen = rig or stated_rig()
+    if chosen is None:
+        print(
+            f"no ./{_FILE} and no ${_VARIABLE}: using {DEFAULT_RIG}, which is simulated",
+            file=sys.stderr,
+        )
+    return chosen or DEFAULT_RIG
+
+
+#: Give it the default "": ./rig.toml, then $PALPATE_RIG, then the simulated rig.
+RigOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--rig",
+        help="A rig file, or a built-in rig. By default ./rig.toml, then $PALPATE_RIG, then "
+        "sim-rigid (simulated).",
+        metavar="NAME_OR_TOML",
+        callback=_chosen,
+        show_default=False,
+    ),
+]
