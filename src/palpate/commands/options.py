@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -20,16 +19,10 @@ def stated_rig() -> str | None:
 
 
 def _chosen(rig: str) -> str:
-    """Return the rig asked for, or the stated one; a simulated one is announced."""
+    """Return the rig asked for, the stated one, or the twin, which says so in all its output."""
     from palpate.rig import DEFAULT_RIG
 
-    chosen = rig or stated_rig()
-    if chosen is None:
-        print(
-            f"no ./{_FILE} and no ${_VARIABLE}: using {DEFAULT_RIG}, which is simulated",
-            file=sys.stderr,
-        )
-    return chosen or DEFAULT_RIG
+    return rig or stated_rig() or DEFAULT_RIG
 
 
 #: Give it the default "": ./rig.toml, then $PALPATE_RIG, then the simulated rig.

@@ -23,16 +23,10 @@ def grasp(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str
     return status, shown.out, shown.err
 
 
-def test_simulation_is_announced_where_nobody_asked_for_it(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    _, out, err = grasp(capsys, "--json")
-    assert '"simulated": true' in out
-    assert "using sim-rigid, which is simulated" in err
-
-
-def test_it_is_not_announced_to_who_asked_for_it(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "using" not in grasp(capsys, "--rig", "sim-rigid")[2]
+def test_simulation_that_nobody_asked_for_is_labelled(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, err = grasp(capsys)
+    assert "SIMULATED" in out
+    assert err == ""
 
 
 def test_the_folder_comes_before_the_environment(
