@@ -13,9 +13,11 @@ from pathlib import Path
 from palpate.dashboard.handle import DeviceProcess
 from palpate.dashboard.ledger import Ledger
 from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Urgent
-from palpate.dashboard.session import Session
+from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.station import BenchOpener
 from palpate.estimate.damage_file import DamageFile
+
+_LOOK_S = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +62,9 @@ class Desk:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.ledger = Ledger(settings.store)
-        self.session = Session(send=self._send, on_grasped=self._keep)
+        self.session = Session(
+            send=self._send, on_grasped=self._keep, silent_s=lambda: self.silent_s
+        )
         self._loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceProcess | None = None
         self._heard_s: float | None = None
@@ -84,6 +88,15 @@ class Desk:
         """Stop what runs and end the process."""
         if self._process is not None:
             self._process.close()
+
+    async def stop(self, *, patience_s: float) -> bool:
+        """Stop what runs; return whether the devices' process confirmed it in time."""
+        number, until_s = self.session.stop(), time.monotonic() + patience_s
+        while self.session.stops_confirmed < number:
+            if self.session.activity is Activity.GONE or time.monotonic() > until_s:
+                return False
+            await asyncio.sleep(_LOOK_S)
+        return True
 
     def recordings(self) -> list[Path]:
         """Return the recordings in the folder, newest first."""

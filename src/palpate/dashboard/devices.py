@@ -37,6 +37,7 @@ from palpate.dashboard.messages import (
     ReleaseNow,
     SetSpeed,
     StopNow,
+    Stopped,
     Trouble,
     Urgent,
 )
@@ -83,6 +84,7 @@ class Devices:
         self._requests = Requests()
         self._confirmed = threading.Event()
         self._stop_asked_s: float | None = None
+        self._stop_number = self._stop_confirmed = 0
         self._writer: RecordingWriter | None = None
         self._troubled = ""
         self._outlet = Outlet(connection.send, on_lost=lambda: self._hear(Goodbye()))
@@ -93,6 +95,7 @@ class Devices:
         self._outlet.start()
         try:
             while not self._gone.is_set():
+                self._heed_stop()
                 order = self._next_order()
                 if order is not None:
                     self._carry_out(order)
@@ -116,6 +119,7 @@ class Devices:
         station = self._station
         match message:
             case StopNow():
+                self._stop_number = message.number
                 self._stop(station)
             case Goodbye():
                 self._gone.set()
@@ -142,6 +146,9 @@ class Devices:
             if station is not None and not self._requests.stop.is_set():
                 self._stop_asked_s = station.rig.clock.now_s()
             self._requests.stop.set()
+        self._arrived.set()
+        if station is None:
+            self._confirm_stop()
         for order in dropped:
             self._outlet.note(Ended(order=order, trouble="stopped before it began"))
 
@@ -151,10 +158,29 @@ class Devices:
             self._arrived.clear()
             if not self._orders:
                 return None
-            self._requests, self._stop_asked_s = Requests(), None
-            if self._station is not None:
-                self._station.requests, self._station.reacted_s = self._requests, None
+            self._renew_requests()
             return self._orders.popleft()
+
+    def _renew_requests(self) -> None:
+        self._requests, self._stop_asked_s = Requests(), None
+        if self._station is not None:
+            self._station.requests, self._station.reacted_s = self._requests, None
+
+    def _heed_stop(self) -> None:
+        """Stop the hand when that was asked for between two orders, or while one ended."""
+        station = self._station
+        with self._lock:
+            if station is None or not self._requests.stop.is_set():
+                return
+            # First: a stop that comes meanwhile is heeded next.
+            self._renew_requests()
+        self._try(station.stop_hand)
+
+    def _confirm_stop(self) -> None:
+        """Say that the hand was told, once for each stop."""
+        if self._stop_confirmed < self._stop_number:
+            self._stop_confirmed = self._stop_number
+            self._outlet.note(Stopped(self._stop_number), at_once=True)
 
     # -- what is done ---------------------------------------------------------------------------
 
@@ -219,22 +245,20 @@ class Devices:
             seed=order.seed,
             outlet=self._outlet,
             confirmed=self._confirmed,
+            on_stopped=self._confirm_stop,
             open_bench=self._benches.get(rig.name),
         )
         self._outlet.begin(station.source(), events=station.link_events)
 
     def _watch(self, station: Station) -> None:
         """Read one frame and show it; record it if that was asked for."""
-        if self._requests.stop.is_set():
-            self._requests = Requests()
-            self._try(station.rig.gripper.stop)
         try:
             frame = station.array.read(timeout_s=_WATCH_TIMEOUT_S)
         except DeviceTimeoutError:
             return
         except DeviceError as error:
             self._complain(str(error))
-            self._gone.wait(_LOST_S)
+            self._arrived.wait(_LOST_S)
             return
         self._complain("")
         state = state_of(station.rig.gripper)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from palpate.dashboard.messages import Grasp, Grasped, OpenHand
 from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
+from palpate.errors import DeviceError
 from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.phases import Phase
@@ -46,9 +49,9 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
             writer.add_observation(observation.frame, gripper=observation.gripper)
 
         def react(belief: Belief) -> None:
-            opening = belief.phase is Phase.RELEASE
-            if opening and station.requests.stop.is_set() and station.reacted_s is None:
-                station.reacted_s = rig.clock.now_s()
+            # A hand that vents, or was opening already, is stopped only when it is open.
+            if belief.phase is Phase.RELEASE and station.requests.stop.is_set():
+                station.confirm_stop()
 
         closing = ClosingWatch(plan)
         outlet.think(plan)
@@ -61,6 +64,10 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
             watchers=[outlet.believe, react, closing.see],
             requests=station.requests,
         )
+        # Before the recording is closed: a slow disk must not delay the confirmation.
+        if station.requests.stop.is_set():
+            with suppress(DeviceError):
+                station.stop_hand()
     truth = None if rig.truth is None else dict(rig.truth())
     return Grasped(
         result=result, truth=truth, recording=order.recording, closing=closing.measured()
@@ -78,4 +85,4 @@ def open_hand(order: OpenHand, *, station: Station) -> None:
             array.read(timeout_s=FRAME_TIMEOUT_S)
     finally:
         if station.requests.stop.is_set():
-            gripper.stop()
+            station.stop_hand()

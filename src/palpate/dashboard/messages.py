@@ -96,7 +96,12 @@ Order: TypeAlias = (
 
 @dataclass(frozen=True, slots=True)
 class StopNow:
-    """End what runs; the hand does what the safety rules say for its phase."""
+    """End what runs; the hand does what the safety rules say for its phase.
+
+    `number` counts the stops, so that each can be confirmed.
+    """
+
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,6 +330,13 @@ class Ended:
 
 
 @dataclass(frozen=True, slots=True)
+class Stopped:
+    """The hand was told to stop, or there is none that could move: stops up to this number."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class Trouble:
     """A sentence about the devices while nothing was ordered."""
 
@@ -345,7 +357,7 @@ class Lost:
     text: str
 
 
-Note: TypeAlias = Source | Began | Guide | Grasped | Ended | Trouble | Recording
+Note: TypeAlias = Source | Began | Guide | Grasped | Ended | Stopped | Trouble | Recording
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -74,7 +74,7 @@ class Outlet:
         self._belief: Belief | None = None
         self._thought: Thought | None = None
         self._forecast_s = -math.inf
-        self._closed = threading.Event()
+        self._closed, self._hurry = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="outlet", daemon=True)
 
     def start(self) -> None:
@@ -84,12 +84,15 @@ class Outlet:
     def close(self) -> None:
         """Send what there is, and end; a page that no longer reads is not waited for."""
         self._closed.set()
+        self._hurry.set()
         self._thread.join(_FAREWELL_S)
 
-    def note(self, note: Note) -> None:
+    def note(self, note: Note, *, at_once: bool = False) -> None:
         """Send this; notes are never dropped, and come before later frames."""
         with self._lock:
             self._notes.append(note)
+        if at_once:
+            self._hurry.set()
 
     def begin(self, source: Source, *, events: Callable[[], LinkEvents] = LinkEvents) -> None:
         """Frames are another source's from now on; `events` tells what its link counted."""
@@ -135,7 +138,9 @@ class Outlet:
     def _run(self) -> None:
         last = False
         while not last:
-            last = self._closed.wait(SEND_S)
+            self._hurry.wait(SEND_S)
+            self._hurry.clear()
+            last = self._closed.is_set()
             try:
                 self._send(self.update())
             except OSError:

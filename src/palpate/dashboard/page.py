@@ -15,7 +15,9 @@ from palpate.dashboard.panel_recordings import recordings_panel
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
 
-_STAGE = (Path(__file__).parent / "static" / "stage.html").read_text(encoding="utf-8")
+_STATIC = Path(__file__).parent / "static"
+_STAGE = (_STATIC / "stage.html").read_text(encoding="utf-8")
+_STOP = (_STATIC / "stop.html").read_text(encoding="utf-8")
 _PANELS = {
     "Calibrate": calibrate_panel,
     "Doctor": doctor_panel,
@@ -29,6 +31,8 @@ _PREFERS_DARK = "(prefers-color-scheme: dark)"
 def build_page(desk: Desk, client: Client) -> None:
     """Fill the page of one viewer."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
+    # Apart from all that the framework draws, moves and takes away.
+    ui.add_body_html(_STOP)
     ui.add_body_html('<script type="module" src="/static/live.js"></script>')
     hands = Hands(desk.session, viewer=client.id)
     # Not before its browser is there: what only fetched the page must not drive.
@@ -36,7 +40,6 @@ def build_page(desk: Desk, client: Client) -> None:
     client.on_delete(lambda: desk.session.leave(client.id))
     _header(desk, hands)
     with ui.element("main").classes("page"):
-        # Alerts stand over the stage: over the whole page they would push the stop button down.
         with ui.element("div").classes("stage"):
             _alerts(desk, hands)
             ui.html(_STAGE, sanitize=False).classes("stage")
@@ -121,7 +124,3 @@ def _panel(desk: Desk, hands: Hands) -> None:
                 build(desk, hands)
     with ui.element("div").classes("panel-foot"):
         grasp_buttons(desk, hands, wishes)
-        ui.html(
-            '<button id="stop" class="stop" type="button">STOP<kbd>or press Esc</kbd></button>',
-            sanitize=False,
-        ).classes("stop-box")

@@ -43,7 +43,7 @@ def set_up_panel(desk: Desk, hands: Hands, wishes: Wishes) -> None:
             on_change=lambda event: want(event.value),
         ).props("outlined dense clearable")
         ui.input("Item (empty: not remembered)", on_change=lambda event: name(event.value)).props(
-            "outlined dense clearable maxlength=80"
+            "outlined dense clearable maxlength=80 autocomplete=off"
         )
         ui.label("Grasps of an item are kept in the store; the page Items shows them.").classes(
             "muted"
@@ -64,7 +64,9 @@ def _kind(damage: DamageFile, wishes: Wishes) -> None:
 
     known = {"": "not told", **{kind: kind for kind in damage.kinds}}
     kind = ui.select(known, value=wishes.kind, on_change=lambda event: tell(event.value))
-    kind.props('outlined dense label="Kind (for its damage limit)"').classes("w-full")
+    kind.props('outlined dense behavior=dialog label="Kind (for its damage limit)"').classes(
+        "w-full"
+    )
     ui.label("Grasps stay below what such produce bears, as far as they feel it.").classes("muted")
 
 
@@ -114,11 +116,11 @@ def _recording(desk: Desk, hands: Hands) -> None:
 def _rig(desk: Desk, hands: Hands) -> None:
     settings, asked = desk.settings, desk.session.rig
     name = ui.select(list(settings.rigs), value=asked.name if asked else settings.rigs[0])
-    name.props('outlined dense label="Rig"').classes("w-full")
+    name.props('outlined dense behavior=dialog label="Rig"').classes("w-full")
     with ui.element("div").classes("form") as simulated:
         known = asked.object_name if asked else None
         what = ui.select([_DRAWN, *settings.objects], value=known or _DRAWN)
-        what.props('outlined dense label="Object between the fingers"')
+        what.props('outlined dense behavior=dialog label="Object between the fingers"')
         with ui.element("div").classes("two"):
             seed = ui.number("Seed", value=asked.seed if asked else 0, min=0, step=1, format="%d")
             seed.props("outlined dense")

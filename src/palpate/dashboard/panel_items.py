@@ -25,7 +25,7 @@ def items_panel(desk: Desk, hands: Hands) -> None:
     with ui.element("div").classes("form"):
         ui.html("<h3>Items and how they ripen</h3>", sanitize=False)
         choice = ui.select([], on_change=lambda event: show(event.value)).classes("w-full")
-        choice.props('outlined dense use-input clearable label="Item"')
+        choice.props('outlined dense use-input clearable behavior=dialog label="Item"')
         box = ui.html("", sanitize=False).props("id=item-page")
 
     async def show(item_id: str | None) -> None:

@@ -17,6 +17,8 @@ from palpate.errors import DeviceError, needing
 _STATIC = Path(__file__).parent / "static"
 #: A viewer whose connection breaks keeps the wheel for so long.
 _RECONNECT_S = 10.0
+#: A stop that is not confirmed by then is answered so; the page asks again.
+_STOP_PATIENCE_S = 2.0
 
 
 def serve(
@@ -96,15 +98,14 @@ def _routes(desk: Desk) -> None:
 
     @app.get("/live")
     async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
-        found: dict[str, Any] = document(
-            desk.session, generation=generation, after_s=after_s, silent_s=desk.silent_s
-        )
+        found: dict[str, Any] = document(desk.session, generation=generation, after_s=after_s)
         return JSONResponse(found)
 
     @app.post("/stop")
     async def stop() -> JSONResponse:
-        desk.session.stop()
-        return JSONResponse({"stopped": True})
+        """Answer once the hand was told; a page that hears nothing in time raises the alarm."""
+        stopped = await desk.stop(patience_s=_STOP_PATIENCE_S)
+        return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
 def _listen(host: str, port: int) -> socket.socket:

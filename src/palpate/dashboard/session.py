@@ -35,6 +35,7 @@ from palpate.dashboard.messages import (
     SetSpeed,
     Source,
     StopNow,
+    Stopped,
     Trouble,
     Update,
     Urgent,
@@ -91,6 +92,8 @@ _ACTIONS: dict[type[Order], Action] = {
     Play: Action.PLAY,
     Record: Action.RECORD,
 }
+#: The devices' process speaks twenty times a second; silent for so long, it hangs.
+_HUNG_S = 1.0
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 
 
@@ -103,6 +106,8 @@ class Session:
         Takes an order, or a request that is heard at once.
     on_grasped : callable, optional
         Called with each finished grasp of a named item (not with replays), and its name.
+    silent_s : callable, optional
+        Returns how long ago the devices' process said anything, seconds.
 
     Attributes
     ----------
@@ -120,6 +125,8 @@ class Session:
         What came of the last grasp or replay, calibration and examination.
     stopped_after_s : float or None
         How long the last stop took, on the rig's clock.
+    stops_confirmed : int
+        Number of the newest stop of which the devices' process said that the hand was told.
     recording : Path or None
         What is watched goes there.
     rig : OpenRig or None
@@ -140,8 +147,9 @@ class Session:
         *,
         send: Callable[[Order | Urgent], None],
         on_grasped: Callable[[Grasped, str], None] = lambda grasped, item_id: None,
+        silent_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
-        self._send, self._on_grasped = send, on_grasped
+        self._send, self._on_grasped, self._silent_s = send, on_grasped, silent_s
         self.viewers: set[str] = set()
         self.driver: str | None = None
         self.activity = Activity.IDLE
@@ -153,6 +161,8 @@ class Session:
         self.calibrated: Calibrated | None = None
         self.health: Health | None = None
         self.stopped_after_s: float | None = None
+        self.stops_confirmed = 0
+        self._stops = 0
         self.recording: Path | None = None
         self.rig: OpenRig | None = None
         self._opened = False
@@ -177,12 +187,20 @@ class Session:
         if self.driver == viewer:
             self.driver = None
 
+    @property
+    def hung_s(self) -> float | None:
+        """How long the devices' process has been silent; None while it speaks."""
+        silent_s = self._silent_s()
+        return silent_s if silent_s > _HUNG_S else None
+
     # -- what may be pressed --------------------------------------------------------------------
 
     def refusal(self, action: Action, *, viewer: str) -> str:
         """Return why this can't be pressed now; empty if it can."""
         if self.activity is Activity.GONE:
             return "the devices are gone: start palpate serve again"
+        if self.hung_s is not None:
+            return "the devices are silent: if the hand may move, use the emergency stop"
         if viewer != self.driver:
             taken = "nobody drives" if self.driver is None else "someone else drives"
             return f"{taken}: take over first"
@@ -270,9 +288,11 @@ class Session:
             self.rig = replace(self.rig, speed=speed)
         self._send(SetSpeed(speed))
 
-    def stop(self) -> None:
-        """Stop what runs, at once, whoever asks."""
-        self._send(StopNow())
+    def stop(self) -> int:
+        """Stop what runs, at once, whoever asks; return the number by which it is confirmed."""
+        self._stops += 1
+        self._send(StopNow(self._stops))
+        return self._stops
 
     def _check(self, action: Action, viewer: str) -> None:
         why = self.refusal(action, viewer=viewer)
@@ -308,6 +328,8 @@ class Session:
                 self.grasped = note
             case Recording():
                 self.recording = note.file
+            case Stopped():
+                self.stops_confirmed = max(self.stops_confirmed, note.number)
             case Trouble():
                 self.trouble = note.text
             case Ended():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,7 +10,7 @@ from typing import Protocol
 
 from palpate.dashboard.messages import Guide, Source
 from palpate.dashboard.outlet import Outlet
-from palpate.errors import DeviceError, PalpateError
+from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.calibrating import Bench
 from palpate.grasp.requests import Requests
 from palpate.gripper.interface import Gripper, GripperState
@@ -19,6 +20,8 @@ from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
 FRAME_TIMEOUT_S = 2.0
+#: A stop is heard within this while the sensor is silent.
+_PATIENCE_S = 0.1
 #: A frame older than this waited somewhere.
 _OLD_S = 0.05
 
@@ -65,8 +68,10 @@ class Station:
         Opens the bench with a load cell of this rig; None where it has none.
     requests : Requests
         What the user asks of the job that runs.
+    on_stopped : callable
+        Called when the hand was told to stop because the user asked for it.
     reacted_s : float or None
-        When the hand was told because of a stop, if the job went on after that.
+        When that was, on the rig's clock.
     """
 
     rig: Rig
@@ -74,6 +79,7 @@ class Station:
     seed: int
     outlet: Outlet
     confirmed: threading.Event
+    on_stopped: Callable[[], None]
     open_bench: BenchOpener | None = None
     requests: Requests = field(default_factory=Requests)
     reacted_s: float | None = None
@@ -111,6 +117,23 @@ class Station:
         """Tell the user what goes on, or what to do."""
         self.outlet.note(Guide(text=text, share=share, asks=asks))
 
+    def stop_hand(self) -> None:
+        """Stop the hand, and confirm it.
+
+        Raises
+        ------
+        DeviceError
+            If the hand can't be told; nothing is confirmed then.
+        """
+        self.rig.gripper.stop()
+        self.confirm_stop()
+
+    def confirm_stop(self) -> None:
+        """Say that the hand was told."""
+        if self.reacted_s is None:
+            self.reacted_s = self.rig.clock.now_s()
+        self.on_stopped()
+
     def catch_up(self) -> None:
         """Read what waited while nobody did: nothing is decided on old frames."""
         array, clock = self.watched(), self.rig.clock
@@ -136,12 +159,22 @@ class Watched:
         ------
         StoppedByUserError
             If the user asked for a stop.
+        DeviceTimeoutError
+            If the sensor is silent.
         """
-        if self._station.requests.stop.is_set():
-            raise StoppedByUserError("stopped on request")
-        frame = self._array.read(timeout_s=timeout_s)
-        self._station.outlet.see(frame, state_of(self._gripper))
-        return frame
+        tries = math.ceil(timeout_s / _PATIENCE_S)
+        while True:
+            if self._station.requests.stop.is_set():
+                raise StoppedByUserError("stopped on request")
+            tries -= 1
+            try:
+                frame = self._array.read(timeout_s=_PATIENCE_S)
+            except DeviceTimeoutError:
+                if tries <= 0:
+                    raise
+                continue
+            self._station.outlet.see(frame, state_of(self._gripper))
+            return frame
 
     def close(self) -> None:
         """Leave the array open: it is the rig's."""

@@ -9,19 +9,16 @@ from typing import Any
 import numpy as np
 
 from palpate.dashboard.live import Live, finite
+from palpate.dashboard.messages import Grasped
 from palpate.dashboard.session import Activity, Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.verdict import firmness, outcome_text, verdict
+from palpate.grasp.verdict import outcome_text, verdict
 
-#: The devices' process speaks twenty times a second; silent for so long, it hangs.
-_HUNG_S = 1.0
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
-def document(
-    session: Session, *, generation: int, after_s: float, silent_s: float = 0.0
-) -> dict[str, Any]:
+def document(session: Session, *, generation: int, after_s: float) -> dict[str, Any]:
     """Return what a page needs to draw.
 
     Parameters
@@ -30,10 +27,8 @@ def document(
         As it is now.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
-    silent_s : float
-        How long ago the devices' process said anything.
     """
-    live, link = session.live, _link(session, silent_s=silent_s)
+    live, link = session.live, _link(session)
     after_s = after_s if generation == live.generation else -math.inf
     source = live.source
     return {
@@ -76,10 +71,11 @@ def _guide(session: Session) -> dict[str, Any] | None:
     return {"text": guide.text, "share": guide.share, "asks": guide.asks}
 
 
-def _link(session: Session, *, silent_s: float) -> dict[str, Any]:
-    pulse, hung = session.live.pulse, silent_s > _HUNG_S
+def _link(session: Session) -> dict[str, Any]:
+    pulse, hung_s = session.live.pulse, session.hung_s
+    hung = hung_s is not None
     rate_hz, age_s, p99_s, worst_s = finite(
-        [pulse.rate_hz, pulse.age_s + silent_s * hung, pulse.period_p99_s, pulse.period_worst_s]
+        [pulse.rate_hz, pulse.age_s + (hung_s or 0.0), pulse.period_p99_s, pulse.period_worst_s]
     )
     waiting = session.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)
     return {
@@ -92,6 +88,7 @@ def _link(session: Session, *, silent_s: float) -> dict[str, Any]:
         "age_s": age_s,
         "period_p99_s": p99_s,
         "period_worst_s": worst_s,
+        "hung_s": hung_s,
         "stale": hung or (pulse.stale and not waiting),
         "waiting": waiting and not hung,
     }
@@ -124,24 +121,35 @@ def _pixels(live: Live) -> dict[str, Any] | None:
 
 def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     """Return the big words: of the grasp that ended, of the one that runs, or what goes on."""
+    if session.activity is Activity.GONE:
+        return {**_WORDLESS, "text": "the devices are gone", "kind": "bad"}
     if session.activity is Activity.WATCHING and (broken := _broken(session.live, stale=stale)):
         text, why = broken
-        return {"text": text, "why": why, "firmness": None, "on_target": None, "kind": "bad"}
+        return {**_WORDLESS, "text": text, "why": why, "kind": "bad"}
     grasped, thought = session.grasped, session.live.thought
     if grasped is not None:
         said = verdict(grasped.result, target_force_n=session.target_force_n)
-        good = grasped.result.outcome is Outcome.HELD
-        return {**said, "kind": "good" if good else "bad"}
+        return {**said, "kind": _kind_of(grasped, on_target=said["on_target"])}
     if thought is None:
         text = "ready" if session.activity is Activity.WATCHING else session.activity.value
-        return {"text": text, "firmness": None, "on_target": None, "kind": "idle"}
-    stiffness = thought.answer.stiffness_n_per_mm if thought.decided else None
-    return {
-        "text": _PHASES.get(thought.phase, thought.phase),
-        "firmness": None if stiffness is None else firmness(stiffness),
-        "on_target": None,
-        "kind": "good" if thought.decided else "busy",
-    }
+        return {**_WORDLESS, "text": text, "kind": "idle"}
+    text = _PHASES.get(thought.phase, thought.phase)
+    if not thought.decided:
+        return {**_WORDLESS, "text": text, "kind": "busy"}
+    said = verdict(thought.answer, target_force_n=session.target_force_n)
+    kind = "warn" if said["on_target"] is False else "good"
+    return {**said, "text": text, "kind": kind}
+
+
+_WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
+
+
+def _kind_of(grasped: Grasped, *, on_target: object) -> str:
+    """Return how a grasp ended, as a colour: nothing that went wrong is good."""
+    result, truth = grasped.result, grasped.truth or {}
+    if result.outcome is not Outcome.HELD or truth.get("damaged"):
+        return "bad"
+    return "warn" if on_target is False or result.faults else "good"
 
 
 def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:

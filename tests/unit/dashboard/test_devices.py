@@ -36,12 +36,16 @@ from palpate.dashboard.messages import (
     Recording,
     ReleaseNow,
     StopNow,
+    Stopped,
+    Trouble,
     Update,
 )
+from palpate.errors import DeviceError
 from palpate.grasp.result import Outcome
 from palpate.recording import load_recording
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.health import Health
+from palpate.twin.devices import TwinGripper
 
 #: Faster than anything here needs: the pace of the wall must not make the tests slow.
 FAST = 500.0
@@ -190,8 +194,50 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     opened.send(second)
     opened.send(StopNow())
     assert opened.ended(second).trouble == "stopped before it began"
-    assert not second.recording.exists()
     assert not opened.done(OpenHand()).trouble
+    # Not later either: what came after the stop has ended, and the dropped one never began.
+    assert Began(order=second) not in [note for one in opened.updates for note in one.notes]
+    assert not second.recording.exists()
+
+
+def confirmations(page: Page) -> list[int]:
+    notes = [note for update in page.updates for note in update.notes]
+    return [note.number for note in notes if isinstance(note, Stopped)]
+
+
+def test_a_stop_is_confirmed_once_the_hand_was_told(opened: Page, tmp_path: Path) -> None:
+    order = Grasp(target_force_n=None, recording=tmp_path / "confirmed.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.frames is not None and bool(update.frames.moving[-1]))
+    opened.updates.clear()
+    opened.send(StopNow(41))
+    assert opened.ended(order).found is not None
+    opened.send(StopNow(42))
+    opened.until(lambda update: Stopped(42) in update.notes)
+    assert confirmations(opened) == [41, 42]
+    assert not opened.done(OpenHand()).trouble
+
+
+def test_a_stop_without_a_rig_is_confirmed_at_once(page: Page) -> None:
+    page.send(StopNow(7))
+    page.until(lambda update: Stopped(7) in update.notes)
+
+
+def test_a_hand_that_cannot_be_told_confirms_nothing(
+    opened: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(self: object) -> None:
+        raise DeviceError("the servo does not answer")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(TwinGripper, "stop", broken)
+        opened.updates.clear()
+        opened.send(StopNow(90))
+        opened.until(lambda update: Trouble("the servo does not answer") in update.notes)
+        opened.until(lambda update: update.frames is not None)
+    assert confirmations(opened) == []
+    opened.send(StopNow(91))
+    opened.until(lambda update: Stopped(91) in update.notes)
 
 
 def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path) -> None:

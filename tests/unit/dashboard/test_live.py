@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import Frames, Pulse, Source, Thought
+from palpate.dashboard.messages import Frames, Grasped, Lost, Pulse, Source, Thought
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.view import document
 from palpate.estimate.measurement import Measurement
@@ -153,9 +154,68 @@ def test_a_broken_sensor_is_not_called_ready() -> None:
 
 
 def test_a_process_that_hangs_turns_the_link_red() -> None:
-    session = Session(send=lambda message: None)
+    silent_s = [0.1]
+    session = Session(send=lambda message: None, silent_s=lambda: silent_s[0])
     session.live.begin(SOURCE)
     session.live.pulse = Pulse(frames=9, rate_hz=15.0, age_s=0.03, stale=False)
-    assert document(session, generation=-1, after_s=0.0, silent_s=0.1)["link"]["stale"] is False
-    hung = document(session, generation=-1, after_s=0.0, silent_s=3.0)["link"]
-    assert (hung["stale"], hung["age_s"]) == (True, pytest.approx(3.03))
+    link = document(session, generation=-1, after_s=0.0)["link"]
+    assert (link["stale"], link["hung_s"]) == (False, None)
+    silent_s[0] = 3.0
+    hung = document(session, generation=-1, after_s=0.0)["link"]
+    assert (hung["stale"], hung["hung_s"], hung["age_s"]) == (True, 3.0, pytest.approx(3.03))
+
+
+def test_devices_that_are_gone_are_not_called_holding() -> None:
+    session = Session(send=lambda message: None)
+    session.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
+    session.take(Lost("the process with the devices has ended"))
+    card = document(session, generation=-1, after_s=0.0)["verdict"]
+    assert (card["text"], card["kind"]) == ("the devices are gone", "bad")
+
+
+FORCE = Measurement(value=2.0, low=1.8, high=2.2, unit="n")
+
+
+@pytest.mark.parametrize(
+    ("target_n", "ended", "kind"),
+    [
+        (2.0, {}, "good"),
+        (None, {}, "good"),
+        (2.0, {"truth": {"damaged": True}}, "bad"),
+        (2.0, {"truth": {"damaged": False}}, "good"),
+        (3.0, {}, "warn"),
+        (2.0, {"faults": ("the recorder failed",)}, "warn"),
+        (2.0, {"outcome": Outcome.SLIPPED}, "bad"),
+    ],
+)
+def test_only_what_went_well_ends_on_a_green_card(
+    target_n: float | None, ended: dict[str, Any], kind: str
+) -> None:
+    result = GraspResult(
+        outcome=ended.get("outcome", Outcome.HELD), force_n=FORCE, faults=ended.get("faults", ())
+    )
+    session = Session(send=lambda message: None)
+    session.target_force_n = target_n
+    session.grasped = Grasped(result=result, truth=ended.get("truth"))
+    assert document(session, generation=-1, after_s=0.0)["verdict"]["kind"] == kind
+
+
+def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
+    session = Session(send=lambda message: None)
+    answer = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
+    session.live.think(
+        Thought(
+            time_s=9.0,
+            phase="hold",
+            rest_ohm=None,
+            began_s=0.0,
+            force_n=2.0,
+            settled=None,
+            answer=answer,
+            decided=True,
+        )
+    )
+    for target_n, kind in ((2.0, "good"), (3.0, "warn")):
+        session.target_force_n = target_n
+        card = document(session, generation=-1, after_s=0.0)["verdict"]
+        assert (card["text"], card["kind"]) == ("holding", kind)

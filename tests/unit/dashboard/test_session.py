@@ -27,6 +27,7 @@ from palpate.dashboard.messages import (
     ReleaseNow,
     Source,
     StopNow,
+    Stopped,
     Update,
 )
 from palpate.dashboard.session import Action, Activity, Session
@@ -109,8 +110,17 @@ def test_a_driver_who_leaves_leaves_nobody_driving_until_someone_takes_over(desk
 
 def test_stop_is_anyones_at_any_time(desk: Desk) -> None:
     desk.session.order("a", GRASP)
-    desk.session.stop()
-    assert desk.sent == [GRASP, StopNow()]
+    assert [desk.session.stop(), desk.session.stop()] == [1, 2]
+    assert desk.sent == [GRASP, StopNow(1), StopNow(2)]
+
+
+def test_a_stop_is_confirmed_only_by_the_devices(desk: Desk) -> None:
+    number = desk.session.stop()
+    assert desk.session.stops_confirmed < number
+    desk.tell(Stopped(number))
+    assert desk.session.stops_confirmed == number
+    desk.tell(Stopped(number - 1))
+    assert desk.session.stops_confirmed == number
 
 
 def test_a_second_press_does_not_order_twice(desk: Desk) -> None:
@@ -205,6 +215,15 @@ def test_a_new_grasp_begins_a_new_curve_and_forgets_the_last_verdict(desk: Desk)
     desk.tell(Began(order=GRASP))
     assert desk.session.live.generation > generation
     assert desk.session.grasped is None
+
+
+def test_devices_that_are_silent_get_no_orders_that_they_would_carry_out_later() -> None:
+    silent_s = [0.5]
+    session = Session(send=print, silent_s=lambda: silent_s[0])
+    session.join("a")
+    assert not session.refusal(Action.OPEN, viewer="a")
+    silent_s[0] = 1.5
+    assert "the devices are silent" in session.refusal(Action.OPEN, viewer="a")
 
 
 def test_devices_that_are_gone_refuse_everything(desk: Desk) -> None:

@@ -98,6 +98,7 @@ def pad() -> PadAndUser:
         array=devices,
         seed=0,
         outlet=Outlet(lambda update: None, on_lost=lambda: None),
+        on_stopped=lambda: None,
         confirmed=threading.Event(),
     )
     return pad

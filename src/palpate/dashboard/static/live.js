@@ -1,5 +1,5 @@
 // Asks for what is new, draws it, and asks again: a slow screen asks less often and holds up nobody.
-const PERIOD_MS = 66, SILENT_MS = 1500, WINDOW_S = 30, DEEPEST = 80;
+const PERIOD_MS = 66, SILENT_MS = 1000, LOST_MS = 1000, LOOK_MS = 100, WINDOW_S = 30, DEEPEST = 80;
 // A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
 const HIGHEST = 100;
 const RAMP = [[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]];
@@ -8,7 +8,7 @@ const STATUS = { too_short: "short hold", not_settling: "not settling", saturate
 const $ = (id) => document.getElementById(id);
 const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
 const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−"));
-const seen = { generation: -1, curve: [], band: [], at: 0, drawn: 0 };
+const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0 };
 
 function color(percent) {
   const place = Math.min(Math.max(-percent / DEEPEST, 0), 1) * (RAMP.length - 1);
@@ -150,7 +150,7 @@ function drawVerdict(doc) {
   if (doc.stopped_after_s !== null) parts.push(`stopped ${fixed(1000 * doc.stopped_after_s, 0)} ms after the request`);
   if (doc.measured.limited) parts.push("the damage limit keeps it below its target");
   parts.push(...doc.measured.faults);
-  if (doc.measured.damaged) parts.push("the object was damaged");
+  if (doc.measured.damaged) parts.unshift("the object was damaged");
   if (doc.phase && said.kind === "busy" && doc.measured.force_now_n >= 0.05) parts.push(`about ${fixed(doc.measured.force_now_n, 1)} N`);
   card.innerHTML = `<b id="verdict-text">${esc(said.text)}</b>${said.firmness ? `<span class="firm">${esc(said.firmness)}</span>` : ""}<span class="why">${esc(parts.join(" · "))}</span>`;
 }
@@ -168,11 +168,20 @@ function drawHead(doc) {
   $("trouble-text").textContent = doc.trouble;
 }
 
-function silent() {
-  const pill = $("link");
-  if (!pill) return;
+// Everything on the stage is old once the server, or the process behind it, says nothing more.
+function drawLoss() {
+  const pill = $("link"), box = $("lost");
+  if (!pill || !box) return;
+  const silentMs = performance.now() - seen.at, server = silentMs > LOST_MS, devices = seen.hungS !== null;
+  const lost = server || devices, agoS = (server ? silentMs / 1000 : 0) + (seen.hungS ?? 0);
+  document.body.classList.toggle("lost", lost);
+  box.classList.toggle("hidden", !lost);
+  if (!lost) return;
+  const ago = `last seen ${agoS < 60 ? `${Math.floor(agoS)} s` : `${Math.floor(agoS / 60)} min`} ago`;
+  $("lost-title").textContent = server ? "No connection" : "The devices are silent";
+  $("lost-why").textContent = `${ago}. ${server ? "palpate serve does not answer. " : ""}What is shown is old; the hand may still move or hold.`;
   pill.dataset.state = "stale";
-  $("link-text").textContent = "NO CONNECTION · this page lost palpate serve";
+  $("link-text").textContent = `${server ? "NO CONNECTION" : "DEVICES SILENT"} · ${ago}`;
 }
 
 async function tick() {
@@ -187,21 +196,13 @@ async function tick() {
     seen.band.push(...doc.band.filter((b) => b[0] > newest));
     if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
     if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
-    seen.at = performance.now();
-    if ($("link") && $("verdict")) { drawHead(doc); drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); document.body.dataset.activity = doc.activity; document.body.dataset.recording = doc.recording ?? ""; document.body.dataset.drawn = seen.drawn += 1; }
-  } catch (error) {
-    if (performance.now() - seen.at > SILENT_MS) silent();
+    Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s });
+    if ($("link") && $("verdict")) { drawHead(doc); drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); document.body.dataset.activity = doc.activity; document.body.dataset.recording = doc.recording ?? ""; document.body.dataset.drawn = seen.drawn += 1; drawLoss(); }
+  } catch {
+    // drawLoss says how long nothing came.
   }
   setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)));
 }
 
-// -- stop: a plain request, whatever the rest of the page is waiting for ----------------------------
-async function stop() {
-  const button = $("stop");
-  button?.classList.add("pressed");
-  setTimeout(() => button?.classList.remove("pressed"), 200);
-  try { await fetch("/stop", { method: "POST", keepalive: true }); } catch { silent(); }
-}
-document.addEventListener("click", (event) => { if (event.target.closest("#stop")) stop(); });
-document.addEventListener("keydown", (event) => { if (event.key === "Escape") stop(); }, true);
+setInterval(drawLoss, LOOK_MS);
 tick();

@@ -1,0 +1,302 @@
+"""STOP in a browser: nothing covers it, nothing swallows it, and it says whether it arrived."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, CDPSession, Page, Request, expect
+from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, fresh, served, serving
+
+__all__ = ["browser"]
+
+SIZES = {"phone": (390, 844), "tablet": (834, 1194), "laptop": (1440, 900), "wide": (1920, 1080)}
+#: Everywhere on the button, as far as its round corners allow.
+INSIDE = [(x, y) for x in (0.03, 0.5, 0.97) for y in (0.12, 0.5, 0.88)]
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """A page whose stops are counted."""
+
+    page: Page
+    chromium: CDPSession
+    asked: list[Request]
+
+    @property
+    def box(self) -> dict[str, float]:
+        box = self.page.locator("#stop").bounding_box()
+        assert box is not None
+        return dict(box)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        box = self.box
+        return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def on_top(self) -> None:
+        """Check that the button is in sight, and whatever is pressed there is the button."""
+        box, size = self.box, self.page.viewport_size
+        assert size is not None
+        assert min(box["width"], box["height"]) >= 80
+        assert box["x"] >= 0 <= box["y"]
+        assert box["x"] + box["width"] <= size["width"]
+        assert box["y"] + box["height"] <= size["height"]
+        for x, y in INSIDE:
+            at = [box["x"] + x * box["width"], box["y"] + y * box["height"]]
+            hit = "([x, y]) => document.elementFromPoint(x, y).closest('#stop') !== null"
+            assert self.page.evaluate(hit, at), f"something covers STOP at {x}, {y}"
+
+    def confirmed(self, *, after: int) -> None:
+        """Check that it was asked for since, and is confirmed."""
+        expect(self.page.locator("#stop")).to_have_attribute("data-state", "confirmed")
+        expect(self.page.locator("#stop-failed")).to_be_hidden()
+        assert len(self.asked) > after
+
+    def touch(self, kind: str, *points: tuple[float, float], radius: float = 5.0) -> None:
+        touches = [
+            {"x": x, "y": y, "id": number, "radiusX": radius, "radiusY": radius}
+            for number, (x, y) in enumerate(points)
+        ]
+        self.chromium.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
+
+
+@contextmanager
+def viewer(browser: Browser, url: str, size: str) -> Iterator[Viewer]:
+    width, height = SIZES[size]
+    viewport = {"width": width, "height": height}
+    context = browser.new_context(viewport=viewport, has_touch=True, is_mobile=width < 1000)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    asked: list[Request] = []
+    page.on("request", lambda one: asked.append(one) if one.url.endswith("/stop") else None)
+    page.goto(url)
+    fresh(page)
+    if page.locator("#take-over").is_visible():
+        page.locator("#take-over").click()
+    yield Viewer(page, context.new_cdp_session(page), asked)
+    context.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with served(tmp_path_factory.mktemp("stop"), *SIMULATED) as address:
+        yield address
+
+
+@pytest.fixture(scope="module", params=SIZES)
+def one(request: pytest.FixtureRequest, browser: Browser, address: str) -> Iterator[Viewer]:
+    with viewer(browser, address, request.param) as one:
+        yield one
+
+
+@pytest.fixture(autouse=True)
+def at_rest(request: pytest.FixtureRequest) -> None:
+    """Take away the dialogs, toasts and confirmations of the test before."""
+    if "one" in request.fixturenames:
+        page = request.getfixturevalue("one").page
+        while page.locator(".q-dialog__backdrop").count():
+            page.keyboard.press("Escape")
+            page.wait_for_timeout(50)
+        page.evaluate("document.querySelector('#stop').dataset.state = 'idle'")
+
+
+def test_it_acts_on_press_and_says_sent_then_confirmed(one: Viewer) -> None:
+    one.on_top()
+    seen = "window.seen = []; new MutationObserver(() => window.seen.push(document.querySelector"
+    seen += "('#stop').dataset.state)).observe(document.querySelector('#stop'), {attributes: true})"
+    one.page.evaluate(seen)
+    one.page.mouse.move(*one.middle)
+    one.page.mouse.down()
+    one.confirmed(after=0)
+    one.page.mouse.move(5, 5)
+    one.page.mouse.up()
+    expect(one.page.locator("#stop-state")).to_have_text(re.compile(r"confirmed after \d"))
+    states = one.page.evaluate("window.seen")
+    assert states.index("sent") < states.index("confirmed")
+
+
+def test_an_open_menu_leaves_it_and_nothing_is_chosen(one: Viewer) -> None:
+    asked, field = len(one.asked), one.page.get_by_label("Object between the fingers").first
+    chosen = field.input_value()
+    field.click()
+    expect(one.page.get_by_role("option", name="tomato")).to_be_attached()
+    one.on_top()
+    menu = one.page.locator(".q-select__dialog").bounding_box()
+    assert menu is not None
+    assert menu["y"] + menu["height"] <= one.box["y"]
+    one.page.touchscreen.tap(*one.middle)
+    one.confirmed(after=asked)
+    one.page.keyboard.press("Escape")
+    assert field.input_value() == chosen
+
+
+def test_a_toast_leaves_it(one: Viewer) -> None:
+    asked, page = len(one.asked), one.page
+    wish = page.get_by_label("Target force, N (empty: a gentle squeeze)")
+    wish.fill("99")
+    page.locator("#grasp").click()
+    toast = page.locator(".q-notification").first
+    expect(toast).to_contain_text("target force: above 0")
+    wish.fill("")
+    one.on_top()
+    box = toast.bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] <= one.box["y"]
+    page.touchscreen.tap(*one.middle)
+    one.confirmed(after=asked)
+
+
+def test_whatever_is_laid_over_it_does_not_get_the_press(one: Viewer) -> None:
+    asked = len(one.asked)
+    one.page.evaluate(
+        "() => { const over = document.createElement('dialog'); over.id = 'over';"
+        "over.style.cssText = 'position:fixed;inset:0;width:100vw;height:100vh;max-width:none;"
+        "max-height:none'; over.onclick = () => { over.dataset.got = 1 };"
+        "document.body.append(over); over.showModal(); }"
+    )
+    one.page.mouse.click(*one.middle)
+    one.confirmed(after=asked)
+    assert one.page.evaluate("document.querySelector('#over').dataset.got") is None
+    one.page.evaluate("document.querySelector('#over').remove()")
+
+
+def test_a_finger_that_slides_off_stops(one: Viewer) -> None:
+    asked = len(one.asked)
+    x, y = one.middle
+    one.touch("touchStart", (x, y))
+    one.touch("touchMove", (x - 40, y - 200))
+    one.touch("touchEnd")
+    one.confirmed(after=asked)
+
+
+def test_a_palm_that_the_screen_takes_back_stops(one: Viewer) -> None:
+    asked = len(one.asked)
+    one.touch("touchStart", one.middle, radius=80.0)
+    one.touch("touchCancel")
+    one.confirmed(after=asked)
+
+
+def test_a_second_finger_stops(one: Viewer) -> None:
+    asked = len(one.asked)
+    one.touch("touchStart", (100.0, 300.0))
+    one.touch("touchStart", (100.0, 300.0), one.middle)
+    one.touch("touchEnd")
+    one.confirmed(after=asked)
+
+
+@pytest.mark.parametrize("key", ["Escape", "Enter", " "])
+def test_keys_stop(one: Viewer, key: str) -> None:
+    asked = len(one.asked)
+    if key == "Escape":
+        one.page.get_by_label("Item (empty: not remembered)").focus()
+    else:
+        one.page.locator("#stop").focus()
+    one.page.keyboard.press(key)
+    one.confirmed(after=asked)
+    assert len(one.asked) == asked + 1
+
+
+def test_it_stays_in_sight_when_two_fingers_zoom_in(one: Viewer) -> None:
+    asked, before = len(one.asked), one.box
+    one.chromium.send("Emulation.setPageScaleFactor", {"pageScaleFactor": 2.0})
+    one.page.wait_for_function("visualViewport.scale > 1.9")
+    fits = """() => { const box = document.querySelector('#stop').getBoundingClientRect();
+        const view = visualViewport, far = (a, b) => Math.abs(a - b);
+        return box.left >= view.offsetLeft - 1 && box.right <= view.offsetLeft + view.width + 1
+            && box.bottom <= view.offsetTop + view.height + 1
+            && far(box.width * view.scale, %f) < 2 }"""
+    one.page.wait_for_function(fits % before["width"])
+    one.page.locator("#stop").dispatch_event("click")
+    one.confirmed(after=asked)
+    one.chromium.send("Emulation.setPageScaleFactor", {"pageScaleFactor": 1.0})
+    one.page.wait_for_function("visualViewport.scale < 1.01")
+
+
+def alarmed(one: Viewer) -> None:
+    """Check that the page says across its whole width that the stop did not arrive."""
+    alarm = one.page.locator("#stop-failed")
+    expect(alarm).to_be_visible()
+    expect(alarm).to_contain_text("STOP NOT DELIVERED")
+    expect(alarm).to_contain_text("use the emergency stop")
+    box, size = alarm.bounding_box(), one.page.viewport_size
+    assert box is not None
+    assert size is not None
+    assert box["width"] == pytest.approx(one.page.evaluate("document.body.clientWidth"), abs=1)
+
+
+def greyed(one: Viewer, title: str) -> None:
+    """Check that nothing on the stage looks like the present."""
+    expect(one.page.locator("#lost-title")).to_have_text(title)
+    expect(one.page.locator("#lost-why")).to_contain_text(re.compile(r"last seen \d+ s ago"))
+    expect(one.page.locator("#link-text")).to_have_text(re.compile(r"last seen \d+ s ago"))
+    expect(one.page.locator("#verdict")).to_be_hidden()
+    for part in (".figure", ".measures", ".panel-body"):
+        expect(one.page.locator(part).first).to_have_css("filter", "grayscale(1)")
+
+
+def test_offline_it_says_so_and_what_is_shown_is_grey(one: Viewer) -> None:
+    asked = len(one.asked)
+    one.page.context.set_offline(True)
+    greyed(one, "No connection")
+    one.page.touchscreen.tap(*one.middle)
+    alarmed(one)
+    one.on_top()
+    one.page.context.set_offline(False)
+    one.confirmed(after=asked)
+    expect(one.page.locator("#lost")).to_be_hidden()
+    expect(one.page.locator("#verdict")).to_be_visible()
+
+
+def test_a_frozen_server_is_told_within_half_a_second(browser: Browser, tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        url, process = stack.enter_context(serving(tmp_path, *SIMULATED))
+        viewers = [stack.enter_context(viewer(browser, url, size)) for size in SIZES]
+        process.send_signal(signal.SIGSTOP)
+        try:
+            for one in viewers:
+                greyed(one, "No connection")
+                one.page.evaluate(_TIMED)
+                one.page.touchscreen.tap(*one.middle)
+                alarmed(one)
+                # Its deadline is 500 ms; the rest is a busy machine.
+                assert 450 < one.page.evaluate("window.told - window.began") < 1500
+        finally:
+            process.send_signal(signal.SIGCONT)
+        for one in viewers:
+            one.confirmed(after=0)
+
+
+#: Notes when the button was pressed and when the alarm came.
+_TIMED = """() => {
+    addEventListener('touchstart', () => { window.began = performance.now() }, true);
+    const alarm = document.querySelector('#stop-failed');
+    const seen = () => { if (!alarm.hidden) window.told ??= performance.now() };
+    new MutationObserver(seen).observe(alarm, {attributes: true});
+}"""
+
+
+def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:
+    with serving(tmp_path, *SIMULATED) as (url, process), viewer(browser, url, "laptop") as one:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        signalled(children, signal.SIGSTOP)
+        try:
+            greyed(one, "The devices are silent")
+            expect(one.page.locator("#grasp")).to_be_disabled()
+            one.page.mouse.click(*one.middle)
+            alarmed(one)
+        finally:
+            signalled(children, signal.SIGCONT)
+        one.confirmed(after=0)
+        expect(one.page.locator("#verdict")).to_be_visible()
+
+
+def signalled(children: list[str], number: signal.Signals) -> None:
+    for child in children:
+        os.kill(int(child), number)
