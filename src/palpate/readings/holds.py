@@ -1,0 +1,215 @@
+"""From a recording to its holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError
+from palpate.holds import Hold
+from palpate.readings.cut import find_contacts
+from palpate.readings.read import Readings, read_recording
+from palpate.signal.circuit import Divider, resistance_ohm
+
+#: How holds are found: after contacts, at a time in seconds, or the whole recording as one.
+CutAt: TypeAlias = Literal["auto", "none"] | float
+#: More readings than this share at the end of the converter's range, and it isn't a hold of these.
+_SATURATED_SHARE = 0.05
+_FEWEST = 2
+#: The largest counts of converters of 8 to 16 bits, and the smallest.
+_CONVERTER_ENDS = {0.0, *(2.0**bits - 1 for bits in range(8, 17))}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutColumn:
+    """One sensor of a recording, and where its holds are.
+
+    Attributes
+    ----------
+    column : str
+        Its name.
+    time_s, values : ndarray, shape (n_times,)
+        Its readings, missing ones left out.
+    spans : list of tuple of float
+        Beginning and end of each hold, seconds of the recording; as many as `holds`.
+    holds : list of Hold
+        Time 0 is where the hold begins.
+    reason : str
+        Why there is none, where there is none.
+    remarks : list of str
+        What should be known about them.
+    """
+
+    column: str
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    spans: list[tuple[float, float]]
+    holds: list[Hold]
+    reason: str = ""
+    remarks: list[str] = field(default_factory=list)
+
+
+def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> list[Hold]:
+    """Cut the holds out of a recording: what follows each contact, until it is opened.
+
+    Parameters
+    ----------
+    recording : Readings, whatever `read_recording` takes, or times
+        With `values`: times in seconds, shape (n_times,).
+    values : array_like, shape (n_times,), optional
+        Readings at these times.
+    cut : {"auto", "none"} or float
+        After each contact; the whole recording as one hold; or from this moment on, seconds.
+
+    Returns
+    -------
+    list of Hold
+        Named ``NAME:COLUMN:N``, with time 0 where loading ended.
+
+    Raises
+    ------
+    InputError
+        If no column has a hold; the message says why.
+
+    Examples
+    --------
+    >>> time_s = np.arange(0, 9, 0.05)
+    >>> values = np.where((time_s > 3) & (time_s < 6), 10.0, 50.0)
+    >>> [(hold.hold_id, round(hold.time_s[-1])) for hold in cut_holds(time_s, values)]
+    [('recording:value:1', 3)]
+    """
+    if values is not None:
+        recording = {"time_s": recording, "value": values}
+    readings = recording if isinstance(recording, Readings) else read_recording(recording)
+    columns = cut_columns(readings, cut=cut)
+    holds = [hold for column in columns for hold in column.holds]
+    if not holds:
+        raise InputError(why_none(readings.name, columns))
+    return holds
+
+
+def why_none(name: str, columns: list[CutColumn]) -> str:
+    """Return the one line that says why a recording has no hold."""
+    first, *others = columns
+    more = f" (likewise the other {len(others)} columns)" if others else ""
+    return (
+        f"{name}: {first.column}: {first.reason}{more}. `--cut SECONDS` says where a hold begins, "
+        "`--cut none` takes the whole recording as one"
+    )
+
+
+def cut_columns(readings: Readings, *, cut: CutAt = "auto") -> list[CutColumn]:
+    """Cut each column; the parameters are those of `cut_holds`."""
+    return [_cut_column(readings, name, cut) for name in readings.columns]
+
+
+def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
+    unit, values = readings.units[name], readings.columns[name]
+    usable = np.isfinite(values)
+    remarks: list[str] = []
+    if unit == "ohm":
+        below = int(np.sum(values[usable] <= 0))
+        if below:
+            remarks.append(f"{below} readings at or below 0 ohm are no resistances; left out")
+        usable &= values > 0
+    time_s, values = readings.time_s[usable], values[usable]
+    spans, reason = _spans(time_s, values, unit=unit, cut=cut, remarks=remarks)
+    converter = _Converter.of(readings, name, values)
+    holds: list[Hold] = []
+    kept: list[tuple[float, float]] = []
+    for begin_s, end_s in spans:
+        rows = (time_s >= begin_s) & (time_s <= end_s)
+        sound = converter.sound(values[rows])
+        if np.mean(~sound) > _SATURATED_SHARE or sound.sum() < _FEWEST:
+            reason = (
+                f"at {begin_s:.4g} s {np.mean(~sound):.0%} of the readings are at the end of the "
+                "converter's range; another reference resistor is needed"
+            )
+            remarks.append(f"a hold is left out: {reason}")
+            continue
+        holds.append(
+            Hold(
+                hold_id=f"{readings.name}:{name}:{len(holds) + 1}",
+                channel=None,
+                time_s=time_s[rows][sound] - begin_s,
+                values=converter.convert(values[rows][sound]),
+            )
+        )
+        kept.append((begin_s, end_s))
+    return CutColumn(
+        column=name,
+        time_s=time_s,
+        values=values,
+        spans=kept,
+        holds=holds,
+        reason="" if holds else reason,
+        remarks=remarks,
+    )
+
+
+def _spans(
+    time_s: NDArray[np.float64],
+    values: NDArray[np.float64],
+    *,
+    unit: str | None,
+    cut: CutAt,
+    remarks: list[str],
+) -> tuple[list[tuple[float, float]], str]:
+    """Return beginning and end of each hold, and the reason where there is none."""
+    if time_s.size < _FEWEST:
+        return [], "fewer than two readings"
+    if cut != "auto":
+        begin_s = float(time_s[0]) if cut == "none" else float(cut)
+        left = int(np.sum(time_s >= begin_s))
+        spans = [(begin_s, float(time_s[-1]))] if left >= _FEWEST else []
+        return spans, f"no reading after {begin_s:g} s; it ends at {time_s[-1]:g} s"
+    found = find_contacts(time_s, values, unit=unit)
+    if found.began_loaded:
+        remarks.append("it begins in the middle of a hold, whose contact isn't in it; left out")
+    if found.rises and found.holds and unit == "ohm":
+        remarks.append(
+            "resistance rises at contact: is it the other sensor leg, or does the recording begin "
+            "under load?"
+        )
+    return [(contact.start_s, contact.end_s) for contact in found.holds], found.reason()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Converter:
+    """What a column's readings are made into.
+
+    Attributes
+    ----------
+    divider : Divider or None
+        Counts become ohm by it; without it readings stay as they are.
+    ends : tuple of float
+        Counts at the ends of the converter's range, which say nothing of the resistance.
+    """
+
+    divider: Divider | None
+    ends: tuple[float, ...]
+
+    @classmethod
+    def of(cls, readings: Readings, name: str, values: NDArray[np.float64]) -> _Converter:
+        divider = readings.divider if readings.units[name] in ("counts", None) else None
+        if divider is not None:
+            top = divider.full_scale - 1
+            if values.size and not (values.min() >= 0 and values.max() <= top):
+                raise InputError(
+                    f"{readings.name}: {name} goes from {values.min():g} to {values.max():g}, and "
+                    f"{divider.adc_bits} bits count from 0 to {top}; give other --adc-bits, or say "
+                    "--unit"
+                )
+            return cls(divider=divider, ends=(0, top))
+        if readings.units[name] == "counts" and values.size:
+            return cls(divider=None, ends=tuple({0.0, float(values.max())} & _CONVERTER_ENDS))
+        return cls(divider=None, ends=())
+
+    def sound(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.asarray(~np.isin(counts, self.ends), dtype=np.bool_)
+
+    def convert(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        return counts if self.divider is None else resistance_ohm(counts, divider=self.divider)

@@ -1,0 +1,85 @@
+"""Tables in Parquet files and in memory: arrays by name, or a pandas data frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError, needing
+from palpate.readings.table import Table
+
+
+def read_parquet_table(path: Path) -> Table:
+    """Read a Parquet file.
+
+    Raises
+    ------
+    InputError
+        If it is no whole Parquet file.
+    MissingExtraError
+        If pyarrow is not installed.
+    """
+    name = str(path)
+    with needing(f"{name}: Parquet", extra="data"):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    try:
+        read = pq.read_table(path)
+        arrays = {
+            column: read.column(column).to_numpy() if flat else np.zeros(read.num_rows, object)
+            for column, flat in zip(
+                read.schema.names,
+                [not pa.types.is_nested(t) for t in read.schema.types],
+                strict=True,
+            )
+        }
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"{name}: not a whole Parquet file ({reason}); copy or export it again"
+        ) from error
+    return table_of_arrays(arrays, name=name)
+
+
+def table_of_arrays(source: Any, *, name: str) -> Table:
+    """Return a table of arrays by name, or of a data frame (anything with columns that index it).
+
+    A data frame's index takes part where it has times in it or a name.
+
+    Raises
+    ------
+    InputError
+        If the columns are not one-dimensional and of equal length, or there are none.
+    """
+    arrays: dict[str, Any] = {}
+    if isinstance(source, Mapping):
+        arrays = {str(key): value for key, value in source.items()}
+    else:
+        index = getattr(source, "index", None)
+        times = getattr(getattr(index, "dtype", None), "kind", "") in "mM"
+        if index is not None and (times or getattr(index, "name", None) is not None):
+            arrays[str(index.name or "time")] = index
+        arrays |= {str(key): source[key] for key in source.columns}
+    columns = {key: _column(value, key, name=name) for key, value in arrays.items()}
+    lengths = {key: column.size for key, column in columns.items()}
+    if not columns or len(set(lengths.values())) > 1 or not next(iter(lengths.values())):
+        raise InputError(f"{name}: columns of equal length are needed, not of {lengths or 'none'}")
+    return Table(name=name, columns=columns, place=lambda row: f"row {row + 1}")
+
+
+def _column(values: Any, key: str, *, name: str) -> NDArray[Any]:
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise InputError(f"{name}: {key} has shape {array.shape}; give one-dimensional columns")
+    if array.dtype.kind in "mM":
+        return array
+    try:
+        numbers = np.array(array, dtype=np.float64)
+    except (TypeError, ValueError):
+        return array.astype(object)
+    numbers[~np.isfinite(numbers)] = np.nan
+    return numbers

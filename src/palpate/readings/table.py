@@ -1,0 +1,58 @@
+"""A table as it stands in a file: named columns, before anything is known about them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Named columns of equal length.
+
+    Attributes
+    ----------
+    name : str
+        What errors call the file or the data.
+    columns : mapping of str to ndarray, shape (n_rows,)
+        float64 (NaN where there is no number), datetime64, timedelta64, or objects (text).
+    place : callable
+        Row -> where it stands (``"line 12"``).
+    left_out : list of str
+        One sentence for each kind of row or field that couldn't be used.
+    """
+
+    name: str
+    columns: Mapping[str, NDArray[Any]]
+    place: Callable[[int], str]
+    left_out: list[str] = field(default_factory=list)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.columns.values()), ()))
+
+    def numeric(self) -> list[str]:
+        """Names of the columns that hold numbers."""
+        return [
+            n for n, c in self.columns.items() if c.dtype == np.float64 and np.isfinite(c).any()
+        ]
+
+
+def unique_names(names: list[str]) -> list[str]:
+    """Return names with none empty and none twice.
+
+    Examples
+    --------
+    >>> unique_names(["t", "", "A", "A"])
+    ['t', 'column 2', 'A', 'A (4)']
+    """
+    found: list[str] = []
+    for number, name in enumerate(names, start=1):
+        name = " ".join(name.split()) or f"column {number}"
+        found.append(name if name not in found else f"{name} ({number})")
+    return found

@@ -1,0 +1,150 @@
+"""A clock's column into seconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from datetime import datetime, time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError
+from palpate.readings.names import time_unit_of
+
+_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+#: Unix times of 1973 and later, in seconds; each finer unit is a thousand times larger.
+_UNIX_FROM = 1e8
+#: A board's 32-bit clock starts again at 0: after 71 min in microseconds, 49 days in milliseconds.
+_WRAP = 2.0**32
+#: Nobody records holds more slowly than this, in s between readings; nor faster than one in this.
+_SLOWEST_S, _FASTEST_S = 4.0, 2e-4
+_DAY_S = 86400.0
+
+
+def seconds(column: NDArray[Any], *, name: str, unit: str | None, file: str) -> NDArray[np.float64]:
+    """Return a clock's readings in seconds; NaN where there is none.
+
+    Absolute times (Unix, dates) begin at 0 with the first reading.
+
+    Parameters
+    ----------
+    column : ndarray, shape (n_rows,)
+        float64, datetime64, timedelta64, or texts of ISO dates or of times of day.
+    name : str
+        The column's name, which may tell the unit.
+    unit : {"s", "ms", "us", "unix"}, optional
+        Where it is known.
+    file : str
+        What errors call the file.
+
+    Raises
+    ------
+    InputError
+        If the unit can't be told, or texts aren't times.
+
+    Examples
+    --------
+    >>> seconds(np.array([0.0, 20.0, 40.0]), name="time", unit=None, file="a.csv").tolist()
+    [0.0, 0.02, 0.04]
+    """
+    if column.dtype.kind in "mM":
+        return _from_moments(column)
+    if column.dtype == object:
+        return _from_texts(column, name=name, file=file)
+    known = column[np.isfinite(column)]
+    if known.size == 0:
+        raise InputError(f"{file}: column {name} has no times in it; name another --time-column")
+    told = unit or time_unit_of(name) or _unit_by_values(known, name=name, file=file)
+    absolute = float(known[0]) >= _UNIX_FROM
+    if told == "unix" or (told == "s" and absolute and unit is None):
+        told = _finest_unix(float(known[0]))
+    per_second = _PER_SECOND[told]
+    counts = column - known[0] if absolute and known[0] / per_second >= _UNIX_FROM else column
+    if told in ("ms", "us"):
+        counts = _unwrapped(counts)
+    result: NDArray[np.float64] = counts / per_second
+    return result
+
+
+def _unit_by_values(known: NDArray[np.float64], *, name: str, file: str) -> str:
+    """Tell the unit by what times of a recording of holds can be."""
+    if known[0] >= _UNIX_FROM and np.ptp(known) < known[0] / 10:
+        return "unix"
+    steps = np.diff(known)
+    steps = steps[steps > 0]
+    step = float(np.median(steps)) if steps.size else 0.0
+    whole = bool(np.all(known == np.rint(known)))
+    if not whole or step < 1.0:
+        if step <= _SLOWEST_S:
+            return "s"
+    elif _SLOWEST_S < step < 1000.0:
+        return "ms"
+    elif step >= 1000.0:
+        return "us"
+    raise InputError(
+        f"{file}: column {name} has a reading every {step:g}, which may be seconds or milliseconds;"
+        " say which with --time-unit"
+    )
+
+
+def _finest_unix(first: float) -> str:
+    """Return the unit of a Unix time: seconds, or a thousand, a million, ... times as many."""
+    return next(unit for unit in ("ns", "us", "ms", "s") if first >= _UNIX_FROM * _PER_SECOND[unit])
+
+
+def _unwrapped(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Go on counting where a 32-bit counter began again."""
+    back = np.flatnonzero(np.diff(counts) < -0.9 * _WRAP) + 1
+    for row in back:
+        counts = counts + _WRAP * (np.arange(counts.size) >= row)
+    return counts
+
+
+def _from_moments(column: NDArray[Any]) -> NDArray[np.float64]:
+    whole = np.isnat(column)
+    first = column[np.argmin(whole)]
+    result = (column - first) / np.timedelta64(1, "ns") / 1e9
+    return np.where(whole, np.nan, result)
+
+
+def _from_texts(column: NDArray[Any], *, name: str, file: str) -> NDArray[np.float64]:
+    """Return seconds from ISO dates, or from times of day that may pass midnight."""
+    readers: tuple[Callable[[str], float], ...] = (_date_s, _time_of_day_s)
+    for reader in readers:
+        found = np.array([_tried(reader, text) for text in column])
+        if np.isfinite(found).sum() > 0.5 * found.size:
+            start = float(found[np.isfinite(found)][0])
+            found = found - start
+            if reader is _time_of_day_s:
+                passed = np.diff(np.nan_to_num(found), prepend=0.0) < -0.5 * _DAY_S
+                found = found + _DAY_S * np.cumsum(passed)
+            return found
+    example = next((str(text) for text in column if str(text).strip()), "")
+    raise InputError(
+        f"{file}: column {name} has {example[:30]!a}, not a time; write numbers, or dates as "
+        "2024-05-31 12:30:00.5"
+    )
+
+
+def _tried(reader: Callable[[str], float], text: object) -> float:
+    try:
+        return reader(str(text).strip())
+    except ValueError:
+        return float("nan")
+
+
+def _date_s(text: str) -> float:
+    moment = datetime.fromisoformat(text.replace(",", "."))
+    # Without a zone the time is taken as it stands: a recording has no summer time.
+    first = datetime(1970, 1, 1, tzinfo=moment.tzinfo)
+    return (moment - first).total_seconds()
+
+
+def _time_of_day_s(text: str) -> float:
+    clean = text.replace(",", ".")
+    if not re.match(r"\d{1,2}:\d\d", clean):
+        raise ValueError(text)
+    moment = time.fromisoformat(clean if clean[2] == ":" else f"0{clean}")
+    return moment.hour * 3600.0 + moment.minute * 60.0 + moment.second + moment.microsecond / 1e6
