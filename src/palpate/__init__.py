@@ -3,7 +3,7 @@
 Settled values
     `predict_settled` says where holds settle to, `SettlingStream` does so sample by sample; methods
     are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`. `read_holds` yields
-    each `Hold` of a file.
+    each `Hold` of a file; `read_recording` and `cut_holds` find them in any table of readings.
 Grasps
     `open_rig`, `plan_grasp`, `run_grasp`; what is measured is a `Measurement`.
 Recordings
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
     from palpate.holds import Hold, read_holds
+    from palpate.readings import Readings, cut_holds, read_recording
     from palpate.recording import load_recording
     from palpate.rig import open_rig
     from palpate.settling.exponential import Exponential
@@ -41,16 +42,19 @@ __all__ = [
     "Hold",
     "Measurement",
     "PalpateError",
+    "Readings",
     "Recorded",
     "Relaxation",
     "SettledEstimate",
     "SettlingStream",
     "Status",
+    "cut_holds",
     "load_recording",
     "open_rig",
     "plan_grasp",
     "predict_settled",
     "read_holds",
+    "read_recording",
     "run_grasp",
 ]
 
@@ -59,16 +63,19 @@ _HOMES = {
     "Hold": "palpate.holds",
     "Measurement": "palpate.estimate.measurement",
     "PalpateError": "palpate.errors",
+    "Readings": "palpate.readings",
     "Recorded": "palpate.settling.recorded",
     "Relaxation": "palpate.settling.relaxation",
     "SettledEstimate": "palpate.settling.result",
     "SettlingStream": "palpate.settling.streaming",
     "Status": "palpate.settling.result",
+    "cut_holds": "palpate.readings",
     "load_recording": "palpate.recording",
     "open_rig": "palpate.rig",
     "plan_grasp": "palpate.grasp.planning",
     "predict_settled": "palpate.settling.predict",
     "read_holds": "palpate.holds",
+    "read_recording": "palpate.readings",
     "run_grasp": "palpate.grasp.runner",
 }
 

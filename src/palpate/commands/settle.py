@@ -14,9 +14,12 @@ from palpate.commands import settle_options as option
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.commands.settle_source import Source
     from palpate.holds import Hold
+    from palpate.readings.holds import CutAt
     from palpate.settling.evaluate import Prediction
     from palpate.settling.result import SettlingMethod
+    from palpate.signal.circuit import Divider
 
 DEFAULT_CUTOFF_S = 2.5
 #: A 90 % interval from residuals alone takes nine of them; twice that to be worth its name.
@@ -33,28 +36,49 @@ def settle(
     level: option.LevelOption = 0.9,
     fit_on: option.FitOnOption = None,
     until_half_width: option.UntilOption = None,
+    time_column: option.TimeColumnOption = None,
+    time_unit: option.TimeUnitOption = None,
+    value_column: option.ValueColumnOption = None,
+    unit: option.UnitOption = None,
+    adc_bits: option.AdcBitsOption = None,
+    reference_ohm: option.ReferenceOption = None,
+    sensor_leg: option.LegOption = None,
+    cut: option.CutOption = "auto",
     plot: option.PlotOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     out: option.OutOption = None,
 ) -> None:
-    """Predict what holds settle to from their first seconds, and say how far off that is.
+    """Predict what recordings settle to from their first seconds, and how far off that is.
 
-    Example: palpate settle holds.csv --method relaxation --method exponential --cutoff 2.5
+    Example: palpate settle recording.csv --plot cuts.png
     """
     from palpate.commands import settle_report as report
+    from palpate.commands.settle_source import Reading, Source
 
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
     if plot is not None or (cutoffs_s and until_half_width):
         _check_rereadable(holds)
-    report.check_outputs(plot=plot, out=out, inputs=[*holds, *(fit_on or [])])
+    source = Source(
+        paths=holds,
+        reading=Reading(
+            time_column=time_column,
+            time_unit=time_unit.value if time_unit else None,
+            value_columns=tuple(value_column or ()),
+            unit=unit.value if unit else None,
+            divider=_divider(adc_bits, reference_ohm, sensor_leg, unit=unit),
+            cut=_cut_at(cut),
+        ),
+    )
+    files = source.files()
+    report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or [])])
     names = method or ["relaxation"]
     chosen = _methods(names, fit_on=fit_on or [], horizon_s=horizon)
     if until_half_width and not fit_on:
         _say_who_waits(chosen)
     predictions = list(
         _predict(
-            holds,
+            source,
             methods=chosen,
             cutoffs_s=cutoffs_s,
             horizon_s=horizon,
@@ -62,13 +86,15 @@ def settle(
             until_half_width_percent=until_half_width,
         )
     )
+    if not predictions:
+        raise InputError(f"{holds[0]}: no hold in any of its files")
     document = report.Document(
         predictions=predictions, until_half_width_percent=until_half_width, horizon_s=horizon
     )
     if out is not None:
         report.write(document, out)
     if plot is not None:
-        report.draw(document, holds, plot, methods=chosen, level=level)
+        report.draw(document, source, plot, methods=chosen, level=level)
     if as_json:
         report.print_json(document)
     else:
@@ -92,6 +118,44 @@ def _check_numbers(
         raise InputError(f"--level {level:g}: give a probability between 0 and 1, such as 0.9")
     if until is not None and not 0 < until < float("inf"):
         raise InputError(f"--until-half-width {until:g}: give a positive percentage, such as 2.5")
+
+
+def _divider(
+    adc_bits: int | None, reference_ohm: float | None, leg: option.Leg | None, *, unit: str | None
+) -> Divider | None:
+    """Return the circuit that counts were read through, where the user describes it."""
+    from palpate.signal.circuit import Divider
+
+    if adc_bits is None and reference_ohm is None and leg is None:
+        return None
+    if adc_bits is None or reference_ohm is None or leg is None:
+        raise InputError(
+            "--adc-bits, --reference-ohm and --sensor-leg make ohm of counts together; give all "
+            "three"
+        )
+    if not 1 <= adc_bits <= 32 or not 0 < reference_ohm < float("inf"):
+        raise InputError(
+            f"--adc-bits {adc_bits}, --reference-ohm {reference_ohm:g}: give bits from 1 to 32 and "
+            "a positive resistance"
+        )
+    if unit not in (None, "counts"):
+        raise InputError(f"--unit {unit}: --adc-bits is for counts; leave one of them out")
+    return Divider(adc_bits=adc_bits, reference_ohm=reference_ohm, taxel_leg=leg.value)
+
+
+def _cut_at(text: str) -> CutAt:
+    """Return what --cut asks for."""
+    if text == "auto":
+        return "auto"
+    if text == "none":
+        return "none"
+    try:
+        begin_s = float(text.replace(",", "."))
+    except ValueError:
+        begin_s = float("nan")
+    if begin_s != begin_s or abs(begin_s) == float("inf"):
+        raise InputError(f"--cut {text}: give auto, none or a time in seconds")
+    return begin_s
 
 
 def _say_who_waits(methods: Iterable[str]) -> None:
@@ -170,7 +234,7 @@ def _calibration_holds(files: Sequence[Path], *, horizon_s: float) -> list[Hold]
 
 
 def _predict(
-    files: Sequence[Path],
+    source: Source,
     *,
     methods: Mapping[str, SettlingMethod],
     cutoffs_s: Sequence[float],
@@ -179,13 +243,13 @@ def _predict(
     until_half_width_percent: float | None,
 ) -> Iterator[Prediction]:
     """Yield predictions file by file while a bar on standard error shows how far it is."""
-    from palpate.holds import read_holds
     from palpate.settling.evaluate import decide_holds, predict_holds
 
+    files = source.files()
     with _progress(len(files)) as show:
         for number, file in enumerate(files):
             if cutoffs_s:
-                held = read_holds(file, until_s=horizon_s, progress=show(number))
+                held = source.holds(file, until_s=horizon_s, progress=show(number))
                 yield from predict_holds(
                     _in_seconds(held, source=str(file)),
                     methods=methods,
@@ -195,7 +259,7 @@ def _predict(
                     source=str(file),
                 )
             if until_half_width_percent is not None:
-                held = read_holds(file, until_s=horizon_s, progress=show(number))
+                held = source.holds(file, until_s=horizon_s, progress=show(number))
                 yield from decide_holds(
                     held if cutoffs_s else _in_seconds(held, source=str(file)),
                     methods=methods,

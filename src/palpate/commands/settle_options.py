@@ -2,14 +2,45 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
 
+
+class TimeUnit(StrEnum):
+    """Units of times."""
+
+    S = "s"
+    MS = "ms"
+    US = "us"
+    UNIX = "unix"
+
+
+class Unit(StrEnum):
+    """Units of readings."""
+
+    OHM = "ohm"
+    PERCENT = "percent"
+    COUNTS = "counts"
+    VOLT = "volt"
+
+
+class Leg(StrEnum):
+    """Places of the sensor in its divider."""
+
+    UPPER = "upper"
+    LOWER = "lower"
+
+
 HoldsArgument: TypeAlias = Annotated[
     list[Path],
-    typer.Argument(help="Holds files: CSV, CSV.gz or Parquet with hold_id,time_s,value."),
+    typer.Argument(
+        help="Recordings: CSV, TSV, Excel, Parquet, gzipped or not, or folders of them. A table "
+        "with hold_id,time_s,value is a file of holds; others are cut into holds.",
+        metavar="FILE_OR_FOLDER...",
+    ),
 ]
 MethodOption: TypeAlias = Annotated[
     list[str] | None,
@@ -34,9 +65,43 @@ UntilOption: TypeAlias = Annotated[
         metavar="PERCENT",
     ),
 ]
+TimeColumnOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(help="Column of times. [default: by usual names]", metavar="NAME"),
+]
+TimeUnitOption: TypeAlias = Annotated[
+    TimeUnit | None, typer.Option(help="Unit of the times. [default: by name and values]")
+]
+ValueColumnOption: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Column of readings; may be repeated. [default: by usual names]", metavar="NAME"
+    ),
+]
+UnitOption: TypeAlias = Annotated[
+    Unit | None, typer.Option(help="Unit of the readings. [default: by their names]")
+]
+AdcBitsOption: TypeAlias = Annotated[
+    int | None, typer.Option(help="Counts of a converter of so many bits become ohm.", metavar="N")
+]
+ReferenceOption: TypeAlias = Annotated[
+    float | None, typer.Option(help="The divider's fixed resistor, ohm.", metavar="R")
+]
+LegOption: TypeAlias = Annotated[
+    Leg | None, typer.Option(help="Where the sensor is: at the supply (upper) or at ground.")
+]
+CutOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        help="Where holds begin: auto (after each contact), none (at the first row), or a time, s.",
+        metavar="auto|none|SECONDS",
+    ),
+]
 PlotOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="Draw typical and worst holds (.png, .svg, .pdf).", metavar="FILE"),
+    typer.Option(
+        help="Draw where it cut, and typical and worst holds (.png, .svg, .pdf).", metavar="FILE"
+    ),
 ]
 OutOption: TypeAlias = Annotated[
     Path | None,

@@ -8,16 +8,19 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.commands.settle_source import Source
 from palpate.errors import InputError, needing
 from palpate.files import atomic_path, keep_inputs
-from palpate.holds import read_holds
 from palpate.settling.evaluate import Prediction, score_predictions
 from palpate.settling.result import SettlingMethod
 from palpate.settling.scoring import Scores, median, summarise
+
+if TYPE_CHECKING:
+    from palpate.plots.settle import Overview
 
 OUT_ENDINGS = (".json", ".csv", ".parquet")
 
@@ -161,7 +164,7 @@ def _sortable(scores: Scores, predictions: Sequence[Prediction]) -> np.ndarray[A
 
 def draw(
     document: Document,
-    files: Sequence[Path],
+    source: Source,
     plot: Path,
     *,
     methods: Mapping[str, SettlingMethod],
@@ -188,17 +191,43 @@ def draw(
     # Later names win where a short file has the same hold in several places.
     wanted = {_key(order[place]): (name, order[place]) for name, place in places.items()}
     panels = {}
-    for file in files:
-        for hold in read_holds(file, until_s=document.horizon_s):
+    for file in source.files():
+        for hold in source.holds(file, until_s=document.horizon_s):
             key = (str(file), hold.hold_id, hold.channel)
             if key in wanted:
                 name, row = wanted[key]
                 title = f"{name}{_off(row)}\n{hold.hold_id} {hold.channel or ''}"
                 panels[key] = Panel(title=title, hold=hold, cutoff_s=row.cutoff_s)
     figure = settle_figure(
-        [panels[key] for key in wanted], methods=methods, horizon_s=document.horizon_s, level=level
+        [panels[key] for key in wanted],
+        methods=methods,
+        horizon_s=document.horizon_s,
+        level=level,
+        overviews=_overviews(source),
     )
     save_figure(figure, plot)
+
+
+def _overviews(source: Source) -> list[Overview]:
+    """Return the first few recordings with the places where they were cut."""
+    from palpate.plots.settle import MOST_OVERVIEWS, Overview
+
+    found: list[Overview] = []
+    for file in source.recordings():
+        for column in source.columns(file):
+            if len(found) == MOST_OVERVIEWS:
+                return found
+            if column.time_s.size:
+                title = f"{file.name}, {column.column}: {len(column.spans)} holds"
+                found.append(
+                    Overview(
+                        title=title,
+                        time_s=column.time_s,
+                        values=column.values,
+                        spans=column.spans,
+                    )
+                )
+    return found
 
 
 def _key(row: Prediction) -> tuple[str, str, str | None]:

@@ -6,12 +6,16 @@ import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.commands.settle_report import Document, by_error
 from palpate.settling.evaluate import Prediction, score_predictions
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
 
 #: How many of the holds furthest off are listed.
 ROWS_SHOWN = 10
@@ -19,39 +23,24 @@ ROWS_SHOWN = 10
 #: Columns of text where standard output is no terminal that has a width of its own.
 PIPED_WIDTH = 120
 
+#: From this width on intervals are shown beside their half-widths; below it every cell may fold.
+WIDE, NARROWEST = 100, 80
+
 
 def print_tables(document: Document, *, level: float, written: Sequence[Path]) -> None:
-    """Print the summary, then the holds that the first method missed by most."""
-    from rich import box
+    """Print what was predicted; then, where holds reach the horizon, how far off that was."""
     from rich.console import Console
-    from rich.table import Table
-
-    def table(title: str, *headings: str) -> Table:
-        view = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-        for place, heading in enumerate(headings):
-            first = place == 0
-            view.add_column(
-                heading,
-                justify="left" if first else "right",
-                no_wrap=not first,
-                overflow="fold",
-                min_width=14 if first else None,
-            )
-        return view
 
     console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
-    summary = table(
-        f"Value predicted for {document.horizon_s:g} s: |error| in % of the settled value",
-        *("method", "cut-off", "holds", "median", "mean", "p90", "of rest", f"in {level:.0%}", "±"),
-    )
-    for entry in document.summary():
-        summary.add_row(*_summary_cells(entry))
-    console.print(summary)
-    console.print(
-        f"[dim]of rest: median |error| in % of the change still to come; in {level:.0%}: share of "
-        "holds inside their interval; ±: median half-width in %[/dim]",
-        highlight=False,
-    )
+    _print_holds(document, console, level=level)
+    counts = Counter(str(row.status) for row in document.predictions)
+    console.print("Status: " + ", ".join(f"{n} {status}" for status, n in counts.most_common()))
+    if any(np.isfinite(row.settled) for row in document.predictions):
+        _print_scores(document, console, level=level)
+    else:
+        console.print(
+            f"No hold lasts until {document.horizon_s:g} s, so there is nothing to score against."
+        )
     for entry in document.summary():
         if "holds_decided" in entry:
             others = entry["holds"] - entry["holds_decided"]
@@ -61,20 +50,69 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
                 f"{_text(entry['median_decision_s'])} s)"
                 + ("; the others waited to their end" if others else "")
             )
-    counts = Counter(str(row.status) for row in document.predictions)
-    console.print("Status: " + ", ".join(f"{n} {status}" for status, n in counts.most_common()))
-    rows = [r for r in document.predictions if r.method == document.predictions[0].method]
-    order = by_error(rows)[:ROWS_SHOWN]
-    every = len(order) == len(rows)
-    worst = table(
-        f"{'All' if every else 'Furthest off'}, {rows[0].method}",
-        *("hold", "cut-off", "predicted", "interval", "settled", "error", "status"),
-    )
-    for index in sorted(order) if every else order:
-        worst.add_row(*_row_cells(rows[index]))
-    console.print(worst)
     for path in written:
         console.print(f"Written: {path}", highlight=False, soft_wrap=True)
+
+
+def _table(console: Console, title: str, *headings: str) -> Table:
+    """Return an empty table; what is too wide for the terminal is folded, never left out."""
+    from rich import box
+    from rich.table import Table
+
+    view = Table(
+        title=title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
+    for place, heading in enumerate(headings):
+        view.add_column(
+            heading,
+            justify="left" if place == 0 else "right",
+            no_wrap=place > 0 and console.width >= NARROWEST,
+            overflow="fold",
+            min_width=min(10, console.width // 6) if place == 0 else None,
+        )
+    return view
+
+
+def _print_holds(document: Document, console: Console, *, level: float) -> None:
+    """Print the holds of the first method, those furthest off or least sure."""
+    rows = [r for r in document.predictions if r.method == document.predictions[0].method]
+    scored = any(np.isfinite(row.settled) for row in rows)
+    order = by_error(rows)[:ROWS_SHOWN]
+    every = len(order) == len(rows)
+    which = "" if every else f", the {ROWS_SHOWN} {'furthest off' if scored else 'least sure'}"
+    headings = ["hold", "cut-off", "predicted", "±"]
+    headings += ["interval"] * (console.width >= WIDE)
+    headings += ["settled", "error"] * scored + ["status"]
+    table = _table(
+        console,
+        f"Value predicted for {document.horizon_s:g} s by {rows[0].method}{which} of {len(rows)}",
+        *headings,
+    )
+    for index in sorted(order) if every else order:
+        cells = _row_cells(rows[index])
+        table.add_row(*(cells[heading] for heading in headings))
+    console.print(table)
+    console.print(f"[dim]±: half-width of the {level:.0%} interval[/dim]", highlight=False)
+
+
+def _print_scores(document: Document, console: Console, *, level: float) -> None:
+    table = _table(
+        console,
+        "|error| in % of the settled value",
+        *("method", "cut-off", "holds", "median", "mean", "p90", "of rest", f"in {level:.0%}", "±"),
+    )
+    for entry in document.summary():
+        table.add_row(*_summary_cells(entry))
+    console.print(table)
+    console.print(
+        f"[dim]of rest: median |error| in % of the change still to come; in {level:.0%}: share of "
+        "holds inside their interval; ±: median half-width in %[/dim]",
+        highlight=False,
+    )
 
 
 def _summary_cells(entry: Mapping[str, Any]) -> list[str]:
@@ -95,17 +133,20 @@ def _summary_cells(entry: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _row_cells(row: Prediction) -> list[str]:
+def _row_cells(row: Prediction) -> dict[str, str]:
     error_percent = float(score_predictions([row]).error_percent[0])
-    return [
-        row.hold_id + (f" {row.channel}" if row.channel else ""),
-        f"{row.cutoff_s:.3g} s",
-        _text(row.predicted, 5),
-        f"{_text(row.low, 5)}..{_text(row.high, 5)}" if np.isfinite(row.low) else "-",
-        _text(row.settled, 5),
-        f"{error_percent:+.2g} %" if np.isfinite(error_percent) else "-",
-        str(row.status),
-    ]
+    sure = np.isfinite(row.low) and row.predicted != 0
+    half_percent = 50 * (row.high - row.low) / abs(row.predicted) if sure else float("nan")
+    return {
+        "hold": row.hold_id + (f" {row.channel}" if row.channel else ""),
+        "cut-off": f"{row.cutoff_s:.3g} s",
+        "predicted": _text(row.predicted, 5),
+        "±": f"{half_percent:.2g} %" if np.isfinite(half_percent) else "-",
+        "interval": f"{_text(row.low, 5)}..{_text(row.high, 5)}" if np.isfinite(row.low) else "-",
+        "settled": _text(row.settled, 5),
+        "error": f"{round(error_percent, 6):+.2g} %" if np.isfinite(error_percent) else "-",
+        "status": str(row.status),
+    }
 
 
 def _text(figure: float | None, digits: int = 3) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.holds import Hold
 from palpate.plots.style import GREY, INK, legend_below, look_of, new_figure
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 #: Instants between the cut-off and the horizon at which the forecast is drawn.
 FORECAST_POINTS = 15
+
+#: Recordings drawn whole, points of each at most, and the ratio from which its axis is logarithmic.
+MOST_OVERVIEWS, OVERVIEW_POINTS, LOGARITHMIC_FROM = 3, 20_000, 10.0
 
 #: The forecast is drawn from this long after the cut-off: nearer, there is nothing to predict.
 SOONEST_S = 0.5
@@ -42,19 +46,47 @@ class Panel:
     cutoff_s: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overview:
+    """A whole recording, and where its holds are.
+
+    Attributes
+    ----------
+    title : str
+        Stands above it.
+    time_s, values : ndarray, shape (n_times,)
+        The recording.
+    spans : sequence of tuple of float
+        Beginning and end of each hold, seconds.
+    """
+
+    title: str
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    spans: Sequence[tuple[float, float]]
+
+
 def settle_figure(
     panels: Sequence[Panel],
     *,
     methods: Mapping[str, SettlingMethod],
     horizon_s: float,
     level: float,
+    overviews: Sequence[Overview] = (),
 ) -> Figure:
-    """Draw a few holds with the forecast of every method; the first method also gets its band."""
-    columns = min(3, len(panels))
-    rows = -(-len(panels) // columns)
+    """Draw a few holds with the forecast of every method; the first method also gets its band.
+
+    Recordings that the holds were cut from stand above them.
+    """
+    above = len(overviews)
+    columns = max(min(3, len(panels)), 2 if above else 1)
+    rows = above - (-len(panels) // columns)
     with new_figure(
         rows=rows, columns=columns, width_in=0.8 + 3.4 * columns, height_in=0.8 + 2.6 * rows
-    ) as (figure, axes):
+    ) as (figure, grid):
+        for row, overview in enumerate(overviews):
+            _draw_overview(figure, grid[row], overview)
+        axes = grid[above:]
         for axis, panel in zip(axes.flat, panels, strict=False):
             _draw_panel(axis, panel, methods=methods, horizon_s=horizon_s, level=level)
         for axis in axes.flat[len(panels) :]:
@@ -65,6 +97,23 @@ def settle_figure(
             axis.set_xlabel("time (s)")
         legend_below(figure, axes)
     return figure
+
+
+def _draw_overview(figure: Figure, row: Any, overview: Overview) -> None:
+    """Draw a recording over the width of a row of the grid, its holds shaded and numbered."""
+    for axis in row:
+        axis.remove()
+    axis = figure.add_subplot(row[0].get_gridspec()[row[0].get_subplotspec().rowspan.start, :])
+    kept = slice(None, None, max(1, overview.time_s.size // OVERVIEW_POINTS))
+    axis.plot(overview.time_s[kept], overview.values[kept], color=INK, lw=0.7)
+    low, high = float(overview.values.min()), float(overview.values.max())
+    if low > 0 and high > LOGARITHMIC_FROM * low:
+        axis.set_yscale("log")
+    for number, (begin_s, end_s) in enumerate(overview.spans, start=1):
+        axis.axvspan(begin_s, end_s, color="#0072B2", alpha=0.2, lw=0)
+        axis.annotate(str(number), (begin_s, 0.97), xycoords=("data", "axes fraction"), va="top")
+    axis.set_title(overview.title, loc="left")
+    axis.set_xlabel("time of the recording (s)")
 
 
 def _draw_panel(

@@ -17,7 +17,8 @@ from palpate.readings.contacts import (
     outline,
 )
 
-#: Shorter stretches can't be predicted from, and are steps on the way more often than holds.
+#: From contact to opening; a shorter touch is a step on the way more often than a hold. Of it at
+#: least half are left after loading.
 SHORTEST_S = 1.0
 FEWEST_READINGS = 5
 #: Loading takes no longer than this after contact; what still moves then is settling.
@@ -89,9 +90,9 @@ class Cut:
 
     @property
     def holds(self) -> list[Contact]:
-        """The contacts that a hold follows; none where more contacts than these don't settle."""
+        """The contacts that a hold follows; none where as many contacts as these don't settle."""
         held = [contact for contact in self.contacts if not contact.refused]
-        return held if len(held) >= self._unsteady() else []
+        return held if len(held) > self._unsteady() else []
 
     def _unsteady(self) -> int:
         brief = {_TOO_BRIEF, _TOO_FEW, ""}
@@ -105,8 +106,8 @@ class Cut:
             )
         if not self.contacts:
             return (
-                "no contact found: it never moves by a tenth of its range and out of its noise "
-                f"within {MOVED_WITHIN_S:g} s"
+                "no contact found: nothing in it moves by a tenth of its range, and out of its "
+                f"noise, within {MOVED_WITHIN_S:g} s"
             )
         whys = Counter(contact.refused for contact in self.contacts if contact.refused)
         why = max(whys, key=lambda each: whys[each], default="")
@@ -136,8 +137,8 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     --------
     >>> time_s = np.arange(0, 9, 0.05)
     >>> found = find_contacts(time_s, np.where((time_s > 3) & (time_s < 6), 10.0, 50.0))
-    >>> [(round(hold.start_s, 1), round(hold.end_s, 1)) for hold in found.holds]
-    [(3.0, 6.0)]
+    >>> [(round(hold.start_s), round(hold.end_s)) for hold in found.holds]
+    [(3, 6)]
     """
     shape = outline(time_s, values)
     if len(shape.stretches) < 2:
@@ -223,7 +224,7 @@ def _refusal(
     readings = int(np.searchsorted(time_s, stretch.end_s, side="right")) - int(
         np.searchsorted(time_s, start_s)
     )
-    if held_s < SHORTEST_S:
+    if stretch.end_s - stretch.onset_s < SHORTEST_S or held_s < SHORTEST_S / 2:
         return _TOO_BRIEF
     if readings < FEWEST_READINGS:
         return _TOO_FEW

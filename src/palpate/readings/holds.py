@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.readings.cut import find_contacts
+from palpate.readings.names import Unit
 from palpate.readings.read import Readings, read_recording
 from palpate.signal.circuit import Divider, resistance_ohm
 
@@ -19,6 +20,8 @@ CutAt: TypeAlias = Literal["auto", "none"] | float
 #: More readings than this share at the end of the converter's range, and it isn't a hold of these.
 _SATURATED_SHARE = 0.05
 _FEWEST = 2
+#: A wire that comes loose reads 0 now and then; with more than this it isn't a resistance.
+MOST_BELOW_SHARE = 0.02
 #: The largest counts of converters of 8 to 16 bits, and the smallest.
 _CONVERTER_ENDS = {0.0, *(2.0**bits - 1 for bits in range(8, 17))}
 
@@ -107,14 +110,12 @@ def cut_columns(readings: Readings, *, cut: CutAt = "auto") -> list[CutColumn]:
 
 
 def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
-    unit, values = readings.units[name], readings.columns[name]
-    usable = np.isfinite(values)
-    remarks: list[str] = []
-    if unit == "ohm":
-        below = int(np.sum(values[usable] <= 0))
-        if below:
-            remarks.append(f"{below} readings at or below 0 ohm are no resistances; left out")
-        usable &= values > 0
+    values, remarks = readings.columns[name], list[str]()
+    unit, usable = _usable(values, readings.units[name], remarks=remarks)
+    if unit == "counts" and readings.divider is None:
+        remarks.append(
+            "taken as counts; --adc-bits, --reference-ohm and --sensor-leg make ohm of them"
+        )
     time_s, values = readings.time_s[usable], values[usable]
     spans, reason = _spans(time_s, values, unit=unit, cut=cut, remarks=remarks)
     converter = _Converter.of(readings, name, values)
@@ -148,6 +149,21 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
         reason="" if holds else reason,
         remarks=remarks,
     )
+
+
+def _usable(
+    values: NDArray[np.float64], unit: Unit | None, *, remarks: list[str]
+) -> tuple[Unit | None, NDArray[np.bool_]]:
+    """Return the unit, None where readings can't be of it, and which readings can be used."""
+    finite = np.isfinite(values)
+    below = int(np.sum(values[finite] <= 0))
+    if unit != "ohm" or below == 0:
+        return unit, finite
+    if below > MOST_BELOW_SHARE * finite.sum():
+        remarks.append(f"{below} readings are at or below 0, so they are not taken as ohm")
+        return None, finite
+    remarks.append(f"{below} readings at or below 0 ohm are no resistances; left out")
+    return unit, finite & (values > 0)
 
 
 def _spans(

@@ -18,7 +18,7 @@ _SECONDS = {
 }
 _TIME_UNITS = {word: unit for unit, words in _SECONDS.items() for word in words}
 _CLOCKS = {"time", "t", "timestamp", "datetime", "date", "elapsed", "clock", "zeit", "zeitstempel"}
-_UNITS = {
+_UNITS: dict[Unit, set[str]] = {
     "ohm": {"ohm", "ohms", "ω", "kohm", "kω", "resistance", "r", "widerstand"},
     "percent": {"percent", "%", "relative", "rel"},
     "counts": {"counts", "adc", "raw", "analog"},
@@ -83,8 +83,9 @@ def unit_of(name: str) -> Unit | None:
     if len(words) == 2 and words[0] == "a" and words[1].isdigit():
         return "counts"
     found = [unit for word in reversed(words) for unit in _UNITS if word in _UNITS[unit]]
+    # The last word tells best: r0c0_counts is in counts.
     exact = [unit for unit in found if words[-1] in _UNITS[unit]]
-    return (exact or found or [None])[0]  # type: ignore[return-value]
+    return next(iter(exact or found), None)
 
 
 def find_readings(names: Sequence[str]) -> list[str]:

@@ -12,10 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.readings.names import TimeUnit, Unit, find_clock, find_part, find_readings, unit_of
+from palpate.readings.names import (
+    TimeUnit,
+    Unit,
+    find_clock,
+    find_part,
+    find_readings,
+    time_unit_of,
+    unit_of,
+)
 from palpate.readings.rows import refuse_or_say
 from palpate.readings.table import Table
-from palpate.readings.times import seconds
+from palpate.readings.times import is_moment, seconds
 from palpate.signal.circuit import Divider
 
 #: Longest ending first: of ``log.csv.gz`` the stem is ``log``.
@@ -120,11 +128,13 @@ def read_recordings(
         raise InputError(f"{table.name}: time_unit {time_unit}, unit {unit}: no such unit")
     clock = _clock(table, time_column)
     values = _values(table, clock, value_columns)
-    found = []
+    found: list[Readings] = []
     for label, rows in _parts(table):
         remarks = list(table.left_out) if not found else []
         where = f"{table.name} {label}".strip()
-        raw_s = seconds(table.columns[clock][rows], name=clock, unit=time_unit, file=where)
+        raw_s, told = seconds(table.columns[clock][rows], name=clock, unit=time_unit, file=where)
+        if told != "s" and time_unit is None and time_unit_of(clock) == "":
+            remarks.append(f"times in {clock} are taken as {told}; --time-unit says otherwise")
         time_s, order = _ordered(raw_s, rows, table, clock, where=where, remarks=remarks)
         columns = {name: _averaged(table.columns[name][rows], order) for name in values}
         units: dict[str, Unit | None] = {name: unit or unit_of(name) for name in values}
@@ -169,7 +179,11 @@ def _clock(table: Table, wanted: str | None) -> str:
     named = find_clock(list(table.columns))
     if named is not None:
         return named
-    moments = [name for name, column in table.columns.items() if column.dtype.kind in "mM"]
+    moments = [
+        name
+        for name, column in table.columns.items()
+        if column.dtype.kind in "mM" or (column.dtype == object and is_moment(column[0]))
+    ]
     if moments:
         return moments[0]
     first = next(iter(table.columns))
@@ -246,4 +260,6 @@ def _averaged(column: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[n
     size = int(order.max(initial=-1)) + 1
     counts = np.bincount(order[use], minlength=size)
     sums = np.bincount(order[use], weights=column[use], minlength=size)
-    return np.divide(sums, counts, out=np.full(size, np.nan), where=counts > 0)
+    means = np.full(size, np.nan)
+    np.divide(sums, counts, out=means, where=counts > 0)
+    return means

@@ -43,7 +43,7 @@ class GatheredRows:
         """Add rows that follow one another, the first of them with this number in the file."""
         width = len(self._names)
         numbers = np.arange(first_number, first_number + len(rows))
-        if any(len(row) != width for row in rows):
+        if set(map(len, rows)) != {width}:
             kept = [index for index, row in enumerate(rows) if self._fits(row, numbers[index])]
             rows, numbers = [rows[index][:width] for index in kept], numbers[kept]
         if not len(rows):

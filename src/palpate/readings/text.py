@@ -74,7 +74,8 @@ def _encoding(start: bytes, *, name: str) -> str:
 def _lines(text: TextIOWrapper) -> Iterator[str]:
     """Yield lines, comments as empty ones, so that lines can be counted."""
     while line := text.readline(_LONGEST_LINE):
-        yield "\n" if line[0] in "#%" or line.startswith("//") else line
+        comment = line[0] in "#%/" and (line[0] != "/" or line[1:2] == "/")
+        yield "\n" if comment else line
 
 
 def _gather(lines: Iterator[str], form: Form, *, name: str) -> Table:

@@ -23,8 +23,10 @@ _SLOWEST_S, _FASTEST_S = 4.0, 2e-4
 _DAY_S = 86400.0
 
 
-def seconds(column: NDArray[Any], *, name: str, unit: str | None, file: str) -> NDArray[np.float64]:
-    """Return a clock's readings in seconds; NaN where there is none.
+def seconds(
+    column: NDArray[Any], *, name: str, unit: str | None, file: str
+) -> tuple[NDArray[np.float64], str]:
+    """Return a clock's readings in seconds, NaN where there is none, and the unit they were in.
 
     Absolute times (Unix, dates) begin at 0 with the first reading.
 
@@ -46,13 +48,14 @@ def seconds(column: NDArray[Any], *, name: str, unit: str | None, file: str) -> 
 
     Examples
     --------
-    >>> seconds(np.array([0.0, 20.0, 40.0]), name="time", unit=None, file="a.csv").tolist()
-    [0.0, 0.02, 0.04]
+    >>> time_s, unit = seconds(np.array([0.0, 20.0, 40.0]), name="t", unit=None, file="a.csv")
+    >>> time_s.tolist(), unit
+    ([0.0, 0.02, 0.04], 'ms')
     """
     if column.dtype.kind in "mM":
-        return _from_moments(column)
+        return _from_moments(column), "s"
     if column.dtype == object:
-        return _from_texts(column, name=name, file=file)
+        return _from_texts(column, name=name, file=file), "s"
     known = column[np.isfinite(column)]
     if known.size == 0:
         raise InputError(f"{file}: column {name} has no times in it; name another --time-column")
@@ -64,8 +67,12 @@ def seconds(column: NDArray[Any], *, name: str, unit: str | None, file: str) -> 
     counts = column - known[0] if absolute and known[0] / per_second >= _UNIX_FROM else column
     if told in ("ms", "us"):
         counts = _unwrapped(counts)
-    result: NDArray[np.float64] = counts / per_second
-    return result
+    return counts / per_second, told
+
+
+def is_moment(value: object) -> bool:
+    """Return whether a text is a date or a time of day."""
+    return any(np.isfinite(_tried(reader, value)) for reader in (_date_s, _time_of_day_s))
 
 
 def _unit_by_values(known: NDArray[np.float64], *, name: str, file: str) -> str:

@@ -1,0 +1,225 @@
+"""Where the holds of `palpate settle` come from: holds files, recordings of any form, folders."""
+
+from __future__ import annotations
+
+import sys
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from palpate.errors import InputError, PalpateError
+from palpate.holds import Hold, read_holds
+from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
+from palpate.readings.holds import CutAt
+from palpate.readings.names import TimeUnit, Unit
+from palpate.signal.circuit import Divider
+
+#: Endings that a recording in a folder may have; other files of it are passed over.
+RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
+_MCAP_MAGIC = b"\x89MCA"
+_PARQUET_MAGIC = b"PAR1"
+_START_BYTES = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """What the user says of recordings; nothing of it concerns holds files.
+
+    Attributes
+    ----------
+    time_column, time_unit, value_columns, unit, divider
+        As `palpate.read_recording` takes them.
+    cut : {"auto", "none"} or float
+        As `palpate.cut_holds` takes it.
+    """
+
+    time_column: str | None = None
+    time_unit: TimeUnit | None = None
+    value_columns: Sequence[str] = ()
+    unit: Unit | None = None
+    divider: Divider | None = None
+    cut: CutAt = "auto"
+
+    def is_default(self) -> bool:
+        """Return whether the user said nothing."""
+        return self == Reading()
+
+
+@dataclass(slots=True, kw_only=True)
+class Source:
+    """The files of one run, as holds.
+
+    Attributes
+    ----------
+    paths : sequence of Path
+        As the user named them; a folder stands for the recordings in it.
+    reading : Reading
+        How recordings are to be read.
+    """
+
+    paths: Sequence[Path]
+    reading: Reading = field(default_factory=Reading)
+    _said: set[Path] = field(default_factory=set)
+
+    def files(self) -> list[Path]:
+        """Return the files, those of folders by name.
+
+        Raises
+        ------
+        InputError
+            If a folder has no recording in it.
+        """
+        found: list[Path] = []
+        for path in self.paths:
+            inside = [path] if not path.is_dir() else _recordings_in(path)
+            if not inside:
+                raise InputError(
+                    f"{path}: a folder without recordings (CSV, Excel, Parquet or .mcap files)"
+                )
+            found += inside
+        return found
+
+    def holds(
+        self,
+        file: Path,
+        *,
+        until_s: float,
+        progress: Callable[[float], None] | None = None,
+    ) -> Iterator[Hold]:
+        """Yield the holds of one file.
+
+        A file of a folder without any is passed over with a line on standard error.
+        """
+        if self._is_holds(file):
+            yield from read_holds(file, until_s=until_s, progress=progress)
+            return
+        try:
+            for column in self.columns(file):
+                yield from column.holds
+        except PalpateError as error:
+            if file in self.paths:
+                raise
+            self._say(file, f"{error} (passed over)")
+        self._said.add(file)
+
+    def recordings(self) -> list[Path]:
+        """Return the files that are cut into holds."""
+        return [file for file in self.files() if not self._is_holds(file)]
+
+    def _is_holds(self, file: Path) -> bool:
+        return self.reading.is_default() and is_holds_file(file)
+
+    def columns(self, file: Path) -> list[CutColumn]:
+        """Return the sensors of a recording, cut; say once what should be known about it.
+
+        Raises
+        ------
+        InputError
+            If it can't be read, or no sensor has a hold.
+        """
+        if _starts_with(file, _MCAP_MAGIC):
+            return [_from_mcap(file, self.reading)]
+        said = self.reading
+        found: list[CutColumn] = []
+        recordings = read_recordings(
+            file,
+            time_column=said.time_column,
+            time_unit=said.time_unit,
+            value_columns=said.value_columns,
+            unit=said.unit,
+            divider=said.divider,
+        )
+        for readings in recordings:
+            for remark in readings.remarks:
+                self._say(file, remark)
+            columns = cut_columns(readings, cut=said.cut)
+            if not any(column.holds for column in columns):
+                if len(recordings) == 1:
+                    raise InputError(why_none(str(file), columns))
+                self._say(file, why_none(readings.name, columns))
+            else:
+                self._remark(file, columns)
+            found += columns
+        if not any(column.holds for column in found):
+            raise InputError(f"{file}: no hold in any of its {len(recordings)} recordings")
+        return found
+
+    def _remark(self, file: Path, columns: Sequence[CutColumn]) -> None:
+        for column in columns:
+            for remark in (*column.remarks, column.reason):
+                if remark:
+                    self._say(file, f"{column.column}: {remark}")
+
+    def _say(self, file: Path, remark: str) -> None:
+        if file not in self._said:
+            print(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}", file=sys.stderr)
+
+
+def is_holds_file(file: Path) -> bool:
+    """Return whether a file has the columns of a holds file, by its first bytes.
+
+    What can't be read more than once (a pipe) counts as one.
+    """
+    if not file.is_file():
+        return file.exists()
+    with file.open("rb") as stream:
+        start = stream.read(_START_BYTES)
+    if start.startswith(_PARQUET_MAGIC):
+        return _is_holds_parquet(file)
+    if start.startswith(b"\x1f\x8b"):
+        try:
+            start = zlib.decompressobj(wbits=31).decompress(start, _START_BYTES)
+        except zlib.error:
+            return True
+    header = start.splitlines()[0].decode("utf-8-sig", errors="replace") if start else ""
+    return "hold_id" in header
+
+
+def _is_holds_parquet(file: Path) -> bool:
+    from palpate.errors import needing
+
+    with needing(f"{file}: Parquet", extra="data"):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    try:
+        return "hold_id" in pq.read_schema(file).names
+    except (pa.ArrowException, OSError):
+        return True
+
+
+def _recordings_in(folder: Path) -> list[Path]:
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.is_file()
+        and path.suffix.lower() in RECORDING_ENDINGS
+        and not path.name.startswith((".", "~$"))
+    )
+
+
+def _starts_with(file: Path, magic: bytes) -> bool:
+    try:
+        with file.open("rb") as stream:
+            return stream.read(len(magic)) == magic
+    except OSError:
+        return False
+
+
+def _from_mcap(file: Path, reading: Reading) -> CutColumn:
+    """Return the holds of a recording of our own, as `palpate export --holds` cuts them."""
+    import numpy as np
+
+    from palpate.recording import load_recording
+    from palpate.recording.holds import cut_holds
+
+    if reading not in (Reading(), Reading(unit="percent"), Reading(unit="ohm")):
+        raise InputError(
+            f"{file}: a recording of palpate's own is cut where its gripper stood still; it takes "
+            "--unit percent or ohm, and no other option of recordings"
+        )
+    unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"
+    holds = cut_holds(load_recording(file), unit=unit, name=file.stem)
+    none = np.zeros(0)
+    return CutColumn(column="", time_s=none, values=none, spans=[], holds=holds)

@@ -1,0 +1,90 @@
+"""Where holds are cut on real recordings, against the load cell that the cutter may not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.readings.cut import find_contacts
+from palpate.tables import read_table
+
+#: A press, by its force: as `palpate study presses` defines it.
+PRESS_N, PRESS_SHARE, PRESS_S = 0.5, 0.3, 0.8
+
+
+def recordings(path: Path, *columns: str) -> dict[str, dict[str, np.ndarray]]:
+    kinds: dict[str, Any] = {"recording_id": "text", "time_s": "number"}
+    table = read_table(path, columns=kinds | dict.fromkeys(columns, "number or empty"))
+    labels = table["recording_id"]
+    return {
+        label: {name: table[name][labels == label] for name in ("time_s", *columns)}
+        for label in dict.fromkeys(labels.tolist())
+    }
+
+
+def presses(time_s: np.ndarray, force_n: np.ndarray) -> list[tuple[float, float, float]]:
+    """Return when each press reaches 90 % of its plateau, begins and ends."""
+    on = force_n > max(PRESS_N, PRESS_SHARE * np.quantile(force_n, 0.9))
+    edges = np.diff(np.concatenate(([0], on.astype(int), [0])))
+    spans = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
+    found = []
+    for begin, end in spans:
+        inside = slice(begin, end)
+        if time_s[end - 1] - time_s[begin] >= PRESS_S:
+            plateau = 0.9 * np.quantile(force_n[inside], 0.8)
+            loaded = time_s[inside][np.argmax(force_n[inside] >= plateau)]
+            found.append((float(loaded), float(time_s[begin]), float(time_s[end - 1])))
+    return found
+
+
+@pytest.fixture(scope="module")
+def cut_presses(real_data: Path) -> tuple[int, int, np.ndarray]:
+    """Return presses, holds beside them, and [start - loaded, end - opened] of those matched."""
+    total, beside, errors = 0, 0, []
+    source = recordings(real_data / "velostat_presses.csv.gz", "resistance_ohm", "force_n")
+    for one in source.values():
+        known = presses(one["time_s"], one["force_n"])
+        total += len(known)
+        for hold in find_contacts(one["time_s"], one["resistance_ohm"], unit="ohm").holds:
+            near = [press for press in known if press[1] - 1 < hold.onset_s < press[2]]
+            beside += not near
+            errors += [(hold.start_s - near[0][0], hold.end_s - near[0][2])] if near else []
+    return total, beside, np.array(errors)
+
+
+def test_real_presses_are_found_and_nothing_else(
+    cut_presses: tuple[int, int, np.ndarray],
+) -> None:
+    total, beside, errors = cut_presses
+    assert total > 400
+    assert len(errors) >= 0.95 * total
+    assert beside == 0
+
+
+def test_real_holds_begin_with_the_plateau_of_force_and_end_with_it(
+    cut_presses: tuple[int, int, np.ndarray],
+) -> None:
+    _, _, errors = cut_presses
+    begin_s, end_s = errors.T
+    assert abs(np.median(begin_s)) < 0.05
+    assert np.quantile(np.abs(begin_s), 0.9) < 0.4
+    assert np.quantile(np.abs(end_s), 0.95) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("velostat_strokes.csv.gz", "resistance_ohm"),
+        ("silicone_histories.csv.gz", "resistance_ohm"),
+        ("silicone_histories.csv.gz", "resistance_4wire_ohm"),
+    ],
+)
+def test_taps_and_slow_motion_are_no_holds(real_data: Path, name: str, column: str) -> None:
+    for one in recordings(real_data / name, column).values():
+        known = np.isfinite(one[column])
+        found = find_contacts(one["time_s"][known], one[column][known], unit="ohm")
+        assert found.holds == []
+        assert "no contact" in found.reason() or "but no hold" in found.reason()

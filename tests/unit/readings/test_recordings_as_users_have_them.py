@@ -1,0 +1,337 @@
+"""Recordings in the forms that users have: each gives the same holds, or one clear line."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from tests.touches import TOUCHES, counts, resistance_ohm
+
+import palpate
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+from palpate.errors import InputError
+
+TIME_S = np.arange(0, 88, 0.04)
+OHM = resistance_ohm(TIME_S)
+#: What the three holds have come to 20 s after they begin.
+SETTLED = [355.9, 322.0, 291.3]
+
+
+def table(
+    time: np.ndarray,
+    values: np.ndarray,
+    *,
+    header: str = "time_s,resistance_ohm",
+    form: str = "{:.3f},{:.4f}",
+    comma: bool = False,
+) -> str:
+    rows = [form.format(t, v) for t, v in zip(time, values, strict=True)]
+    if comma:
+        rows = [row.replace(".", ",") for row in rows]
+    return "\n".join([header, *rows]) + "\n"
+
+
+def iso(time_s: float) -> str:
+    moment = np.datetime64("2024-05-31T12:30:00") + np.timedelta64(round(time_s * 1000), "ms")
+    return str(moment).replace("T", " ")
+
+
+def of_day(time_s: float) -> str:
+    since = (86400 - 30 + time_s) % 86400
+    return f"{int(since // 3600):02d}:{int(since % 3600 // 60):02d}:{since % 60:06.3f}"
+
+
+def text_forms() -> dict[str, str | bytes]:
+    german = table(
+        TIME_S, OHM, header="Zeit [s];Widerstand [Ohm]", form="{:.3f};{:.3f}", comma=True
+    )
+    plain = table(TIME_S, OHM)
+    lines = plain.splitlines()
+    return {
+        "plain.csv": plain,
+        "windows.csv": plain.replace("\n", "\r\n"),
+        "millis.csv": table(TIME_S * 1e3, OHM, header="millis,R", form="{:.0f},{:.3f}"),
+        "ms.csv": table(TIME_S * 1e3, OHM, header="time,R", form="{:.0f},{:.3f}"),
+        "wraps.tsv": table(
+            (TIME_S * 1e6 + 4.25e9) % 2**32, OHM, header="micros\tR", form="{:.0f}\t{:.3f}"
+        ),
+        "unix.csv": table(TIME_S + 1717149000, OHM, header="timestamp,R"),
+        "unix-ms.csv": table(
+            TIME_S * 1e3 + 1717149000e3, OHM, header="timestamp,R", form="{:.0f},{:.3f}"
+        ),
+        "iso.csv": "when date,R\n"
+        + "".join(f"{iso(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
+        "midnight.csv": "clock,R\n"
+        + "".join(f"{of_day(t)},{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
+        "comments.csv": "# by hand\n% more\nSensor: strip 3\n\n"
+        + "\n".join([*lines[:700], "# a pause", "// and on", *lines[700:]]),
+        "units-row.csv": "\n".join(["time,resistance", "s,ohm", *lines[1:]]),
+        "decimal.csv": german,
+        "decimal-quoted.csv": '"time","R"\n'
+        + "".join(
+            f'"{t:.3f}","{v:.3f}"\n'.replace(".", ",") for t, v in zip(TIME_S, OHM, strict=True)
+        ),
+        "latin.csv": german.replace("Zeit", "Zeit für").encode("cp1252"),
+        "utf16.txt": german.replace(";", "\t").replace("Ohm", "Ω").encode("utf-16"),
+        "no-header.csv": "\n".join(lines[1:]),
+        "spaces.dat": "\n".join(line.replace(",", "   ") for line in lines[1:]),
+        "zipped.csv.gz": gzip.compress(plain.encode(), mtime=0),
+        "with-force.csv": "time_s,force_n,resistance_ohm\n"
+        + "".join(f"{t:.3f},3.1,{v:.3f}\n" for t, v in zip(TIME_S, OHM, strict=True)),
+    }
+
+
+FORMS = text_forms()
+
+
+def settled(
+    path: Path, capsys: pytest.CaptureFixture[str], *options: str
+) -> tuple[list[float | None], list[str], str]:
+    status = run(
+        build_app(),
+        ["settle", str(path), "--json", "--method", "recorded", *options],
+        name="palpate",
+    )
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    rows = json.loads(captured.out)["rows"]
+    return [row["settled"] for row in rows], [row["hold_id"] for row in rows], captured.err
+
+
+def refused(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> str:
+    status = run(build_app(), ["settle", str(path), "--json", *options], name="palpate")
+    captured = capsys.readouterr()
+    assert status == 2
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert str(path) in captured.err or path.stem in captured.err
+    return captured.err
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_the_same_holds_whatever_the_form(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, content = tmp_path / name, FORMS[name]
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    found, holds, _ = settled(path, capsys)
+    assert found == pytest.approx(SETTLED, rel=1e-3)
+    stem = name.split(".")[0]
+    assert [hold.split(":")[0] for hold in holds] == [stem] * 3
+    assert [hold.rsplit(":", 1)[1] for hold in holds] == ["1", "2", "3"]
+
+
+@pytest.mark.parametrize("ending", ["xlsx", "parquet", "csv"])
+def test_files_that_pandas_writes_with_a_time_index(
+    ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    index = pd.to_datetime(TIME_S, unit="s", origin="2024-01-01")
+    frame = pd.DataFrame({"sensor A": OHM, "sensor B": 2 * OHM, "note": "x"}, index=index)
+    path = tmp_path / f"both.{ending}"
+    write: dict[str, Callable[[Path], object]] = {
+        "xlsx": frame.to_excel,
+        "parquet": frame.to_parquet,
+        "csv": frame.to_csv,
+    }
+    write[ending](path)
+    found, holds, _ = settled(path, capsys)
+    assert found == pytest.approx([*SETTLED, *(2 * value for value in SETTLED)], rel=1e-3)
+    assert holds[::3] == ["both:sensor A:1", "both:sensor B:1"]
+
+
+@pytest.mark.parametrize("leg", ["upper", "lower"])
+def test_counts_become_ohm_by_the_divider(
+    leg: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "board.csv"
+    read = counts(OHM, leg=leg, reference_ohm=1000.0)
+    path.write_text(table(TIME_S * 1e3, read, header="ms,A0", form="{:.0f},{:.0f}"))
+    circuit = ("--adc-bits", "10", "--reference-ohm", "1000", "--sensor-leg", leg)
+    found, _, said = settled(path, capsys, *circuit)
+    assert found == pytest.approx(SETTLED, rel=0.01)
+    assert said == ""
+    found, _, said = settled(path, capsys)
+    assert all(value == pytest.approx(round(value), abs=1) for value in found)
+    assert "taken as counts" in said
+    assert "0 to 255" in refused(path, capsys, "--adc-bits", "8", *circuit[2:])
+    assert "give all three" in said_of_usage(path, capsys, *circuit[:2])
+
+
+def said_of_usage(path: Path, capsys: pytest.CaptureFixture[str], *options: str) -> str:
+    assert run(build_app(), ["settle", str(path), *options], name="palpate") == 2
+    return capsys.readouterr().err
+
+
+def test_a_converter_at_the_end_of_its_range_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "low.csv"
+    read = np.clip(counts(OHM, leg="upper", reference_ohm=1000.0) * 1.6, 0, 1023)
+    path.write_text(table(TIME_S * 1e3, read, header="ms,A0", form="{:.0f},{:.0f}"))
+    assert "at the end of the converter's range" in refused(path, capsys)
+
+
+@pytest.mark.parametrize(
+    "values", [-OHM, 100 * (OHM / 2000 - 1), 100 * (1 - OHM / 2000), 4e6 / OHM]
+)
+@pytest.mark.parametrize("header", ["time_s,value", "time_s,resistance_ohm"])
+def test_any_sign_and_direction(
+    values: np.ndarray, header: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "sign.csv"
+    path.write_text(table(TIME_S, values, header=header))
+    found, _, _ = settled(path, capsys)
+    ends = [values[np.argmin(np.abs(TIME_S - close_s - 20))] for close_s, _ in TOUCHES]
+    assert found == pytest.approx(ends, rel=0.02)
+
+
+def test_a_dropout_a_loose_wire_and_broken_lines_are_said_and_survived(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ohm = OHM.copy()
+    ohm[1300:1303] = 0
+    kept = (TIME_S < 40) | (TIME_S > 41.5)
+    lines = table(TIME_S[kept], ohm[kept]).splitlines()
+    lines[300] = lines[300].split(",")[0] + ","
+    lines[301] = lines[301].split(",")[0] + ",NaN"
+    lines[400] = lines[400].split(",")[0] + ",ERR"
+    lines[-1] = "87.9"
+    path = tmp_path / "lost.csv"
+    path.write_text("\n".join(lines))
+    found, _, said = settled(path, capsys)
+    assert found == pytest.approx(SETTLED, rel=1e-3)
+    assert "1 row was left out" in said
+    assert "line 401" in said
+    assert "3 readings at or below 0 ohm" in said
+
+
+def test_noise_drift_one_touch_and_no_rest_at_the_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(table(TIME_S, resistance_ohm(TIME_S, noise=0.08)))
+    assert settled(path, capsys)[0] == pytest.approx(SETTLED, rel=0.05)
+    path.write_text(table(TIME_S, resistance_ohm(TIME_S, drift=0.3)))
+    assert len(settled(path, capsys)[0]) == 3
+    one = TIME_S < 24
+    path.write_text(table(TIME_S[one], OHM[one]))
+    assert settled(path, capsys)[0] == pytest.approx(SETTLED[:1], rel=1e-3)
+
+
+def test_a_recording_that_begins_under_load_loses_that_hold_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "middle.csv"
+    later = TIME_S > 5
+    path.write_text(table(TIME_S[later], OHM[later]))
+    found, _, said = settled(path, capsys)
+    assert found == pytest.approx(SETTLED[1:], rel=1e-3)
+    assert "begins in the middle of a hold" in said
+
+
+def test_where_no_contact_is_found_the_user_can_say_where(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "held.csv"
+    held = (TIME_S > 2.2) & (TIME_S < 25)
+    path.write_text(table(TIME_S[held], OHM[held]))
+    assert settled(path, capsys)[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    late = (TIME_S > 4) & (TIME_S < 25)
+    path.write_text(table(TIME_S[late], OHM[late]))
+    said = refused(path, capsys)
+    assert "no contact found" in said
+    assert "--cut none" in said
+    assert settled(path, capsys, "--cut", "none")[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert settled(path, capsys, "--cut", "4.5")[0] == pytest.approx(SETTLED[:1], rel=0.01)
+    assert "it ends at" in refused(path, capsys, "--cut", "99")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("hello\nno table here\n", "no table found"),
+        ("value\n1\n2\n3\n", "one column alone"),
+        ("time,value\n" + "".join(f"{k},{k % 7}\n" for k in range(50)), "--time-unit"),
+        ("a,b\n" + "".join(f"{k % 9},{k}\n" for k in range(50)), "which column is the time"),
+        (table(TIME_S, 2000 + 500 * np.sin(TIME_S / 3)), "no contact found"),
+        (table(TIME_S, np.full(TIME_S.size, 7.0)), "no contact found"),
+        (table(TIME_S[::-1], OHM), "time goes backwards"),
+        (table(TIME_S[:99], OHM[:99]) + "x,y\n" * 9, "no time in column time_s"),
+        (table(TIME_S[:99], OHM[:99]) + "1,2,3\n" * 9, "line 101: 3 fields instead of 2"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(
+    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(content)
+    assert said in refused(path, capsys)
+
+
+def test_columns_that_are_not_there_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(table(TIME_S, OHM, header="when,what"))
+    assert "it has: when, what" in refused(path, capsys, "--time-column", "x")
+    assert "it has: what" in refused(path, capsys, "--time-column", "when", "--value-column", "y")
+    options = ("--time-column", "when", "--time-unit", "s", "--value-column", "what")
+    assert settled(path, capsys, *options)[0] == pytest.approx(SETTLED, rel=1e-3)
+
+
+def test_a_folder_is_all_its_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "b.csv").write_text(FORMS["plain.csv"])
+    (tmp_path / "a.tsv").write_text(FORMS["wraps.tsv"])
+    (tmp_path / "notes.txt").write_text("all well\n")
+    (tmp_path / "picture.png").write_bytes(b"not looked at")
+    found, holds, said = settled(tmp_path, capsys)
+    assert found == pytest.approx(2 * SETTLED, rel=1e-3)
+    assert holds[::3] == ["a:R:1", "b:resistance_ohm:1"]
+    assert said.count("\n") == 1
+    assert "notes.txt: no table found" in said
+
+
+def test_arrays_and_data_frames_give_the_same_holds_as_files(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(FORMS["plain.csv"])
+    from_file = palpate.cut_holds(palpate.read_recording(path))
+    frame = pd.read_csv(path)
+    series = frame["resistance_ohm"]
+    for holds in (
+        palpate.cut_holds(frame),
+        palpate.cut_holds(palpate.read_recording(frame)),
+        palpate.cut_holds(frame["time_s"], series),
+        palpate.cut_holds({"t": frame["time_s"].to_numpy(), "R": series.to_numpy()}),
+    ):
+        assert len(holds) == 3
+        for one, other in zip(from_file, holds, strict=True):
+            np.testing.assert_array_equal(one.time_s, other.time_s)
+            np.testing.assert_array_equal(one.values, other.values)
+    with pytest.raises(InputError, match="which column is the time"):
+        palpate.read_recording({"a": [1.0, 0.0, 2.0], "b": [1.0, 2.0, 3.0]})
+
+
+def test_holds_begin_where_loading_ends_and_end_where_the_fingers_open() -> None:
+    [first, *_] = palpate.cut_holds(TIME_S, OHM)
+    begin_s = TIME_S[np.flatnonzero(first.values[0] == OHM)[0]]
+    end_s = TIME_S[np.flatnonzero(first.values[-1] == OHM)[0]]
+    close_s, open_s = TOUCHES[0]
+    assert close_s + 0.1 <= begin_s <= close_s + 0.4
+    assert open_s - 0.1 <= end_s <= open_s + 0.05
+
+
+def test_a_plot_shows_where_it_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, plot = tmp_path / "r.csv", tmp_path / "cut.svg"
+    path.write_text(FORMS["plain.csv"])
+    settled(path, capsys, "--plot", str(plot))
+    assert "r.csv, resistance_ohm: 3 holds" in "".join(
+        line.split("<!--")[1].split("-->")[0].strip()
+        for line in plot.read_text().splitlines()
+        if "<!--" in line
+    )
