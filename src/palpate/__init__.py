@@ -3,7 +3,7 @@
 Settled values
     `predict_settled` says where holds settle to, `SettlingStream` does so sample by sample; methods
     are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`. `read_holds` yields
-    each `Hold` of a file; `read_recording` and `cut_holds` find them in any table of readings.
+    each `Hold` of a file; `read_recording` and `cut_holds` find them in any table, as `Readings`.
 Grasps
     `open_rig`, `plan_grasp`, `run_grasp`; what is measured is a `Measurement`.
 Recordings
