@@ -10,8 +10,10 @@ import pytest
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import FRICTION
 from palpate.twin.world import GripperKind
+from palpate_studies.baselines.paper_loop import EXPONENTIAL, paper_loop
+from palpate_studies.force_control import compare, scores
 from palpate_studies.force_control import report as force_report
-from palpate_studies.force_control import scores
+from palpate_studies.force_control_baselines import best_fixed, chosen_extra
 from palpate_studies.force_control_grasps import Gripped, ours
 from palpate_studies.force_control_world import (
     TARGETS_N,
@@ -21,6 +23,7 @@ from palpate_studies.force_control_world import (
     thing,
 )
 from palpate_studies.presence import Session, report
+from palpate_studies.protocol.parts import SeenBeforeError
 
 
 def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> Gripped:
@@ -117,6 +120,36 @@ def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
     assert not found.damaged
     assert found.outcome == "held" or not found.lifted
     assert found.force_n < 3.0
+
+
+def test_percentages_are_also_given_of_everything_that_was_to_be_gripped() -> None:
+    counted = scores([made(force_share=1.05), made(force_share=0.5, limited=True)])
+    assert counted["within_10_percent"] == 1.0
+    assert counted["within_10_percent_of_all"] == 0.5
+
+
+def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
+    found = paper_loop(task(700_000, level="paper"), EXPONENTIAL)
+    assert found.on_target_s is not None
+    assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
+    assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
+    assert found.on_target_s > EXPONENTIAL.waits_s
+
+
+def test_a_fixed_closing_is_not_scored_on_what_it_was_chosen_on() -> None:
+    chosen = chosen_extra([task(0, level="paper")])
+    with pytest.raises(SeenBeforeError, match="paper 0 was used"):
+        best_fixed(task(0, level="paper"), chosen)
+    assert best_fixed(task(1, level="paper"), chosen).method == "best fixed extra closing"
+
+
+def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
+    near, far = made(force_share=1.0), made(force_share=1.5)
+    rival = replace(far, method="rival")
+    other = replace(near, task=task(8, level="paper"), method="ours")
+    (row,) = compare([near, rival, other])
+    assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
+    assert row["difference"] == -1.0
 
 
 def test_presence_counts_what_was_missed_and_imagined() -> None:

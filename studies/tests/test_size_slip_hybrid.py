@@ -47,7 +47,7 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
     report.write(tmp_path)
     stored = json.loads((tmp_path / "size.json").read_text())
     assert stored["origin"] == "twin"
-    assert [row["strawberries"] for row in stored["summary"]] == [2] * 6
+    assert [row["strawberries"] for row in stored["summary"]] == [2] * 8
     ours = [row for row in stored["summary"] if row["way"] == "ours"]
     assert all(row["rms_mm"] < 1.0 for row in ours)
     assert "Simulated" in (tmp_path / "size.md").read_text()

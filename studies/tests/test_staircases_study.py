@@ -48,7 +48,11 @@ def test_scores_of_known_errors() -> None:
 
 def test_table5_report(tmp_path: Path) -> None:
     errors = {
-        level: {name: np.array([0.1, 0.3]) for name in table5.ALL_ROWS} for level in table5.LEVELS
+        level: {
+            name: table5.Errors(of_reading_n=np.array([0.1, 0.3]), of_force_n=np.array([0.5, 0.7]))
+            for name in table5.ALL_ROWS
+        }
+        for level in table5.LEVELS
     }
     report = table5._report(errors, sensors=1, repeats=1)
     report.write(tmp_path)
@@ -58,6 +62,8 @@ def test_table5_report(tmp_path: Path) -> None:
     assert rows["field", "ours, 1 s"]["published_ratio"] is None
     assert rows["paper", "ours, 2.5 s"]["ratio"] == 1
     assert "Simulated" in (tmp_path / "table5.md").read_text()
+    assert {row["mean_abs_error_of_force_n"] for row in document["rows"]} == {0.6}
+    assert {row["mean_abs_error_n"] for row in document["rows"]} == {0.2}
     assert (tmp_path / "figure12.png").stat().st_size > 1000
 
 

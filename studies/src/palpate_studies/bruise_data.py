@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -102,8 +102,18 @@ class Examined:
         )
 
 
+def as_drawn(apple: Apple) -> Apple:
+    """Return an apple as it is: the first generator."""
+    return apple
+
+
 def examine(
-    purposes: Mapping[str, int], *, levels: Sequence[str], seed: int, processes: int | None = None
+    purposes: Mapping[str, int],
+    *,
+    levels: Sequence[str],
+    seed: int,
+    processes: int | None = None,
+    remade: Callable[[Apple], Apple] = as_drawn,
 ) -> list[Examined]:
     """Draw so many apples for each purpose and level, half of them bruised, and grasp them.
 
@@ -117,9 +127,11 @@ def examine(
         Seed of everything.
     processes : int, optional
         As many as there are processors by default. The result does not depend on it.
+    remade : callable
+        Makes the apples of another generator out of those that are drawn.
     """
     batches = [
-        (purpose, level, _FIRST_SENSOR[purpose] + 1000 * seed + index, count)
+        (purpose, level, _FIRST_SENSOR[purpose] + 1000 * seed + index, count, remade)
         for purpose, apples in purposes.items()
         for level in levels
         for index, count in enumerate(_split(apples))
@@ -137,7 +149,9 @@ def _split(apples: int) -> list[int]:
     return [APPLES_PER_SENSOR] * full + [rest] * (rest > 0)
 
 
-def _batch(purpose: str, level: str, sensor: int, apples: int) -> list[Examined]:
+def _batch(
+    purpose: str, level: str, sensor: int, apples: int, remade: Callable[[Apple], Apple]
+) -> list[Examined]:
     """Examine apples on one sensor."""
     session = Session(sensor, level=level)
     sound = [
@@ -156,7 +170,8 @@ def _batch(purpose: str, level: str, sensor: int, apples: int) -> list[Examined]
         for cutoff_s in CUTOFFS_S
     }
     return [
-        _examined(session, purpose, level, sensor, index, sound=classes) for index in range(apples)
+        _examined(session, purpose, level, sensor, index, sound=classes, remade=remade)
+        for index in range(apples)
     ]
 
 
@@ -168,10 +183,11 @@ def _examined(
     index: int,
     *,
     sound: Mapping[float, Shape],
+    remade: Callable[[Apple], Apple],
 ) -> Examined:
     rng = np.random.default_rng([sensor, 2, index])
     bruised = purpose in _RANGES or index % 2 == 1
-    apple = draw_apple(rng, bruises=_ranges(purpose) if bruised else None)
+    apple = remade(draw_apple(rng, bruises=_ranges(purpose) if bruised else None))
     angle_deg = rng.uniform(0.0, 360.0)
     if apple.bruise is not None and purpose != "around":
         beside_mm = rng.uniform(-PLACED_WITHIN_MM, PLACED_WITHIN_MM)

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 #: Study -> (module, what it shows). Each module holds a function `command`.
 STUDIES: dict[str, tuple[str, str]] = {
+    "challenge": (
+        "palpate_studies.challenge",
+        "Your own method, ours and every rival on three kinds of real recordings",
+    ),
     "force-ladders": (
         "palpate_studies.force_ladders",
         "Dead weights on real Velostat, sensors held out",
@@ -55,6 +59,10 @@ STUDIES: dict[str, tuple[str, str]] = {
     "fatigue": (
         "palpate_studies.fatigue",
         "Figure 4, 2 500 cycles on the twin, re-zeroed and corrected",
+    ),
+    "second-generators": (
+        "palpate_studies.second_generators",
+        "Ripening and bruises of a shape that no rule was made on, simulated",
     ),
     "speed": ("palpate_studies.speed", "Actuation speed against every predictor, on the twin"),
     "size": ("palpate_studies.size", "Figure 14, size of strawberries in 1 mm steps, simulated"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -14,12 +14,15 @@ from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_chan
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
-from palpate_studies.force_control_grasps import LIFTED_S, Gripped, damaged
+from palpate_studies.force_control_grasps import LIFTED_S, NEAR, Gripped, damaged
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task, chance_of_damage
+from palpate_studies.protocol.parts import Learned, choose
 
-#: The paper's way: after contact close further by a fixed amount, right for the middle of the
-#: population (3.5 N on 5 N/mm in series with the gripper).
-_EXTRA: dict[GripperKind, float] = {"rigid": 1.6, "soft": 9.0}
+#: The paper's way: after contact close further by a fixed amount, mm or kPa; those tried.
+_EXTRAS: dict[GripperKind, tuple[float, ...]] = {
+    "rigid": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.4),
+    "soft": (0.0, 1.5, 3.0, 4.5, 6.0, 9.0, 12.0),
+}
 _STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
 _RATE: dict[GripperKind, float] = {"rigid": 20.0, "soft": 15.0}
 _DWELL_S = 0.42
@@ -27,20 +30,45 @@ _DWELL_S = 0.42
 _FINE_MM, _READINGS = 0.25, 5
 
 
-def fixed_extra(task: Task) -> Gripped:
+def best_fixed(task: Task, extra: Learned[float]) -> Gripped:
+    """Close by the fixed amount that was best on other things; refused on those themselves."""
+    return fixed_extra(task, extra=extra.on([_thing(task)]))
+
+
+def chosen_extra(tasks: Sequence[Task]) -> Learned[float]:
+    """Return the fixed closing that comes within 10 % most often, then nearest in the median."""
+
+    def loss(extra: float) -> tuple[float, float]:
+        off = np.abs([fixed_extra(task, extra=extra).off_target for task in tasks])
+        return float(np.mean(off > NEAR)), float(np.median(off))
+
+    return choose(_EXTRAS[tasks[0].kind], loss=loss, on=map(_thing, tasks))
+
+
+def _thing(task: Task) -> str:
+    return f"{task.level} {task.seed}"
+
+
+def fixed_extra(task: Task, *, extra: float) -> Gripped:
     """Close in steps until a finger's change passes the threshold, then by a fixed amount (4.1)."""
     world = task.world()
     array, gripper = TwinArray(world), TwinGripper(world)
-    rest_ohm = _ohm(array, seconds=0.5)
+    rest_ohm = read_ohm(array, seconds=0.5)
+    touched = touched_by(array, world, rest_ohm)
+    closed = close_until(world, gripper, touched, step=_STEP[task.kind], kind=task.kind)
+    drive(world, gripper, closed + extra, kind=task.kind)
+    return blindly_lifted(world, task, method="best fixed extra closing")
+
+
+def touched_by(array: TwinArray, world: World, rest_ohm: NDArray[np.float64]) -> Callable[[], bool]:
+    """Return what says after each step whether both fingers pass the paper's threshold."""
 
     def touched() -> bool:
-        change = relative_change_percent(_ohm(array, seconds=_DWELL_S), rest_ohm=rest_ohm)
+        change = relative_change_percent(read_ohm(array, seconds=_DWELL_S), rest_ohm=rest_ohm)
         fingers = finger_means(change, finger_of_row=world.layout.finger_of_row)
         return float(np.nanmin(fingers)) <= CONTACT_PERCENT
 
-    closed = _close_until(world, gripper, touched, step=_STEP[task.kind], kind=task.kind)
-    _drive(world, gripper, closed + _EXTRA[task.kind], kind=task.kind)
-    return _blindly_lifted(world, task, method="threshold and fixed extra closing")
+    return touched
 
 
 def by_current(task: Task) -> Gripped:
@@ -53,8 +81,8 @@ def by_current(task: Task) -> Gripped:
         world.clock.sleep_s(_DWELL_S)
         return _current_ma(gripper, world) >= zero_ma + ma_per_n * task.target_n
 
-    _close_until(world, gripper, reached, step=_FINE_MM, kind="rigid")
-    return _blindly_lifted(world, task, method="motor current alone")
+    close_until(world, gripper, reached, step=_FINE_MM, kind="rigid")
+    return blindly_lifted(world, task, method="motor current alone")
 
 
 @lru_cache(maxsize=2)
@@ -72,8 +100,8 @@ def _current_line(sheet: int, level: str) -> tuple[float, float]:
             rows.append((force_n, _current_ma(gripper, world)))
         return force_n > 10.0
 
-    _drive(world, gripper, 22.0, kind="rigid")
-    _close_until(world, gripper, enough, step=_FINE_MM, kind="rigid")
+    drive(world, gripper, 22.0, kind="rigid")
+    close_until(world, gripper, enough, step=_FINE_MM, kind="rigid")
     force_n, current_ma = np.array(rows).T
     slope, zero = np.polyfit(force_n, current_ma, 1)
     return float(zero), max(float(slope), 1.0)
@@ -87,15 +115,16 @@ def _current_ma(gripper: TwinGripper, world: World) -> float:
     return float(np.mean(readings))
 
 
-def _ohm(array: TwinArray, *, seconds: float) -> NDArray[np.float64]:
-    """Wait, and return the mean resistance of the last three frames."""
+def read_ohm(array: TwinArray, *, seconds: float, last: int | None = None) -> NDArray[np.float64]:
+    """Wait, and return the mean resistance of the last three frames, or as many last frames."""
     count = max(int(seconds * 15), 3)
-    frames = [array.read(timeout_s=1.0) for _ in range(count)][-3:]
-    ohm = [pixel_resistance_ohm(f.counts, layout=array.layout, oversampling=1) for f in frames]
-    return np.asarray(np.mean(ohm, axis=0))
+    frames = [array.read(timeout_s=1.0) for _ in range(count)]
+    kept = frames[-3:] if last is None else frames[-last:]
+    ohm = [pixel_resistance_ohm(f.counts, layout=array.layout, oversampling=1) for f in kept]
+    return np.asarray(np.mean(ohm, axis=0) if last is None else ohm)
 
 
-def _close_until(
+def close_until(
     world: World,
     gripper: TwinGripper,
     done: Callable[[], bool],
@@ -107,13 +136,13 @@ def _close_until(
     closed = gripper.limits.closure(gripper.state())
     while closed < gripper.limits.span - step:
         closed += step
-        _drive(world, gripper, closed, kind=kind)
+        drive(world, gripper, closed, kind=kind)
         if done():
             break
     return closed
 
 
-def _drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> None:
+def drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> None:
     limits = gripper.limits
     closure = min(closure, limits.span)
     way = abs(closure - limits.closure(gripper.state()))
@@ -121,7 +150,14 @@ def _drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperK
     world.clock.sleep_s(way / _RATE[kind] + 0.05)
 
 
-def _blindly_lifted(world: World, task: Task, *, method: str) -> Gripped:
+def blindly_lifted(
+    world: World,
+    task: Task,
+    *,
+    method: str,
+    said_n: float | None = None,
+    on_target_s: float | None = None,
+) -> Gripped:
     """Lift whatever is between the fingers, hold it, and say what came of it."""
     world.clock.sleep_s(1.0)
     world.lift()
@@ -136,5 +172,7 @@ def _blindly_lifted(world: World, task: Task, *, method: str) -> Gripped:
         dropped=world.dropped,
         force_n=truth.force_n,
         damaged=damaged(world, task),
+        said_n=said_n,
+        on_target_s=on_target_s,
         risk=chance_of_damage(task.obj, truth.peak_force_n),
     )

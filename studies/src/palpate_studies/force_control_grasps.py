@@ -175,9 +175,10 @@ def _on_target_s(result: GraspResult) -> float | None:
 
 
 def _calibration(task: Task) -> Calibration:
-    return _calibrated(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+    return calibration_of(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
 
 
 @lru_cache(maxsize=2)
-def _calibrated(sheet: int, level: str, kind: GripperKind) -> Calibration:
+def calibration_of(sheet: int, level: str, kind: GripperKind) -> Calibration:
+    """Calibrate a sensor and gripper by a user's steps; the grasps of one sheet share it."""
     return calibrated(seed=sheet, level=level, apart_from="", kind=kind)

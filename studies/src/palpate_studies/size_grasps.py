@@ -16,6 +16,7 @@ from palpate.settling.result import FloatArray
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object
+from palpate_studies.baselines.size_offset import without_bias
 from palpate_studies.stoppable import uninterrupted
 from palpate_studies.twin_session import Session
 
@@ -121,9 +122,10 @@ def _grasped(
 
 def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
     """Return estimate minus size of those that have one, shape (n,)."""
-    if way == "published":
-        errors = np.array([one.published_mm - one.true_mm for one in found], dtype=float)
-        return np.asarray(errors[np.isfinite(errors)])
+    if way in ("published", "without_bias"):
+        seen = [one for one in found if np.isfinite(one.published_mm)]
+        errors = np.array([one.published_mm - one.true_mm for one in seen], dtype=float)
+        return errors if way == "published" else without_bias(errors, [one.sensor for one in seen])
     return np.array([m.value - true_mm for m, true_mm in measured(found, way)], dtype=float)
 
 

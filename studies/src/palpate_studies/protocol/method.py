@@ -42,12 +42,27 @@ class Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """A question with its true answer, the specimen that it belongs to, and its name."""
+    """A question with its true answer, to learn from or to be scored on.
+
+    Attributes
+    ----------
+    question : Question
+        What a method may see.
+    truth : float
+        The answer.
+    specimen : str
+        What is left out together.
+    name : str
+        Of the case, for messages.
+    whole : ndarray, shape (points, 2)
+        The curve beyond the question, as far as it was recorded: to learn from.
+    """
 
     question: Question
     truth: float
     specimen: str
     name: str
+    whole: FloatArray
 
 
 Answer: TypeAlias = Callable[[Question], float]

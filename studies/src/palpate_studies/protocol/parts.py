@@ -65,7 +65,10 @@ score on other specimens
 
 
 def choose(
-    settings: Sequence[Setting], *, loss: Callable[[Setting], float], on: Iterable[str]
+    settings: Sequence[Setting],
+    *,
+    loss: Callable[[Setting], float | tuple[float, ...]],
+    on: Iterable[str],
 ) -> Learned[Setting]:
     """Return the setting of the smallest loss, with the specimens it was chosen on.
 
@@ -74,7 +77,7 @@ def choose(
     settings : sequence
         What is tried; of equally good ones the first is taken.
     loss : callable
-        Setting -> loss on the choosing part.
+        Setting -> loss on the choosing part; of a tuple the first number counts first.
     on : iterable of str
         Specimens of that part.
 

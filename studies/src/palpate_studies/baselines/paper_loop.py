@@ -1,0 +1,110 @@
+"""The paper's own proposal as a rival: its line with an early settled value as feedback.
+
+Section 3.3 of the paper fits force to the settled mean relative change by a line (Table 4), and
+proposes to grip to a force with that reading as feedback (sections 3.4 and 5). No such loop is
+printed. Here it is in its strongest plain form: contact as in Figure 13, then corrections by the
+secant through the last two answers, up or down, until the line says the target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from palpate.errors import CalibrationError
+from palpate.estimate.line_law import LineForceLaw
+from palpate.settling.exponential import Exponential
+from palpate.settling.recorded import Recorded
+from palpate.settling.result import FloatArray, SettlingMethod
+from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.world import GripperKind
+from palpate_studies.force_control_baselines import (
+    blindly_lifted,
+    close_until,
+    drive,
+    read_ohm,
+    touched_by,
+)
+from palpate_studies.force_control_grasps import Gripped, calibration_of
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task
+
+#: Steps of the approach, as of the fixed closing; corrections go by no more than one such step, and
+#: by no less than what a servo or regulator resolves.
+_STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
+_LEAST: dict[GripperKind, float] = {"rigid": 0.05, "soft": 0.2}
+#: Said to be on target within this share; corrections at most.
+_CLOSE_ENOUGH, _MOST_MOVES = 0.05, 12
+_FRAME_RATE_HZ = 15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Feedback:
+    """What one loop reads after each move: which forecast, after how long."""
+
+    name: str
+    method: SettlingMethod
+    waits_s: float
+
+
+#: The paper's 2.5 s, and the same loop given all of the 20 s.
+EXPONENTIAL = Feedback(
+    name="the paper's line, exponential at 2.5 s", method=Exponential(), waits_s=2.5
+)
+PATIENT = Feedback(name="the paper's line, read after 20 s", method=Recorded(), waits_s=20.0)
+
+
+def paper_loop(task: Task, feedback: Feedback) -> Gripped:
+    """Close to contact, then correct until the line says the target, and lift."""
+    world = task.world()
+    array, gripper = TwinArray(world), TwinGripper(world)
+    kind, law = task.kind, _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+    rest_ohm = read_ohm(array, seconds=0.5)
+    closed = close_until(
+        world, gripper, touched_by(array, world, rest_ohm), step=_STEP[kind], kind=kind
+    )
+    touched_s = world.clock.now_s()
+    said_n, step = _read(array, rest_ohm, feedback, law), _STEP[kind] / 2
+    on_target_s = None
+    for _ in range(_MOST_MOVES):
+        if abs(said_n / task.target_n - 1.0) <= _CLOSE_ENOUGH:
+            on_target_s = world.clock.now_s() - touched_s
+            break
+        step = _bounded(step, missing_n=task.target_n - said_n, kind=kind)
+        closed = float(np.clip(closed + step, 0.0, gripper.limits.span))
+        drive(world, gripper, closed, kind=kind)
+        before_n, said_n = said_n, _read(array, rest_ohm, feedback, law)
+        # The secant through the last two answers; a reading that did not follow asks for as much
+        # again in the same direction.
+        slope = (said_n - before_n) / step
+        step = (task.target_n - said_n) / slope if slope > 1e-3 else _STEP[kind]
+    return blindly_lifted(world, task, method=feedback.name, said_n=said_n, on_target_s=on_target_s)
+
+
+def _bounded(step: float, *, missing_n: float, kind: GripperKind) -> float:
+    """Return a move in the direction of what is missing, not too large and not too small."""
+    size = float(np.clip(abs(step), _LEAST[kind], _STEP[kind]))
+    return size if missing_n > 0 else -size
+
+
+def _read(array: TwinArray, rest_ohm: FloatArray, feedback: Feedback, law: LineForceLaw) -> float:
+    """Wait after a move and return the force that the line gives for the forecast."""
+    frames = int(feedback.waits_s * _FRAME_RATE_HZ)
+    ohm = read_ohm(array, seconds=feedback.waits_s, last=frames)
+    change = mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm))
+    time_s = np.arange(1, len(change) + 1) / _FRAME_RATE_HZ
+    found = feedback.method.predict(time_s, change[None], horizon_s=20.0, level=0.9)
+    return float(law.force_n(np.asarray(found.value)[0]).value)
+
+
+@lru_cache(maxsize=4)
+def _line(sheet: int, level: str, kind: GripperKind) -> LineForceLaw:
+    """Fit the line to the settled pairs of the same calibration that ours uses."""
+    pairs = calibration_of(sheet, level, kind).force
+    since_s, force_n = np.array(pairs.since_move_s), np.array(pairs.force_n)
+    settled = since_s == since_s.max()
+    if not settled.any():
+        raise CalibrationError("the calibration has no settled pairs")
+    return LineForceLaw.fit(np.array(pairs.relative_percent)[settled], force_n=force_n[settled])

@@ -1,0 +1,90 @@
+"""A second generator of fruit: bruises and ripening of shapes that no estimator was written for.
+
+The first generator's bruise falls from its middle to its rim as a paraboloid and is always dented;
+its avocados soften along one S-shaped curve. Fixed before anything was scored on them:
+
+- **bruises**: as soft all the way to a steep rim, with a corky, sound core of half their reach (an
+  old bruise dries from the middle); every second one has no dent.
+- **ripening**: `pause`: nothing for some days, then a straight fall of the logarithm to the end;
+  `two steps`: half of the fall, a rest of one to two days, the other half; `sudden`: an exponential
+  approach to the soft end that begins with a corner.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from palpate.settling.result import FloatArray
+from palpate.twin.apple import Apple
+from palpate.twin.apple_faces import Face, Patch
+from palpate.twin.avocado import Avocado
+
+#: Reach of the sound core, as a share of the bruise's; where the rim begins to fall.
+_CORE, _RIM = 0.5, 0.85
+#: Ways to soften, taken in turn.
+WAYS = ("pause", "two steps", "sudden")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorkyPatch(Patch):
+    """A bruise with a sound core and a steep rim."""
+
+    def profile(self, along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+        """Return 1 in the ring, 0 outside, a half in the core."""
+        off = np.hypot(along_mm - self.along_mm, across_mm - self.across_mm) / self.radius_mm
+        ring = np.clip((1.0 - off) / (1.0 - _RIM), 0.0, 1.0)
+        return np.asarray(np.where(off < _CORE, 0.5 * ring, ring))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorkyApple(Apple):
+    """An apple whose bruise is corky."""
+
+    def _face(self, angle_deg: float, *, across: float) -> Face:
+        face = Apple._face(self, angle_deg, across=across)
+        if face.patch is None or self.bruise is None:
+            return face
+        told = {field.name: getattr(face.patch, field.name) for field in fields(Patch)}
+        if int(self.bruise.angle_deg) % 2:
+            told["dent_mm"] = 0.0
+        known = {field.name: getattr(face, field.name) for field in fields(Face)}
+        return Face(**known | {"patch": CorkyPatch(**told)})
+
+
+def corky(apple: Apple) -> Apple:
+    """Return the same apple with a bruise of the second generator."""
+    return CorkyApple(**{field.name: getattr(apple, field.name) for field in fields(Apple)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherAvocado(Avocado):
+    """An avocado that softens in another way.
+
+    Attributes
+    ----------
+    way : {"pause", "two steps", "sudden"}
+        See the module.
+    """
+
+    way: str
+
+    def force_at_1mm_n(self, day: float) -> float:
+        """Return the mean elastic force at 1 mm on a day."""
+        # As fast and as late as the first generator's: halfway then, over about four paces.
+        gone = (day - self.half_day) / self.pace_days
+        if self.way == "pause":
+            done = np.clip(0.5 + gone / 5.0, 0.0, 1.0)
+        elif self.way == "two steps":
+            done = 0.5 * np.clip(1.0 + (gone + 0.7) / 2.0, 0.0, 1.0)
+            done += 0.5 * np.clip((gone - 0.7) / 2.0, 0.0, 1.0)
+        else:
+            done = -np.expm1(-max(gone + 1.0, 0.0) / 1.4)
+        return float(self.hard_n * (self.softest_n / self.hard_n) ** done)
+
+
+def other_avocado(fruit: Avocado, *, way: str) -> OtherAvocado:
+    """Return the same fruit, softening in another way."""
+    known = {field.name: getattr(fruit, field.name) for field in fields(Avocado)}
+    return OtherAvocado(**known, way=way)
