@@ -66,8 +66,8 @@ def entered_from(path: Path) -> Method:
         spec.loader.exec_module(module)
     except Exception as fault:
         raise InputError(f"--method {path}: {type(fault).__name__}: {fault}") from fault
-    found = getattr(module, "METHOD", None)
-    if not (hasattr(found, "name") and callable(getattr(found, "fit", None))):
+    found: Method | None = getattr(module, "METHOD", None)
+    if found is None or not (hasattr(found, "name") and callable(getattr(found, "fit", None))):
         raise InputError(f"--method {path}: METHOD needs a name and a fit; see docs/benchmark.md")
     return found
 

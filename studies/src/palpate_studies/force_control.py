@@ -139,17 +139,17 @@ def compare(found: Sequence[Gripped]) -> list[dict[str, Any]]:
                 missed = float(abs(one.off_target) > NEAR)
                 by_method.setdefault(one.method, {})[one.task.seed] = missed
         ours_missed = by_method.pop("ours", {})
-        for method, missed in by_method.items():
-            both = [seed for seed in missed if seed in ours_missed]
+        for method, rival_missed in by_method.items():
+            both = [seed for seed in rival_missed if seed in ours_missed]
             rows.append(
                 {
                     "level": level,
                     "rival": method,
                     "ours_near": 1 - float(np.mean([ours_missed[seed] for seed in both])),
-                    "rival_near": 1 - float(np.mean([missed[seed] for seed in both])),
+                    "rival_near": 1 - float(np.mean([rival_missed[seed] for seed in both])),
                     **paired_difference(
                         [ours_missed[seed] for seed in both],
-                        [missed[seed] for seed in both],
+                        [rival_missed[seed] for seed in both],
                         [str(seed // GRASPS_PER_SHEET) for seed in both],
                         statistic=np.mean,
                     ).as_json(),

@@ -20,7 +20,7 @@ from palpate_studies.protocol.parts import Learned, choose
 
 #: The paper's way: after contact close further by a fixed amount, mm or kPa; those tried.
 _EXTRAS: dict[GripperKind, tuple[float, ...]] = {
-    "rigid": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.4),
+    "rigid": (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.4, 3.0, 4.0),
     "soft": (0.0, 1.5, 3.0, 4.5, 6.0, 9.0, 12.0),
 }
 _STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any
 
 import numpy as np
@@ -57,13 +57,17 @@ def ripening_ways() -> dict[str, Callable[[Avocado, int], Avocado]]:
     """Return how each generator makes its fruit out of the first generator's."""
     found: dict[str, Callable[[Avocado, int], Avocado]] = {FIRST: lambda fruit, number: fruit}
     for way in WAYS:
-        found[way] = lambda fruit, number, way=way: other_avocado(fruit, way=way)
+        found[way] = _always(way)
     found["all three"] = lambda fruit, number: other_avocado(fruit, way=WAYS[number % len(WAYS)])
     return found
 
 
+def _always(way: str) -> Callable[[Avocado, int], Avocado]:
+    return lambda fruit, number: other_avocado(fruit, way=way)
+
+
 def report(
-    ripening: dict[str, Sequence[VirtualDay]], bruised: dict[str, Sequence[Examined]]
+    ripening: Mapping[str, Sequence[VirtualDay]], bruised: Mapping[str, Sequence[Examined]]
 ) -> StudyReport:
     """Score both and put them beside the first generator."""
     ripe = [{"generator": name, **_ripe(days)} for name, days in ripening.items()]
