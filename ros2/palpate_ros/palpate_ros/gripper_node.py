@@ -1,0 +1,204 @@
+"""`ros2 run palpate_ros gripper`: a hand with its sensor. Grasps are actions; stop is a service."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from palpate_msgs.action import Grasp
+from palpate_msgs.msg import Measurement
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from palpate import open_rig
+from palpate.dashboard.pacing import PacedArray
+from palpate.estimate.damage_file import DamageFile
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.rig import Rig
+from palpate.rig.recorded import recording_info
+from palpate.sensor.array import PressureArray
+from palpate_ros.hand import Grasping, Hand
+from palpate_ros.messages import measured
+from palpate_ros.parameters import HAND, SHARED, declare
+from palpate_ros.spinning import run
+from palpate_ros.topics import Provenance, SensorTopics
+
+_FEEDBACK_S, _DIAGNOSE_S, _OPENING_S = 0.1, 1.0, 15.0
+
+
+class GripperNode(Node):
+    """The actions `grasp` and, where control_msgs is installed, `gripper_cmd`; `stop`, `release`.
+
+    Raises
+    ------
+    PalpateError
+        If the rig can't be opened; one line that says what to do.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("palpate_gripper")
+        declare(self, SHARED | HAND)
+        self._rig = rig = self._opened()
+        array: PressureArray = rig.array
+        if rig.simulated:
+            array = PacedArray(array, speed=self._value("speed"))
+        first = array.read(timeout_s=2.0)
+        info = recording_info(rig, seed=self._value("seed"))
+        info = replace(info, gripper=rig.gripper.limits)
+        if rig.simulated:
+            # Simulated time begins at 0; other nodes live now.
+            info = replace(info, clock_zero_unix_ns=time.time_ns() - round(first.time_s * 1e9))
+        about = Provenance(
+            info=info,
+            calibration=rig.calibration,
+            oversampling=first.oversampling,
+            frame_id=self._value("frame_id"),
+            joint=self._value("joint"),
+        )
+        self.topics = SensorTopics(self, about)
+        damage = self._value("damage")
+        options = {} if not damage else {"damage": DamageFile.load(Path(damage)).model}
+        self.hand = Hand(
+            rig,
+            array=array,
+            hold_s=self._value("hold_s"),
+            options=options,
+            viewer=self.topics.see,
+            complain=self._complain,
+        )
+        self._timer = self.create_timer(_DIAGNOSE_S, self.topics.diagnose)
+        together = ReentrantCallbackGroup()
+        self._server = ActionServer(
+            self,
+            Grasp,
+            "~/grasp",
+            self._grasp,
+            goal_callback=self._accepts,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=together,
+        )
+        self.create_service(Trigger, "~/stop", self._stop, callback_group=together)
+        self.create_service(Trigger, "~/release", self._release, callback_group=together)
+        try:
+            standard = importlib.import_module("palpate_ros.standard")
+        except ModuleNotFoundError:
+            self.get_logger().info("control_msgs is not installed: no action `gripper_cmd`")
+        else:
+            self._standard = standard.StandardGripper(self, self.hand, group=together)
+
+    def let_go(self) -> None:
+        """Leave the hand safe and the rig closed."""
+        self.hand.close()
+
+    def _value(self, name: str) -> Any:
+        return self.get_parameter(name).value
+
+    def _opened(self) -> Rig:
+        return open_rig(
+            self._value("rig"), object_name=self._value("object") or None, seed=self._value("seed")
+        )
+
+    def _complain(self, text: str) -> None:
+        self.topics.fail(text)
+        self.get_logger().warning(text, throttle_duration_sec=5.0)
+
+    # -- the action -------------------------------------------------------------------------------
+
+    def _accepts(self, goal: Grasp.Goal) -> GoalResponse:
+        asked_n = goal.target_force_n
+        if not 0 <= asked_n <= FORCE_CEILING_N:
+            self.get_logger().warning(
+                f"goal refused: target_force_n {asked_n:g} is not within 0 to "
+                f"{FORCE_CEILING_N:g} N, the force ceiling"
+            )
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _grasp(self, goal: ServerGoalHandle) -> Grasp.Result:
+        order = self.hand.grasp(
+            target_force_n=goal.request.target_force_n or None, kind=goal.request.kind
+        )
+        if order is None:
+            goal.abort()
+            why = "the hand is at work or closed on something; call the service `release` first"
+            return Grasp.Result(outcome="refused", decision_time_s=math.nan, faults=[why])
+        while not order.known.wait(_FEEDBACK_S):
+            if goal.is_cancel_requested:
+                order.requests.stop.set()
+            goal.publish_feedback(self._feedback(order))
+        found = self._result(order)
+        if goal.is_cancel_requested:
+            goal.canceled()
+        elif found.outcome == Outcome.HELD:
+            goal.succeed()
+        else:
+            goal.abort()
+        return found
+
+    def _feedback(self, order: Grasping) -> Grasp.Feedback:
+        belief, state = order.belief, self.hand.state
+        return Grasp.Feedback(
+            phase=str(belief.phase),
+            force_n=float(belief.force_n),
+            force_high_n=float(belief.force_high_n),
+            width_mm=math.nan if state is None else state.width_mm,
+            pressure_kpa=math.nan if state is None else state.pressure_kpa,
+        )
+
+    def _result(self, order: Grasping) -> Grasp.Result:
+        found = order.result
+        if found is None:
+            return Grasp.Result(outcome="refused", decision_time_s=math.nan, faults=[order.refusal])
+        return Grasp.Result(
+            # While it holds the runner has not closed the book yet.
+            outcome=str(found.outcome if order.over.is_set() else Outcome.HELD),
+            decision_time_s=math.nan if found.decision_time_s is None else found.decision_time_s,
+            measurements=_measurements(found),
+            limited=found.limited,
+            simulated=self._rig.simulated,
+            faults=list(found.faults),
+        )
+
+    # -- services ---------------------------------------------------------------------------------
+
+    def _stop(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        self.hand.stop()
+        answer.success, answer.message = True, "told to stop"
+        return answer
+
+    def _release(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        order = self.hand.open()
+        if order is None:
+            answer.success, answer.message = False, "the hand is moving already"
+            return answer
+        arrived = order.over.wait(_OPENING_S)
+        answer.success = arrived and not order.refusal
+        answer.message = order.refusal or ("open" if arrived else "not open yet")
+        return answer
+
+
+def _measurements(found: GraspResult) -> list[Measurement]:
+    named = {
+        "force": found.force_n,
+        "size": found.size_mm,
+        "stiffness": found.stiffness_n_per_mm,
+        "settled_change": found.settled_percent,
+    }
+    return [measured(Measurement, name, value) for name, value in named.items()]
+
+
+def main() -> None:
+    """Run the node until Ctrl-C; afterwards the hand stands still or is open."""
+    run(GripperNode, name="palpate_gripper")
+
+
+if __name__ == "__main__":
+    main()

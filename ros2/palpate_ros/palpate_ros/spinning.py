@@ -1,0 +1,51 @@
+"""Running a node until Ctrl-C or SIGTERM: devices are made safe before ROS goes away."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+import rclpy
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from palpate.errors import PalpateError
+
+
+class Owner(Protocol):
+    """A node that owns devices."""
+
+    def let_go(self) -> None:
+        """Make them safe and close them."""
+        ...
+
+
+def run(make: Callable[[], Owner], *, name: str) -> None:
+    """Make a node and spin it until a signal comes; then let go of the devices, then of ROS."""
+    # ROS's own signal handlers would take it away before the devices are safe.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = make()
+    except PalpateError as error:
+        rclpy.logging.get_logger(name).error(str(error))
+        rclpy.try_shutdown()
+        raise SystemExit(error.exit_status) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    asked = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: asked.set())
+    executor = MultiThreadedExecutor()
+    executor.add_node(node)
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    spinning.start()
+    try:
+        asked.wait()
+    finally:
+        node.let_go()
+        executor.shutdown()
+        spinning.join()
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,182 @@
+"""What a sensor publishes: pixels, force with interval, the hand's opening, health, provenance."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import FluidPressure, Image, JointState
+from std_msgs.msg import String
+
+from palpate.errors import PalpateError
+from palpate.estimate.force import ForceLaw, law_from_dict
+from palpate.gripper.interface import GripperState
+from palpate.recording import RecordingInfo
+from palpate.recording.channels import encode_info
+from palpate.sensor.array import Frame
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.health import FEWEST_FRAMES, Stretch, examine
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
+from palpate_ros import messages
+
+#: Pixels are judged by so many seconds without a touch; deeper than this is one.
+_JUDGED_S, _TOUCH_PERCENT = 4.0, -3.0
+#: A sensor that says nothing for so long is reported as silent.
+_SILENT_S = 1.0
+#: Raw counts are offered reliably, a second of them kept: a recorder asks for all, a view for the
+#: newest (best effort).
+_EVERY = QoSProfile(depth=250)
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """What the messages are about.
+
+    Attributes
+    ----------
+    info : RecordingInfo
+        As at the head of a recording; published once, latched, so that a bag can become one.
+    calibration : Calibration or None
+        None where there is none yet: then there is no force.
+    oversampling : int
+        Conversions summed per pixel.
+    frame_id : str
+        The pad's frame.
+    joint : str
+        Name of the hand's joint.
+    """
+
+    info: RecordingInfo
+    calibration: Calibration | None
+    oversampling: int
+    frame_id: str
+    joint: str = "palpate_gripper"
+
+
+class SensorTopics:
+    """Publishes every frame that it is given; `diagnose` is called by a timer.
+
+    What is derived goes best effort: a late force is of no use. `info` is latched.
+    """
+
+    def __init__(self, node: Node, about: Provenance) -> None:
+        self._node, self._about, self._lock = node, about, threading.Lock()
+        law = {} if about.calibration is None else about.calibration.force_law
+        self._law: ForceLaw | None = law_from_dict(law) if law.get("law") == "power" else None
+        self._rest_ohm = None if about.calibration is None else about.calibration.rest_ohm
+        self._quiet: deque[Frame] = deque()
+        self._heard_s, self._fault, self._last = time.monotonic(), "", None
+        node_of = node.create_publisher
+        sensor = qos_profile_sensor_data
+        self._counts = node_of(Image, "~/counts", _EVERY)
+        self._ohm = node_of(Image, "~/resistance", sensor)
+        self._forces = tuple(
+            node_of(WrenchStamped, f"~/{name}", sensor)
+            for name in ("force", "force_low", "force_high")
+        )
+        self._joints = node_of(JointState, "joint_states", 10)
+        self._pressure = node_of(FluidPressure, "~/pressure", sensor)
+        self._diagnostics = node_of(DiagnosticArray, "/diagnostics", 10)
+        self._info = node_of(String, "~/info", _LATCHED)
+        head = {**encode_info(about.info), "oversampling": str(about.oversampling)}
+        self._info.publish(String(data=json.dumps(head)))
+
+    def see(self, frame: Frame, state: GripperState | None = None) -> None:
+        """Publish a frame, and the hand's state where there is a hand."""
+        about = self._about
+        stamp = messages.stamp_of(frame.time_s, zero_unix_ns=about.info.clock_zero_unix_ns)
+        at = {"stamp": stamp, "frame_id": about.frame_id}
+        self._counts.publish(messages.counts_image(frame, **at))
+        ohm = pixel_resistance_ohm(
+            frame.counts, layout=about.info.layout, oversampling=frame.oversampling
+        )
+        if self._ohm.get_subscription_count():
+            self._ohm.publish(messages.ohm_image(ohm, **at))
+        if self._law is not None and any(p.get_subscription_count() for p in self._forces):
+            excess = excess_conductance(ohm, rest_ohm=self._rest_ohm)
+            found = self._law.force_n(np.maximum(np.nansum(excess), 0.0))
+            for publisher, force_n in zip(
+                self._forces, (found.value, found.low, found.high), strict=True
+            ):
+                publisher.publish(messages.wrench(float(force_n), **at))
+        if state is not None:
+            self._see_hand(state, **at)
+        self._keep(frame, ohm)
+
+    def fail(self, text: str) -> None:
+        """Report a fault of the equipment until the next frame."""
+        with self._lock:
+            self._fault = text
+
+    def diagnose(self) -> None:
+        """Publish the sensor's health, as far as it can be judged now."""
+        now = self._node.get_clock().now().to_msg()
+        array = DiagnosticArray(status=[self._judged()])
+        array.header.stamp = now
+        self._diagnostics.publish(array)
+
+    def close(self) -> None:
+        """Withdraw the topics."""
+        for publisher in (
+            *(self._counts, self._ohm, self._joints, self._pressure, self._diagnostics),
+            *(*self._forces, self._info),
+        ):
+            self._node.destroy_publisher(publisher)
+
+    def _see_hand(self, state: GripperState, **at: object) -> None:
+        if np.isfinite(state.width_mm):
+            before = self._last or state
+            self._joints.publish(
+                messages.joint_state(
+                    state, name=self._about.joint, before=before, stamp=at["stamp"]
+                )
+            )
+        elif np.isfinite(state.pressure_kpa):
+            self._pressure.publish(messages.pressure(state, **at))
+        self._last = state
+
+    def _keep(self, frame: Frame, ohm: np.ndarray) -> None:
+        """Keep what can be judged: the last seconds without a touch."""
+        touched = False
+        if self._rest_ohm is not None:
+            change = mean_change(relative_change_percent(ohm, rest_ohm=self._rest_ohm))
+            touched = bool(np.nan_to_num(change) < _TOUCH_PERCENT)
+        with self._lock:
+            self._heard_s, self._fault = time.monotonic(), ""
+            if touched or (self._quiet and frame.oversampling != self._quiet[0].oversampling):
+                self._quiet.clear()
+            if not touched:
+                self._quiet.append(frame)
+            while self._quiet and frame.time_s - self._quiet[0].time_s > _JUDGED_S:
+                self._quiet.popleft()
+
+    def _judged(self) -> DiagnosticStatus:
+        name = f"{self._node.get_name()}: sensor"
+        said = {"name": name, "hardware_id": self._about.info.rig or "palpate"}
+        with self._lock:
+            silent_s = time.monotonic() - self._heard_s
+            fault, quiet = self._fault, list(self._quiet)
+        if fault or silent_s > _SILENT_S:
+            text = fault or f"no frame for {silent_s:.1f} s: check cable, power and `palpate ports`"
+            return messages.status(DiagnosticStatus.ERROR, text, **said)
+        if len(quiet) < FEWEST_FRAMES:
+            return messages.status(
+                DiagnosticStatus.OK, "touched, or just begun: the pixels are not judged", **said
+            )
+        try:
+            health = examine(
+                Stretch.of(quiet), layout=self._about.info.layout, known_ohm=self._rest_ohm
+            )
+        except PalpateError as error:
+            return messages.status(DiagnosticStatus.ERROR, str(error), **said)
+        return messages.diagnosis(health, **said)

@@ -1,0 +1,181 @@
+"""The hand's node over DDS: goal to result, cancel, stop, release, and either side killed."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalStatus
+from control_msgs.action import GripperCommand as StandardCommand
+from palpate_msgs.action import Grasp
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from palpate.clock import ManualClock
+from palpate.twin.servo_bus import ServoBus
+from palpate.twin.world import World
+
+GRASP, STANDARD = "/palpate_gripper/grasp", "/palpate_gripper/gripper_cmd"
+STOP, RELEASE = "/palpate_gripper/stop", "/palpate_gripper/release"
+
+
+def width_mm(heard: list[JointState]) -> float:
+    return 1e3 * heard[-1].position[0] if heard else math.nan
+
+
+@pytest.fixture
+def joints(client: Any) -> list[JointState]:
+    return client.heard(JointState, "/joint_states", 10)
+
+
+def test_goal_to_result_then_release(client: Any, launch: Any, joints: list[JointState]) -> None:
+    node, feedback = launch("gripper_node", rig="bench", speed=4.0, object="strawberry"), []
+    handle = client.goal(Grasp, GRASP, Grasp.Goal(target_force_n=2.0), feedback)
+    found = client.result(handle)
+    assert found.status == GoalStatus.STATUS_SUCCEEDED
+    assert found.result.outcome == "held"
+    assert found.result.simulated
+    measured = {one.name: one for one in found.result.measurements}
+    assert set(measured) == {"force", "size", "stiffness", "settled_change"}
+    assert measured["force"].low <= measured["force"].value <= measured["force"].high
+    assert measured["force"].value == pytest.approx(2.0, rel=0.3)
+    assert measured["size"].unit == "mm"
+    assert {"approach", "squeeze", "settle"} <= {one.phase for one in feedback}
+    # It goes on holding, and takes no second goal meanwhile.
+    again = client.result(client.goal(Grasp, GRASP, Grasp.Goal(), []))
+    assert (again.status, again.result.outcome) == (GoalStatus.STATUS_ABORTED, "refused")
+    assert width_mm(joints) < 60.0
+    assert client.call(Trigger, RELEASE).success
+    client.until(lambda: width_mm(joints) > 73.0, "open hand")
+    assert "Traceback" not in node.end()
+
+
+def test_cancel_holds_still_until_released(
+    client: Any, launch: Any, joints: list[JointState]
+) -> None:
+    launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
+    feedback: list[Any] = []
+    handle = client.goal(Grasp, GRASP, Grasp.Goal(), feedback)
+    client.until(lambda: any(one.phase == "squeeze" for one in feedback), "squeeze")
+    client.wait(handle.cancel_goal_async(), "cancel")
+    found = client.result(handle)
+    assert (found.status, found.result.outcome) == (GoalStatus.STATUS_CANCELED, "stopped")
+    seen = len(joints)
+    client.until(lambda: len(joints) > seen + 15, "a second of the hand standing still")
+    widths = [1e3 * one.position[0] for one in joints[seen + 1 :]]
+    assert max(widths) - min(widths) <= 0.1
+    refused = client.result(client.goal(Grasp, GRASP, Grasp.Goal(), []))
+    assert "release" in refused.result.faults[0]
+    assert client.call(Trigger, RELEASE).success
+
+
+def test_stop_service_ends_the_goal(client: Any, launch: Any) -> None:
+    launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
+    feedback: list[Any] = []
+    handle = client.goal(Grasp, GRASP, Grasp.Goal(), feedback)
+    client.until(lambda: feedback, "feedback")
+    assert client.call(Trigger, STOP).success
+    found = client.result(handle)
+    assert (found.status, found.result.outcome) == (GoalStatus.STATUS_ABORTED, "stopped")
+
+
+def test_too_large_a_force_is_rejected(client: Any, launch: Any) -> None:
+    launch("gripper_node", rig="bench", speed=4.0)
+    with pytest.raises(AssertionError, match="accepted"):
+        client.goal(Grasp, GRASP, Grasp.Goal(target_force_n=50.0), [])
+
+
+def test_standard_command_closes_and_opens(
+    client: Any, launch: Any, joints: list[JointState]
+) -> None:
+    launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
+    client.until(lambda: width_mm(joints) > 73.0, "open hand")
+    closing = StandardCommand.Goal()
+    closing.command.position, closing.command.max_effort = 0.0, 2.0
+    found = client.result(client.goal(StandardCommand, STANDARD, closing, []))
+    assert found.status == GoalStatus.STATUS_SUCCEEDED
+    assert found.result.stalled
+    assert found.result.effort == pytest.approx(2.0, rel=0.3)
+    assert found.result.position == pytest.approx(width_mm(joints) / 1e3, abs=1e-3)
+    opening = StandardCommand.Goal()
+    opening.command.position = 0.074
+    found = client.result(client.goal(StandardCommand, STANDARD, opening, []))
+    assert found.status == GoalStatus.STATUS_SUCCEEDED
+    assert found.result.reached_goal
+    assert found.result.position > 0.073
+
+
+def test_killed_client_leaves_a_bounded_grasp(
+    client: Any, launch: Any, joints: list[JointState], environment: dict[str, str]
+) -> None:
+    """Nobody asks the object back: it is held, then given back by itself."""
+    launch("gripper_node", rig="bench", speed=4.0, object="strawberry", hold_s=4.0)
+    program = (
+        "import rclpy; from rclpy.node import Node; from rclpy.action import ActionClient;"
+        "from palpate_msgs.action import Grasp; rclpy.init(); n = Node('doomed');"
+        f"c = ActionClient(n, Grasp, '{GRASP}'); c.wait_for_server();"
+        "f = c.send_goal_async(Grasp.Goal()); rclpy.spin_until_future_complete(n, f);"
+        "print('sent', flush=True); rclpy.spin(n)"
+    )
+    doomed = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert doomed.stdout is not None
+    assert doomed.stdout.readline() == "sent\n"
+    doomed.kill()
+    doomed.wait()
+    doomed.stdout.close()
+    client.until(lambda: width_mm(joints) < 40.0, "closing goes on")
+    client.until(lambda: width_mm(joints) > 73.0, "given back")
+
+
+@contextmanager
+def servo_at_work() -> Iterator[tuple[ServoBus, World]]:
+    """Yield a servo whose world moves with the wall's clock, on a thread."""
+    world = World(None, seed=1, clock=ManualClock(time.monotonic()))
+    bus = ServoBus(world)
+    ending = threading.Event()
+
+    def pump() -> None:
+        while not ending.wait(0.01):
+            world.clock.sleep_s(max(time.monotonic() - world.clock.now_s(), 0.0))
+            with bus._lock:
+                world.drive_value(world.clock.now_s())
+
+    thread = threading.Thread(target=pump)
+    thread.start()
+    try:
+        yield bus, world
+    finally:
+        ending.set()
+        thread.join()
+        bus.close()
+
+
+def test_killed_node_stops_the_servo(client: Any, launch: Any, monkeypatch: Any) -> None:
+    """The bus watchdog of the servo outlives the process."""
+    with servo_at_work() as (bus, world):
+        monkeypatch.setitem(os.environ, "PALPATE_TEST_PORT", bus.name)
+        node = launch("gripper_node", rig="servo")
+        closing = StandardCommand.Goal()
+        client.goal(StandardCommand, STANDARD, closing, [])
+
+        def width() -> float:
+            with bus._lock:
+                return world.drive_value(world.clock.now_s())
+
+        client.until(lambda: width() < 72.0, "closing")
+        node.end(signal.SIGKILL)
+        # 0.5 s watchdog, and the machine's own delay.
+        time.sleep(1.5)
+        stopped = width()
+        time.sleep(1.0)
+        assert width() == pytest.approx(stopped, abs=1e-6)
+        assert 30.0 < stopped < 72.0
