@@ -44,24 +44,34 @@ def test_own_gripper_is_open_after_its_grasp(run: Any) -> None:
     assert rig.gripper.state().width_mm == pytest.approx(rig.gripper.limits.highest, abs=0.5)
 
 
-def test_offline_analysis_writes_a_row_per_hold_and_a_plot(run: Any, tmp_path: Path) -> None:
+def test_offline_analysis_compares_methods_and_writes_a_row_per_hold_and_a_plot(
+    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run("offline_analysis.py")
+    said = capsys.readouterr().out
+    assert said.startswith("simulated recordings")
+    errors = {
+        name: [float(figure) for figure in figures.split()]
+        for name, figures in re.findall(r"  (recorded|exponential|relaxation) +([\d. ]+)\n", said)
+    }
+    assert errors["relaxation"][0] < 0.5 * min(errors["exponential"][0], errors["recorded"][0])
+    assert errors["relaxation"][1] < min(errors["exponential"][1], errors["recorded"][1])
     rows = list(csv.DictReader((tmp_path / "out" / "settled.csv").read_text().splitlines()))
-    assert len(rows) == 6
+    assert len(rows) == 12
     for row in rows:
         assert float(row["low"]) < float(row["predicted"]) < float(row["high"])
         assert float(row["predicted"]) == pytest.approx(float(row["recorded_at_20_s"]), rel=0.15)
     assert (tmp_path / "out" / "settled.png").stat().st_size > 10_000
 
 
-def test_offline_analysis_takes_a_holds_file_of_ones_own(
+def test_offline_analysis_takes_a_recording_of_ones_own(
     run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = [f"mine,{0.1 * k:.1f},{50 + 5 * 0.9**k:.3f}" for k in range(60)]
-    (tmp_path / "mine.csv").write_text("\n".join(["hold_id,time_s,value", *lines]))
+    lines = [f"{0.1 * k:.1f},{90 if k < 20 else 50 + 5 * 0.9 ** (k - 20):.3f}" for k in range(80)]
+    (tmp_path / "mine.csv").write_text("\n".join(["time_s,ohm", *lines]))
     run("offline_analysis.py", "mine.csv", "results")
-    assert "at 20 s it was not recorded" in capsys.readouterr().out
-    assert (tmp_path / "results" / "settled.csv").is_file()
+    assert "no hold lasts 20 s" in capsys.readouterr().out
+    assert (tmp_path / "results" / "settled.csv").read_text().count("mine:ohm:1") == 1
 
 
 def test_understand_prediction_draws_its_four_pictures(

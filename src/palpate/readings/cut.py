@@ -146,10 +146,17 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     rises, began_loaded = _side_of_load(shape, unit)
     toward = 1.0 if rises else -1.0
     height = heights(values)
+    loaded = [_comes_to_load(stretch, shape, toward) for stretch in shape.stretches]
+    loaded[0] = False
+    for place, stretch in enumerate(shape.stretches):
+        rest = next((k for k in range(place, len(loaded)) if not loaded[k]), None)
+        if loaded[place] and rest is not None:
+            # What is no more than the next rest was no load, but a start that wore off.
+            loaded[place] = toward * (stretch.level - shape.stretches[rest].level) >= shape.step
     contacts = [
         _contact(stretch, last, shape, toward, time_s=time_s, height=height)
-        for last, stretch in pairwise(shape.stretches)
-        if _comes_to_load(stretch, shape, toward)
+        for (last, stretch), held in zip(pairwise(shape.stretches), loaded[1:], strict=True)
+        if held
     ]
     return Cut(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
 

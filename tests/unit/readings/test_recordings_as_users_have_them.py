@@ -15,6 +15,7 @@ from tests.touches import TOUCHES, counts, resistance_ohm
 import palpate
 from palpate.cli import build_app
 from palpate.commands.outcome import run
+from palpate.demo.recordings import write_recordings
 from palpate.errors import InputError
 
 TIME_S = np.arange(0, 88, 0.04)
@@ -335,3 +336,8 @@ def test_a_plot_shows_where_it_cut(tmp_path: Path, capsys: pytest.CaptureFixture
         for line in plot.read_text().splitlines()
         if "<!--" in line
     )
+
+
+def test_every_touch_of_the_demo_recordings_is_found(tmp_path: Path) -> None:
+    for path, columns in zip(write_recordings(tmp_path), (1, 1, 2), strict=True):
+        assert len(palpate.cut_holds(palpate.read_recording(path))) == 4 * columns
