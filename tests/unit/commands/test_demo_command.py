@@ -15,7 +15,7 @@ def palpate(*arguments: str) -> int:
     return run(build_app(), list(arguments), name="palpate")
 
 
-@pytest.mark.parametrize("name", ["packhouse"])
+@pytest.mark.parametrize("name", ["recordings", "packhouse"])
 def test_what_it_proposes_works_as_typed(
     name: str,
     tmp_path: Path,
