@@ -79,8 +79,18 @@ def read_claims(docs: Path) -> list[Claim]:
     return [_claim(row, docs) for row in rows]
 
 
+def quotes(docs: Path) -> list[tuple[str, str, str]]:
+    """Return claim, page and text that the page has to hold, figures filled in."""
+    rows = tomllib.loads((docs / "claims.toml").read_text())["claim"]
+    return [
+        (row["name"], page, _filled(text, _kept(docs, row["result"])["figures"], claim=row["name"]))
+        for row in rows
+        for page, text in row.get("quotes", [])
+    ]
+
+
 def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
-    kept = json.loads((docs / "kept" / f"{row['result']}.json").read_text())
+    kept = _kept(docs, row["result"])
 
     def filled(key: str) -> str:
         return _filled(row.get(key, ""), kept["figures"], claim=row["name"])
@@ -95,6 +105,10 @@ def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
         scale, form = row.get("scale", 1.0), row.get("form", "+.3f")
         ends = [f"{scale * found[key]:{form}}" for key in ("difference", "low", "high")]
         difference = f"{ends[0]} ({ends[1]} to {ends[2]})"
+    second = row.get("second", "")
+    if second and "second_result" in row:
+        figures = _kept(docs, row["second_result"])["figures"]
+        second = _filled(second, figures, claim=row["name"])
     return Claim(
         name=row["name"],
         claim=row["claim"],
@@ -105,25 +119,22 @@ def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
         rival_name=row["rival_name"],
         difference=difference,
         verdict=verdict,
-        second=filled("second"),
+        second=second,
         command=kept["command"],
         note=row.get("note", ""),
     )
+
+
+def _kept(docs: Path, name: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((docs / "kept" / f"{name}.json").read_text())
+    return found
 
 
 def _filled(text: str, figures: Any, *, claim: str) -> str:
     """Put figures in place of `{path}` or `{path:form}`, or `{100*path:form}`."""
 
     def put(match: re.Match[str]) -> str:
-        path, _, form = (
-            match.group(1).rpartition(":")
-            if ":" in match.group(1)
-            else (
-                match.group(1),
-                "",
-                "",
-            )
-        )
+        path, _, form = match.group(1).partition(":")
         scale = 1.0
         if "*" in path:
             factor, path = path.split("*", 1)
@@ -135,7 +146,7 @@ def _filled(text: str, figures: Any, *, claim: str) -> str:
 
 
 def _looked_up(path: str, figures: Any, *, claim: str) -> Any:
-    """Follow a path such as ``rows[method=ours,rate=0.05]/firmness``."""
+    """Follow a path such as ``rows[method=ours;rate=0.05]/firmness``."""
     found = figures
     for part in path.split("/"):
         match = _PART.fullmatch(part)
@@ -143,7 +154,7 @@ def _looked_up(path: str, figures: Any, *, claim: str) -> Any:
             raise InputError(f"claims.toml: {claim}: no {part!r} of {path!r} in its result")
         found = found[match.group(1)]
         if match.group(2) is not None:
-            wanted = dict(pair.split("=", 1) for pair in match.group(2).split(","))
+            wanted = dict(pair.split("=", 1) for pair in match.group(2).split(";"))
             chosen = [one for one in found if all(str(one.get(k)) == v for k, v in wanted.items())]
             if len(chosen) != 1:
                 raise InputError(f"claims.toml: {claim}: {len(chosen)} rows for {part!r}")

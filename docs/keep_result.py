@@ -1,0 +1,46 @@
+"""Run a study and keep the figures that claims quote, with what made them.
+
+Usage: python docs/keep_result.py NAME real|simulated KEY[,KEY...] -- study [OPTIONS]
+
+KEYs are names in the study's JSON document; rows of single cases stay out. Example:
+
+    python docs/keep_result.py rupture real tradeoff,compared -- rupture --curves C --index I
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from palpate_studies.scoreboard import keep
+
+#: `palpate` of this interpreter, installed or not on the path.
+RUN = "import sys; from palpate.cli import main; sys.exit(main())"
+
+
+def main() -> None:
+    """Run, pick, write."""
+    end = sys.argv.index("--")
+    name, origin, keys = sys.argv[1:end]
+    arguments = ["study", *sys.argv[end + 1 :]]
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *arguments, "--json"],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    document = json.loads(done.stdout)
+    shown = " ".join(["palpate", *(Path(a).name if "/" in a else a for a in arguments)])
+    keep(
+        name,
+        docs=Path(__file__).parent,
+        command=shown,
+        origin=origin,
+        figures={key: document[key] for key in keys.split(",")},
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""Pages say what the kept results of studies say, or the build fails."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from palpate.errors import InputError
+from palpate_studies.scoreboard import (
+    BEGIN,
+    END,
+    as_table,
+    keep,
+    quotes,
+    read_claims,
+    with_table,
+)
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+@pytest.mark.parametrize(("page", "with_command"), [("README.md", False), ("scoreboard.md", True)])
+def test_the_tables_of_claims_are_what_the_kept_results_say(page: str, with_command: bool) -> None:
+    text = ((ROOT if page == "README.md" else DOCS) / page).read_text()
+    wanted = with_table(text, as_table(read_claims(DOCS), with_command=with_command))
+    assert text == wanted, f"{page} is stale: run python docs/generate_scoreboard.py"
+
+
+def test_the_first_page_has_no_table_of_results_but_the_generated_one() -> None:
+    text = (ROOT / "README.md").read_text()
+    outside = text.split(BEGIN)[0] + text.split(END)[1]
+    assert not re.findall(r"^\|.*\d.*\|$", outside, flags=re.MULTILINE)
+
+
+def test_pages_quote_kept_results() -> None:
+    found = quotes(DOCS)
+    assert found
+    for claim, page, text in found:
+        assert text in (DOCS / page).read_text(), f"{claim}: docs/{page} does not say {text!r}"
+
+
+def test_every_kept_result_says_what_made_it_and_is_used() -> None:
+    rows = tomllib.loads((DOCS / "claims.toml").read_text())["claim"]
+    named = {row[key] for row in rows for key in ("result", "second_result") if key in row}
+    for path in sorted((DOCS / "kept").glob("*.json")):
+        document = json.loads(path.read_text())
+        assert document["origin"] in ("real", "simulated")
+        assert document["command"].startswith("palpate study ")
+        assert re.fullmatch(r"[0-9a-f]{64}", document["code_sha256"] or 64 * "0")
+        assert (document["code_sha256"] is None) == path.stem.startswith("earlier-")
+        assert path.stem in named
+    for claim in read_claims(DOCS):
+        assert claim.verdict in ("ours", "rival", "undecided")
+        if claim.name in {row["name"] for row in rows if row["result"].startswith("earlier-")}:
+            assert "earlier" in claim.note or claim.verdict == "rival"
+
+
+@pytest.fixture
+def docs(tmp_path: Path) -> Path:
+    (tmp_path / "kept").mkdir()
+    keep(
+        "one",
+        docs=tmp_path,
+        command="palpate study one",
+        origin="real",
+        figures={
+            "rows": [{"method": "a, b", "error": 0.1234}, {"method": "c", "error": 0.2}],
+            "pair": {"difference": -0.1, "low": -0.2, "high": 0.01, "verdict": "undecided"},
+        },
+    )
+    (tmp_path / "claims.toml").write_text(
+        '[[claim]]\nname = "x"\nclaim = "error"\nresult = "one"\ncount = "3"\n'
+        'ours = "{100*rows[method=a, b]/error:.1f} %"\nrival = "{rows[method=c]/error}"\n'
+        'rival_name = "c"\ndifference = "pair"\nverdict = "undecided"\n'
+        'quotes = [["page.md", "{rows[method=c]/error:.2f}"]]\n'
+    )
+    return tmp_path
+
+
+def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
+    (claim,) = read_claims(docs)
+    assert (claim.ours, claim.rival, claim.origin) == ("12.3 %", "0.2", "real")
+    assert claim.difference == "-0.100 (-0.200 to +0.010)"
+    assert quotes(docs) == [("x", "page.md", "0.20")]
+    assert "| 12.3 % | 0.2 (c) |" in as_table([claim], with_command=False)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('verdict = "undecided"', 'verdict = "ours"', "its interval 'undecided'"),
+        ("method=c]/error}", "method=d]/error}", "0 rows"),
+        ('difference = "pair"', 'difference = "pear"', "no 'pear'"),
+    ],
+)
+def test_a_claim_that_its_result_does_not_support_is_refused(
+    docs: Path, old: str, new: str, complaint: str
+) -> None:
+    path = docs / "claims.toml"
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InputError, match=complaint):
+        read_claims(docs)
+
+
+def test_a_figure_changed_on_a_page_or_in_a_result_is_noticed(tmp_path: Path) -> None:
+    shutil.copytree(DOCS / "kept", tmp_path / "kept")
+    shutil.copy(DOCS / "claims.toml", tmp_path)
+    page = (ROOT / "README.md").read_text()
+    path = tmp_path / "kept" / "rupture.json"
+    document = json.loads(path.read_text())
+    for row in document["figures"]["tradeoff"]:
+        row["firmness"] += 0.1
+    path.write_text(json.dumps(document))
+    assert with_table(page, as_table(read_claims(tmp_path), with_command=False)) != page
+    with pytest.raises(InputError, match="needs one"):
+        with_table("no marks", "")
