@@ -219,10 +219,11 @@ def _calibration_holds(files: Sequence[Path], *, horizon_s: float) -> list[Hold]
     """Return the holds that reach the horizon; say on standard error where they are few."""
     from math import isnan
 
-    from palpate.holds import read_holds
+    from palpate.commands.settle_source import Source
     from palpate.settling.scoring import settled_value
 
-    holds = [hold for file in files for hold in read_holds(file, until_s=horizon_s)]
+    source = Source(paths=files)
+    holds = [hold for file in source.files() for hold in source.holds(file, until_s=horizon_s)]
     kept = [h for h in holds if not isnan(settled_value(h.time_s, h.values, horizon_s=horizon_s))]
     if len(kept) < FEW_CALIBRATION_HOLDS:
         print(

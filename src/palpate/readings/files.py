@@ -25,6 +25,10 @@ def read_table_file(path: Path) -> Table:
     try:
         with path.open("rb") as file:
             start = file.read(4)
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{path}: no such file; name a recording (CSV, TSV, Excel, Parquet or .mcap)"
+        ) from error
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; name a recording's file") from error
     if not start:

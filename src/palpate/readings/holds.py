@@ -12,7 +12,7 @@ from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.readings.cut import find_contacts
 from palpate.readings.names import Unit
-from palpate.readings.read import Readings, read_recording
+from palpate.readings.read import Readings, read_recordings
 from palpate.signal.circuit import Divider, resistance_ohm
 
 #: How holds are found: after contacts, at a time in seconds, or the whole recording as one.
@@ -86,11 +86,11 @@ def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> lis
     """
     if values is not None:
         recording = {"time_s": recording, "value": values}
-    readings = recording if isinstance(recording, Readings) else read_recording(recording)
-    columns = cut_columns(readings, cut=cut)
+    parts = [recording] if isinstance(recording, Readings) else read_recordings(recording)
+    columns = [column for part in parts for column in cut_columns(part, cut=cut)]
     holds = [hold for column in columns for hold in column.holds]
     if not holds:
-        raise InputError(why_none(readings.name, columns))
+        raise InputError(why_none(parts[0].name, columns))
     return holds
 
 
@@ -106,6 +106,8 @@ def why_none(name: str, columns: list[CutColumn]) -> str:
 
 def cut_columns(readings: Readings, *, cut: CutAt = "auto") -> list[CutColumn]:
     """Cut each column; the parameters are those of `cut_holds`."""
+    if readings.is_hold and cut == "auto":
+        cut = "none"
     return [_cut_column(readings, name, cut) for name in readings.columns]
 
 

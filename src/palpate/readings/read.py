@@ -46,6 +46,8 @@ class Readings:
         ``ohm``, ``percent``, ``counts``, ``volt``, or None where it isn't known.
     divider : Divider or None
         What turns counts into ohm.
+    is_hold : bool
+        Whether it is one hold already: the table had a column ``hold_id``.
     remarks : list of str
         What was left out or taken for granted, one sentence each.
     """
@@ -55,6 +57,7 @@ class Readings:
     columns: Mapping[str, NDArray[np.float64]]
     units: Mapping[str, Unit | None]
     divider: Divider | None = None
+    is_hold: bool = False
     remarks: list[str] = field(default_factory=list)
 
 
@@ -107,8 +110,8 @@ def read_recording(
     )
     if len(parts) > 1:
         raise InputError(
-            f"{parts[0].name}: one of {len(parts)} recordings in {source}; `read_recordings` "
-            "returns all"
+            f"{parts[0].name}: one of {len(parts)} recordings in a table; `cut_holds` takes such a "
+            "table whole"
         )
     return parts[0]
 
@@ -141,6 +144,7 @@ def read_recordings(
         found.append(
             Readings(
                 name=f"{stem}:{label}" if label else stem,
+                is_hold="hold_id" in table.columns,
                 time_s=time_s,
                 columns=columns,
                 units=units,

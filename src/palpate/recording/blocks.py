@@ -90,7 +90,9 @@ def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[Record]
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)
     if stream.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-        raise RecordingError("not an MCAP recording (its first bytes are different)")
+        raise RecordingError(
+            "not an MCAP recording (its first bytes are different); `palpate settle` reads tables"
+        )
     while True:
         state.unread_bytes = size - stream.tell()
         head = stream.read(_HEAD.size)

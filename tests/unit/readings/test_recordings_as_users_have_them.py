@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -341,3 +342,36 @@ def test_a_plot_shows_where_it_cut(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_every_touch_of_the_demo_recordings_is_found(tmp_path: Path) -> None:
     for path, columns in zip(write_recordings(tmp_path), (1, 1, 2), strict=True):
         assert len(palpate.cut_holds(palpate.read_recording(path))) == 4 * columns
+
+
+def test_a_table_of_several_recordings_or_holds_is_taken_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = pd.DataFrame({"recording_id": "a", "time_s": TIME_S, "R": OHM})
+    frame = pd.concat([one, one.assign(recording_id="b")])
+    assert [hold.hold_id for hold in palpate.cut_holds(frame)][2:4] == [
+        *("recording:a:R:3", "recording:b:R:1")
+    ]
+    held = (TIME_S > 2.2) & (TIME_S < 25)
+    path = tmp_path / "holds.xlsx"
+    pd.DataFrame({"hold_id": "h", "time_s": TIME_S[held], "value": OHM[held]}).to_excel(path)
+    found, holds, _ = settled(path, capsys)
+    assert found == pytest.approx(SETTLED[:1], rel=0.01)
+    assert holds == ["holds:value:1"]
+
+
+def test_what_excel_needs_is_named_where_it_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "r.xlsx"
+    pd.DataFrame({"time_s": TIME_S, "R": OHM}).to_excel(path)
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    assert "pip install 'palpate[data]'" in refused(path, capsys)
+
+
+def test_past_holds_may_be_recordings_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(FORMS["plain.csv"])
+    assert "3 of 3 holds reach 20 s" in settled(path, capsys, "--fit-on", str(path))[2]
