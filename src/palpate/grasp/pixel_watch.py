@@ -29,9 +29,12 @@ _SEE_DOCTOR = "see what `palpate doctor` says"
 class PixelWatch:
     """Watches the pixels that the calibration knows; what it did not read is not missed.
 
-    A pixel at an end of its range makes a frame doubtful, and is an alarm at its second frame.
-    A short is never taken for no load. It is told from a sheet pressed beyond the converter's range
-    by how it came: alone, or while the fingers stood still, which no load does. A pixel that sticks
+    A pixel that jumps to an end of its range makes a frame doubtful, and is an alarm at its second
+    frame. A short is never taken for no load: it is told from a sheet pressed beyond the
+    converter's range by how it came, alone or while the fingers stood still, which no load does.
+    Where a load brings a pixel to the end step by step, it reads the least that it can be, and the
+    others go on; once it has brought most of those that it presses there, nothing is known of it
+    any more, and that is an alarm too. A pixel that sticks
     in the middle of its range is known after eight movements of the fingers, all of them together
     after four; one that sticks later, in the hold, is not known here.
 
@@ -51,6 +54,8 @@ class PixelWatch:
         self._opened = np.zeros(rest_ohm.shape, dtype=int)
         self._ended = np.zeros(rest_ohm.shape, dtype=int)
         self._shorted = np.zeros(rest_ohm.shape, dtype=bool)
+        self._pressed = np.zeros(rest_ohm.shape, dtype=bool)
+        self._loaded = np.zeros(rest_ohm.shape, dtype=bool)
         self._slept = np.zeros(rest_ohm.shape, dtype=int)
         self._shaken = np.zeros(rest_ohm.shape, dtype=bool)
         self._counted_at = 0.0
@@ -59,8 +64,19 @@ class PixelWatch:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the last frame has a pixel at an end of its range: nothing is decided on it."""
-        return bool((self._known & ((self._opened > 0) | (self._ended > 0))).any())
+        """Whether a pixel has just jumped to an end of its range: nothing is decided on that."""
+        sudden = (self._ended > 0) & ~self._pressed
+        return bool((self._known & ((self._opened > 0) | sudden)).any())
+
+    @property
+    def beyond(self) -> str | None:
+        """What to say of pixels that a load has brought to the end of their range, if there are."""
+        if not (self._known & self._pressed).any():
+            return None
+        return (
+            f"{self._first(self._pressed)} is pressed beyond what can be read: the force may be "
+            "more than measured; a smaller reference resistor reads further"
+        )
 
     def alarm(self, observation: Observation) -> Alarm | None:
         """Take the next observation; say which pixel failed and how, None if none did."""
@@ -85,8 +101,13 @@ class PixelWatch:
         jumped = self._known & (jumped if self._counts is not None else ended)
         standing = frame.time_s - self._moved_s > _ANSWERED_S
         came = jumped & (~_others(jumped) | standing)
-        short = ~self._others_pressed(counts) | came
-        self._shorted = ended & (self._shorted | ((self._ended == 1) & short))
+        self._loaded = self._under_load(counts)
+        short = ~_others(self._loaded) | came
+        begins = self._ended == 1
+        self._shorted = ended & (self._shorted | (begins & short))
+        self._pressed = ended & (self._pressed | (begins & ~short & ~jumped))
+        # What stays at the end under a load does not sleep.
+        self._shaken |= self._pressed
         self._counts = counts
         return self._found()
 
@@ -108,7 +129,10 @@ class PixelWatch:
             if (mask & self._known).any():
                 words = f"{self._first(mask)} reads {how}; {_SEE_DOCTOR}"
                 return Alarm(danger=Danger.SENSOR_LOST, words=words)
-        if (ended & self._known).any():
+        lost = ended & ~self._pressed
+        if 2 * int((self._known & self._pressed).sum()) > int(self._loaded.sum()):
+            lost = ended
+        if (lost & self._known).any():
             words = f"{self._first(ended)} is pressed beyond what can be read: force unknown"
             return Alarm(danger=Danger.FORCE_LIMIT, words=words)
         return None
@@ -130,12 +154,12 @@ class PixelWatch:
         quiet = others.size == 0 or others.max() > _OTHERS
         return np.zeros_like(asleep) if quiet else asleep
 
-    def _others_pressed(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return, for each pixel, whether another one is under load."""
+    def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which pixels are under load."""
         full = self._layout.divider.full_scale
         upper = self._layout.divider.taxel_leg == "upper"
         seen = np.clip(counts if upper else full - counts, 1.0, full - 1.0)
-        return _others(self._known & (full / seen - 1.0 < (1.0 - _LOADED) * self._rest))
+        return np.asarray(self._known & (full / seen - 1.0 < (1.0 - _LOADED) * self._rest))
 
 
 def _others(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -229,6 +229,8 @@ def run_grasp(
                 _tell(views, observation, faults)
                 # Whatever fails from here on is told of this moment.
                 belief = move[0]
+                if pixels.beyond is not None and pixels.beyond not in faults:
+                    faults.append(pixels.beyond)
                 if alarm is not None:
                     move = _heeded(move, alarm, faults, plan=plan)
                 belief = hand.send(move, now_s=frame.time_s)

@@ -70,6 +70,34 @@ def test_a_sheet_pressed_beyond_the_range_is_no_short(plan: Plan) -> None:
     assert found[10].danger is Danger.FORCE_LIMIT
 
 
+def climbing(pixels: int) -> list[Any]:
+    """Return frames in which so many pixels come to the top count by count, six are loaded."""
+    frames = at_rest(2)
+    for number in range(20):
+        frame = np.full((4, 2), 900) + number % 2
+        frame[3] = REST + number % 2
+        frame.ravel()[:pixels] = min(980 + 5 * number, 1023)
+        frames.append(frame)
+    return frames
+
+
+def test_one_pixel_that_a_load_brings_to_the_top_is_no_alarm(plan: Plan) -> None:
+    watch, frames = PixelWatch(plan), climbing(1)
+    for number, counts in enumerate(frames):
+        state = GripperState(time_s=number / 15, width_mm=74.0 - 0.3 * number)
+        frame = Frame(time_s=number / 15, sequence=number, counts=counts)
+        assert watch.alarm(Observation(frame=frame, gripper=state)) is None
+        if number > 4:
+            assert not watch.doubtful
+    assert "pixel R0 C0 is pressed beyond what can be read" in str(watch.beyond)
+
+
+def test_most_of_the_loaded_pixels_at_the_top_are_an_alarm(plan: Plan) -> None:
+    found = alarms(plan, climbing(4), step_mm=0.3)[-1]
+    assert found is not None
+    assert found.danger is Danger.FORCE_LIMIT
+
+
 def test_a_short_under_load_jumps_alone(plan: Plan) -> None:
     frames = [np.full((4, 2), 900) + number % 2 for number in range(6)]
     for frame in frames[3:]:

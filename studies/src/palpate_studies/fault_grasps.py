@@ -1,0 +1,172 @@
+"""One grasp on the twin that a single fault strikes in one phase, and what came of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.requests import Requests
+from palpate.grasp.runner import run_grasp
+from palpate.rig.simulated import calibrated
+from palpate.twin.devices import TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import GripperKind, World
+from palpate_studies.fault_devices import FAULTS, FaultyArray, FaultyGripper
+
+KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
+OBJECTS = ("rigid-block", "ball-44lbs", "strawberry")
+#: Phase that is struck -> phases of the controller that are it.
+STRUCK = {
+    "start": (Phase.APPROACH,),
+    "approach": (Phase.APPROACH,),
+    "squeeze": (Phase.CONTACT, Phase.SQUEEZE),
+    "hold": (Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD),
+}
+#: Speeds against the plan's own.
+SPEEDS = (0.5, 1.0, 2.0)
+#: Sheet and gripper; the grasps of it are drawn from the seeds that follow.
+SHEET = 7300
+_TARGET_N = 4.0
+#: The hand begins so far from the object, mm, and is looked at for so long afterwards, seconds.
+_GAP_MM, _AFTERWARDS_S = 8.0, 2.0
+_LONGEST_S = 40.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One grasp of the campaign."""
+
+    fault: str
+    phase: str
+    thing: str
+    kind: GripperKind
+    speed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Struck:
+    """What came of it.
+
+    Attributes
+    ----------
+    cell : Cell
+        The grasp.
+    struck : bool
+        Whether it came to the phase at all.
+    outcome : str
+        How it ended.
+    reason : str
+        The first line that says why; empty where there is none.
+    peak_n, stays_n : float
+        True grip force: the largest of all, and what is left some time after the end.
+    damaged : bool
+        Whether the object was.
+    safe_s : float
+        From the fault until nothing is commanded any more; NaN where it was not struck.
+    """
+
+    cell: Cell
+    struck: bool
+    outcome: str
+    reason: str
+    peak_n: float
+    stays_n: float
+    damaged: bool
+    safe_s: float
+
+
+def cells() -> list[Cell]:
+    """Return the whole campaign; what only a servo can show is left out of soft fingers."""
+    found = [
+        Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=speed)
+        for fault, phase, thing, kind, speed in product(FAULTS, STRUCK, OBJECTS, KINDS, SPEEDS)
+    ]
+    return [cell for cell in found if not (cell.kind == "soft" and "current" in cell.fault)]
+
+
+def sampled(count: int, *, seed: int) -> list[Cell]:
+    """Return some cells of the campaign, every fault about as often."""
+    rng = np.random.default_rng(seed)
+    by_fault = {name: [cell for cell in cells() if cell.fault == name] for name in FAULTS}
+    each = [rng.permutation(len(found)).tolist() for found in by_fault.values()]
+    rounds = [
+        found[order[turn]]
+        for turn in range(max(map(len, each)))
+        for found, order in zip(by_fault.values(), each, strict=True)
+        if turn < len(order)
+    ]
+    return rounds[:count]
+
+
+@cache
+def _plan(kind: GripperKind) -> Plan:
+    calibration = calibrated(seed=SHEET, level="paper", apart_from="", kind=kind)
+    gripper = TwinGripper(World(None, seed=SHEET, gripper=kind))
+    return plan_grasp(
+        calibration, gripper=gripper, target_force_n=_TARGET_N, longest_s=_LONGEST_S, hold_s=1.5
+    )
+
+
+def struck(cell: Cell, *, seed: int) -> Struck:
+    """Run one grasp."""
+    plan = _plan(cell.kind)
+    plan = replace(plan, rate=cell.speed * plan.rate, squeeze_rate=cell.speed * plan.squeeze_rate)
+    obj = draw_object(np.random.default_rng([seed, 1]), cell.thing)
+    world = World(obj, seed=seed, sheet_seed=SHEET, gripper=cell.kind)
+    if cell.kind == "rigid":
+        world.drive(obj.size_mm + _GAP_MM, rate=60.0)
+    world.clock.sleep_s(1.0)
+    array, gripper, requests = FaultyArray(world), FaultyGripper(world), Requests()
+    fault, struck_s = FAULTS[cell.fault](), list[float]()
+
+    def strike() -> None:
+        struck_s.append(world.clock.now_s())
+        array.fault = gripper.fault = fault
+        world.clock.sleep_s(fault.nudged_s)
+        if fault.stopped:
+            requests.stop.set()
+
+    def watch(belief: Belief) -> None:
+        late = cell.phase != "approach" or len(belief.staircase) >= 2
+        if belief.phase in STRUCK[cell.phase] and late and not struck_s:
+            strike()
+
+    if cell.phase == "start":
+        strike()
+    result = run_grasp(
+        plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch], requests=requests
+    )
+    ended_s = world.clock.now_s()
+    world.clock.sleep_s(_AFTERWARDS_S)
+    stays_n = world.force_n(world.clock.now_s())
+    truth = world.truth()
+    return Struck(
+        cell=cell,
+        struck=bool(struck_s),
+        outcome=str(result.outcome),
+        reason=result.faults[0] if result.faults else "",
+        peak_n=truth.peak_force_n,
+        stays_n=stays_n,
+        damaged=truth.damaged,
+        safe_s=ended_s - struck_s[0] if struck_s else math.nan,
+    )
+
+
+def campaign(
+    chosen: list[Cell], *, first_seed: int, done: Callable[[Struck], None]
+) -> list[Struck]:
+    """Run many, each with an object and a session of its own."""
+    found = list[Struck]()
+    for number, cell in enumerate(chosen):
+        found.append(struck(cell, seed=first_seed + number))
+        done(found[-1])
+    return found
