@@ -27,6 +27,8 @@ _MOVING, _STANDING = 4, 6
 _TIMES = 2.0
 #: The sheet is asked once it has answered the movement.
 _ANSWERED_S = 0.2
+#: A motor that turns is never quite steady: so many equal readings in a row are none.
+_EQUAL = 16
 #: Without a calibration of the current, the first movements of the grasp itself show what the gears
 #: take; so many are needed. Later ones may take so many times the most of them, and this more, mA.
 _FEWEST, _TIMES_EMPTY, _MORE_MA = 4, 2.0, 20.0
@@ -48,6 +50,7 @@ class CurrentWatch:
         self._pull = deque[tuple[float, float]](maxlen=_MOVING)
         self._stand = deque[tuple[float, float]](maxlen=_STANDING)
         self._closure = math.inf
+        self._turning = deque[float](maxlen=_EQUAL)
         self._judged = True
         self._twice = 0
         self._empty_ma = list[float]()
@@ -69,8 +72,9 @@ class CurrentWatch:
             self._judged = True
             return None
         self._pull.append(reading)
+        self._turning.append(state.current_ma)
         self._judged = False
-        return self._too_much(self._pull)
+        return self._too_much(self._pull) or self._stuck()
 
     def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
         """Return the force that is there for sure."""
@@ -95,6 +99,15 @@ class CurrentWatch:
             "the most allowed"
         )
         return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+
+    def _stuck(self) -> Alarm | None:
+        if len(self._turning) < _EQUAL or len(set(self._turning)) > 1:
+            return None
+        words = (
+            f"the servo's current has read {self._turning[0]:.0f} mA {_EQUAL} times while the hand "
+            "closed: it is stuck, and shows no force"
+        )
+        return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
 
     def _unseen(self, belief: Belief) -> Alarm | None:
         """Compare the last movement, and the hand as it stands, with what the sheet shows."""

@@ -23,6 +23,9 @@ _MOVES, _OTHERS, _ALL_MOVES = 8, 3, 4
 #: The sheet has answered a movement after so long; the reports of a hand that stands differ by less
 #: than this, mm or kPa.
 _ANSWERED_S, _SAME = 0.3, 0.1
+#: A sensor that flickers, so that of so many frames never more than a few in a row were alike, is
+#: not quiet all at once: from so many alike on they are no new ones.
+_SEEN, _FEW_ALIKE, _MOST_ALIKE = 30, 2, 10
 _SEE_DOCTOR = "see what `palpate doctor` says"
 
 
@@ -36,7 +39,8 @@ class PixelWatch:
     others go on; once it has brought most of those that it presses there, nothing is known of it
     any more, and that is an alarm too. A pixel that sticks
     in the middle of its range is known after eight movements of the fingers, all of them together
-    after four; one that sticks later, in the hold, is not known here.
+    after four, and in a hand that stands too where the sensor flickers. A single one that sticks in
+    the hold is not known here.
 
     Parameters
     ----------
@@ -59,6 +63,7 @@ class PixelWatch:
         self._slept = np.zeros(rest_ohm.shape, dtype=int)
         self._shaken = np.zeros(rest_ohm.shape, dtype=bool)
         self._counted_at = 0.0
+        self._frames = self._alike = self._longest = 0
         self._closure = 0.0
         self._moved_s = -np.inf
 
@@ -84,6 +89,7 @@ class PixelWatch:
         counts = np.asarray(frame.counts, dtype=float) / frame.oversampling
         before = counts if self._counts is None else self._counts
         self._shaken |= counts != before
+        self._count_alike(alike=bool((counts == before)[self._known].all()))
         moving, closure = (
             observation.gripper.moving,
             self._plan.gripper.closure(observation.gripper),
@@ -113,11 +119,14 @@ class PixelWatch:
 
     def _found(self) -> Alarm | None:
         asleep = self._known & (self._slept >= _ALL_MOVES)
-        if self._known.any() and (asleep == self._known).all():
+        if self._known.any() and ((asleep == self._known).all() or self._repeating):
+            since = f"{self._alike} frames"
+            if not self._repeating:
+                since = f"{_ALL_MOVES} movements of the fingers"
             return Alarm(
                 danger=Danger.SENSOR_LOST,
-                words=f"no pixel has changed in {_ALL_MOVES} movements of the fingers: frames "
-                f"arrive, and are not new; {_SEE_DOCTOR}",
+                words=f"no pixel has changed in {since}: frames arrive, and are not new; "
+                f"{_SEE_DOCTOR}",
             )
         ended = self._ended >= _FRAMES
         failed = {
@@ -140,6 +149,20 @@ class PixelWatch:
     def _first(self, mask: NDArray[np.bool_]) -> str:
         row, col = np.argwhere(mask & self._known)[0].tolist()
         return f"pixel {pixel_name(row, col)}"
+
+    def _count_alike(self, *, alike: bool) -> None:
+        """Count frames that repeat the one before; a run that has ended shows what is usual."""
+        self._frames += 1
+        if alike:
+            self._alike += 1
+            return
+        self._longest, self._alike = max(self._longest, self._alike), 0
+
+    @property
+    def _repeating(self) -> bool:
+        before = self._frames - self._alike
+        flickers = before >= _SEEN and self._longest <= _FEW_ALIKE
+        return flickers and self._alike > _MOST_ALIKE
 
     def _count_moves(self, closure: float) -> None:
         """Count the movements that each pixel has slept through."""

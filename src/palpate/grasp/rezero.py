@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 _PATIENCE_S = 3.0
 #: Weather and wear move a sheet's rest by less than this factor, all pixels alike, and single
 #: pixels by less than this one against the others: what lies beyond is no rest of this sheet.
-_SHEET_FACTOR, _PIXEL_FACTOR = 2.5, 2.0
+_SHEET_FACTOR, _PIXEL_FACTOR = 2.5, 1.6
 #: Closing over so many steps of the approach without a rise shows that nothing presses.
 _PROVING_STEPS = 1.5
 

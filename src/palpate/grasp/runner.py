@@ -22,7 +22,7 @@ from palpate.grasp.phases import Phase
 from palpate.grasp.pixel_watch import PixelWatch
 from palpate.grasp.plan import Plan
 from palpate.grasp.requests import Requests
-from palpate.grasp.result import GraspResult
+from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.rezero import strange_rest
 from palpate.grasp.safety import Alarm, Danger
 from palpate.gripper.interface import Gripper, GripperState
@@ -228,9 +228,10 @@ def run_grasp(
                 alarm = alarm or hand.alarm(observation.gripper, belief=move[0], now_s=frame.time_s)
                 _tell(views, observation, faults)
                 # Whatever fails from here on is told of this moment.
-                belief = move[0]
+                before, belief = belief, move[0]
                 if pixels.beyond is not None and pixels.beyond not in faults:
                     faults.append(pixels.beyond)
+                faults += _given_up(before, belief, plan=plan)
                 if alarm is not None:
                     move = _heeded(move, alarm, faults, plan=plan)
                 belief = hand.send(move, now_s=frame.time_s)
@@ -267,6 +268,19 @@ def _strange(before: Belief, now: Belief, *, plan: Plan) -> Alarm | None:
         return None
     why = strange_rest(now.rest_ohm, plan=plan)
     return None if why is None else Alarm(danger=Danger.SENSOR_LOST, words=why)
+
+
+def _given_up(before: Belief, now: Belief, *, plan: Plan) -> list[str]:
+    """Say why the controller itself has just ended the grasp, where its outcome does not."""
+    if now.phase is not Phase.RELEASE or before.phase is Phase.RELEASE or now.result.faults:
+        return []
+    reasons = {
+        Outcome.FORCE_LIMIT: f"the sheet shows {now.force_n:.1f} N, and "
+        f"{plan.safety.force_ceiling_n:g} N is the most allowed",
+        Outcome.TIMED_OUT: f"not done within {plan.longest_s:g} s",
+    }
+    reason = reasons.get(now.result.outcome)
+    return [] if reason is None else [reason]
 
 
 def _heeded(move: Move, alarm: Alarm, faults: list[str], *, plan: Plan) -> Move:

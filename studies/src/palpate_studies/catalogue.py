@@ -16,6 +16,7 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.force_control",
         "Random things gripped to a force and lifted, simulated",
     ),
+    "faults": ("palpate_studies.faults", "Single faults in every phase of a grasp, simulated"),
     "hybrid": ("palpate_studies.hybrid", "Recorded fruit and sheets through the real firmware"),
     "noise": (
         "palpate_studies.noise",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,9 +63,9 @@ class Fault:
     stopped: bool = False
 
 
-def _at(where: object, value: int) -> Spoil:
+def _at(where: Any, value: int) -> Spoil:
     def spoil(counts: Counts, first: Counts) -> Counts:
-        counts[where] = value  # type: ignore[index]
+        counts[where] = value
         return counts
 
     return spoil
@@ -82,7 +82,7 @@ def _flat(value: int) -> Spoil:
 
 def _unfelt(counts: Counts, first: Counts) -> Counts:
     """The object lies beside the sheet: each pixel reads as at first, and shakes a little."""
-    return np.clip(first + counts % 3 - 1, 2, _TOP - 3).astype(np.int32)
+    return np.asarray(np.clip(first + counts % 3 - 1, 2, _TOP - 3), dtype=np.int32)
 
 
 def _frozen() -> Spoil:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -159,14 +158,3 @@ def struck(cell: Cell, *, seed: int) -> Struck:
         damaged=truth.damaged,
         safe_s=ended_s - struck_s[0] if struck_s else math.nan,
     )
-
-
-def campaign(
-    chosen: list[Cell], *, first_seed: int, done: Callable[[Struck], None]
-) -> list[Struck]:
-    """Run many, each with an object and a session of its own."""
-    found = list[Struck]()
-    for number, cell in enumerate(chosen):
-        found.append(struck(cell, seed=first_seed + number))
-        done(found[-1])
-    return found

@@ -140,3 +140,12 @@ def test_a_gripper_without_current_is_not_judged(calibrated: Plan) -> None:
     state = GripperState(time_s=0.0, width_mm=50.0)
     watch = CurrentWatch(calibrated)
     assert watch.alarm(state, belief=belief_of(0.0, closure=24.0, still=True)) is None
+
+
+def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
+    watch = CurrentWatch(calibrated)
+    found = [alarm for closure in range(4) for alarm in moved(watch, 0.0, closure=closure)]
+    assert found[:18] == [None] * 18
+    assert found[18] is not None
+    assert found[18].danger is Danger.GRIPPER_FAULT
+    assert "it is stuck" in found[18].words

@@ -263,3 +263,18 @@ def test_the_ceiling_is_where_it_is_said_to_be(
     after, command = step(belief, observation, plan=plan)
     assert (after.result.outcome is Outcome.FORCE_LIMIT) == opens
     assert (command is not None) == opens
+
+
+def test_a_grasp_that_the_ceiling_ends_says_so(plan: Plan, bench: Any) -> None:
+    def shove(_: Observation) -> None:
+        if bench.force_n > 0:
+            bench.size_mm, bench.n_per_mm = 56.0, 50.0
+
+    low = replace(plan, safety=SafetyLimits(force_ceiling_n=3.0))
+    assert "and 3 N is the most allowed" in run(low, bench, shove).faults[-1]
+
+
+def test_a_grasp_that_takes_too_long_says_so(plan: Plan, bench: Any) -> None:
+    bench.n_per_mm = 0.01
+    result = run(replace(plan, longest_s=20.0, hold_s=60.0), bench)
+    assert result.faults[-1] == "not done within 20 s"

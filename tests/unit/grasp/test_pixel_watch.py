@@ -176,3 +176,17 @@ def test_pixels_that_the_calibration_does_not_know_are_not_missed(plan: Plan) ->
     for frame in frames:
         frame[3, 1] = 0
     assert watched(replace(plan, rest_ohm=rest_ohm), frames) == [None] * 5
+
+
+def test_a_hand_that_stands_notices_frames_that_repeat(plan: Plan) -> None:
+    """They flickered before: eleven alike are too many, where none was."""
+    rng = np.random.default_rng(2)
+    frames = [REST + rng.integers(0, 3, (4, 2)) for _ in range(40)]
+    said = watched(plan, [*frames, *[frames[-1]] * 11])
+    assert said[:50] == [None] * 50
+    assert "no pixel has changed in 11 frames" in str(said[50])
+
+
+def test_a_sensor_that_repeats_itself_is_let_be(plan: Plan) -> None:
+    frames = [np.full((4, 2), REST + number // 12) for number in range(200)]
+    assert watched(plan, frames) == [None] * 200

@@ -1,0 +1,60 @@
+"""A few grasps of the fault campaign, one of each kind that once went wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate_studies.fault_devices import FAULTS
+from palpate_studies.fault_grasps import KINDS, Cell, Struck, cells, sampled, struck
+from palpate_studies.faults import reported, unexplained
+
+#: Fault, phase, object, hand.
+CASES = {
+    "a ground wire off": ("all pixels short", "approach", "rigid-block", "rigid"),
+    "beside the sheet": ("object beside the sheet", "start", "strawberry", "rigid"),
+    "frozen frames": ("frames constant", "approach", "ball-44lbs", "soft"),
+    "runs on": ("gripper runs on", "squeeze", "rigid-block", "rigid"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_no_fault_goes_on_unseen(name: str) -> None:
+    fault, phase, thing, kind = CASES[name]
+    assert kind in KINDS
+    found = struck(Cell(fault=fault, phase=phase, thing=thing, kind=kind, speed=1.0), seed=77)
+    assert found.struck
+    assert found.outcome in ("sensor_lost", "gripper_fault", "force_limit")
+    assert found.reason
+    assert not unexplained(found)
+    assert found.peak_n < 1.2 * FORCE_CEILING_N
+    assert not (thing == "strawberry" and found.damaged)
+
+
+def test_a_sample_has_every_fault_about_as_often() -> None:
+    chosen = sampled(2 * len(FAULTS), seed=3)
+    assert len(chosen) == len({(c.fault, c.phase, c.thing, c.kind, c.speed) for c in chosen})
+    assert all(sum(cell.fault == name for cell in chosen) == 2 for name in FAULTS)
+    assert len(sampled(10**6, seed=3)) == len(cells())
+
+
+def test_a_row_shows_the_worst() -> None:
+    cell = Cell(fault="pixel open", phase="hold", thing="strawberry", kind="rigid", speed=1.0)
+    first = Struck(
+        cell=cell,
+        struck=True,
+        outcome="sensor_lost",
+        reason="",
+        peak_n=3.0,
+        stays_n=2.0,
+        damaged=False,
+        safe_s=0.1,
+    )
+    found = reported([first, replace(first, reason="pixel open", peak_n=6.0, damaged=True)])
+    assert found.tables[0].rows == [
+        ("pixel open", "2", "sensor_lost 2", "6.0", "2.0", "1 of 2", "1", "0.1")
+    ]
+    assert found.tables[1].rows == []
+    assert found.payload["grasps"][1]["peak_n"] == 6.0
