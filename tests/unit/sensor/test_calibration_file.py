@@ -133,3 +133,16 @@ def test_says_when_it_is_old_or_out_of_its_climate(calibration: Calibration) -> 
         calibration.concerns(now=late)
     )
     assert "calibrated at 21 C" in calibration.concerns(now=fresh, temperature_c=35.0)[0]
+
+
+@pytest.mark.parametrize("ohm", [0.0, -1.0, float("nan")])
+def test_a_rest_value_that_is_no_resistance_is_refused(
+    calibration: Calibration, ohm: float
+) -> None:
+    rest = RestValues(
+        ohm=((9e3, 8e3), (9e3, ohm), (9e3, 8e3), (9e3, 8e3)),
+        spread_percent=((0.1, 0.2),) * 4,
+        frames=30,
+    )
+    with pytest.raises(CalibrationError, match="resistance above 0 ohm"):
+        replace(calibration, rest=rest)

@@ -327,3 +327,24 @@ def test_counts_of_a_frame_cannot_be_written_to() -> None:
     (got,) = frames_in(Decoder().feed(sent(0)))
     with pytest.raises(ValueError, match="read-only"):
         got.counts[0, 0] = 1
+
+
+@pytest.mark.parametrize(
+    ("ahead", "lost", "restarts"),
+    [(2**31 - 1, 2**31 - 1, 0), (2**31, 2**31 + 1, 1)],
+)
+def test_half_of_the_range_is_where_a_gap_becomes_a_restart(
+    ahead: int, lost: int, restarts: int
+) -> None:
+    """From half of the range on a number lies behind: the board has begun again."""
+    frame = FrameMessage(
+        sequence=0,
+        time_us=0,
+        stream=7,
+        oversampling=1,
+        status=0,
+        counts=np.array([[5]], dtype=np.uint16),
+    )
+    decoder = Decoder()
+    decoder.feed(encode_message(frame) + encode_message(replace(frame, sequence=1 + ahead)))
+    assert (decoder.counters.lost, decoder.counters.restarts) == (lost, restarts)
