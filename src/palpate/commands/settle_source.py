@@ -123,6 +123,7 @@ class Source:
             return [_from_mcap(file, self.reading)]
         said = self.reading
         found: list[CutColumn] = []
+        remarks: list[str] = []
         recordings = read_recordings(
             file,
             time_column=said.time_column,
@@ -132,29 +133,34 @@ class Source:
             divider=said.divider,
         )
         for readings in recordings:
-            for remark in readings.remarks:
-                self._say(file, remark)
+            remarks += readings.remarks
             columns = cut_columns(readings, cut=said.cut)
             if not any(column.holds for column in columns):
                 if len(recordings) == 1:
                     raise InputError(why_none(str(file), columns))
-                self._say(file, why_none(readings.name, columns))
+                remarks.append(why_none(readings.name, columns))
             else:
-                self._remark(file, columns)
+                remarks += _remarks(columns)
             found += columns
         if not any(column.holds for column in found):
             raise InputError(f"{file}: no hold in any of its {len(recordings)} recordings")
+        # Not before: a file that is refused gives one line.
+        for remark in remarks:
+            self._say(file, remark)
         return found
-
-    def _remark(self, file: Path, columns: Sequence[CutColumn]) -> None:
-        for column in columns:
-            for remark in (*column.remarks, column.reason):
-                if remark:
-                    self._say(file, f"{column.column}: {remark}")
 
     def _say(self, file: Path, remark: str) -> None:
         if file not in self._said:
             print(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}", file=sys.stderr)
+
+
+def _remarks(columns: Sequence[CutColumn]) -> list[str]:
+    return [
+        f"{column.column}: {remark}"
+        for column in columns
+        for remark in (*column.remarks, column.reason)
+        if remark
+    ]
 
 
 def is_holds_file(file: Path) -> bool:
