@@ -37,6 +37,8 @@ Told = TypeVar("Told")
 
 #: How long an opening hand may take before it is stopped where it is.
 _OPENING_S = 10.0
+#: A hand that did not move at so many commands does not hear them, or can't.
+_IDLE = 4
 #: Until some frames have told the sensor's own rate, it gets this long for each.
 _FIRST_FRAME_S = 2.0
 #: The period is the median of the last intervals, of a few at least: no single frame that is late
@@ -104,6 +106,7 @@ class _Hand:
         self._limits, self._safety = plan.gripper, plan.safety
         self._current = CurrentWatch(plan)
         self._following: Following | None = None
+        self._idle = 0
         self._last: GripperState | None = None
 
     def state(self) -> GripperState:
@@ -145,10 +148,25 @@ class _Hand:
             return Alarm(danger=Danger.GRIPPER_FAULT, words=str(error))
 
     def send(self, move: Move, *, now_s: float) -> Belief:
-        """Send a move's command, if there is one, and follow it; return the belief, told of it."""
+        """Send a move's command, if there is one, and follow it; return the belief, told of it.
+
+        Raises
+        ------
+        DeviceError
+            If it does not answer, or did not move at the last commands.
+        """
         belief, command = move
         if command is None:
             return belief
+        if self._following is not None and self._last is not None:
+            idle = self._following.idle(self._last, limits=self._limits)
+            self._idle = self._idle if idle is None else (self._idle + 1) * idle
+            # An opening is sent all the same.
+            if self._idle >= _IDLE and command.target != self._limits.target(0.0):
+                raise DeviceError(
+                    f"the gripper was sent on {_IDLE} times and did not move; is it blocked, "
+                    "locked or without supply?"
+                )
         sent = self._gripper.command(command)
         if self._last is not None:
             self._following = Following.of(

@@ -213,9 +213,12 @@ class FaultyGripper:
         return self._gripper.command(wanted)
 
     def stop(self) -> None:
-        """Stop where it is."""
+        """Stop where it is; soft fingers vent, as their driver does."""
         self._answering()
-        self._gripper.stop()
+        if self.limits.drive == "pressure":
+            self._gripper.release()
+        else:
+            self._gripper.stop()
 
     def release(self) -> None:
         """Open."""

@@ -241,6 +241,16 @@ def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> Non
     assert bench.clock.now_s() == pytest.approx(bench.commanded_s + PERIOD_S, abs=1e-6)
 
 
+def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench: Any) -> None:
+    """The steps are so short that each alone is within what a loaded servo may be off."""
+    sent = list[Any]()
+    bench.command = lambda wanted: sent.append(wanted) or wanted
+    result = run(replace(plan, step=0.4, fine_step=0.25), bench)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert "sent on 4 times and did not move" in result.faults[0]
+    assert len(sent) == 4
+
+
 # -- the ceiling -----------------------------------------------------------------------------------
 
 
