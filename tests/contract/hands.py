@@ -12,8 +12,11 @@ from tests.conftest import skip
 from palpate.clock import ManualClock
 from palpate.errors import DeviceNotFoundError
 from palpate.gripper.dynamixel import DynamixelGripper
+from palpate.gripper.feetech import FeetechGripper
 from palpate.gripper.fingers import CrankFingers
-from palpate.gripper.interface import Gripper
+from palpate.gripper.hinge import HingedJaw
+from palpate.gripper.interface import Gripper, GripperLimits
+from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.pneumatic import PneumaticGripper
 from palpate.gripper.servo_line import ServoLine
 from palpate.sensor.array import SOFT_LAYOUT
@@ -25,6 +28,7 @@ from palpate.twin.firmware_stream import FirmwareStream
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.regulator_board import RegulatorBoard
 from palpate.twin.servo_bus import ServoBus
+from palpate.twin.sts_bus import StsBus
 from palpate.twin.world import World
 
 BAUD = 1_000_000
@@ -46,6 +50,19 @@ def on_servo(world: World, bus: ServoBus, **options: float) -> DynamixelGripper:
     """Return the real driver at the end of a simulated servo's line."""
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
     return DynamixelGripper(line, clock=world.clock, fingers=CrankFingers(), **options)
+
+
+#: A jaw that opens as wide as the twin's fingers.
+JAW, CLOSED_TICK = HingedJaw(jaw_mm=70.0), 1000
+JAW_LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+
+
+def on_jaw(world: World, bus: StsBus, **options: float) -> FeetechGripper:
+    """Return the real driver at the end of a simulated Feetech line."""
+    line = ServoLine(bus.name, servo_id=6, baud=BAUD, reply_s=REPLY_S, packets=PROTOCOL_1)
+    return FeetechGripper(
+        line, clock=world.clock, jaw=JAW, limits=JAW_LIMITS, closed_tick=CLOSED_TICK, **options
+    )
 
 
 def on_board(world: World, board: RegulatorBoard) -> tuple[SerialArray, PneumaticGripper]:
@@ -83,6 +100,27 @@ def servo_hand(model_number: int) -> Iterator[Hand]:
     world = world_of("rigid")
     bus = ServoBus(world, model_number=model_number)
     gripper = on_servo(world, bus)
+
+    def wait(duration_s: float) -> None:
+        for _ in range(round(duration_s / 0.1)):
+            world.clock.sleep_s(0.1)
+            gripper.state()
+
+    yield Hand(
+        gripper=gripper,
+        clock=world.clock,
+        wait=wait,
+        where=lambda: world.drive_value(world.now_s()),
+    )
+    gripper.close()
+    bus.close()
+
+
+@contextmanager
+def jaw_hand() -> Iterator[Hand]:
+    world = world_of("rigid")
+    bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
+    gripper = on_jaw(world, bus)
 
     def wait(duration_s: float) -> None:
         for _ in range(round(duration_s / 0.1)):
@@ -158,6 +196,7 @@ HANDS: dict[str, Callable[[], AbstractContextManager[Hand]]] = {
     "twin soft": lambda: twin_hand("soft"),
     "servo with current": lambda: servo_hand(1020),
     "servo without current": lambda: servo_hand(1060),
+    "feetech jaw": jaw_hand,
     "board with regulator": board_hand,
     "firmware on the simulator": firmware_hand,
 }

@@ -23,7 +23,7 @@ class Shape(StrEnum):
 
 OutOption: TypeAlias = Annotated[Path, typer.Option(help="Folder for the files; made if absent.")]
 PresetOption: TypeAlias = Annotated[
-    str, typer.Option(help="Start from paper-2x2 or paper-3x2.", metavar="NAME")
+    str, typer.Option(help="Start from paper-2x2, paper-3x2 or so101.", metavar="NAME")
 ]
 NameOption: TypeAlias = Annotated[
     str | None, typer.Option(help="Stem of the files; the preset's by default.")

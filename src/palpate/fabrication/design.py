@@ -1,4 +1,4 @@
-"""What a sensor is to be like: its numbers, in millimetres, and those of the paper's two."""
+"""What a sensor is to be like: its numbers, in millimetres, and the designs that have a name."""
 
 from __future__ import annotations
 
@@ -97,12 +97,24 @@ class SensorDesign:
 
 
 #: The paper gives matrices and "larger" and "smaller" pixels (Figure 1c) but no dimensions: these
-#: sizes are ours, at the 10 mm pitch of `palpate.sensor.array`.
+#: sizes are ours, at the 10 mm pitch of `palpate.sensor.array`. `so101` is as narrow as its lines
+#: and their traces allow, for the jaws of small printed hands; it has the paper's 2 x 2 matrix.
 PRESETS: dict[str, SensorDesign] = {
     "paper-2x2": SensorDesign(
         name="paper-2x2", rows=2, cols=2, pixel_width_mm=7.0, pixel_height_mm=7.0, gap_mm=3.0
     ),
     "paper-3x2": SensorDesign(
         name="paper-3x2", rows=3, cols=2, pixel_width_mm=9.0, pixel_height_mm=9.0, gap_mm=1.0
+    ),
+    "so101": SensorDesign(
+        name="so101",
+        rows=2,
+        cols=2,
+        pixel_width_mm=5.0,
+        pixel_height_mm=7.0,
+        gap_mm=1.0,
+        trace_mm=1.0,
+        margin_mm=1.5,
+        tail_mm=30.0,
     ),
 }

@@ -82,7 +82,7 @@ class DynamixelGripper:
         self._watchdog = _watchdog_steps(watchdog_s)
         self._last: tuple[float, int] | None = None
         number = line.ping()
-        locked = line.alerted
+        locked = bool(line.alerted)
         if number not in x.MODELS:
             known = ", ".join(model.name for model in x.MODELS.values())
             raise DeviceError(f"{line.name} is of model number {number}; known are {known}")

@@ -1,4 +1,4 @@
-"""One servo on a DYNAMIXEL line: registers read and written, retried, every failure one line."""
+"""One servo on a line: registers read and written, retried, every failure one line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, needing
-from palpate.gripper.x_series import ALERT, HARDWARE_ERROR, HardwareError, PacketError, Register
+from palpate.gripper.packets import PROTOCOL_2, Packets
+from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError, Register
 
 #: A packet that is lost or damaged once is asked for again; a servo that is gone stays silent.
 _TRIES = 3
@@ -18,12 +19,8 @@ REPLY_S = 0.05
 #: After a reply that did not come, or was another's, the line must be silent for so many times that
 #: long before the next question: a reply that is late must not be taken for the next one's.
 _SILENT_TIMES = 2.0
-_PROTOCOL = 2.0
-#: Instructions of Protocol 2.0, and the bytes of a status packet's length field that are no data.
-_PING, _READ, _WRITE, _REBOOT, _NO_DATA = 0x01, 0x02, 0x03, 0x08, 4
-#: Where a packet keeps its number, its length, its error and its data.
-_ID, _LENGTH, _INSTRUCTION, _ERROR, _DATA = 4, 5, 7, 8, 9
-_MODEL_BYTES = 3
+#: Instructions, of both protocols.
+_PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
 _LOOK_S = 0.002
 
 
@@ -36,7 +33,7 @@ class RefusedError(DeviceError):
 
 
 class ServoLine:
-    """Speaks Protocol 2.0 with one servo through the official SDK.
+    """Speaks with one servo through the official SDK.
 
     Parameters
     ----------
@@ -48,6 +45,8 @@ class ServoLine:
         Speed of the line.
     reply_s : float
         How long each reply may take; more on a machine that is busy with other things.
+    packets : Packets
+        The protocol.
 
     Raises
     ------
@@ -57,19 +56,27 @@ class ServoLine:
         If there is no such port.
     """
 
-    def __init__(self, port: str, *, servo_id: int, baud: int, reply_s: float = REPLY_S) -> None:
-        with needing("a DYNAMIXEL gripper", extra="gripper"):
+    def __init__(
+        self,
+        port: str,
+        *,
+        servo_id: int,
+        baud: int,
+        reply_s: float = REPLY_S,
+        packets: Packets = PROTOCOL_2,
+    ) -> None:
+        with needing("a gripper on a servo line", extra="gripper"):
             import dynamixel_sdk as sdk
         self._sdk = sdk
         self.name = f"servo {servo_id} on {port}"
-        #: Whether the last reply said that there is a hardware error.
-        self.alerted = False
-        self._id = servo_id
+        #: What the last reply said of the servo's state: not 0 means a hardware error.
+        self.alerted = 0
+        self._id, self._layout = servo_id, packets
         self._reply_ms = 1e3 * reply_s
         self._port: Any = sdk.PortHandler(port)
         # The SDK's own 34 ms are too few on a busy machine.
         self._port.setPacketTimeout = self._allow_reply
-        self._packets: Any = sdk.PacketHandler(_PROTOCOL)
+        self._packets: Any = sdk.PacketHandler(packets.version)
         try:
             opened = self._port.setBaudRate(baud)
         except OSError as error:
@@ -81,8 +88,9 @@ class ServoLine:
             raise DeviceError(f"{port}: the servo line can't run at {baud} baud")
 
     def ping(self) -> int:
-        """Return the servo's model number."""
-        return int.from_bytes(self._asked(_PING, b"", answer=_MODEL_BYTES)[:2], "little")
+        """Return the servo's model number; 0 where the protocol does not tell it."""
+        told = self._asked(_PING, b"", answer=self._layout.model_bytes)
+        return int.from_bytes(told[:2], "little")
 
     def read(self, register: Register) -> int:
         """Return the value of a register."""
@@ -90,8 +98,8 @@ class ServoLine:
 
     def read_run(self, address: int, size: int) -> bytes:
         """Return `size` bytes of the control table from `address` on."""
-        asked = address.to_bytes(2, "little") + size.to_bytes(2, "little")
-        return self._asked(_READ, asked, answer=size)
+        place = self._layout.place
+        return self._asked(_READ, place(address) + place(size), answer=size)
 
     def write(self, register: Register, value: int) -> None:
         """Write a register.
@@ -102,12 +110,13 @@ class ServoLine:
             If the servo would not take it.
         """
         data = value.to_bytes(register.size, "little", signed=value < 0)
-        self._asked(_WRITE, register.address.to_bytes(2, "little") + data, answer=0)
+        self._asked(_WRITE, self._layout.place(register.address) + data, answer=0)
 
     def write_blindly(self, register: Register, value: int) -> None:
         """Write a register without waiting for an answer: for a servo that does not answer."""
         data = value.to_bytes(register.size, "little", signed=value < 0)
-        packet = self._packet(_WRITE, register.address.to_bytes(2, "little") + data)
+        given = self._layout.place(register.address) + data
+        packet = self._layout.request(self._id, _WRITE, given)
         with self._port_there():
             self._packets.txPacket(self._port, packet)
         self._port.is_using = False
@@ -127,17 +136,18 @@ class ServoLine:
 
     def _asked(self, instruction: int, given: bytes, *, answer: int) -> bytes:
         """Make one exchange, again if it failed on the line; return the `answer` bytes it gave."""
-        result = self._sdk.COMM_RX_TIMEOUT
+        layout, result = self._layout, self._sdk.COMM_RX_TIMEOUT
         for _ in range(_TRIES):
             with self._port_there():
                 reply, result, error = self._packets.txRxPacket(
-                    self._port, self._packet(instruction, given)
+                    self._port, layout.request(self._id, instruction, given)
                 )
-                if result == self._sdk.COMM_SUCCESS and self._answers(reply, answer):
-                    self.alerted, code = bool(error & ALERT), error & ~ALERT
+                whole = result == self._sdk.COMM_SUCCESS
+                if whole and layout.answers(reply, number=self._id, size=answer):
+                    self.alerted, code = error & layout.alert, error & ~layout.alert
                     if code:
                         raise RefusedError(f"{self.name} refused: {_reason(code)}", code=code)
-                    return bytes(reply[_DATA : _DATA + answer])
+                    return bytes(reply[layout.data_at : layout.data_at + answer])
                 self._silence()
         if result != self._sdk.COMM_RX_TIMEOUT:
             raise DeviceError(
@@ -147,24 +157,6 @@ class ServoLine:
         raise DeviceTimeoutError(
             f"{self.name} does not reply ({_TRIES} tries): check its power, cable, number and baud"
         )
-
-    def _packet(self, instruction: int, given: bytes) -> list[int]:
-        """Return a packet with room for the header and the checksum that the SDK fills in."""
-        packet = [0] * (_INSTRUCTION + 1 + len(given) + 2)
-        length = len(given) + 3
-        packet[_ID], packet[_INSTRUCTION] = self._id, instruction
-        packet[_LENGTH], packet[_LENGTH + 1] = length & 0xFF, length >> 8
-        packet[_INSTRUCTION + 1 : _INSTRUCTION + 1 + len(given)] = given
-        return packet
-
-    def _answers(self, reply: list[int], answer: int) -> bool:
-        """Whether a reply is this servo's, and as long as the answer to this question.
-
-        A refusal carries no data.
-        """
-        length = reply[_LENGTH] + (reply[_LENGTH + 1] << 8)
-        refused = bool(reply[_ERROR] & ~ALERT)
-        return reply[_ID] == self._id and length == _NO_DATA + (0 if refused else answer)
 
     def _silence(self) -> None:
         """Throw away what still comes, until nothing has come for a while."""

@@ -8,16 +8,13 @@ at only when somebody looks at the world.
 
 from __future__ import annotations
 
-import os
-import select
 import threading
-import time
-import tty
 
 from palpate.gripper import x_series as x
 from palpate.gripper.fingers import CrankFingers
 from palpate.gripper.interface import GripperCommand
 from palpate.twin.devices import TwinGripper
+from palpate.twin.line_end import LineEnd
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff\xfd\x00"
@@ -89,7 +86,6 @@ class ServoBus:
         self._id = servo_id
         self.silent, self.spoilt = False, 0
         self.late_s, self.deaf, self.position_error = 0.0, False, 0
-        self._held = list[tuple[float, bytes]]()
         self._heard_s = world.clock.now_s()
         self._table = bytearray(x.STATE_END)
         self._put(x.MODEL_NUMBER, model_number)
@@ -100,12 +96,8 @@ class ServoBus:
         self._start()
         self._lock, self._looking = threading.RLock(), False
         world.watchers.insert(0, self._look)
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.name = os.ttyname(self._slave)
-        self._wake, self._waker = os.pipe()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
+        self._line = LineEnd(self._take)
+        self.name = self._line.name
 
     def fail(self, error: x.HardwareError) -> None:
         """Give it a hardware error: the torque goes off, until a reboot."""
@@ -116,12 +108,7 @@ class ServoBus:
 
     def unplug(self) -> None:
         """Pull the adapter out; the servo keeps its power. Again does nothing."""
-        if not self._thread.is_alive():
-            return
-        os.write(self._waker, b"x")
-        self._thread.join()
-        for end in (self._master, self._slave, self._wake, self._waker):
-            os.close(end)
+        self._line.unplug()
 
     def close(self) -> None:
         """Take servo and line away; again does nothing."""
@@ -131,26 +118,14 @@ class ServoBus:
 
     # -- the line ---------------------------------------------------------------------------------
 
-    def _serve(self) -> None:
-        waiting = b""
-        while True:
-            until_s = self._held[0][0] - time.monotonic() if self._held else None
-            ready = select.select(
-                [self._master, self._wake], [], [], until_s and max(until_s, 0.0)
-            )[0]
-            if self._wake in ready:
-                return
-            while self._held and self._held[0][0] <= time.monotonic():
-                os.write(self._master, self._held.pop(0)[1])
-            if self._master not in ready:
-                continue
-            waiting += os.read(self._master, 4096)
-            while (begin := waiting.find(_HEADER)) >= 0 and len(waiting) >= begin + 7:
-                end = begin + 7 + int.from_bytes(waiting[begin + 5 : begin + 7], "little")
-                if len(waiting) < end:
-                    break
-                packet, waiting = waiting[begin:end], waiting[end:]
-                self._hear(packet)
+    def _take(self, waiting: bytes) -> bytes:
+        while (begin := waiting.find(_HEADER)) >= 0 and len(waiting) >= begin + 7:
+            end = begin + 7 + int.from_bytes(waiting[begin + 5 : begin + 7], "little")
+            if len(waiting) < end:
+                break
+            packet, waiting = waiting[begin:end], waiting[end:]
+            self._hear(packet)
+        return waiting
 
     def _hear(self, packet: bytes) -> None:
         if packet[4] != self._id or self.silent:
@@ -189,10 +164,7 @@ class ServoBus:
         if self.spoilt:
             self.spoilt, crc = self.spoilt - 1, crc ^ 1
         packet += crc.to_bytes(2, "little")
-        if self.late_s:
-            self._held.append((time.monotonic() + self.late_s, packet))
-        else:
-            os.write(self._master, packet)
+        self._line.send(packet, late_s=self.late_s)
 
     # -- the servo --------------------------------------------------------------------------------
 

@@ -1,0 +1,177 @@
+"""A Feetech STS3215 servo on a pseudo-terminal, byte by byte, that moves the twin's fingers.
+
+It answers as its protocol manual describes: checksums, state bits in every reply, memory in
+sign-magnitude. It has no watchdog: a goal is gone to, host or no host. The torque limit is looked
+at only when somebody looks at the world, and turned into a force by a straight line.
+"""
+
+from __future__ import annotations
+
+import threading
+
+from palpate.gripper import sts_series as sts
+from palpate.gripper.hinge import HingedJaw
+from palpate.gripper.interface import GripperCommand
+from palpate.gripper.x_series import Register
+from palpate.twin.devices import TwinGripper
+from palpate.twin.line_end import LineEnd
+from palpate.twin.world import World
+
+_HEADER = b"\xff\xff"
+_PING, _READ, _WRITE = 0x01, 0x02, 0x03
+_BAD_INSTRUCTION = 0x40
+#: Grip force at which it gives way at full torque (2.9 N m on a jaw of 70 mm), and its noise-free
+#: supply and temperature.
+_FULL_FORCE_N, _SUPPLY, _TEMPERATURE = 41.0, 74, 33
+_FASTEST = 3400
+
+
+def checksum(body: bytes) -> int:
+    """Return the checksum of a packet's bytes after the header.
+
+    Examples
+    --------
+    The manual's ping of servo 1:
+
+    >>> hex(checksum(bytes([1, 2, 1])))
+    '0xfb'
+    """
+    return ~sum(body) & 0xFF
+
+
+class StsBus:
+    """One servo at the end of a line; its other end is the port `name`.
+
+    Parameters
+    ----------
+    world : World
+        Whose fingers it moves.
+    jaw : HingedJaw
+        How its angle becomes a width.
+    closed_tick : int
+        Position at which the pads touch; positions rise as it opens.
+    servo_id, model_number : int
+        Who it is.
+
+    Attributes
+    ----------
+    silent : bool
+        Set it, and nothing is answered any more.
+    spoilt : int
+        So many of the next replies have a wrong checksum.
+    state : State
+        What it protects itself against; told in every reply.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        jaw: HingedJaw,
+        closed_tick: int,
+        servo_id: int = 6,
+        model_number: int = 777,
+    ) -> None:
+        self._world, self._hand, self._jaw = world, TwinGripper(world), jaw
+        self._closed, self._id = closed_tick, servo_id
+        self.silent, self.spoilt, self.state = False, 0, sts.State(0)
+        self._table = bytearray(sts.STATE_END)
+        self._put(sts.MODEL_NUMBER, model_number)
+        self._put(sts.TORQUE_LIMIT, sts.FULL_TORQUE)
+        self._lock, self._looking = threading.RLock(), False
+        world.watchers.insert(0, self._look)
+        self._line = LineEnd(self._take)
+        self.name = self._line.name
+
+    def unplug(self) -> None:
+        """Pull the adapter out; the servo keeps its power. Again does nothing."""
+        self._line.unplug()
+
+    def close(self) -> None:
+        """Take servo and line away; again does nothing."""
+        self.unplug()
+        if self._look in self._world.watchers:
+            self._world.watchers.remove(self._look)
+
+    # -- the line ---------------------------------------------------------------------------------
+
+    def _take(self, waiting: bytes) -> bytes:
+        while (begin := waiting.find(_HEADER)) >= 0 and len(waiting) >= begin + 4:
+            end = begin + 4 + waiting[begin + 3]
+            if len(waiting) < end:
+                break
+            body, waiting = waiting[begin + 2 : end], waiting[end:]
+            self._hear(body)
+        return waiting
+
+    def _hear(self, body: bytes) -> None:
+        whole = checksum(body[:-1]) == body[-1]
+        if body[0] != self._id or self.silent or not whole:
+            return
+        with self._lock:
+            self._look(self._world.clock.now_s())
+            instruction, given = body[2], body[3:-1]
+            if instruction == _PING:
+                self._reply()
+            elif instruction == _READ:
+                self._refresh()
+                self._reply(bytes(self._table[given[0] : given[0] + given[1]]))
+            elif instruction == _WRITE:
+                self._table[given[0] : given[0] + len(given) - 1] = given[1:]
+                if given[0] == sts.GOAL_POSITION.address:
+                    self._go()
+                self._reply()
+            else:
+                self._reply(error=_BAD_INSTRUCTION)
+
+    def _reply(self, data: bytes = b"", *, error: int = 0) -> None:
+        body = bytes([self._id, len(data) + 2, error | self.state]) + data
+        check = checksum(body)
+        if self.spoilt:
+            self.spoilt, check = self.spoilt - 1, check ^ 1
+        self._line.send(_HEADER + body + bytes([check]))
+
+    # -- the servo --------------------------------------------------------------------------------
+
+    def _go(self) -> None:
+        if not self._get(sts.TORQUE_ENABLE):
+            return
+        goal = sts.signed(self._get(sts.GOAL_POSITION), sign_bit=sts.POSITION_SIGN)
+        target_mm = self._jaw.width_mm((goal - self._closed) * sts.RAD_PER_TICK)
+        now_mm = self._world.drive_value(self._world.clock.now_s())
+        turn = abs(goal - self._closed - self._jaw.angle_rad(now_mm) / sts.RAD_PER_TICK)
+        velocity = self._get(sts.GOAL_VELOCITY) or _FASTEST
+        if abs(target_mm - now_mm) > 1e-9:
+            rate = abs(target_mm - now_mm) / turn * velocity
+            self._hand.command(GripperCommand(target=target_mm, rate=rate))
+
+    def _refresh(self) -> None:
+        state = self._hand.state()
+        width_mm = self._world.drive_value(self._world.clock.now_s())
+        turned = round(self._jaw.angle_rad(width_mm) / sts.RAD_PER_TICK)
+        self._put(sts.PRESENT_POSITION, self._closed + turned)
+        self._put(sts.PRESENT_CURRENT, round(abs(state.current_ma) / sts.MA_PER_UNIT))
+        self._put(sts.PRESENT_VOLTAGE, _SUPPLY)
+        self._put(sts.PRESENT_TEMPERATURE, _TEMPERATURE)
+        self._put(sts.MOVING, state.moving)
+
+    def _look(self, time_s: float) -> None:
+        """Do what the servo does by itself: give way at its torque limit."""
+        with self._lock:
+            if self._looking or time_s < self._world.clock.now_s():
+                return
+            self._looking = True
+            try:
+                limit_n = _FULL_FORCE_N * self._get(sts.TORQUE_LIMIT) / sts.FULL_TORQUE
+                if self._world.moving(time_s) and self._world.force_n(time_s) > limit_n:
+                    self._world.halt(time_s=time_s)
+            finally:
+                self._looking = False
+
+    def _get(self, register: Register) -> int:
+        run = self._table[register.address : register.address + register.size]
+        return int.from_bytes(run, "little")
+
+    def _put(self, register: Register, value: int) -> None:
+        end = register.address + register.size
+        self._table[register.address : end] = int(value).to_bytes(register.size, "little")

@@ -1,0 +1,162 @@
+"""A Feetech servo that falls silent, protects itself or loses its host, at the real driver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, on_jaw, world_of
+
+from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import Outcome
+from palpate.grasp.runner import run_grasp
+from palpate.gripper import sts_series as sts
+from palpate.gripper.feetech import FeetechGripper, open_gripper
+from palpate.gripper.interface import GripperCommand
+from palpate.gripper.packets import PROTOCOL_1
+from palpate.gripper.servo_line import ServoLine
+from palpate.rig.simulated import calibrated
+from palpate.twin.devices import TwinArray
+from palpate.twin.sts_bus import StsBus
+from palpate.twin.world import World
+
+
+@pytest.fixture
+def world() -> World:
+    return world_of("rigid", "strawberry")
+
+
+@pytest.fixture
+def bus(world: World) -> Iterator[StsBus]:
+    found = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def gripper(world: World, bus: StsBus) -> Iterator[FeetechGripper]:
+    found = on_jaw(world, bus)
+    yield found
+    found.close()
+
+
+def pass_time(world: World, duration_s: float) -> None:
+    for _ in range(round(duration_s / 0.01)):
+        world.clock.sleep_s(0.01)
+        world.drive_value(world.clock.now_s())
+
+
+def test_packets_are_those_of_the_manual() -> None:
+    # Ping of servo 1; read two bytes of the position of servo 1; header and checksum are the SDK's.
+    assert PROTOCOL_1.request(1, 1, b"") == [0, 0, 1, 2, 1, 0]
+    place = PROTOCOL_1.place
+    asked = place(sts.PRESENT_POSITION.address) + place(sts.PRESENT_POSITION.size)
+    assert PROTOCOL_1.request(1, 2, asked) == [0, 0, 1, 4, 2, 0x38, 2, 0]
+    assert PROTOCOL_1.answers([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], number=1, size=2)
+    assert not PROTOCOL_1.answers([0xFF, 0xFF, 1, 4, 0, 0x18, 0x05, 0xDD], number=2, size=2)
+    assert not PROTOCOL_1.answers([0xFF, 0xFF, 1, 2, 0, 0xFC], number=1, size=2)
+
+
+def test_a_silent_host_stops_it_on_its_leash(gripper: FeetechGripper, world: World) -> None:
+    sent = gripper.command(GripperCommand(target=10.0, rate=10.0))
+    assert sent.target == pytest.approx(10.0, abs=0.1)
+    pass_time(world, 3.0)
+    # 0.5 s at 10 mm/s at most (a wide jaw closes more slowly), and no more: it has no watchdog.
+    assert 69.0 <= world.drive_value(world.clock.now_s()) <= 71.0
+    assert not world.moving(world.clock.now_s())
+    gripper.state()
+    pass_time(world, 3.0)
+    assert 64.0 <= world.drive_value(world.clock.now_s()) <= 67.0
+
+
+def test_opening_needs_no_host(gripper: FeetechGripper, world: World) -> None:
+    gripper.command(GripperCommand(target=70.0, rate=60.0))
+    pass_time(world, 0.5)
+    gripper.release()
+    pass_time(world, 3.0)
+    assert world.drive_value(world.clock.now_s()) == pytest.approx(74.0, abs=0.1)
+
+
+def test_it_gives_way_at_its_torque_limit() -> None:
+    world = world_of("rigid", "rigid-block")
+    bus = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK)
+    gripper = on_jaw(world, bus, torque_limit_percent=20.0)
+    gripper.command(GripperCommand(target=30.0, rate=20.0))
+    for _ in range(200):
+        world.clock.sleep_s(0.02)
+        gripper.state()
+    assert 5.0 < world.force_n(world.clock.now_s()) < 12.0
+    gripper.close()
+    bus.close()
+
+
+def test_no_reply_and_damaged_replies(gripper: FeetechGripper, bus: StsBus) -> None:
+    bus.spoilt = 2
+    assert gripper.state().width_mm == pytest.approx(74.0, abs=0.1)
+    bus.silent = True
+    for ask in (gripper.state, gripper.stop):
+        with pytest.raises(DeviceTimeoutError, match=r"servo 6 on /dev/pts/\d+ does not reply"):
+            ask()
+
+
+def test_what_it_protects_itself_against_is_told(gripper: FeetechGripper, bus: StsBus) -> None:
+    bus.state = sts.State.OVERHEATING | sts.State.OVERLOAD
+    with pytest.raises(DeviceError, match="protects itself: overheating, overload"):
+        gripper.state()
+
+
+def test_an_old_goal_is_not_gone_to(world: World, bus: StsBus) -> None:
+    """The last program left a goal behind, and the torque off."""
+    line = ServoLine(bus.name, servo_id=6, baud=1_000_000, reply_s=REPLY_S, packets=PROTOCOL_1)
+    line.write(sts.GOAL_POSITION, CLOSED_TICK)
+    line.close()
+    gripper = on_jaw(world, bus)
+    pass_time(world, 1.0)
+    assert world.drive_value(world.clock.now_s()) == pytest.approx(74.0, abs=0.1)
+    gripper.close()
+
+
+def test_a_lost_port_is_one_line(gripper: FeetechGripper, bus: StsBus) -> None:
+    bus.unplug()
+    with pytest.raises(DeviceError, match="the port is gone"):
+        gripper.state()
+
+
+def test_other_servos_and_modes_are_refused(world: World) -> None:
+    other = StsBus(world, jaw=JAW, closed_tick=CLOSED_TICK, model_number=9)
+    with pytest.raises(DeviceError, match="model number 9; known are STS3215"):
+        on_jaw(world, other)
+    other.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"port": "/dev/no-such-servo"}, DeviceNotFoundError, "port /dev/no-such-servo can't be"),
+        ({"highest_mm": 300.0}, InputError, "the jaw goes from 0 to 140 mm"),
+        ({"closed_tick": 4000}, InputError, "move its horn"),
+        ({"torque_limit_percent": 0.0}, InputError, "must be 1 to 100"),
+        ({"opens": 2}, InputError, "opens 2"),
+    ],
+)
+def test_what_can_not_be_opened_is_one_line(
+    bus: StsBus, options: dict[str, object], error: type[Exception], words: str
+) -> None:
+    given = {"port": bus.name, "jaw_mm": 70.0, "closed_tick": CLOSED_TICK, "highest_mm": 70.0}
+    with pytest.raises(error, match=words) as raised:
+        open_gripper(**{**given, **options})  # type: ignore[arg-type]
+    assert "\n" not in str(raised.value)
+
+
+def test_a_grasp_through_the_jaw(gripper: FeetechGripper, world: World) -> None:
+    calibration = calibrated(seed=5, level="paper", apart_from="strawberry")
+    plan = plan_grasp(calibration, gripper=gripper)
+    result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    truth = world.truth()
+    assert result.outcome is Outcome.HELD, result.faults
+    assert result.size_mm is not None
+    assert truth.size_mm is not None
+    assert abs(float(result.size_mm.value or 0.0) - truth.size_mm) < 1.0
+    assert not truth.damaged
+    assert gripper.state().width_mm > 73.0
