@@ -34,27 +34,46 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     >>> [p.name for p in folder.iterdir()], (folder / "note.txt").read_text()
     (['note.txt'], 'whole')
     """
-    final = Path(path)
+    # Through a link to what it names: the link stays.
+    final = Path(path).resolve()
     try:
         handle, name = tempfile.mkstemp(
             prefix=f".{final.stem}-", suffix="".join(final.suffixes), dir=final.parent
         )
     except OSError as error:
         # The user knows the file asked for, not the temporary one.
-        raise OSError(error.errno, error.strerror, str(final)) from error
+        raise OSError(error.errno, error.strerror, str(path)) from error
     os.close(handle)
     partial = Path(name)
     try:
         yield partial
         with partial.open("rb") as written:
             os.fsync(written.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        partial.chmod(0o666 & ~umask)
+        partial.chmod(_mode(final))
         partial.replace(final)
+        _sync_folder(final.parent)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
+
+
+def _mode(final: Path) -> int:
+    """Return the mode that a file has, or that a new one would get."""
+    try:
+        return final.stat().st_mode & 0o777
+    except FileNotFoundError:
+        umask = os.umask(0)
+        os.umask(umask)
+        return 0o666 & ~umask
+
+
+def _sync_folder(folder: Path) -> None:
+    # After a power cut the new name must not point at the old content.
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def keep_inputs(output: Path, *, inputs: Iterable[Path]) -> None:

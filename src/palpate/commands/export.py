@@ -53,6 +53,8 @@ def export(
     form = _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
     check_place(target)
+    if target.exists():
+        raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
     if holds:
         try:
             cut = cut_holds(load_recording(file), unit=unit.value, name=file.stem)

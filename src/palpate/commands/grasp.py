@@ -33,8 +33,10 @@ _EXIT_STATUS = {
     "gripper_fault": 3,
     "stopped": 130,
 }
-#: Neither the store nor its spool could be written.
+#: Neither the store nor its spool could be written, or the recording could not.
 _NOT_KEPT = 3
+#: The subscriber that records; a fault of it begins so.
+RECORDER = "recorder"
 
 
 def grasp(
@@ -143,7 +145,10 @@ def grasp(
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
         print(f"palpate grasp: {why}", file=sys.stderr)
-    if kept and kept["stored"] is None:
+    lost = next((fault for fault in result.faults if fault.startswith(RECORDER)), None)
+    if lost is not None and status < _NOT_KEPT:
+        print(f"palpate grasp: {lost}", file=sys.stderr)
+    if lost is not None or (kept and kept["stored"] is None):
         status = max(status, _NOT_KEPT)
     if status:
         raise typer.Exit(status)

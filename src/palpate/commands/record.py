@@ -47,7 +47,7 @@ def record(
 ) -> None:
     """Record a board, or a rig with its gripper. The file is readable at any moment.
 
-    Ctrl-C ends it, exit status 130, with the file finished.
+    Ctrl-C or SIGTERM ends it, exit status 130, with the file finished.
 
     Example: palpate record apple.mcap --port /dev/ttyACM0 --seconds 30
     """
@@ -79,7 +79,7 @@ def record(
         writer = stack.enter_context(RecordingWriter(file, info=source.info))
         stack.callback(lambda: _say(f"{file}: {source.link_text()}"))
         _say(f"recording {source.name} to {file}; Ctrl-C ends it")
-        stopped = stack.enter_context(_ctrl_c())
+        stopped = stack.enter_context(_stop_signals())
         capture(
             source.array,
             writer=writer,
@@ -95,14 +95,18 @@ def record(
 
 
 @contextmanager
-def _ctrl_c() -> Iterator[Callable[[], bool]]:
-    """Yield a function that says whether Ctrl-C was pressed: nothing is torn apart by it."""
-    pressed: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+def _stop_signals() -> Iterator[Callable[[], bool]]:
+    """Yield a function that says whether Ctrl-C or SIGTERM came: nothing is torn apart by it."""
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
-        yield lambda: bool(pressed)
+        yield lambda: bool(came)
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _say(text: str) -> None:

@@ -123,8 +123,8 @@ def _lacks_gripper(name: str) -> bool:
     if not name.endswith(".toml"):
         return False
     try:
-        stated = tomllib.loads(Path(name).read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        stated = tomllib.loads(Path(name).read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
         return False
     return not stated.keys() & {"use", "gripper"}
 

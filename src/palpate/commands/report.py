@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import zlib
 from pathlib import Path
 from typing import Annotated
 
@@ -68,4 +69,8 @@ def report(
 
 
 def _file_name(name: str) -> str:
-    return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "item"
+    """Return a name that no other item's report has: `A/1` and `A 1` differ."""
+    plain = re.sub(r"[^\w.-]+", "-", name).strip("-.")
+    if plain == name:
+        return plain
+    return f"{plain or 'item'}-{zlib.crc32(name.encode()):08x}"

@@ -144,7 +144,7 @@ def open_source(
     DeviceError
         If the equipment isn't there.
     """
-    from palpate.rig.file import stated_in
+    from palpate.rig.file import stated_in, used_in
     from palpate.sensor.board_array import open_board
 
     stated = {"port": port, "layout": layout, "reference_ohm": reference_ohm}
@@ -162,7 +162,9 @@ def open_source(
         return _of_rig(rig)
     path = Path(rig)
     described = stated_in(path)
-    return _of_rig(str(described["use"])) if "use" in described else _of_file(path, described)
+    if "use" in described:
+        return _of_rig(used_in(path, described))
+    return _of_file(path, described)
 
 
 def _of_rig(name: str) -> Source:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
-import tomllib
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -16,6 +17,7 @@ from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Ur
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.station import BenchOpener
 from palpate.estimate.damage_file import DamageFile
+from palpate.rig.file import stated_in
 
 _LOOK_S = 0.01
 
@@ -98,10 +100,13 @@ class Desk:
             await asyncio.sleep(_LOOK_S)
         return True
 
-    def recordings(self) -> list[Path]:
-        """Return the recordings in the folder, newest first."""
-        files = list(self.settings.folder.glob("*.mcap"))
-        return sorted(files, key=lambda file: (file.stat().st_mtime, file.name), reverse=True)
+    def recordings(self) -> list[tuple[Path, os.stat_result]]:
+        """Return the recordings in the folder, newest first, with what the folder tells of them."""
+        found = []
+        for file in self.settings.folder.glob("*.mcap"):
+            with suppress(OSError):  # a dangling link, or it has gone meanwhile
+                found.append((file, file.stat()))
+        return sorted(found, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
 
     def new_recording(self, what: str) -> Path:
         """Return the name of a recording that does not exist yet."""
@@ -118,7 +123,7 @@ class Desk:
         rig = self.session.rig
         if rig is not None and rig.name.endswith(".toml"):
             path = Path(rig.name)
-            stated = tomllib.loads(path.read_text())
+            stated = stated_in(path)
             if "calibration" in stated:
                 return path.parent / str(stated["calibration"])
         name = "rig" if rig is None else f"{Path(rig.name).stem}-{rig.seed}"

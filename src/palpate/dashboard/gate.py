@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import hmac
 import html
+import time
+from collections import deque
+from collections.abc import Callable
 from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from typing import Any
@@ -18,6 +21,12 @@ from palpate.errors import InputError
 
 COOKIE = "palpate-token"
 SHORTEST_TOKEN = 8
+#: A visitor may be wrong so often within a minute. A token of eight characters bears that for ages.
+MOST_WRONG, _WRONG_S = 10, 60.0
+#: Wrong visitors that are remembered; more of them share one count.
+_MOST_VISITORS = 1000
+#: A form with the longest token that makes sense; nothing longer is read.
+_LONGEST_FORM = 4096
 _LOOPBACK_NAMES = ("localhost",)
 
 
@@ -73,6 +82,7 @@ class Gate:
 
     def __init__(self, app: ASGIApp, *, token: str | None, loopback: bool) -> None:
         self.app, self._token, self._loopback = app, token, loopback
+        self._wrong = WrongTries()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request, or hand it on."""
@@ -93,36 +103,94 @@ class Gate:
             await answer(scope, receive, send)
 
     def _ours(self, headers: Headers) -> bool:
-        host = urlsplit(f"//{headers.get('host', '')}")
-        if self._loopback and not is_loopback(host.hostname or ""):
+        try:
+            host = urlsplit(f"//{headers.get('host', '')}").hostname or ""
+            origin = headers.get("origin")
+            foreign = origin is not None and urlsplit(origin).netloc != headers.get("host")
+        except ValueError:  # "[::1" and the like
             return False
-        origin = headers.get("origin")
-        return origin is None or urlsplit(origin).netloc == headers.get("host")
+        return not foreign and (not self._loopback or is_loopback(host))
 
     def _knows(self, headers: Headers, token: str) -> bool:
         try:
             cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
         except CookieError:
             return False
-        return cookie is not None and _same(cookie.value, token)
+        return cookie is not None and _same(cookie.value, _kept(token))
 
     async def _ask(self, scope: Scope, receive: Receive, token: str) -> Response:
         """Take the token from the form or the address, or ask for it."""
-        told = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        told = _field(scope.get("query_string", b""))
         if scope["type"] == "http" and scope["method"] == "POST" and scope["path"] == "/":
-            body = (await Request(scope, receive).body())[:1000]
-            told = parse_qs(body.decode("latin-1")).get("token", [""])[0]
+            form = await _form(Request(scope, receive))
+            if form is None:
+                return _page(413, "That is too long for a token.", form=True)
+            told = _field(form)
         if not told:
             return _page(401, "Whoever started this dashboard knows its token.", form=True)
+        visitor = str((scope.get("client") or ("",))[0])
+        if self._wrong.too_many(visitor):
+            return _page(429, "Too many wrong tokens: wait a minute.", form=True)
         if not _same(told, token):
+            self._wrong.add(visitor)
             return _page(403, "That is not the token.", form=True)
         welcome = RedirectResponse("/", status_code=303)
-        welcome.set_cookie(COOKIE, token, httponly=True, samesite="lax")
+        welcome.set_cookie(COOKIE, _kept(token), httponly=True, samesite="lax")
         return welcome
 
 
+class WrongTries:
+    """Counts wrong tokens by visitor, for as long as they matter."""
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = now_s
+        self._tries: dict[str, deque[float]] = {}
+
+    def too_many(self, visitor: str) -> bool:
+        """Return whether this visitor must wait."""
+        return len(self._of(visitor)) >= MOST_WRONG
+
+    def add(self, visitor: str) -> None:
+        """Count a wrong token."""
+        if visitor not in self._tries and len(self._tries) >= _MOST_VISITORS:
+            visitor = ""
+        self._tries.setdefault(visitor, deque(maxlen=MOST_WRONG)).append(self._now_s())
+
+    def _of(self, visitor: str) -> deque[float]:
+        now_s = self._now_s()
+        for one, tries in list(self._tries.items()):
+            while tries and now_s - tries[0] > _WRONG_S:
+                tries.popleft()
+            if not tries:
+                del self._tries[one]
+        full = len(self._tries) >= _MOST_VISITORS
+        return self._tries.get("" if full and visitor not in self._tries else visitor, deque())
+
+
+async def _form(request: Request) -> bytes | None:
+    """Return the body of a form; None for one that is too long, of which the rest is not read."""
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > _LONGEST_FORM:
+            return None
+    return body
+
+
+def _field(form: bytes) -> str:
+    try:
+        return parse_qs(form.decode("latin-1"), max_num_fields=10).get("token", [""])[0]
+    except ValueError:
+        return ""
+
+
+def _kept(token: str) -> str:
+    """Return what the cookie holds: not the token, and in ASCII whatever that is written in."""
+    return hmac.new(token.encode(), b"palpate", "sha256").hexdigest()
+
+
 def _same(told: str, token: str) -> bool:
-    return hmac.compare_digest(told.encode(), token.encode())
+    return hmac.compare_digest(told.encode(errors="replace"), token.encode(errors="replace"))
 
 
 _FORM = """<form method="post" action="/"><label>Token

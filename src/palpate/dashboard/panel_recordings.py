@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from datetime import datetime
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
         )
         speed = ui.toggle(SPEEDS, value=1.0).props('unelevated no-caps aria-label="Replay speed"')
         rows = ui.element("div").classes("w-full").props("id=recordings")
-    shown: list[tuple[Path, ...] | None] = [None]
+    shown: list[tuple[tuple[Path, os.stat_result], ...] | None] = [None]
 
     def show() -> None:
         files = tuple(desk.recordings()[:_MOST])
@@ -38,15 +39,14 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
         with rows:
             if not files:
                 ui.label("None yet: every grasp leaves one here.").classes("muted")
-            for file in files:
-                _row(file, hands, speed)
+            for file, told in files:
+                _row(file, told, hands, speed)
 
     show()
     ui.timer(2.0, show)
 
 
-def _row(file: Path, hands: Hands, speed: ui.toggle) -> None:
-    told = file.stat()
+def _row(file: Path, told: os.stat_result, hands: Hands, speed: ui.toggle) -> None:
     when = datetime.fromtimestamp(told.st_mtime).strftime("%d %b %H:%M")
     with ui.element("div").classes("file"):
         with ui.element("div").classes("what"):

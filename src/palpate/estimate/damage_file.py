@@ -130,7 +130,7 @@ class DamageFile:
         palpate.errors.CalibrationError: damage file no-such-file.json: No such file or directory
         """
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = Path(path).read_text(encoding="utf-8-sig")
         except OSError as error:
             raise CalibrationError(f"damage file {path}: {error.strerror}") from error
         except UnicodeDecodeError as error:
@@ -148,10 +148,10 @@ class DamageFile:
         """
         try:
             return _read(json.loads(text))
-        except (json.JSONDecodeError, RecursionError) as error:
-            raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
         except CalibrationError as error:
             raise CalibrationError(f"{where}: {error}") from error
+        except (ValueError, ArithmeticError, RecursionError) as error:
+            raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
 
 
 def recorded_model(text: str | None) -> DamageModel | None:

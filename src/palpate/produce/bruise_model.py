@@ -174,7 +174,16 @@ class BruiseModel:
                     for name, one in found["locators"].items()
                 },
             )
-        except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError) as error:
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror}") from error
+        except (
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            ArithmeticError,
+            RecursionError,
+        ) as error:
             raise InputError(f"{path}: not a bruise model ({error}); learn one anew") from error
 
 

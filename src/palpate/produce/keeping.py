@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import TracebackType
 
-from palpate.errors import StoreAwayError, StoreError
+from palpate.errors import InputError, StoreAwayError, StoreError
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.records_json import CalibrationText, Record
 from palpate.produce.spool import Spool, spool_path
@@ -58,18 +58,50 @@ class Keeper:
     def keep(self, *records: Record) -> bool:
         """Write records in order; True where the store has them, False where they wait.
 
+        They go to the spool first: a store that never answers, or a program that is ended while
+        it waits for one, loses nothing.
+
         Raises
         ------
+        InputError
+            If the store refuses one of them for what it says.
         OSError
-            If the spool can't be written either.
+            If the spool can't be written, and the store did not take them either.
         """
+        try:
+            self.spool.add(*records)
+        except OSError as full:
+            # The store alone may still take them.
+            if self._straight(records):
+                return True
+            raise full
+        refused: list[InputError] = []
+
+        def write(record: Record) -> None:
+            try:
+                _write(self._opened(), record)
+            except InputError as error:
+                if record in records:
+                    refused.append(error)
+                raise
+
+        try:
+            self.spool.drain(write)
+        except StoreError as error:
+            self.away = error
+            return False
+        self.away = None
+        if refused:
+            raise refused[0]
+        return True
+
+    def _straight(self, records: tuple[Record, ...]) -> bool:
         try:
             store = self._arrived()
             for record in records:
                 _write(store, record)
         except StoreError as error:
             self.away = error
-            self.spool.add(*records)
             return False
         self.away = None
         return True

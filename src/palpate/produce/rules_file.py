@@ -34,11 +34,11 @@ def read_rules(path: str | Path) -> RuleBook:
         decide anything; one line with the number of the line.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
         stated = tomllib.loads(text)
     except OSError as error:
         raise InputError(f"rules file {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"rules file {path}: {error}") from error
     return _Reader(str(path), text).book(stated)
 

@@ -96,26 +96,39 @@ class Spool:
 
         A line that is cut, or a record that `write` refuses for what it says (`InputError`), goes
         to a file beside the spool that ends in ``.refused``. Whatever else `write` raises ends the
-        draining: nothing is forgotten, and the next one begins anew.
+        draining: nothing is forgotten, and the next one begins again. The file is not locked
+        meanwhile, since a store may not answer: others go on adding, and two that drain at once
+        write the same records twice, which does no harm.
         """
         if not self.path.exists():
             return 0
         taken, refused = 0, b""
+        with self._locked():
+            lines = self._lines()
+        for line in lines:
+            try:
+                write(_record(line))
+                taken += 1
+            except InputError:
+                refused += line + b"\n"
+        if lines:
+            self._forget(lines, refused=refused)
+        return taken
+
+    def _forget(self, lines: list[bytes], *, refused: bytes) -> None:
+        """Take these lines out of the file, and keep the refused ones beside it."""
+        gone = set(lines)
         with self._locked() as descriptor:
-            for line in self._lines():
-                try:
-                    write(_record(line))
-                    taken += 1
-                except InputError:
-                    refused += line + b"\n"
-            if refused:
+            present = self._lines()
+            if refused and gone & set(present):
                 with self.path.with_suffix(".refused").open("ab") as stream:
                     stream.write(refused)
                     stream.flush()
                     os.fsync(stream.fileno())
+            rest = [line for line in present if line not in gone]
             os.ftruncate(descriptor, 0)
+            _write(descriptor, b"".join(line + b"\n" for line in rest))
             os.fsync(descriptor)
-        return taken
 
     def _lines(self) -> list[bytes]:
         try:

@@ -125,7 +125,15 @@ def make_engine(url: sa.URL) -> sa.Engine:
     if "connect_timeout" not in url.query:
         url = url.update_query_dict({"connect_timeout": str(_CONNECT_TIMEOUT_S)})
     with needing("a store on PostgreSQL", extra="postgresql"):
-        return sa.create_engine(url, pool_pre_ping=True)
+        from palpate.produce.store_postgresql import AnsweringConnection
+
+        engine = sa.create_engine(url, pool_pre_ping=True)
+
+    def connect(dialect: object, record: object, arguments: Any, options: Any) -> Any:
+        return AnsweringConnection.connect(*arguments, **options)
+
+    sa.event.listen(engine, "do_connect", connect)
+    return engine
 
 
 @contextmanager

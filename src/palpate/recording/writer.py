@@ -74,7 +74,7 @@ class RecordingWriter:
     Parameters
     ----------
     path : path
-        A new file; one that has content is not overwritten.
+        A new file; one that is there is not overwritten.
     info : RecordingInfo
         What the recording is of.
 
@@ -181,9 +181,13 @@ class RecordingWriter:
 
 
 def _create(path: Path) -> int:
-    if path.exists() and path.stat().st_size > 0:
-        raise RecordingError(f"{path}: exists already and is not overwritten; choose another name")
+    # Exclusive: of two recorders on one new path one is refused. A device is never new.
+    new = 0 if path.is_char_device() else os.O_CREAT | os.O_EXCL
     try:
-        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        return os.open(path, os.O_WRONLY | new | os.O_CLOEXEC, 0o666)
+    except FileExistsError as error:
+        raise RecordingError(
+            f"{path}: exists already and is not overwritten; choose another name"
+        ) from error
     except OSError as error:
         raise RecordingError(f"{path}: can't be made: {error.strerror}") from error

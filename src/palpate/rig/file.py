@@ -76,7 +76,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     if "use" in stated:
         if stated.keys() != {"use"}:
             raise InputError(f"rig file {path}: `use` stands alone; leave the rest out")
-        return open_rig(str(stated["use"]), object_name=object_name, seed=seed)
+        return open_rig(used_in(path, stated), object_name=object_name, seed=seed)
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
     array, gripper = open_devices(rig_file)
@@ -94,6 +94,22 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
         clock=RealClock(),
         calibration=calibration,
     )
+
+
+def used_in(path: Path, stated: Mapping[str, Any]) -> str:
+    """Return the rig that `use` names.
+
+    Raises
+    ------
+    InputError
+        If it names another rig file that only passes on: such files could name each other.
+    """
+    used = str(stated["use"])
+    if used.endswith(".toml") and Path(used).is_file() and "use" in stated_in(Path(used)):
+        raise InputError(
+            f"rig file {path}: `use` names {used}, which itself says `use`; name a rig"
+        )
+    return used
 
 
 def read_rig_file(path: Path) -> RigFile:
@@ -114,6 +130,8 @@ def read_rig_file(path: Path) -> RigFile:
             f"rig file {path}: it knows no {', '.join(sorted(unknown))}; there are use, "
             f"{', '.join(_PARTS)}, load_cells"
         )
+    if "\0" in str(stated["calibration"]):
+        raise InputError(f"rig file {path}: calibration is no name of a file")
     return RigFile(
         path=path,
         calibration=path.parent / str(stated["calibration"]),
@@ -187,12 +205,12 @@ def stated_in(path: Path) -> dict[str, Any]:
         If it can't be read.
     """
     try:
-        return tomllib.loads(path.read_text())
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise InputError(f"rig file {path}: no such file; `palpate init` makes one") from error
     except OSError as error:
         raise InputError(f"rig file {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"rig file {path}: {error}") from error
 
 

@@ -250,7 +250,7 @@ class Calibration:
             (units stand in the names); one line that says which.
         """
         try:
-            text = Path(path).read_text()
+            text = Path(path).read_text(encoding="utf-8-sig")
         except OSError as error:
             absent = isinstance(error, FileNotFoundError)
             remedy = "; `palpate calibrate rest` makes one" if absent else ""
@@ -277,10 +277,13 @@ class Calibration:
         """
         try:
             return cls._from_document(json.loads(text))
-        except json.JSONDecodeError as error:
+        except (json.JSONDecodeError, RecursionError) as error:
             raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
-        except (CalibrationError, ValueError, TypeError) as error:
+        except (CalibrationError, ValueError) as error:
             raise CalibrationError(f"{where}: {error}") from error
+        except (TypeError, LookupError, AttributeError, ArithmeticError) as error:
+            # A value of another shape than its place takes.
+            raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
 
     @classmethod
     def _from_document(cls, document: Any) -> Calibration:

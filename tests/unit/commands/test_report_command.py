@@ -182,10 +182,14 @@ def test_an_item_that_was_never_grasped_has_a_page() -> None:
 
 
 def test_the_file_is_named_for_what_it_shows() -> None:
+    names = ("A17", "A/17 (left)", "A 17 (left)")
     with Store.open() as store:
-        store.add_item(Item(item_id="A/17 (left)"))
-    assert run(build_app(), ["report", "A/17 (left)"], name="palpate") == 0
-    assert Path("report-A-17-left.html").exists()
+        for name in names:
+            store.add_item(Item(item_id=name))
+    for name in names:
+        assert run(build_app(), ["report", name], name="palpate") == 0
+    assert Path("report-A17.html").exists()
+    assert len(list(Path().glob("report-A-17-left-*.html"))) == 2
 
 
 @pytest.mark.usefixtures("store")

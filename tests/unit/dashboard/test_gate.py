@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from typing import Any
+from urllib.parse import quote
 
 import pytest
 from starlette.responses import PlainTextResponse
 
-from palpate.dashboard.gate import COOKIE, Gate, check_token, is_loopback
+from palpate.dashboard.gate import (
+    COOKIE,
+    MOST_WRONG,
+    Gate,
+    WrongTries,
+    check_token,
+    is_loopback,
+)
 from palpate.errors import InputError
 
 TOKEN = "correct-horse"
@@ -31,6 +39,7 @@ def ask(
     query: str = "",
     body: str = "",
     kind: str = "http",
+    gate: Gate | None = None,
     **headers: str,
 ) -> Answer:
     """Send one request through a gate to an application that says yes to everything."""
@@ -56,7 +65,8 @@ def ask(
         else:
             await PlainTextResponse("in")(scope, receive, send)
 
-    asyncio.run(Gate(application, token=token, loopback=loopback)(scope, receive, send))
+    gate = gate or Gate(application, token=token, loopback=loopback)
+    asyncio.run(gate(scope, receive, send))
     return Answer(messages)
 
 
@@ -102,11 +112,93 @@ def test_the_right_token_is_remembered_by_a_cookie_that_scripts_cannot_read(
     answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)
     assert answer.status == 303
     cookie = answer.headers["set-cookie"]
-    assert cookie.startswith(f"{COOKIE}={TOKEN}")
+    assert TOKEN not in cookie
     assert "HttpOnly" in cookie
     assert "samesite=lax" in cookie.lower()
-    inside = ask(token=TOKEN, loopback=False, host="robot:8080", cookie=f"{COOKIE}={TOKEN}")
+    name, _, value = cookie.split(";")[0].partition("=")
+    assert name == COOKIE
+    inside = ask(token=TOKEN, loopback=False, host="robot:8080", cookie=f"{name}={value}")
     assert (inside.status, inside.body) == (200, "in")
+    for wrong in (value[:-1], value[:8], value + "0", "", TOKEN):
+        outside = ask(token=TOKEN, loopback=False, host="robot:8080", cookie=f"{name}={wrong}")
+        assert outside.status == 401
+
+
+@pytest.mark.parametrize("told", [TOKEN[:n] for n in range(1, len(TOKEN))] + [TOKEN + "x"])
+def test_a_part_of_the_token_is_not_the_token(told: str) -> None:
+    assert ask(token=TOKEN, loopback=False, host="robot:8080", query=f"token={told}").status == 403
+
+
+def test_a_token_in_any_letters_opens() -> None:
+    token = "пароль-яблоко-🍏"
+    answer = ask(
+        token=token, loopback=False, host="robot:8080", method="POST", body=f"token={quote(token)}"
+    )
+    assert answer.status == 303
+    cookie = answer.headers["set-cookie"].split(";")[0]
+    assert ask(token=token, loopback=False, host="robot:8080", cookie=cookie).status == 200
+
+
+def test_a_body_without_end_is_not_read() -> None:
+    read = 0
+
+    async def endless() -> dict[str, Any]:
+        nonlocal read
+        read += 1
+        assert read < 100, "it goes on reading"
+        return {"type": "http.request", "body": b"x" * 1000, "more_body": True}
+
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def application(scope: Any, receive: Any, send: Any) -> None:
+        raise AssertionError("nobody comes in")
+
+    scope = {
+        "type": "http",
+        "method": "POST",
+        "path": "/",
+        "query_string": b"",
+        "headers": [(b"host", b"robot:8080")],
+    }
+    asyncio.run(Gate(application, token=TOKEN, loopback=False)(scope, endless, send))
+    assert sent[0]["status"] == 413
+    assert read <= 6
+
+
+def test_whoever_is_wrong_too_often_waits_and_others_do_not() -> None:
+    clock = [0.0]
+    tries = WrongTries(now_s=lambda: clock[0])
+    for _ in range(MOST_WRONG):
+        assert not tries.too_many("a")
+        tries.add("a")
+    assert tries.too_many("a")
+    assert not tries.too_many("b")
+    clock[0] = 60.1
+    assert not tries.too_many("a")
+    for number in range(5000):
+        tries.add(str(number))
+    assert len(tries._tries) <= 1001
+
+
+def test_the_right_token_does_not_help_a_visitor_who_must_wait() -> None:
+    gate = Gate(PlainTextResponse("in"), token=TOKEN, loopback=False)
+    for _ in range(MOST_WRONG):
+        assert ask(gate=gate, host="robot:8080", query="token=wrong-horse").status == 403
+    assert ask(gate=gate, host="robot:8080", query="token=wrong-horse").status == 429
+    assert ask(gate=gate, host="robot:8080", query=f"token={TOKEN}").status == 429
+    assert ask(gate=gate, host="robot:8080").status == 401
+
+
+@pytest.mark.parametrize("header", ["host", "origin"])
+@pytest.mark.parametrize("value", ["[::1", "[", "//[::1"])
+@pytest.mark.parametrize("loopback", [True, False])
+def test_a_malformed_address_is_refused(header: str, value: str, loopback: bool) -> None:
+    status = ask(token=None, loopback=loopback, **{header: value}).status
+    # Beyond the loopback any name of the host is as good as another.
+    assert status == 403 or (value, header, loopback) == ("//[::1", "host", False)
 
 
 def test_a_page_of_another_site_gets_nothing() -> None:

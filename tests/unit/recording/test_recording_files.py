@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Chunk, DataEnd
+from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 from palpate.errors import RecordingError
@@ -258,3 +260,36 @@ def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
         RecordingReader(tmp_path / "gone.mcap")
     with pytest.raises(RecordingError, match=r"gone\.mcap: No such file"):
         recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
+
+
+def test_of_two_recorders_on_one_new_path_one_is_refused(
+    tmp_path: Path, info: RecordingInfo
+) -> None:
+    path = tmp_path / "run.mcap"
+    path.touch()  # as the other one has just done
+    with pytest.raises(RecordingError, match="exists already and is not overwritten"):
+        RecordingWriter(path, info=info)
+
+
+def test_a_finished_recording_is_on_the_disk_and_carries_its_checksums(
+    tmp_path: Path,
+    info: RecordingInfo,
+    messages: list[Message],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda descriptor: synced.append(os.fstat(descriptor).st_size))
+    monkeypatch.setattr(os, "fdatasync", lambda descriptor: synced.append(-1))
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path, info=info) as writer:
+        for message in messages:
+            writer.add(message)
+    assert synced[-1] == path.stat().st_size
+    assert -1 in synced
+    with path.open("rb") as stream:
+        records = list(StreamReader(stream, emit_chunks=True).records)
+    chunks = [record for record in records if isinstance(record, Chunk)]
+    (end,) = (record for record in records if isinstance(record, DataEnd))
+    assert len(chunks) > 1
+    assert all(chunk.uncompressed_crc for chunk in chunks)
+    assert end.data_section_crc

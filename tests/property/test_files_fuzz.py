@@ -1,0 +1,177 @@
+"""Damaged, hostile and odd files of every kind are refused in a line: never a traceback.
+
+`PALPATE_FUZZ=3000` tries that many files of each kind.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.closings import write_damage_file
+
+from palpate.errors import PalpateError
+from palpate.estimate.damage_file import DamageFile
+from palpate.holds import read_holds
+from palpate.produce import bruise_model
+from palpate.produce.bruise_model import BruiseModel
+from palpate.produce.rules_file import read_rules
+from palpate.rig.file import open_file, read_rig_file
+from palpate.sensor.calibration import Calibration
+
+COUNT = int(os.environ.get("PALPATE_FUZZ", "60"))
+DEEP = 100_000
+ODD: list[Any] = [
+    None,
+    True,
+    -1,
+    0,
+    1.7e308,
+    -1.7e308,
+    10**400,
+    "",
+    "a\0b",
+    "\ufeff",
+    [],
+    {},
+    [[]],
+    [[[1.0]]],
+    {"": []},
+    ["x"] * 3,
+]
+RULES = """default = "by hand"
+confidence = 0.8
+[[rule]]
+bin = "ripe"
+class = ["avocado", "mango"]
+size_mm = [20.0, 70.0]
+[[rule]]
+bin = "rest"
+ripeness = "firm"
+"""
+RIG = """calibration = "pad.json"
+[array]
+open = "palpate.rig.board_cell:no_such"
+port = "/dev/null"
+[gripper]
+open = "palpate.rig.board_cell:no_such"
+[load_cells]
+newtons_per_count = [0.01, 0.02]
+"""
+HOLDS = "hold_id,time_s,value\n" + "".join(f"a,{t / 10},{100 - t}\n" for t in range(30))
+
+
+def replaced(value: Any, rng: random.Random) -> Any:
+    """Return a document with one of its values odd."""
+    if isinstance(value, dict) and value and rng.random() < 0.9:
+        key = rng.choice(list(value))
+        if rng.random() < 0.1:
+            return {k: v for k, v in value.items() if k != key}
+        return {**value, key: replaced(value[key], rng)}
+    if isinstance(value, list) and value and rng.random() < 0.8:
+        place = rng.randrange(len(value))
+        return [*value[:place], replaced(value[place], rng), *value[place + 1 :]]
+    return rng.choice(ODD)
+
+
+def spoilt(text: str, rng: random.Random) -> bytes:
+    """Return a text that was damaged in one of many ways."""
+    data, way = bytearray(text.encode()), rng.randrange(8)
+    if way == 0:
+        return bytes(data[: rng.randrange(len(data))])
+    if way == 1:
+        for _ in range(rng.randrange(1, 20)):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        return bytes(data)
+    at = rng.randrange(len(data))
+    pieces = [b"9" * 5000, b"[" * DEEP, b'{"a":' * 5000, b"\0", b"\xff\xfe", b"1e999", b"-1.7e308"]
+    if way == 2:
+        return bytes(data[:at]) + rng.choice(pieces) + bytes(data[at:])
+    if way == 3:
+        return b"x = " + b"[" * DEEP + b"]" * DEEP + b"\n" + bytes(data)
+    if way == 4:
+        return rng.choice(pieces)
+    if way == 5:
+        return b"\xef\xbb\xbf" + bytes(data)
+    if way == 6:
+        words = text.split(" ")
+        words[rng.randrange(len(words))] = rng.choice(["9" * 5000, "nan", "inf", '"\0"', "[[]]"])
+        return " ".join(words).encode()
+    try:
+        odd = replaced(json.loads(text), rng)
+    except ValueError:
+        return bytes(data[at:])
+    # As text where the number is too long to be written.
+    return json.dumps(odd).replace(str(10**400), "9" * 400).encode()
+
+
+def calibration_text() -> str:
+    from palpate.rig import open_rig
+
+    return open_rig("sim-rigid", seed=1).calibration.as_text()
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "calibration.json": Calibration.load,
+    "damage.json": DamageFile.load,
+    "model.json": BruiseModel.load,
+    "rules.toml": read_rules,
+    "rig.toml": read_rig_file,
+    "open.toml": lambda path: open_file(path, object_name=None, seed=0),
+    "holds.csv": lambda path: list(read_holds(path)),
+}
+
+
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    model = Path(bruise_model.__file__).with_name("bruise_model.json").read_text()
+    damage = write_damage_file(tmp_path_factory.mktemp("damage")).read_text()
+    return {
+        "calibration.json": calibration_text(),
+        "damage.json": damage,
+        "model.json": model,
+        "rules.toml": RULES,
+        "rig.toml": RIG,
+        "open.toml": RIG,
+        "holds.csv": HOLDS,
+    }
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_spoilt_file_is_read_or_refused(name: str, texts: dict[str, str], tmp_path: Path) -> None:
+    rng = random.Random(f"fuzz {name}")
+    path, refused, lines = tmp_path / name, 0, 0
+    for number in range(COUNT):
+        data = spoilt(texts[name], rng)
+        path.write_bytes(data)
+        try:
+            READERS[name](path)
+        except (PalpateError, OSError) as error:
+            refused += len(str(error).splitlines()) == 1
+            lines += 1
+        except BaseException as error:
+            raise AssertionError(f"file {number} ({data[:80]!r}...): {error!r}") from error
+    assert lines == refused > COUNT // 4
+
+
+@pytest.mark.parametrize("name", ["calibration.json", "damage.json", "rules.toml", "holds.csv"])
+def test_a_byte_order_mark_is_no_damage(name: str, texts: dict[str, str], tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"\xef\xbb\xbf" + texts[name].encode())
+    assert READERS[name](path) is not None
+
+
+def test_rig_files_that_use_each_other_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for one, other in (("a", "b"), ("b", "a"), ("self", "self")):
+        Path(f"{one}.toml").write_text(f'use = "{other}.toml"\n')
+    for name in ("a", "b", "self"):
+        with pytest.raises(PalpateError, match="itself says `use`; name a rig"):
+            open_file(Path(f"{name}.toml"), object_name=None, seed=0)
