@@ -9,7 +9,7 @@ import numpy as np
 from palpate.settling.result import FloatArray
 
 #: More stretches than this sharpen no prediction, they only cost.
-MOST_BINS = 10
+MOST_BINS = 12
 #: Below this time after the peak, stretches stop shrinking (s).
 LINEAR_BELOW_S = 0.1
 #: Scatter within the stretches counts as at most this many independent samples: real noise is
@@ -56,7 +56,7 @@ def log_bins(time_s: FloatArray) -> Bins:
     --------
     >>> bins = log_bins(np.arange(0.0, 3.0, 0.1))
     >>> bins.count.astype(int).tolist()
-    [1, 1, 1, 2, 2, 3, 5, 6, 9]
+    [1, 1, 1, 1, 1, 2, 2, 3, 5, 5, 8]
     """
     n_times = time_s.size
     log_time = np.log(time_s + LINEAR_BELOW_S)

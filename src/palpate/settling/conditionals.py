@@ -1,10 +1,11 @@
-"""The prior met with a sampling grid: linear forms that predict, quadratic forms that weigh.
+"""The shapes met with a sampling grid: linear forms that forecast, quadratic forms that weigh.
 
-Given a component of the prior up to one unknown scale s (with Jeffreys' prior 1/s) and a flat
-offset, differences d of the binned samples to the last one have covariance s^2 S. The predicted
-difference at the horizon is linear in d, the evidence is |S|^(-1/2) (d' S^-1 d)^(-m/2), and the
-variance is proportional to d' S^-1 d (O'Hagan & Forster, Kendall's Advanced Theory of Statistics
-2B, section 11.18). S depends on the grid alone: holds that share one share every factorisation.
+A component is a curve and a deviation. Up to one unknown scale s, the differences d of the binned
+samples to the last one have covariance s^2 (K + c c'), with K of the deviation and c of the curve.
+Deviations are factorised once for a grid, and each curve is a rank-one update (Sherman and
+Morrison), so a few tens of factors serve a few thousand components. The forecast is linear in d,
+the evidence is |K + c c'|^(-1/2) (nu s0^2 + d' (K + c c')^-1 d)^(-(nu + m) / 2) under an inverse
+gamma prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, section 11.18).
 """
 
 from __future__ import annotations
@@ -15,32 +16,52 @@ from functools import lru_cache
 import numpy as np
 
 from palpate.settling.bins import Bins, log_bins
-from palpate.settling.prior import TIME_CONSTANTS_S, Prior
 from palpate.settling.result import FloatArray
+from palpate.settling.shapes import BOUNCES_S, DEVIATIONS, curve_values
 
 #: An average of many samples is no better than this share of one sample's variance: coloured noise.
 NOISE_FLOOR = 0.02
-#: While contact is made, until about then, a reading has no particular course.
-JUMP_S = 0.12
-#: Time added before the logarithm of the random walk, s.
+#: Time added before the logarithm of the walk, s: about the length of the contact transient.
 WALK_FROM_S = 0.2
+#: Time constants of the decays whose amplitudes are loose, s.
+_LOOSE_S = np.geomspace(0.1, 100.0, 10)
+#: What contact adds, in units of the scale: fast decays (time constant in s, sd), and bounces (sd).
+_FAST = ((0.06, 3.0), (0.15, 2.0))
+_BOUNCE = 3.0
+#: Keeps covariances positive definite where bins lie close together.
+_JITTER = 1e-9
+
+#: Noise of one sample in each deviation, in units of the scale.
+NOISE = np.array([d.noise for d in DEVIATIONS])
+#: What each term of the covariance counts for in each deviation, shape (n_deviations, n_terms).
+_VARIANCE = np.array(
+    [
+        [d.noise**2, d.walk**2, d.loose**2, d.fast, *(d.bounce_s == until for until in BOUNCES_S)]
+        for d in DEVIATIONS
+    ],
+    dtype=np.float64,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conditionals:
-    """What the components of a prior make of one grid; m is the number of differences.
+    """What the components make of one grid; m is the number of differences.
 
     Attributes
     ----------
     bins : Bins
         How samples are averaged first.
-    whitening : ndarray, shape (n_components, m, m)
-        Inverse Cholesky factors of S.
-    forecast : ndarray, shape (n_components, m)
-        Predicted change from the last bin to the horizon, per unit of each difference.
-    log_det : ndarray, shape (n_components,)
-        ln|S|.
-    variance : ndarray, shape (n_components,)
+    whitening : ndarray, shape (n_deviations, m, m)
+        Inverse Cholesky factors of K.
+    ahead : ndarray, shape (n_deviations, m)
+        Forecast of the deviation from whitened differences.
+    curves : ndarray, shape (n_deviations, m, n_curves)
+        Whitened curves, divided by sqrt(1 + their square).
+    step : ndarray, shape (n_deviations, n_curves)
+        Forecast per unit of the product of such a curve with the whitened differences.
+    log_weight : ndarray, shape (n_deviations, n_curves)
+        -ln|K + c c'| / 2.
+    variance : ndarray, shape (n_deviations, n_curves)
         Variance of the forecast at unit scale.
     e_folds : float
         Log of the time at the horizon over the time of the last bin.
@@ -48,90 +69,79 @@ class Conditionals:
 
     bins: Bins
     whitening: FloatArray
-    forecast: FloatArray
-    log_det: FloatArray
+    ahead: FloatArray
+    curves: FloatArray
+    step: FloatArray
+    log_weight: FloatArray
     variance: FloatArray
     e_folds: float
 
 
-def conditionals(time_s: FloatArray, *, after_s: float, prior: Prior) -> Conditionals:
+def conditionals(time_s: FloatArray, *, after_s: float) -> Conditionals:
     """Work out, or recall, the conditionals of a grid.
 
     Parameters
     ----------
     time_s : ndarray, shape (n_times,)
-        Seconds after the peak, starting at 0; at least two.
+        Seconds after the origin of the samples to use; at least two.
     after_s : float
-        Time of the value to predict, seconds after the peak.
-    prior : Prior
-        Recalled by identity.
+        Time of the value to predict, seconds after the origin.
     """
-    return _recall(time_s.tobytes(), after_s, _ByIdentity(prior))
-
-
-class _ByIdentity:
-    """A prior as a dictionary key: the object itself, not its arrays."""
-
-    __slots__ = ("prior",)
-
-    def __init__(self, prior: Prior) -> None:
-        self.prior = prior
-
-    def __hash__(self) -> int:
-        return id(self.prior)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByIdentity) and other.prior is self.prior
+    return _recall(time_s.tobytes(), after_s)
 
 
 @lru_cache(maxsize=64)
-def _recall(time_bytes: bytes, after_s: float, key: _ByIdentity) -> Conditionals:
-    time_s = np.frombuffer(time_bytes)
-    bins = log_bins(time_s)
-    covariance = _difference_covariance(bins, after_s=after_s, prior=key.prior)
+def _recall(time_bytes: bytes, after_s: float) -> Conditionals:
+    bins = log_bins(np.frombuffer(time_bytes))
+    time_s = np.append(bins.time_s, after_s)
+    last = bins.time_s.size - 1
+    others = np.delete(np.arange(time_s.size), last)
+    curve = curve_values(time_s)
+    curve = curve[others] - curve[last]
     # Factorised whole: the last row of the factor is that of the horizon given the samples.
-    factor = np.linalg.cholesky(covariance)
+    factor = np.linalg.cholesky(_covariances(bins, time_s=time_s, others=others))
     whitening = np.linalg.inv(factor[:, :-1, :-1])
-    forecast = factor[:, -1:, :-1] @ whitening
+    ahead = factor[:, -1, :-1]
+    whitened = whitening @ curve[:-1]
+    root = np.sqrt(1 + np.einsum("kmc,kmc->kc", whitened, whitened))
+    step = (curve[-1] - np.einsum("km,kmc->kc", ahead, whitened)) / root
     diagonal = np.diagonal(factor, axis1=1, axis2=2)
     return Conditionals(
         bins=bins,
         whitening=whitening,
-        forecast=np.asarray(forecast[:, 0]),
-        log_det=2 * np.log(diagonal[:, :-1]).sum(axis=1),
-        variance=diagonal[:, -1] ** 2,
+        ahead=ahead,
+        curves=whitened / root[:, None],
+        step=step,
+        log_weight=-np.log(diagonal[:, :-1]).sum(axis=1)[:, None] - np.log(root),
+        variance=diagonal[:, -1:] ** 2 + step**2,
         e_folds=float(np.log((after_s + WALK_FROM_S) / (bins.time_s[-1] + WALK_FROM_S))),
     )
 
 
-def _difference_covariance(bins: Bins, *, after_s: float, prior: Prior) -> FloatArray:
+def _covariances(bins: Bins, *, time_s: FloatArray, others: FloatArray) -> FloatArray:
     """Return the covariance of (other bins, value at the horizon) less the last bin, unit scale."""
-    time = np.append(bins.time_s, after_s)
-    last = bins.time_s.size - 1
-    others = np.delete(np.arange(time.size), last)
-    decays = np.exp(-time[:, None] / TIME_CONSTANTS_S)
-    decays = decays[others] - decays[last]
-    curve = prior.mean_weights @ decays.T
-    log_time = np.log(time + WALK_FROM_S)
+    last, count = bins.time_s.size - 1, others.size
+
+    def outer(rows: FloatArray) -> FloatArray:
+        moved = rows[others] - rows[last]
+        return np.asarray(moved @ moved.T)
+
+    def white(variance: FloatArray) -> FloatArray:
+        known = np.append(variance, 0.0)
+        return np.asarray(known[last] + np.diag(known[others]))
+
+    log_time = np.log(time_s + WALK_FROM_S)
     steps = log_time[others] - log_time[last]
-    noise = 1 / bins.count + NOISE_FLOOR
-    jump = 1 / (1 + (bins.time_s / JUMP_S) ** 6) ** 2
-    # Each is a matrix of its own times a variance of the prior: one product adds them all up.
-    terms = np.empty((TIME_CONSTANTS_S.size + 3, others.size, others.size))
-    np.multiply(decays.T[:, :, None], decays.T[:, None, :], out=terms[:-3])
-    walk = np.minimum(np.abs(steps)[:, None], np.abs(steps))
-    np.multiply(walk, steps[:, None] * steps > 0, out=terms[-3])
-    terms[-2], terms[-1] = noise[-1], jump[-1]
-    diagonal = np.arange(last)
-    terms[-2, diagonal, diagonal] += noise[:-1]
-    terms[-1, diagonal, diagonal] += jump[:-1]
-    covariance = _variances(_ByIdentity(prior)) @ terms.reshape(len(terms), -1)
-    squares: FloatArray = curve[:, :, None] * curve[:, None, :]
-    return squares + covariance.reshape(squares.shape)
-
-
-@lru_cache(maxsize=8)
-def _variances(key: _ByIdentity) -> FloatArray:
-    """Return what each term of the covariance counts for, shape (n_components, n_terms)."""
-    prior = key.prior
-    return np.column_stack([prior.weight_variance, prior.walk**2, prior.noise**2, prior.contact**2])
+    walk = np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0)
+    fast_s, fast_sd = np.array(_FAST).T
+    terms = np.stack(
+        [
+            white(1 / bins.count + NOISE_FLOOR),
+            walk,
+            outer(np.exp(-time_s[:, None] / _LOOSE_S)),
+            outer(fast_sd * np.exp(-time_s[:, None] / fast_s)),
+            *(_BOUNCE**2 * white(np.exp(-((bins.time_s / s) ** 4))) for s in BOUNCES_S),
+        ]
+    )
+    covariance = _VARIANCE @ terms.reshape(len(terms), -1)
+    return np.asarray(covariance.reshape(-1, count, count) + _JITTER * np.eye(count))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtri
 
 from palpate.settling.result import FloatArray
 
-#: Degrees of freedom of the interval without calibration: real residuals have heavier tails than a
-#: Gaussian, because contact bounces and slips are in no prior.
-DEFAULT_DEGREES = 5.0
+#: How much wider the interval is than the mixture says, without calibration: no prior holds every
+#: shape. Chosen on training holds, see `docs/prediction.md`.
+WIDENING = 1.2
 #: Calibration residuals count against this many imagined ones that follow the default.
 PRIOR_RESIDUALS = 10.0
 
@@ -31,33 +31,27 @@ class IntervalScale:
     window_s: FloatArray
     residuals: tuple[FloatArray, ...]
 
-    def half_widths(self, window_s: FloatArray, *, level: float) -> FloatArray:
-        """Return the multiple of the standard deviation for each window length.
+    def widening(self, window_s: float, *, level: float) -> float:
+        """Return how much wider the interval is than the predictor's own quantiles.
 
         Parameters
         ----------
-        window_s : ndarray, shape (n_holds,)
-            Length of the stretch that each prediction rests on.
+        window_s : float
+            Length of the stretch that the prediction rests on.
         level : float
             Probability to cover, in (0, 1).
 
-        Returns
-        -------
-        ndarray, shape (n_holds,)
-
         Examples
         --------
-        >>> UNCALIBRATED.half_widths(np.array([1.0]), level=0.9).round(3)
-        array([2.015])
+        >>> UNCALIBRATED.widening(1.0, level=0.9)
+        1.2
         """
-        default = float(stdtrit(DEFAULT_DEGREES, (1 + level) / 2))
         if self.window_s.size == 0:
-            return np.full(window_s.shape, default)
-        known = np.array(
-            [_shrunk_quantile(r, level=level, default=default) for r in self.residuals]
-        )
-        log_window = np.log(np.maximum(window_s, self.window_s[0] / 10))
-        return np.asarray(np.interp(log_window, np.log(self.window_s), known))
+            return WIDENING
+        normal = float(ndtri((1 + level) / 2))
+        known = [_shrunk_quantile(r, level=level, default=WIDENING * normal) for r in self.residuals]
+        log_window = np.log(max(window_s, self.window_s[0] / 10))
+        return float(np.interp(log_window, np.log(self.window_s), known)) / normal
 
 
 def _shrunk_quantile(residuals: FloatArray, *, level: float, default: float) -> float:

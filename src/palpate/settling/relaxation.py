@@ -1,55 +1,63 @@
-"""Our predictor: a prior over how materials relax, conditioned on the samples in closed form."""
+"""Our predictor: a mixture of relaxation shapes, conditioned on the samples in closed form."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from palpate.holds import Hold
 from palpate.settling.bins import noise_scatter
 from palpate.settling.conditionals import WALK_FROM_S, Conditionals, conditionals
-from palpate.settling.default_prior import DEFAULT_PRIOR
-from palpate.settling.intervals import UNCALIBRATED, IntervalScale
-from palpate.settling.prior import Prior
+from palpate.settling.intervals import UNCALIBRATED, WIDENING, IntervalScale
+from palpate.settling.mixture import Mixture, posterior, quantiles
+from palpate.settling.odds import LOG_ODDS
+from palpate.settling.origin import Window, windows
 from palpate.settling.result import FloatArray, SettledEstimate, Status
 from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
-from palpate.signal.transient import peak_index
+from palpate.settling.shapes import CURVES, DEVIATIONS, WORST_NOISE
 
 #: Holds worked on at once; bounds the memory whatever the batch.
-CHUNK = 256
-#: A prediction from less than this after the peak has no basis but the prior.
+CHUNK = 64
+#: A prediction from less than this after the origin has no basis but the prior.
 SHORTEST_S = 0.3
 #: And from fewer samples there is no telling noise from change.
 FEWEST_SAMPLES = 4
-#: Until then contact may still be bouncing: a prediction that is not even sure of the direction
-#: (its standard deviation exceeds the change still to come) is then called too short.
-BOUNCING_S = 2.0
+#: So soon after a contact it may still be ringing.
+RINGING_S = 1.5
+#: Before this time after the origin a wide interval means that it is too early to tell; later, that
+#: no shape fits.
+EARLY_S = 2.0
+#: An interval wider than this to either side, as a share of the value, is none to act on.
+WIDEST = 0.2
 #: A hold that has come back by more than this share of its drop is bouncing, not settling.
 TURNED_BACK = 0.3
-#: Per e-fold of time a hold may speed up, where a decay is just setting in, but hardly by more.
-FASTEST_PACE = 2.0
-#: While contact may still be bouncing, a prediction that much above the recent pace is too short.
-HURRIED_PACE = 1.4
-#: No prior holds every shape: the standard deviation is at least this share of the change to come
-#: if the recent pace per e-fold of time went on.
-SHAPE_DOUBT = 0.1
+#: Nothing is predicted to go further than this many times what was seen.
+FURTHEST = 3.0
 #: Window lengths at which calibration residuals are taken, s.
 CALIBRATION_WINDOWS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
+
+_TINY = float(np.finfo(float).tiny)
+#: Which components describe a contact that bounces, and which call everything noise.
+_BOUNCING = np.repeat([d.bounce_s > 0 for d in DEVIATIONS], len(CURVES))
+_NOISY = np.repeat([d.noise >= WORST_NOISE for d in DEVIATIONS], len(CURVES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relaxation:
     """Mixture of Gaussian conditionals over relaxation shapes.
 
-    Scale, sign and offset of the values drop out exactly; see `docs/prediction.md`.
+    Holds whose samples are all positive (ohm, newton, conductance) are predicted as logarithms:
+    their scale drops out, and nothing at or below zero is ever predicted. Others are predicted as
+    they are: scale, sign and offset drop out. See `docs/prediction.md`.
 
     Attributes
     ----------
-    prior : Prior
-        Shapes that a hold may have.
+    log_odds : ndarray, shape (n_deviations, n_curves)
+        Prior log odds of the components of `shapes`.
     scale : IntervalScale
         Width of the intervals.
 
@@ -65,7 +73,7 @@ class Relaxation:
     (True, 'ok')
     """
 
-    prior: Prior = field(default=DEFAULT_PRIOR, repr=False)
+    log_odds: FloatArray = field(default_factory=lambda: LOG_ODDS, repr=False)
     scale: IntervalScale = field(default=UNCALIBRATED, repr=False)
 
     @property
@@ -85,18 +93,66 @@ class Relaxation:
         """
         if not 0 < level < 1:
             raise ValueError(f"level must lie between 0 and 1, not {level:g}")
-        value, deviation, window_s, status = _predict(self.prior, time_s, values, horizon_s)
-        half_width = deviation * self.scale.half_widths(window_s, level=level)
+        positive = (values > 0).all(axis=1)
+        seen = np.where(positive[:, None], np.log(np.where(positive[:, None], values, 1.0)), values)
+        shares = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
+        ends = np.empty((3, len(values)))
+        status = np.array([Status.OK] * len(values), dtype=object)
+        window_s = np.zeros(len(values))
+        for window in windows(time_s, seen, positive=positive):
+            window_s[window.rows] = window.since_s[-1] - window.since_s[0]
+            after_s = horizon_s - SETTLED_WINDOW_S / 2 - float(time_s[window.origin])
+            for rows in np.split(window.rows, range(CHUNK, window.rows.size, CHUNK)):
+                used = seen[rows, window.first :]
+                ends[:, rows], status[rows] = self._settled(
+                    window, used, after_s=after_s, shares=shares
+                )
+        if time_s[-1] >= horizon_s - SETTLED_WINDOW_S / 2:
+            ends = _settled_already(time_s, seen, horizon_s=horizon_s, shares=shares)
+        low, value, high = np.where(positive, np.exp(np.where(positive, ends, 0.0)), ends)
         return SettledEstimate(
             value=value,
-            low=value - half_width,
-            high=value + half_width,
+            low=low,
+            high=high,
             level=level,
             horizon_s=horizon_s,
             window_s=window_s,
             method=self.name,
             status=status,
         )
+
+    def _settled(
+        self, window: Window, used: FloatArray, *, after_s: float, shares: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.object_]]:
+        """Return low end, value and high end of holds of one window, and their statuses."""
+        since_s, reach = window.since_s, np.ptp(used, axis=1)
+        if since_s.size < 2 or after_s <= since_s[-1]:
+            sides = np.array([-1.0, 0.0, 1.0])[:, None]
+            return used[:, -1] + sides * reach, np.array([Status.TOO_SHORT] * len(used), object)
+        forms = conditionals(since_s, after_s=after_s)
+        binned = used @ forms.bins.averaging.T
+        found = posterior(
+            forms,
+            binned,
+            log_odds=self.log_odds,
+            scatter=noise_scatter(since_s, used),
+            scaled=window.positive,
+        ).doubted(_recent_pace(forms, binned))
+        ahead = quantiles(found, shares)
+        widening = self.scale.widening(
+            float(since_s[-1] - since_s[0]), level=float(shares[2] - shares[0])
+        )
+        ahead = ahead[1] + widening * (ahead - ahead[1])
+        turned = _turned_back(binned)
+        ahead[0] -= turned * reach
+        ahead[2] += turned * reach
+        possible = np.clip(ahead, -FURTHEST * reach, FURTHEST * reach)
+        ends = binned[:, -1] + possible
+        status = _statuses(window, ends, reach=reach, found=found)
+        fine = status == Status.OK
+        status[fine & (possible[1] != ahead[1])] = Status.FELL_BACK
+        status[turned | (reach == 0)] = Status.NOT_SETTLING
+        return ends, status
 
     def calibrated_on(self, holds: Iterable[Hold], *, horizon_s: float = 20.0) -> Relaxation:
         """Return a predictor whose intervals are as wide as these holds' residuals call for.
@@ -109,99 +165,28 @@ class Relaxation:
         horizon_s : float
             Time of the settled value.
         """
+        plain = replace(self, scale=UNCALIBRATED)
         residuals: list[list[float]] = [[] for _ in CALIBRATION_WINDOWS_S]
         for hold in holds:
             settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
             if np.isnan(settled):
                 continue
-            for index, window in enumerate(CALIBRATION_WINDOWS_S):
-                seen = hold.time_s <= window
-                if window >= horizon_s or seen.sum() < 2:
+            for index, window_s in enumerate(CALIBRATION_WINDOWS_S):
+                seen = hold.time_s <= window_s
+                if window_s >= horizon_s or seen.sum() < 2:
                     continue
-                value, deviation, _, _ = _predict(
-                    self.prior, hold.time_s[seen], hold.values[None, seen], horizon_s
-                )
-                if deviation[0] > 0:
-                    residuals[index].append(abs(float(value[0]) - settled) / float(deviation[0]))
+                found = plain.predict(
+                    hold.time_s[seen], hold.values[None, seen], horizon_s=horizon_s, level=0.9
+                ).hold(0)
+                side = found.high if settled > found.value else found.low
+                if side != found.value:
+                    ratio = (settled - found.value) / (side - found.value)
+                    residuals[index].append(float(ratio) * float(ndtri(0.95)) * WIDENING)
         scale = IntervalScale(
             window_s=np.array(CALIBRATION_WINDOWS_S),
             residuals=tuple(np.sort(np.array(r)) for r in residuals),
         )
-        return Relaxation(prior=self.prior, scale=scale)
-
-
-def _predict(
-    prior: Prior, time_s: FloatArray, values: FloatArray, horizon_s: float
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.object_]]:
-    """Return value, standard deviation, window and status of each hold."""
-    value = values[:, -1].copy()
-    deviation = np.ptp(values, axis=1)
-    status = np.array([Status.OK] * len(values), dtype=object)
-    status[deviation == 0] = Status.NOT_SETTLING
-    peaks = peak_index(values)
-    window_s = time_s[-1] - time_s[peaks]
-    target_s = horizon_s - SETTLED_WINDOW_S / 2
-    if time_s[-1] >= target_s:
-        return *_settled_already(time_s, values, horizon_s=horizon_s), window_s, status
-    for peak in np.unique(peaks):
-        rows = np.flatnonzero(peaks == peak)
-        since = time_s[peak:] - time_s[peak]
-        if since.size < FEWEST_SAMPLES or since[-1] < SHORTEST_S:
-            status[rows] = Status.TOO_SHORT
-        if since.size < 2:
-            continue
-        forms = conditionals(since, after_s=float(target_s - time_s[peak]), prior=prior)
-        for start in range(0, rows.size, CHUNK):
-            chunk = rows[start : start + CHUNK]
-            value[chunk], deviation[chunk], limited, hurried, turned = _forecast(
-                forms, prior, since, values[chunk, peak:]
-            )
-            fine = status[chunk] == Status.OK
-            status[chunk[fine & limited]] = Status.FELL_BACK
-            if since[-1] < BOUNCING_S:
-                unsure = deviation[chunk] > np.abs(value[chunk] - values[chunk, -1])
-                status[chunk[fine & (unsure | hurried)]] = Status.TOO_SHORT
-            status[chunk[turned]] = Status.NOT_SETTLING
-    return value, deviation, window_s, status
-
-
-def _settled_already(
-    time_s: FloatArray, values: FloatArray, *, horizon_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and its standard deviation of the last samples up to the horizon."""
-    upto = values[:, : max(1, int(np.searchsorted(time_s, horizon_s, side="right")))]
-    last = upto[:, time_s[: upto.shape[1]] >= horizon_s - SETTLED_WINDOW_S]
-    last = last if last.size else upto[:, -1:]
-    variance, _ = noise_scatter(time_s, values)
-    return last.mean(axis=1), np.sqrt(variance)
-
-
-def _forecast(
-    forms: Conditionals, prior: Prior, time_s: FloatArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return mean and standard deviation at the horizon; what was limited, hurries, turned back."""
-    binned = values @ forms.bins.averaging.T
-    last, first = binned[:, -1], values[:, 0]
-    direction = np.where(last >= first, 1.0, -1.0)
-    fallen = (values - first[:, None]) * direction[:, None]
-    drop = fallen.max(axis=1)
-    scale = np.where(drop > 0, drop, 1.0)
-    mean, deviation = _mix(
-        forms,
-        prior,
-        seen=(binned[:, :-1] - last[:, None]) / scale[:, None],
-        scatter=noise_scatter(time_s, values / scale[:, None]),
-    )
-    # Relaxation doesn't turn round, nor does it fall faster and faster: where noise or a process
-    # that is over say so, the last value or its recent pace are better guides.
-    fall = mean * direction
-    to_come = _recent_pace(forms, binned)
-    possible = np.clip(fall, 0.0, FASTEST_PACE * to_come / scale)
-    turned = drop - np.abs(last - first) > TURNED_BACK * drop
-    doubt = np.where(turned, drop, SHAPE_DOUBT * to_come)
-    value = last + drop * possible * direction
-    hurried = fall * scale > HURRIED_PACE * to_come
-    return value, np.hypot(drop * deviation, doubt), possible != fall, hurried, turned
+        return replace(self, scale=scale)
 
 
 def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:
@@ -212,24 +197,40 @@ def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:
     return np.asarray(np.abs(binned[:, first] - binned[:, -1]) / folds * forms.e_folds)
 
 
-def _mix(
-    forms: Conditionals, prior: Prior, *, seen: FloatArray, scatter: tuple[FloatArray, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of the mixture's forecast from the last bin."""
-    variance, samples = scatter
-    squares = ((forms.whitening @ seen.T) ** 2).sum(axis=1).T
-    squares += samples * variance[:, None] / prior.noise**2
-    degrees = seen.shape[1] + samples
-    log_weight = (
-        prior.log_weight
-        - forms.log_det / 2
-        - samples * np.log(prior.noise)
-        - degrees / 2 * np.log(squares + np.finfo(float).tiny)
-    )
-    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
-    weight /= weight.sum(axis=1, keepdims=True)
-    forecast = seen @ forms.forecast.T
-    mean = (weight * forecast).sum(axis=1)
-    within = squares / max(degrees - 2, 1) * forms.variance
-    spread = within + (forecast - mean[:, None]) ** 2
-    return mean, np.sqrt((weight * spread).sum(axis=1))
+def _turned_back(binned: FloatArray) -> NDArray[np.bool_]:
+    """Return which holds have come back by much of how far they had gone."""
+    gone = np.abs(binned - binned[:, :1])
+    furthest = gone.max(axis=1)
+    return np.asarray(furthest - gone[:, -1] > TURNED_BACK * furthest)
+
+
+def _statuses(
+    window: Window, ends: FloatArray, *, reach: FloatArray, found: Mixture
+) -> NDArray[np.object_]:
+    """Return whether the interval can be believed and is worth it, or why not."""
+    low, value, high = ends
+    # Half of the width as a share of the value; where zero is not known, of the change seen.
+    half = np.expm1(high - value) - np.expm1(low - value) if window.positive else high - low
+    half = half / 2 if window.positive else WIDEST * half / np.maximum(2 * reach, _TINY)
+    lasted_s = float(window.since_s[-1])
+    ringing = found.sums(found.weight * _BOUNCING[found.component]) > 0.5
+    noisy = found.sums(found.weight * _NOISY[found.component]) > 0.5
+    status = np.array([Status.OK] * ends.shape[1], dtype=object)
+    status[(half > WIDEST) | noisy] = Status.MISFIT if lasted_s > EARLY_S else Status.TOO_SHORT
+    contact = ringing | (window.first > window.origin)
+    if lasted_s < RINGING_S:
+        status[contact] = Status.TOO_SHORT
+    if window.since_s.size < FEWEST_SAMPLES or lasted_s < SHORTEST_S:
+        status[:] = Status.TOO_SHORT
+    return status
+
+
+def _settled_already(
+    time_s: FloatArray, seen: FloatArray, *, horizon_s: float, shares: FloatArray
+) -> FloatArray:
+    """Return the mean of the last samples up to the horizon, and its interval by their noise."""
+    upto = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
+    last = seen[:, :upto][:, time_s[:upto] >= horizon_s - SETTLED_WINDOW_S]
+    last = last if last.size else seen[:, upto - 1 : upto]
+    variance, _ = noise_scatter(time_s, seen)
+    return np.asarray(last.mean(axis=1) + ndtri(shares)[:, None] * np.sqrt(variance))

@@ -20,6 +20,7 @@ class Status(StrEnum):
     NOT_SETTLING = "not_settling"
     SATURATED = "saturated"
     FELL_BACK = "fell_back"
+    MISFIT = "misfit"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,121 @@
+"""Where settling begins: after a baseline, at the peak, and past the ringing of a contact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.settling.result import FloatArray
+from palpate.signal.transient import peak_index
+
+#: A baseline stays within this share of the whole change for at least so long (s) and so many
+#: samples; the change then comes to the larger share within three quarters of that time, while a
+#: curve that relaxes from the start slows down and takes three times it.
+_FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 3
+_GONE, _SUDDEN = 0.4, 0.75
+#: A fall of the resistance by a fifth within so long (s) is a contact being made. What it rings
+#: through is left out; time still counts from the contact.
+_CONTACT_LOG, _CONTACT_S, _RUNG_OUT_S = 0.2, 0.3, 0.35
+#: Leaving samples out takes so many, over so long (s), to be left.
+_FEWEST_LEFT, _SHORTEST_LEFT_S = 4, 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Window:
+    """Holds that share an origin and the samples to use.
+
+    Attributes
+    ----------
+    rows : ndarray of int
+        Which holds.
+    since_s : ndarray, shape (n_used,)
+        Times of the samples to use, seconds after the origin.
+    origin, first : int
+        Index of the origin, and of the first sample to use.
+    positive : bool
+        Whether the values are logarithms.
+    """
+
+    rows: NDArray[np.intp]
+    since_s: FloatArray
+    origin: int
+    first: int
+    positive: bool
+
+
+def windows(
+    time_s: FloatArray, values: FloatArray, *, positive: NDArray[np.bool_]
+) -> Iterator[Window]:
+    """Group holds by their origin and the samples to use; parameters as of `origins`."""
+    origin, first = origins(time_s, values, positive=positive)
+    keys = np.stack([origin, first, positive.astype(np.intp)])
+    for at, start, logarithms in np.unique(keys, axis=1).T if len(values) > 1 else keys.T:
+        alike = (origin == at) & (first == start) & (positive == logarithms)
+        yield Window(
+            rows=np.flatnonzero(alike),
+            since_s=time_s[start:] - time_s[at],
+            origin=int(at),
+            first=int(start),
+            positive=bool(logarithms),
+        )
+
+
+def origins(
+    time_s: FloatArray, values: FloatArray, *, positive: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the origin of time of each hold and the first sample that tells how it settles.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_times,)
+        Sampling times, seconds.
+    values : ndarray, shape (n_holds, n_times)
+        Samples.
+    positive : ndarray of bool, shape (n_holds,)
+        Whether they are logarithms of positive values: then the size of a fall shows a contact.
+
+    Returns
+    -------
+    origin, first : ndarray of int, shape (n_holds,)
+        Indices; `first` is `origin` where no contact is left out.
+
+    Examples
+    --------
+    A second of rest, then contact:
+
+    >>> time_s = np.arange(0.0, 3.0, 0.05)
+    >>> held = np.where(time_s < 1.0, 0.0, -2.0 - 0.1 * np.log(np.maximum(time_s - 0.95, 0.05)))
+    >>> origin, first = origins(time_s, held[None], positive=np.array([True]))
+    >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
+    (0.95, 1.3)
+    """
+    peak = peak_index(values)
+    rested = _baseline_end(time_s, values)
+    origin = np.maximum(peak, rested)
+    rows = np.arange(len(values))
+    soon = np.searchsorted(time_s, time_s[origin] + _CONTACT_S, side="right") - 1
+    fell = values[rows, origin] - values[rows, soon] > _CONTACT_LOG
+    later = np.searchsorted(time_s, time_s[origin] + _RUNG_OUT_S - 1e-9)
+    enough = (time_s.size - later >= _FEWEST_LEFT) & (
+        time_s[-1] - time_s[np.minimum(later, time_s.size - 1)] >= _SHORTEST_LEFT_S
+    )
+    contact = (fell & positive) | (rested > 0)
+    return origin, np.where(contact & enough, later, origin)
+
+
+def _baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.intp]:
+    """Return the last sample of a flat stretch in front, 0 where there is none."""
+    away = np.abs(values - values[:, :1])
+    whole = away.max(axis=1, keepdims=True)
+    left = away > _FLAT * whole
+    flat = left.argmax(axis=1) - 1
+    gone = (away > _GONE * whole).argmax(axis=1)
+    lasted_s = time_s[flat] - time_s[0]
+    sudden = time_s[gone] - time_s[flat] <= _SUDDEN * lasted_s
+    found = sudden & (lasted_s >= _FLAT_S) & (flat + 1 >= _FLAT_SAMPLES) & left.any(axis=1)
+    # It must have stayed away: a hold that returns to where it began has no baseline there.
+    end: NDArray[np.intp] = np.where(found, flat, 0)
+    return end
