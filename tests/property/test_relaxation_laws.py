@@ -1,4 +1,4 @@
-"""Laws of the relaxation predictor: no unit, no sign, no zero, never NaN."""
+"""Laws of the relaxation predictor: no unit, never NaN, nothing positive turned negative."""
 
 from __future__ import annotations
 
@@ -25,26 +25,57 @@ def settling_holds(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 
 
 @settings(max_examples=60, deadline=None)
+@given(settling_holds(), st.floats(1e-3, 1e3))
+def test_the_scale_of_positive_values_drops_out(
+    hold: tuple[np.ndarray, np.ndarray], scale: float
+) -> None:
+    time_s, values = hold
+    plain, scaled = (
+        METHOD.predict(time_s, factor * values[None], horizon_s=40.0, level=0.9).hold(0)
+        for factor in (1.0, scale)
+    )
+    for end in ("value", "low", "high"):
+        assert np.isclose(getattr(scaled, end), scale * getattr(plain, end), rtol=1e-5)
+    assert scaled.status is plain.status
+
+
+@settings(max_examples=60, deadline=None)
 @given(
-    settling_holds(),
-    st.floats(1e-3, 1e3),
-    st.sampled_from([-1.0, 1.0]),
-    st.floats(-1e3, 1e3),
+    settling_holds(), st.floats(1e-3, 1e3), st.sampled_from([-1.0, 1.0]), st.floats(-1e3, -100.0)
 )
-def test_scale_sign_and_zero_drop_out(
+def test_scale_sign_and_zero_of_other_values_drop_out(
     hold: tuple[np.ndarray, np.ndarray], scale: float, sign: float, shift: float
 ) -> None:
     time_s, values = hold
+    values = values - values.mean()
     plain = METHOD.predict(time_s, values[None], horizon_s=40.0, level=0.9).hold(0)
-    factor = sign * scale
-    moved = METHOD.predict(time_s, factor * values[None] + shift, horizon_s=40.0, level=0.9).hold(0)
-    ends = sorted([factor * plain.low + shift, factor * plain.high + shift])
+    moved = METHOD.predict(
+        time_s, scale * (sign * values[None] + shift), horizon_s=40.0, level=0.9
+    ).hold(0)
+    ends = sorted([sign * plain.low + shift, sign * plain.high + shift])
     # What remains is rounding: the shift may be a million times the drop.
-    slack = 1e-6 * scale * (plain.high - plain.low) + 1e-9 * abs(shift) + 1e-9 * scale
-    assert abs(moved.value - (factor * plain.value + shift)) <= slack
-    assert abs(moved.low - ends[0]) <= 10 * slack
-    assert abs(moved.high - ends[1]) <= 10 * slack
+    slack = 1e-5 * (plain.high - plain.low) + 1e-9 * abs(shift)
+    assert abs(moved.value / scale - (sign * plain.value + shift)) <= slack
+    assert abs(moved.low / scale - ends[0]) <= 10 * slack
+    assert abs(moved.high / scale - ends[1]) <= 10 * slack
     assert moved.status is plain.status
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    st.integers(1, 40).flatmap(
+        lambda n: st.tuples(
+            arrays(np.float64, (3, n), elements=st.floats(1e-3, 1e6, width=64)),
+            arrays(np.float64, n, elements=st.floats(1e-4, 1.0)),
+        )
+    ),
+)
+def test_nothing_positive_is_predicted_at_or_below_zero(
+    drawn: tuple[np.ndarray, np.ndarray],
+) -> None:
+    values, steps = drawn
+    estimate = METHOD.predict(np.cumsum(steps), values, horizon_s=60.0, level=0.95)
+    assert (np.concatenate([estimate.value, estimate.low, estimate.high]) > 0).all()
 
 
 @settings(max_examples=80, deadline=None)

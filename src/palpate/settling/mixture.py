@@ -16,14 +16,19 @@ from palpate.settling.result import FloatArray
 SCALE, SCALE_DEGREES = 0.1, 6.0
 #: No curve is the truth: each forecast may be off by this share of itself, and of the change that
 #: the recent pace per e-fold of time would bring.
-SHAPE_DOUBT = 0.05
+SHAPE_DOUBT = 0.08
 #: Components that weigh less than this share of the heaviest one change no digit that matters.
-LIGHTEST = 1e-4
+LIGHTEST = 1e-3
 #: Components with nearly the same forecast are merged before quantiles are sought: bins across so
 #: many standard deviations to either side.
-_MERGED, _SPAN = 24, 3.0
-#: Newton steps towards a quantile, held in a bracket.
-_STEPS = 10
+_MERGED, _SPAN = 12, 2.0
+#: Where the probability is worked out, standard deviations from the mean.
+_PLACES = np.array([-3.0, -1.8, -1.0, -0.4, 0.0, 0.4, 1.0, 1.8, 3.0])
+#: A probability that is no other than 0 or 1, and a variance that is none.
+_RAREST = 1e-9
+#: How far beyond the places a quantile may lie, and how far it is mended.
+_BEYOND, _MENDED = (-6.0, 6.0), 0.3
+_TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,29 +91,38 @@ def posterior(
     lightest : float
         Components that weigh less than this share of the heaviest are dropped.
     """
-    variance, samples = scatter
+    noise, samples = scatter
     degrees = binned.shape[1] - 1 + samples + scaled * SCALE_DEGREES
     seen = binned[:, :-1] - binned[:, -1:]
     whitened = np.swapaxes(forms.whitening @ seen.T, 1, 2)
-    squares = np.einsum("knm,knm->kn", whitened, whitened) + scaled * SCALE_DEGREES * SCALE**2
-    squares += samples * variance / NOISE[:, None] ** 2
+    squares = (whitened**2).sum(axis=2) + scaled * SCALE_DEGREES * SCALE**2
+    squares += samples * noise / NOISE[:, None] ** 2 + _TINY
     along = whitened @ forms.curves
-    left = np.maximum(squares[:, :, None] - along**2, np.finfo(float).tiny)
-    prior = forms.log_weight + log_odds - samples * np.log(NOISE)[:, None]
-    log_weight = prior[:, None] - degrees / 2 * np.log(left)
-    heaviest = log_weight.max(axis=(0, 2))
-    kept = np.nonzero(log_weight > (heaviest + np.log(lightest))[:, None])
-    deviation, hold, curve = kept
-    weight = np.exp(log_weight[kept] - heaviest[hold])
+    # A weight is handicap x left to the power of -degrees / 2: whether it counts is told without
+    # taking a logarithm.
+    log_prior = forms.log_weight + log_odds - samples * np.log(NOISE)[:, None]
+    handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))[:, None]
+    left = np.square(along)
+    np.subtract(squares[:, :, None], left, out=left)
+    np.maximum(left, 1e-12 * squares[:, :, None], out=left)
+    left *= handicap
+    least = left.min(axis=(0, 2))
+    kept = np.flatnonzero(left <= (least * lightest ** (-2 / degrees))[:, None])
+    row, curve = np.divmod(kept, log_odds.shape[1])
+    deviation, hold = np.divmod(row, len(binned))
+    component = deviation * log_odds.shape[1] + curve
+    kept_left = left.ravel()[kept]
+    weight = (kept_left / least[hold]) ** (-degrees / 2)
     weight /= np.bincount(hold, weights=weight)[hold]
-    base = np.einsum("knm,km->kn", whitened, forms.ahead)
+    ahead = (whitened @ forms.ahead[:, :, None]).ravel()[row]
+    variance = (forms.variance / handicap[:, 0] / max(degrees - 2, 1)).ravel()[component]
     return Mixture(
         holds=len(binned),
         hold=hold,
-        component=deviation * log_odds.shape[1] + curve,
+        component=component,
         weight=weight,
-        forecast=base[deviation, hold] + forms.step[deviation, curve] * along[kept],
-        deviation=np.sqrt(left[kept] / max(degrees - 2, 1) * forms.variance[deviation, curve]),
+        forecast=ahead + forms.step.ravel()[component] * along.ravel()[kept],
+        deviation=np.sqrt(kept_left * variance),
     )
 
 
@@ -132,50 +146,50 @@ def quantiles(mixture: Mixture, shares: FloatArray) -> FloatArray:
 
     >>> two = Mixture(
     ...     holds=1, hold=np.array([0, 0]), component=np.array([0, 1]), weight=np.array([0.5, 0.5]),
-    ...     forecast=np.array([-1.0, 1.0]), deviation=np.array([0.5, 0.5]),
+    ...     forecast=np.array([2.0, 4.0]), deviation=np.array([0.5, 0.5]),
     ... )
     >>> quantiles(two, np.array([0.05, 0.5])).round(2).tolist()
-    [[-1.64], [0.0]]
+    [[1.36], [3.0]]
     """
-    weight, mean, deviation = _merge(mixture)
-    middle = np.einsum("hb,hb->h", weight, mean)
-    spread = np.sqrt(np.einsum("hb,hb->h", weight, deviation**2 + (mean - middle[:, None]) ** 2))
-    found = np.empty((shares.size, mixture.holds))
-    for row, share in enumerate(shares):
-        # Whatever the shape, no quantile is further off than this (Cantelli's inequality).
-        low = middle - spread * np.sqrt((1 - share) / share)
-        high = middle + spread * np.sqrt(share / (1 - share))
-        at = np.clip(middle + spread * ndtri(share), low, high)
-        for _ in range(_STEPS):
-            z = (at[:, None] - mean) / deviation
-            short = share - np.einsum("hb,hb->h", weight, ndtr(z))
-            low, high = np.where(short > 0, at, low), np.where(short > 0, high, at)
-            slope = np.einsum("hb,hb->h", weight / deviation, np.exp(-0.5 * z**2))
-            step = short * np.sqrt(2 * np.pi) / np.maximum(slope, np.finfo(float).tiny)
-            inside = (at + step > low) & (at + step < high)
-            at = np.where(inside, at + step, (low + high) / 2)
-        found[row] = at
-    return found
+    merged, middle, spread = _merge(mixture)
+    # As normal variables the probabilities at a few places are nearly a straight line: what lies
+    # between is interpolated, and one Newton step on that line mends it.
+    z = ndtri(np.clip(_below(_PLACES[None], merged), _RAREST, 1 - _RAREST))
+    wanted = ndtri(shares)
+    after = np.clip((z[:, None] < wanted[:, None]).sum(axis=2), 1, _PLACES.size - 1)
+    z0, z1 = np.take_along_axis(z, after - 1, axis=1), np.take_along_axis(z, after, axis=1)
+    slope = (_PLACES[after] - _PLACES[after - 1]) / np.maximum(z1 - z0, _RAREST)
+    at = _PLACES[after - 1] + np.clip((wanted - z0) * slope, *_BEYOND)
+    z = ndtri(np.clip(_below(at, merged), _RAREST, 1 - _RAREST))
+    at += np.clip((wanted - z) * slope, -_MENDED, _MENDED)
+    return np.asarray((middle[:, None] + spread[:, None] * np.sort(at, axis=1)).T)
+
+
+def _below(places: FloatArray, merged: FloatArray) -> FloatArray:
+    """Return the probability below places of each hold, in units of `_merge`."""
+    weight, mean, deviation = merged
+    z = (places[:, :, None] - mean[:, None]) / deviation[:, None]
+    return np.asarray((ndtr(z) @ weight[:, :, None])[:, :, 0])
 
 
 def _merge(mixture: Mixture) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return weights, means and deviations, shape (n_holds, n_merged); empty ones weigh nothing."""
-    hold, weight, forecast = mixture.hold, mixture.weight, mixture.forecast
-    middle = mixture.sums(weight * forecast)
-    off = forecast - middle[hold]
+    """Return the mixture with like forecasts merged, and the mean and spread that are its unit.
+
+    The first has shape (3, n_holds, n_merged): weights, means and deviations.
+    """
+    weight, middle = mixture.weight, mixture.sums(mixture.weight * mixture.forecast)
+    off = mixture.forecast - middle[mixture.hold]
     spread = np.sqrt(mixture.sums(weight * (mixture.deviation**2 + off**2)))
-    spread = np.maximum(spread, np.finfo(float).tiny)
-    place = (off / spread[hold] + _SPAN) * (_MERGED / (2 * _SPAN))
-    place = np.clip(place, 0, _MERGED - 1).astype(np.intp) + hold * _MERGED
-
-    def gathered(terms: FloatArray) -> FloatArray:
-        sums = np.bincount(place, weights=terms, minlength=mixture.holds * _MERGED)
-        return sums.reshape(mixture.holds, _MERGED)
-
-    total = gathered(weight)
-    share = np.where(total > 0, total, 1.0)
-    mean = gathered(weight * off) / share
-    square = gathered(weight * (mixture.deviation**2 + off**2)) / share
-    within = np.sqrt(np.maximum(square - mean**2, 0.0))
-    floor = 1e-9 * spread[:, None]
-    return total, mean + middle[:, None], np.where(total > 0, np.maximum(within, floor), 1.0)
+    unit = np.maximum(spread, _TINY)[mixture.hold]
+    off, variance = off / unit, (mixture.deviation / unit) ** 2
+    place = np.clip((off + _SPAN) * (_MERGED / (2 * _SPAN)), 0, _MERGED - 1).astype(np.intp)
+    place += mixture.hold * _MERGED
+    total, first, second = (
+        np.bincount(place, weights=terms, minlength=mixture.holds * _MERGED)
+        for terms in (weight, weight * off, weight * (variance + off**2))
+    )
+    share = np.maximum(total, _TINY)
+    mean = first / share
+    deviation = np.sqrt(np.maximum(second / share - mean**2, _RAREST))
+    merged = np.stack([total, mean, deviation]).reshape(3, mixture.holds, _MERGED)
+    return merged, middle, spread

@@ -13,7 +13,7 @@ from palpate.holds import Hold
 from palpate.settling.bins import noise_scatter
 from palpate.settling.conditionals import WALK_FROM_S, Conditionals, conditionals
 from palpate.settling.intervals import UNCALIBRATED, WIDENING, IntervalScale
-from palpate.settling.mixture import Mixture, posterior, quantiles
+from palpate.settling.mixture import LIGHTEST, Mixture, posterior, quantiles
 from palpate.settling.odds import LOG_ODDS
 from palpate.settling.origin import Window, windows
 from palpate.settling.result import FloatArray, SettledEstimate, Status
@@ -36,7 +36,7 @@ WIDEST = 0.2
 #: A hold that has come back by more than this share of its drop is bouncing, not settling.
 TURNED_BACK = 0.3
 #: Nothing is predicted to go further than this many times what was seen.
-FURTHEST = 3.0
+FURTHEST = 10.0
 #: Window lengths at which calibration residuals are taken, s.
 CALIBRATION_WINDOWS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
 
@@ -94,22 +94,15 @@ class Relaxation:
         if not 0 < level < 1:
             raise ValueError(f"level must lie between 0 and 1, not {level:g}")
         positive = (values > 0).all(axis=1)
-        seen = np.where(positive[:, None], np.log(np.where(positive[:, None], values, 1.0)), values)
-        shares = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
-        ends = np.empty((3, len(values)))
-        status = np.array([Status.OK] * len(values), dtype=object)
-        window_s = np.zeros(len(values))
-        for window in windows(time_s, seen, positive=positive):
-            window_s[window.rows] = window.since_s[-1] - window.since_s[0]
-            after_s = horizon_s - SETTLED_WINDOW_S / 2 - float(time_s[window.origin])
-            for rows in np.split(window.rows, range(CHUNK, window.rows.size, CHUNK)):
-                used = seen[rows, window.first :]
-                ends[:, rows], status[rows] = self._settled(
-                    window, used, after_s=after_s, shares=shares
-                )
-        if time_s[-1] >= horizon_s - SETTLED_WINDOW_S / 2:
-            ends = _settled_already(time_s, seen, horizon_s=horizon_s, shares=shares)
-        low, value, high = np.where(positive, np.exp(np.where(positive, ends, 0.0)), ends)
+        # Logarithms of the share of the last sample, so that a constant hold stays exactly so.
+        unit = np.where(positive, values[:, -1], 1.0)
+        shares = values / unit[:, None]
+        seen = np.where(positive[:, None], np.log(np.where(positive[:, None], shares, 1.0)), values)
+        quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
+        ends, status, window_s = self._ends(
+            time_s, seen, positive=positive, horizon_s=horizon_s, quantile=quantile
+        )
+        low, value, high = np.where(positive, unit * np.exp(np.where(positive, ends, 0.0)), ends)
         return SettledEstimate(
             value=value,
             low=low,
@@ -121,26 +114,46 @@ class Relaxation:
             status=status,
         )
 
+    def _ends(
+        self,
+        time_s: FloatArray,
+        seen: FloatArray,
+        *,
+        positive: NDArray[np.bool_],
+        horizon_s: float,
+        quantile: FloatArray,
+    ) -> tuple[FloatArray, NDArray[np.object_], FloatArray]:
+        """Return low end, value and high end of all holds, their statuses and window lengths."""
+        ends = np.empty((3, len(seen)))
+        status = np.array([Status.OK] * len(seen), dtype=object)
+        window_s = np.full(len(seen), time_s[-1] - time_s[0])
+        target_s = horizon_s - SETTLED_WINDOW_S / 2
+        if time_s[-1] >= target_s:
+            status[np.ptp(seen, axis=1) == 0] = Status.NOT_SETTLING
+            ends = _settled_already(time_s, seen, horizon_s=horizon_s, quantile=quantile)
+            return ends, status, window_s
+        for window in windows(time_s, seen, positive=positive):
+            window_s[window.rows] = window.since_s[-1] - window.since_s[0]
+            after_s = target_s - float(time_s[window.origin])
+            for rows in np.split(window.rows, range(CHUNK, window.rows.size, CHUNK)):
+                used = seen[rows, window.first :]
+                ends[:, rows], status[rows] = self._settled(
+                    window, used, after_s=after_s, quantile=quantile
+                )
+        return ends, status, window_s
+
     def _settled(
-        self, window: Window, used: FloatArray, *, after_s: float, shares: FloatArray
+        self, window: Window, used: FloatArray, *, after_s: float, quantile: FloatArray
     ) -> tuple[FloatArray, NDArray[np.object_]]:
         """Return low end, value and high end of holds of one window, and their statuses."""
         since_s, reach = window.since_s, np.ptp(used, axis=1)
-        if since_s.size < 2 or after_s <= since_s[-1]:
+        if since_s.size < 2:
             sides = np.array([-1.0, 0.0, 1.0])[:, None]
             return used[:, -1] + sides * reach, np.array([Status.TOO_SHORT] * len(used), object)
-        forms = conditionals(since_s, after_s=after_s)
-        binned = used @ forms.bins.averaging.T
-        found = posterior(
-            forms,
-            binned,
-            log_odds=self.log_odds,
-            scatter=noise_scatter(since_s, used),
-            scaled=window.positive,
-        ).doubted(_recent_pace(forms, binned))
-        ahead = quantiles(found, shares)
+        found, binned = weighed(window, used, after_s=after_s, log_odds=self.log_odds)
+        ahead = quantiles(found, quantile)
         widening = self.scale.widening(
-            float(since_s[-1] - since_s[0]), level=float(shares[2] - shares[0])
+            float(since_s[-1] - since_s[0]), level=float(quantile[2] - quantile[0])
         )
         ahead = ahead[1] + widening * (ahead - ahead[1])
         turned = _turned_back(binned)
@@ -189,6 +202,40 @@ class Relaxation:
         return replace(self, scale=scale)
 
 
+def weighed(
+    window: Window,
+    used: FloatArray,
+    *,
+    after_s: float,
+    log_odds: FloatArray,
+    lightest: float = LIGHTEST,
+) -> tuple[Mixture, FloatArray]:
+    """Return what the components forecast from the last bin on, and the binned samples.
+
+    Parameters
+    ----------
+    window : Window
+        Grid of the holds.
+    used : ndarray, shape (n_holds, n_used)
+        Samples on it.
+    after_s : float
+        Time of the value to predict, seconds after the origin.
+    log_odds, lightest : ndarray and float
+        As of `posterior`.
+    """
+    forms = conditionals(window.since_s, after_s=after_s)
+    binned = used @ forms.bins.averaging.T
+    found = posterior(
+        forms,
+        binned,
+        log_odds=log_odds,
+        scatter=noise_scatter(window.since_s, used),
+        scaled=window.positive,
+        lightest=lightest,
+    )
+    return found.doubted(_recent_pace(forms, binned)), binned
+
+
 def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:
     """Return the change to come if time went on by e-folds as it did over the last one."""
     time_s = forms.bins.time_s
@@ -226,11 +273,11 @@ def _statuses(
 
 
 def _settled_already(
-    time_s: FloatArray, seen: FloatArray, *, horizon_s: float, shares: FloatArray
+    time_s: FloatArray, seen: FloatArray, *, horizon_s: float, quantile: FloatArray
 ) -> FloatArray:
     """Return the mean of the last samples up to the horizon, and its interval by their noise."""
     upto = max(1, int(np.searchsorted(time_s, horizon_s, side="right")))
     last = seen[:, :upto][:, time_s[:upto] >= horizon_s - SETTLED_WINDOW_S]
     last = last if last.size else seen[:, upto - 1 : upto]
     variance, _ = noise_scatter(time_s, seen)
-    return np.asarray(last.mean(axis=1) + ndtri(shares)[:, None] * np.sqrt(variance))
+    return np.asarray(last.mean(axis=1) + ndtri(quantile)[:, None] * np.sqrt(variance))

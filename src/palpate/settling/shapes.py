@@ -25,8 +25,8 @@ _CREEP_FROM_S = 0.3
 #: the contact transient, the decay that stands out, slow creep, and log-time creep.
 _PUBLISHED = {"fast": 0.37, "mode": 0.131, "slow": 0.068, "log_rate": 0.0103}
 _PUBLISHED_FAST_S, _PUBLISHED_SLOW_S, _PUBLISHED_LOG_S, _PUBLISHED_POWER = 0.086, 17.2, 3.2, 1.12
-#: A decay of this share of the settled value is the same curve in R and in ln R.
-_SMALL = 0.02
+#: A small decay is the same curve in R and in ln R; a usual one is this share of the settled value.
+_SMALL, _USUAL_SHARE = 0.02, 0.25
 #: When a bounce at contact is over, s: a light touch, and a hard one.
 BOUNCES_S = (0.12, 0.35)
 
@@ -110,18 +110,17 @@ def _published(mode_s: float) -> Curve:
 
 CURVES: tuple[Curve, ...] = (
     *(_creep(0.0, from_s) for from_s in (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)),
-    *(_creep(bend, from_s) for bend, from_s in product((-0.15, -0.4), (0.1, 0.4, 1.6))),
-    *(_creep(bend, from_s) for bend, from_s in product((0.15, 0.3), (0.1, 0.4))),
+    *(_creep(bend, from_s) for bend, from_s in product((-0.15, -0.4), (0.1, 0.8))),
+    *(_creep(bend, from_s) for bend, from_s in product((0.15, 0.3), (0.2,))),
     *(
-        _decay(float(tau_s), 1.0, share)
-        for tau_s, share in product(np.geomspace(0.4, 12.0, 9), (_SMALL, 0.5))
+        _decay(float(tau_s), 1.0, _USUAL_SHARE) for tau_s in np.geomspace(0.4, 12.0, 11)
     ),
     *(
         _decay_on_creep(float(tau_s), ratio)
-        for tau_s, ratio in product(np.geomspace(0.4, 9.0, 7), (0.25, 0.7, 2.0))
+        for tau_s, ratio in product(np.geomspace(0.4, 9.0, 7), (0.4, 1.2, 3.0))
     ),
     *(_decay(tau_s, 0.5, _SMALL) for tau_s in (0.6, 2.4, 10.0)),
-    *(_decay(tau_s, 0.75, _SMALL) for tau_s in (0.6, 1.2, 2.4, 5.0, 10.0)),
+    *(_decay(tau_s, 0.75, _SMALL) for tau_s in (0.6, 1.6, 4.0, 10.0)),
     *(_decay(tau_s, 1.4, _SMALL) for tau_s in (2.4, 5.0)),
     *(_published(mode_s) for mode_s in (0.95, 1.3, 1.7, 2.2, 2.9, 3.8)),
 )
@@ -133,16 +132,21 @@ _STIFF, _GIVING, _FREE, _WAVY = (0.003, 0.003), (0.01, 0.03), (0.03, 0.15), (0.1
 
 def _deviations() -> tuple[Deviation, ...]:
     calm = [
-        *product((_CLEAN, _USUAL, _POOR), (_STIFF, _GIVING, _FREE, _WAVY)),
+        (_CLEAN, _STIFF),
+        (_CLEAN, _GIVING),
+        (_CLEAN, _FREE),
+        (_CLEAN, _WAVY),
+        (_USUAL, _STIFF),
+        (_USUAL, _GIVING),
+        (_USUAL, _WAVY),
+        (_POOR, _GIVING),
+        (_POOR, _FREE),
+        (_POOR, _WAVY),
         (WORST_NOISE, _GIVING),
         (WORST_NOISE, _WAVY),
     ]
-    fast = [(_CLEAN, _GIVING), *product((_USUAL,), (_GIVING, _FREE, _WAVY))]
-    bouncing = [
-        *product((_CLEAN, _USUAL, _POOR), (_STIFF,)),
-        (_CLEAN, _GIVING),
-        *product((_USUAL,), (_GIVING, _FREE, _WAVY)),
-    ]
+    fast = [(_CLEAN, _GIVING), (_USUAL, _WAVY)]
+    bouncing = [(_CLEAN, _STIFF), (_USUAL, _GIVING)]
     return (
         *(Deviation(noise=noise, walk=w, loose=free) for noise, (w, free) in calm),
         *(Deviation(noise=noise, walk=w, loose=free, fast=True) for noise, (w, free) in fast),

@@ -1,0 +1,176 @@
+"""Learn the prior odds of the settling predictor; the shipped ones come from this file.
+
+    python -m palpate_studies.settling_odds --data FOLDER [--out src/palpate/settling/odds.py]
+
+The log odds of a component are the sum of one number for its curve and one for its deviation. They
+maximise, by gradient, the mean log score of the settled values plus the mean -ln |relative error|
+of the mixture's mean, over drawn families and training specimens, every family counted alike and
+the real ones more. A ridge keeps what the data don't care about near even odds.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from palpate.holds import Hold, read_holds
+from palpate.settling.origin import windows
+from palpate.settling.relaxation import weighed
+from palpate.settling.result import FloatArray
+from palpate.settling.scoring import settled_value
+from palpate.settling.shapes import CURVES, DEVIATIONS
+
+from palpate_studies.settling_families import FAMILIES, draw
+
+#: Seed and size of the drawn families to learn from; reports use other seeds.
+SEED, DRAWN = 11, 60
+CUTOFFS_S = (1.0, 2.5, 5.0)
+HORIZON_S, TARGET_S = 20.0, 19.75
+#: Real recordings count so many times as much as a drawn family.
+REAL = {"holds_cbsilicone": 3.0, "holds_velostat": 2.0, "holds_force_relaxation": 1.0}
+#: Gradient ascent (Adam): steps, their size, and the ridge that draws log odds towards even.
+STEPS, STEP, RIDGE = 60, 0.15, 0.002
+#: Errors below this share of the value are noise: neither score asks for better.
+FLOOR = 0.003
+#: The score's density has heavy tails, so that one hold that no shape fits can't rule the odds.
+_TAIL = 4.0
+N_CURVES, N_DEVIATIONS = len(CURVES), len(DEVIATIONS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Lesson:
+    """A family's holds at all cut-offs: evidence and forecasts, shape (n_rows, n_components)."""
+
+    log_evidence: FloatArray
+    forecast: FloatArray
+    deviation: FloatArray
+    truth: FloatArray
+
+
+def lesson(holds: Iterable[Hold]) -> Lesson:
+    """Work out what every component makes of the holds, in ln R, or shares of the settled value."""
+    rows = [row for hold in holds for cutoff_s in CUTOFFS_S if (row := _row(hold, cutoff_s))]
+    evidence, forecast, deviation, truth = (np.array(part) for part in zip(*rows, strict=True))
+    return Lesson(
+        log_evidence=evidence.astype(np.float32),
+        forecast=forecast.astype(np.float32),
+        deviation=deviation.astype(np.float32),
+        truth=truth.astype(np.float32)[:, None],
+    )
+
+
+def _row(hold: Hold, cutoff_s: float) -> tuple[FloatArray, FloatArray, FloatArray, float] | None:
+    settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+    seen = hold.time_s <= cutoff_s
+    positive = bool((hold.values > 0).all())
+    values = (np.log(hold.values) if positive else hold.values)[None, seen]
+    time_s = hold.time_s[seen]
+    if np.isnan(settled) or time_s.size < 2:
+        return None
+    [window] = windows(time_s, values, positive=np.array([positive]))
+    if window.since_s.size < 4:
+        return None
+    found, binned = weighed(
+        window,
+        values[:, window.first :],
+        after_s=TARGET_S - float(time_s[window.origin]),
+        log_odds=np.zeros((N_DEVIATIONS, N_CURVES)),
+        lightest=1e-300,
+    )
+    unit = 1.0 if positive else abs(settled)
+    dense = np.full((3, N_DEVIATIONS * N_CURVES), [[-1e3], [0.0], [1.0]])
+    dense[:, found.component] = np.log(found.weight), found.forecast / unit, found.deviation / unit
+    target = np.log(settled) if positive else settled
+    return dense[0], dense[1], dense[2], float(target - binned[0, -1]) / unit
+
+
+def learn(lessons: Mapping[str, Lesson], *, weights: Mapping[str, float] = REAL) -> FloatArray:
+    """Return log odds, shape (n_deviations + n_curves,): those of deviations first."""
+    odds = np.zeros(N_DEVIATIONS + N_CURVES)
+    mean, square = np.zeros_like(odds), np.zeros_like(odds)
+    total = sum(weights.get(name, 1.0) for name in lessons)
+    for step in range(1, STEPS + 1):
+        gradient = -RIDGE * odds
+        for name, one in lessons.items():
+            gradient += weights.get(name, 1.0) / total * _gradient(one, odds)
+        mean, square = 0.9 * mean + 0.1 * gradient, 0.98 * square + 0.02 * gradient**2
+        size = STEP if step <= 0.7 * STEPS else 0.3 * STEP
+        odds += size * (mean / (1 - 0.9**step)) / (np.sqrt(square / (1 - 0.98**step)) + 1e-6)
+    return odds
+
+
+def log_odds(odds: FloatArray) -> FloatArray:
+    """Return the log odds of the components, shape (n_deviations, n_curves)."""
+    return np.asarray(odds[:N_DEVIATIONS, None] + odds[N_DEVIATIONS:])
+
+
+def _gradient(one: Lesson, odds: FloatArray) -> FloatArray:
+    log_weight = one.log_evidence + log_odds(odds).ravel().astype(np.float32)
+    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    weight /= weight.sum(axis=1, keepdims=True)
+    deviation = np.hypot(one.deviation, np.float32(FLOOR))
+    off = (one.truth - one.forecast) / deviation
+    density = (1 + off**2 / _TAIL) ** (-(_TAIL + 1) / 2) / deviation
+    likely = weight * density
+    given_truth = likely / (likely.sum(axis=1, keepdims=True) + 1e-12)
+    middle = (weight * one.forecast).sum(axis=1, keepdims=True)
+    error = middle - one.truth
+    closer = -np.sign(error) / (np.abs(error) + FLOOR) * weight * (one.forecast - middle)
+    pull = (given_truth - weight + closer).mean(axis=0).reshape(N_DEVIATIONS, N_CURVES)
+    return np.concatenate([pull.sum(axis=1), pull.sum(axis=0)]).astype(np.float64)
+
+
+def lessons_of(data: Path) -> dict[str, Lesson]:
+    """Return the lessons of all drawn families and real recordings."""
+    found = {family: lesson(draw(family, DRAWN, seed=SEED)) for family in FAMILIES}
+    for name in REAL:
+        found[name] = lesson(read_holds(data / f"{name}.csv.gz"))
+    return found
+
+
+def source(odds: FloatArray) -> str:
+    """Return the odds as the module that ships them."""
+
+    def rows(numbers: FloatArray) -> str:
+        words = [f"{number:.2f}".replace("-0.00", "0.00") for number in numbers]
+        lines = [", ".join(words[i : i + 12]) for i in range(0, len(words), 12)]
+        return "".join(f"        {line},\n" for line in lines)
+
+    return f'''"""Prior log odds of deviations and curves, in the order of `shapes`; see `docs/prediction.md`.
+
+Learned, not written: `python -m palpate_studies.settling_odds` regenerates this file.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_DEVIATIONS = np.array(
+    [
+{rows(odds[:N_DEVIATIONS])}    ]
+)
+_CURVES = np.array(
+    [
+{rows(odds[N_DEVIATIONS:])}    ]
+)
+#: Of a component: a deviation around a curve, shape (n_deviations, n_curves).
+LOG_ODDS = _DEVIATIONS[:, None] + _CURVES
+LOG_ODDS.setflags(write=False)
+'''
+
+
+def main(arguments: list[str]) -> None:
+    """Learn the odds from a folder of recordings and print or write the module."""
+    options = dict(zip(arguments[::2], arguments[1::2], strict=True))
+    text = source(learn(lessons_of(Path(options["--data"]))))
+    if "--out" in options:
+        Path(options["--out"]).write_text(text, encoding="utf-8")
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
