@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.settling.bins import Bins, log_bins
 from palpate.settling.result import FloatArray
@@ -95,12 +96,13 @@ def _recall(time_bytes: bytes, after_s: float) -> Conditionals:
     bins = log_bins(np.frombuffer(time_bytes))
     time_s = np.append(bins.time_s, after_s)
     last = bins.time_s.size - 1
-    others = np.delete(np.arange(time_s.size), last)
+    others = np.array([*range(last), last + 1], dtype=np.intp)
     curve = curve_values(time_s)
     curve = curve[others] - curve[last]
     # Factorised whole: the last row of the factor is that of the horizon given the samples.
-    factor = np.linalg.cholesky(_covariances(bins, time_s=time_s, others=others))
-    whitening = np.linalg.inv(factor[:, :-1, :-1])
+    covariances = _covariances(bins, time_s=time_s, others=others)
+    factor = np.asarray(np.linalg.cholesky(covariances), np.float64)
+    whitening = np.asarray(np.linalg.inv(factor[:, :-1, :-1]), np.float64)
     ahead = factor[:, -1, :-1]
     whitened = whitening @ curve[:-1]
     root = np.sqrt(1 + np.einsum("kmc,kmc->kc", whitened, whitened))
@@ -118,7 +120,7 @@ def _recall(time_bytes: bytes, after_s: float) -> Conditionals:
     )
 
 
-def _covariances(bins: Bins, *, time_s: FloatArray, others: FloatArray) -> FloatArray:
+def _covariances(bins: Bins, *, time_s: FloatArray, others: NDArray[np.intp]) -> FloatArray:
     """Return the covariance of (other bins, value at the horizon) less the last bin, unit scale."""
     last, count = bins.time_s.size - 1, others.size
 

@@ -49,7 +49,9 @@ class IntervalScale:
         if self.window_s.size == 0:
             return WIDENING
         normal = float(ndtri((1 + level) / 2))
-        known = [_shrunk_quantile(r, level=level, default=WIDENING * normal) for r in self.residuals]
+        known = [
+            _shrunk_quantile(r, level=level, default=WIDENING * normal) for r in self.residuals
+        ]
         log_window = np.log(max(window_s, self.window_s[0] / 10))
         return float(np.interp(log_window, np.log(self.window_s), known)) / normal
 

@@ -62,7 +62,7 @@ class Mixture:
 
     def sums(self, terms: FloatArray) -> FloatArray:
         """Return the sum of a term over the components of each hold, shape (n_holds,)."""
-        return np.bincount(self.hold, weights=terms, minlength=self.holds)
+        return np.asarray(np.bincount(self.hold, weights=terms, minlength=self.holds), np.float64)
 
 
 def posterior(

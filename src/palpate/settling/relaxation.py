@@ -93,7 +93,7 @@ class Relaxation:
         """
         if not 0 < level < 1:
             raise ValueError(f"level must lie between 0 and 1, not {level:g}")
-        positive = (values > 0).all(axis=1)
+        positive = np.asarray((values > 0).all(axis=1))
         # Logarithms of the share of the last sample, so that a constant hold stays exactly so.
         unit = np.where(positive, values[:, -1], 1.0)
         shares = values / unit[:, None]

@@ -21,7 +21,7 @@ from palpate.settling.result import FloatArray
 UNIT_S = (0.3, 20.0)
 #: Creep under a decay sets in at about the length of the contact transient, s.
 _CREEP_FROM_S = 0.3
-#: Shares of the settled value, with the paper's sensor as in its Table 1 (see `docs/prediction.md`):
+#: Shares of the settled value, with the paper's sensor as in its Table 1 (docs/prediction.md):
 #: the contact transient, the decay that stands out, slow creep, and log-time creep.
 _PUBLISHED = {"fast": 0.37, "mode": 0.131, "slow": 0.068, "log_rate": 0.0103}
 _PUBLISHED_FAST_S, _PUBLISHED_SLOW_S, _PUBLISHED_LOG_S, _PUBLISHED_POWER = 0.086, 17.2, 3.2, 1.12
@@ -112,9 +112,7 @@ CURVES: tuple[Curve, ...] = (
     *(_creep(0.0, from_s) for from_s in (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)),
     *(_creep(bend, from_s) for bend, from_s in product((-0.15, -0.4), (0.1, 0.8))),
     *(_creep(bend, from_s) for bend, from_s in product((0.15, 0.3), (0.2,))),
-    *(
-        _decay(float(tau_s), 1.0, _USUAL_SHARE) for tau_s in np.geomspace(0.4, 12.0, 11)
-    ),
+    *(_decay(float(tau_s), 1.0, _USUAL_SHARE) for tau_s in np.geomspace(0.4, 12.0, 11)),
     *(
         _decay_on_creep(float(tau_s), ratio)
         for tau_s, ratio in product(np.geomspace(0.4, 9.0, 7), (0.4, 1.2, 3.0))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
+
 from palpate.holds import Hold
 from palpate.settling.result import FloatArray
 
@@ -127,7 +128,7 @@ def draw(family: str, count: int, *, seed: int) -> list[Hold]:
 def after_baseline(hold: Hold, *, rng: np.random.Generator) -> Hold:
     """Return a hold with 0.5 to 3 s of the unloaded sensor in front, as a raw recording has it.
 
-    The clock of the hold starts with the baseline; its settled value is where it was, so much later.
+    The clock starts with the baseline; the settled value comes later by its length.
     """
     step_s = float(np.median(np.diff(hold.time_s)))
     count = int(rng.uniform(0.5, 3.0) / step_s)

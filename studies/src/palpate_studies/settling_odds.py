@@ -1,6 +1,6 @@
 """Learn the prior odds of the settling predictor; the shipped ones come from this file.
 
-    python -m palpate_studies.settling_odds --data FOLDER [--out src/palpate/settling/odds.py]
+    python -m palpate_studies.settling_odds FOLDER src/palpate/settling/odds.py
 
 The log odds of a component are the sum of one number for its curve and one for its deviation. They
 maximise, by gradient, the mean log score of the settled values plus the mean -ln |relative error|
@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from palpate.holds import Hold, read_holds
 from palpate.settling.origin import windows
 from palpate.settling.relaxation import weighed
 from palpate.settling.result import FloatArray
 from palpate.settling.scoring import settled_value
 from palpate.settling.shapes import CURVES, DEVIATIONS
-
 from palpate_studies.settling_families import FAMILIES, draw
 
 #: Seed and size of the drawn families to learn from; reports use other seeds.
@@ -30,7 +30,7 @@ SEED, DRAWN = 11, 60
 CUTOFFS_S = (1.0, 2.5, 5.0)
 HORIZON_S, TARGET_S = 20.0, 19.75
 #: Real recordings count so many times as much as a drawn family.
-REAL = {"holds_cbsilicone": 3.0, "holds_velostat": 2.0, "holds_force_relaxation": 1.0}
+REAL = {"holds_cbsilicone": 4.0, "holds_velostat": 4.0, "holds_force_relaxation": 1.0}
 #: Gradient ascent (Adam): steps, their size, and the ridge that draws log odds towards even.
 STEPS, STEP, RIDGE = 60, 0.15, 0.002
 #: Errors below this share of the value are noise: neither score asks for better.
@@ -139,9 +139,9 @@ def source(odds: FloatArray) -> str:
         lines = [", ".join(words[i : i + 12]) for i in range(0, len(words), 12)]
         return "".join(f"        {line},\n" for line in lines)
 
-    return f'''"""Prior log odds of deviations and curves, in the order of `shapes`; see `docs/prediction.md`.
+    return f'''"""Prior log odds of deviations and curves, as ordered in `shapes`.
 
-Learned, not written: `python -m palpate_studies.settling_odds` regenerates this file.
+Learned, not written: `palpate_studies.settling_odds` regenerates this file.
 """
 
 from __future__ import annotations
@@ -162,15 +162,10 @@ LOG_ODDS.setflags(write=False)
 '''
 
 
-def main(arguments: list[str]) -> None:
-    """Learn the odds from a folder of recordings and print or write the module."""
-    options = dict(zip(arguments[::2], arguments[1::2], strict=True))
-    text = source(learn(lessons_of(Path(options["--data"]))))
-    if "--out" in options:
-        Path(options["--out"]).write_text(text, encoding="utf-8")
-    else:
-        print(text)
+def main(data: Path, out: Path) -> None:
+    """Learn the odds from a folder of recordings and write the module that ships them."""
+    out.write_text(source(learn(lessons_of(data))), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

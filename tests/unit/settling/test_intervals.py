@@ -8,12 +8,13 @@ from scipy.special import ndtri
 
 from palpate.settling.intervals import UNCALIBRATED, WIDENING, IntervalScale
 
-
 NORMAL = float(ndtri(0.95))
 
 
 def test_without_calibration_it_is_wider_by_a_constant() -> None:
-    assert UNCALIBRATED.widening(0.5, level=0.8) == UNCALIBRATED.widening(5.0, level=0.9) == WIDENING
+    assert (
+        UNCALIBRATED.widening(0.5, level=0.8) == UNCALIBRATED.widening(5.0, level=0.9) == WIDENING
+    )
 
 
 def test_many_residuals_outweigh_the_default() -> None:
