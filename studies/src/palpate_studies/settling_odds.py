@@ -58,7 +58,7 @@ def lesson(holds: Iterable[Hold]) -> Lesson:
         log_evidence=evidence.astype(np.float32),
         forecast=forecast.astype(np.float32),
         deviation=deviation.astype(np.float32),
-        truth=truth.astype(np.float32)[:, None],
+        truth=truth.reshape(-1, 1),
     )
 
 
@@ -112,12 +112,13 @@ def _gradient(one: Lesson, odds: FloatArray) -> FloatArray:
     weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
     weight /= weight.sum(axis=1, keepdims=True)
     deviation = np.hypot(one.deviation, np.float32(FLOOR))
-    off = (one.truth - one.forecast) / deviation
+    truth = one.truth.astype(np.float32)
+    off = (truth - one.forecast) / deviation
     density = (1 + off**2 / _TAIL) ** (-(_TAIL + 1) / 2) / deviation
     likely = weight * density
     given_truth = likely / (likely.sum(axis=1, keepdims=True) + 1e-12)
     middle = (weight * one.forecast).sum(axis=1, keepdims=True)
-    error = middle - one.truth
+    error = middle - truth
     closer = -np.sign(error) / (np.abs(error) + FLOOR) * weight * (one.forecast - middle)
     pull = (given_truth - weight + closer).mean(axis=0).reshape(N_DEVIATIONS, N_CURVES)
     return np.concatenate([pull.sum(axis=1), pull.sum(axis=0)]).astype(np.float64)
