@@ -47,7 +47,7 @@ def test_a_corky_bruise_has_a_core_and_a_rim_and_a_sound_apple_stays_as_it_is() 
 
 
 def test_the_study_pairs_ours_with_that_day_alone(tmp_path: Path) -> None:
-    arguments = ["--sensors", "1", "--fruits", "4", "--apples", "0", "--out", str(tmp_path)]
+    arguments = ["--sensors", "1", "--fruits", "4", "--apple-sensors", "0", "--out", str(tmp_path)]
     found = CliRunner().invoke(build_app(), ["study", "second-generators", *arguments, "--json"])
     assert found.exit_code == 0
     document = json.loads((tmp_path / "second-generators.json").read_text())
