@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,13 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.gear_friction import GearFriction
+from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import step
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import SafetyLimits, largest_step
-from palpate.gripper.interface import GripperLimits, GripperState
+from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.settling.recorded import Recorded
 
@@ -50,6 +52,19 @@ plans = st.builds(
 )
 
 
+def assert_bounded(belief: Belief, command: GripperCommand, *, plan: Plan, width: float) -> None:
+    """Assert the invariant of every command: what it may add fits under ceiling and limit."""
+    assert LIMITS.lowest <= command.target <= LIMITS.highest
+    assert 0 < command.rate <= LIMITS.fastest
+    closing = width - command.target
+    if closing <= 0:
+        return
+    added_n = (closing + command.rate * plan.safety.latency_s) * plan.steepest_n
+    most_n = min(plan.safety.force_ceiling_n, belief.damage_low_n)
+    assert belief.force_high_n + added_n <= most_n * (1 + 1e-9)
+    assert belief.phase is not Phase.RELEASE
+
+
 @given(plan=plans, counts=st.lists(st.integers(0, 1023), min_size=1, max_size=40), data=st.data())
 @settings(max_examples=60, deadline=None)
 def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObject) -> None:
@@ -66,16 +81,86 @@ def test_any_readings_any_plan(plan: Plan, counts: list[int], data: st.DataObjec
             break
         if command is None:
             continue
-        assert LIMITS.lowest <= command.target <= LIMITS.highest
-        assert 0 < command.rate <= LIMITS.fastest
-        closing = width - command.target
-        if closing > 0:
-            overrun = command.rate * plan.safety.latency_s
-            upper_n = belief.force_high_n + (closing + overrun) * plan.steepest_n
-            assert upper_n <= plan.safety.force_ceiling_n * (1 + 1e-9)
-            assert belief.phase is not Phase.RELEASE
+        assert_bounded(belief, command, plan=plan, width=width)
         width = width if sticks else command.target
     assert belief.ended
+
+
+@dataclass
+class Adversary:
+    """A hand that moves at the rate sent, on an object that swells, stiffens and changes gain."""
+
+    rng: np.random.Generator
+    size_mm: float = 35.0
+    n_per_mm: float = 2.0
+    gain: float = 1.0
+    width_mm: float = LIMITS.highest
+    target_mm: float = LIMITS.highest
+    rate: float = 1.0
+
+    def observe(self, index: int, *, every_s: float) -> Observation:
+        """Move on by a frame; now and then something about the object changes."""
+        way = np.clip(self.target_mm - self.width_mm, -self.rate * every_s, self.rate * every_s)
+        self.width_mm += float(way)
+        if self.rng.random() < 0.01:
+            self.size_mm += float(self.rng.uniform(-0.5, 0.7))
+            self.n_per_mm *= float(np.exp(self.rng.normal(0, 0.5)))
+            self.gain *= float(np.exp(self.rng.normal(0, 0.3)))
+        squeezed = max(self.size_mm - self.width_mm, 0.0)
+        force_n = squeezed / (1 / self.n_per_mm + 0.2)
+        ohm = 9000.0 / (1 + 2 * self.gain * force_n * np.exp(self.rng.normal(0, 0.02, (2, 1))))
+        counts = np.round(1024 / (1 + ohm / LAYOUT.divider.reference_ohm)).astype(int)
+        moving = self.width_mm != self.target_mm
+        shown = round(self.width_mm / 0.05) * 0.05
+        return Observation(
+            frame=Frame(time_s=index * every_s, sequence=index, counts=counts),
+            gripper=GripperState(
+                time_s=index * every_s,
+                width_mm=shown,
+                current_ma=40 + 14 * force_n + float(self.rng.normal(0, 6)),
+                moving=moving,
+            ),
+        )
+
+
+CURRENT = CurrentLaw(
+    gears=GearFriction(mean_ma=40.0, mean_sd_ma=1.0, movement_ma=3.0), ma_per_n=14.0, noise_ma=6.0
+)
+
+
+def grasped(plan: Plan, *, seed: int, rate_hz: float) -> list[Phase]:
+    """Grasp what an adversary offers, assert the bound on every command; return the phases."""
+    world, belief, phases = Adversary(np.random.default_rng(seed)), Belief(), list[Phase]()
+    for index in range(int((plan.longest_s + 15.0) * rate_hz)):
+        observation = world.observe(index, every_s=1 / rate_hz)
+        belief, command = step(belief, observation, plan=plan)
+        phases.append(belief.phase)
+        if belief.ended:
+            break
+        if command is not None:
+            assert_bounded(belief, command, plan=plan, width=plan.gripper.target(belief.closure))
+            world.target_mm, world.rate = command.target, command.rate
+    assert belief.ended
+    return phases
+
+
+@given(
+    plan=plans,
+    seed=st.integers(0, 2**32 - 1),
+    rate_hz=st.sampled_from([15.0, 60.0]),
+    listens=st.booleans(),
+)
+@settings(max_examples=40, deadline=None)
+def test_no_command_exceeds_the_bound_whatever_is_gripped(
+    plan: Plan, seed: int, rate_hz: float, listens: bool
+) -> None:
+    grasped(replace(plan, current=CURRENT if listens else None), seed=seed, rate_hz=rate_hz)
+
+
+def test_the_adversary_leads_through_every_phase() -> None:
+    firm = replace(PLAN, target_force_n=4.0, tries=2, current=CURRENT)
+    seen = {phase for seed in range(12) for phase in grasped(firm, seed=seed, rate_hz=15.0)}
+    assert seen == set(Phase) - {Phase.WAIT}
 
 
 @given(

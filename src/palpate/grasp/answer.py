@@ -35,7 +35,7 @@ _RELAXED = 0.985
 #: many times it at most: fruit relaxes by a third, sheets creep by half. Beyond is noise drawn out.
 _KEPT = (0.5, 2.0)
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
-_FELT_PERCENT = -1.0
+FELT_PERCENT = -1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,10 +107,10 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
     """Put the settled force into the result."""
     force = settled_force(settled, felt=felt_by_gripper(belief, plan), plan=plan)
-    began_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
+    touched_s = (s for s in (belief.felt_s, belief.contact_s, belief.moved_s) if s is not None)
     result = replace(
         belief.result,
-        decision_time_s=round(belief.now_s - began_s, 6),
+        decision_time_s=round(belief.now_s - next(touched_s), 6),
         settled_percent=settled.relative_percent,
         force_n=force,
         peak_force_n=max(belief.peak_force_n, force.value),
@@ -179,14 +179,15 @@ def _log_ratio(large: float, small: float) -> float:
 def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
     width = np.array([plan.gripper.target(c.closure) for c in belief.staircase])
-    felt = np.array([c.touch.shared_percent < _FELT_PERCENT for c in belief.staircase])
+    felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in belief.staircase])
     hinted = np.array([c.touch.shared_percent < plan.hint_percent for c in belief.staircase])
     # Drift can look like a faint touch long before the real one: no more than two steps of it.
     first = max(int(np.argmax(hinted)) - 2, 0)
-    if felt[first:].sum() < 2 or not hinted.any():
-        return None
     reading = np.array([c.touch.reading for c in belief.staircase])
     read = belief.gain.applied(plan.early_law.force_n(reading, level=plan.level))
+    felt &= read.value > 0
+    if felt[first:].sum() < 2 or not hinted.any():
+        return None
     force = np.where(felt, read.value, 0.0)
     # Below the weakest reading of the calibration the law can't tell forces apart.
     floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
@@ -264,7 +265,7 @@ def _closing_curve(
         return None
     # Drift can look like a faint touch long before the real one: no more than two steps of it.
     steps = belief.staircase[max(hinted.index(True) - 2, 0) :]
-    felt = np.array([c.touch.shared_percent < _FELT_PERCENT for c in steps])
+    felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in steps])
     read = belief.gain.applied(
         plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
     )

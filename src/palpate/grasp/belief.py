@@ -12,6 +12,7 @@ from palpate.grasp.contact_gain import Pull, pulled
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -103,8 +104,16 @@ class Belief:
         Since the last movement ended.
     staircase : tuple of Closing
         Every step read so far.
+    sweep : Sweep or None
+        The way at speed that is being gone.
+    swept_to : float
+        Closure where the last such way ended; NaN before.
+    felt_s : float or None
+        When the object was first felt on such a way.
+    released_s, memory : float and Touch, or None
+        When the hand went back from there, and what the sheet still read where nothing touched.
     contact_s : float or None
-        First contact: when the movement that led to it began.
+        Contact: when the movement that led to it began.
     moved_s : float
         When the last movement began.
     force_n, force_high_n : float
@@ -151,6 +160,11 @@ class Belief:
     still_since_s: float | None = None
     touches: tuple[Touch, ...] = ()
     staircase: tuple[Closing, ...] = ()
+    sweep: Sweep | None = None
+    swept_to: float = float("nan")
+    felt_s: float | None = None
+    released_s: float | None = None
+    memory: Touch | None = None
     contact_s: float | None = None
     moved_s: float = 0.0
     force_n: float = 0.0
@@ -231,9 +245,11 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     ohm = pixel_resistance_ohm(frame.counts, layout=plan.layout, oversampling=frame.oversampling)
     if belief.rest_ohm is None:
         return replace(belief, rest_frames=(*belief.rest_frames, ohm))
+    if belief.sweep is not None:
+        belief = replace(belief, sweep=_swept(belief.sweep, belief.rest_ohm, ohm, gripper, plan))
     if gripper.moving:
         return replace(belief, touches=(), pulls=pulled(belief, gripper, plan))
-    touch = _touch(frame.time_s, ohm, belief, plan)
+    touch = _unremembered(_touch(frame.time_s, ohm, belief, plan), belief)
     return noticed(replace(belief, touches=(*belief.touches, touch)))
 
 
@@ -248,6 +264,22 @@ def counted(belief: Belief, frame: Frame) -> Belief:
         lost=belief.lost + max(gap, 0),
         last_sequence=frame.sequence,
     )
+
+
+def _swept(
+    sweep: Sweep,
+    rest_ohm: NDArray[np.float64],
+    ohm: NDArray[np.float64],
+    gripper: GripperState,
+    plan: Plan,
+) -> Sweep:
+    """Return the way at speed with this frame; a pixel that reads nothing has not changed."""
+    gears_ma = float("nan")
+    if plan.current is not None and gripper.moving:
+        gears_ma = gripper.current_ma - float(plan.current.gears.at(np.array(gripper.width_mm)))
+    ratio = np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
+    log_ohm = np.nan_to_num(np.log(ratio))
+    return sweep.seen(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
 
 
 def _closure(belief: Belief, gripper: GripperState, plan: Plan) -> float:
@@ -274,6 +306,26 @@ def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) 
         finger_percent=tuple(np.nan_to_num(fingers).tolist()),
         relative_percent=float(np.nan_to_num(mean_change(change))),
         reading=float(plan.reading.reading(excess)),
+    )
+
+
+def _unremembered(touch: Touch, belief: Belief) -> Touch:
+    """Return a touch without what the sheet remembers of an earlier one.
+
+    Creep fades about as the inverse of the time since.
+    """
+    memory, released_s = belief.memory, belief.released_s
+    if memory is None or released_s is None:
+        return touch
+    left = (memory.time_s - released_s) / max(touch.time_s - released_s, 1e-3)
+    return Touch(
+        time_s=touch.time_s,
+        finger_percent=tuple(
+            now - left * then
+            for now, then in zip(touch.finger_percent, memory.finger_percent, strict=True)
+        ),
+        relative_percent=touch.relative_percent - left * memory.relative_percent,
+        reading=touch.reading - left * memory.reading,
     )
 
 

@@ -32,7 +32,7 @@ _UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 _SHARE_OF_ROOM = 0.8
 #: A step that the servo's current is to tell of lasts so long: some frames must fall into it.
 _FELT_S = 0.3
-#: Steps that differ by less, mm or kPa, differ by arithmetic only.
+#: Steps that differ by less, mm or kPa (or whole steps of a drive), differ by arithmetic only.
 _EXACT = 1e-9
 #: Share of what is missing to the target that one step of the squeeze may close.
 _BOLD = 0.75
@@ -52,13 +52,12 @@ def approach_step(plan: Plan) -> float:
 
 
 def approach_dwell_s(belief: Belief, plan: Plan) -> float:
-    """Return how long to wait after a step: a finer one disturbs the sheet less.
+    """Return how long to wait after a step: until its spike has faded.
 
     Once something is felt, it is read as the calibration was.
     """
     felt = belief.now.shared_percent <= plan.hint_percent if belief.touches else True
-    quick_s = plan.dwell_s * approach_step(plan) / plan.step
-    return plan.dwell_s if felt else max(quick_s, _QUICKEST_S)
+    return plan.dwell_s if felt else _QUICKEST_S
 
 
 def read(belief: Belief, plan: Plan) -> Belief:
@@ -87,49 +86,58 @@ def pressed(belief: Belief, *, force_n: float, force_high_n: float) -> Belief:
 
 def closed_by(
     belief: Belief, step: float, plan: Plan, *, lasting_s: float = _FELT_S
-) -> tuple[Belief, GripperCommand | None]:
-    """Close by a step, cut to what is safe; no command if that is not worth a movement.
+) -> GripperCommand | None:
+    """Return the wish to close by a step; None if what is safe of it is not worth a movement.
 
     A servo whose current is listened to takes at least `lasting_s` for it.
     """
-    listening = belief.contact_s is not None and plan.current is not None
+    if step < plan.smallest_step:
+        return None
     rate = plan.rate if belief.contact_s is None else plan.squeeze_rate
-    if listening:
-        rate = min(rate, max(step, plan.smallest_step) / lasting_s)
-    if _room(belief, plan, rate=rate) < step:
-        # What a hand does before it stops takes less of the room if it comes slowly.
-        rate = min(rate, plan.squeeze_rate)
-    room = _room(belief, plan, rate=rate)
-    step = min(step, room)
-    target = whole(belief.closure + step, plan)
-    if closure_of(target, plan) - belief.closure > room + _EXACT:
-        target = whole(closure_of(target, plan) - plan.resolution, plan)
-    if step < plan.smallest_step or closure_of(target, plan) <= belief.closure:
-        return belief, None
-    if listening:
-        rate = step / lasting_s
-    return sent_to(belief, target, plan), GripperCommand(target=target, rate=rate)
+    if belief.contact_s is not None and plan.current is not None:
+        rate = min(rate, step / lasting_s)
+    wish = GripperCommand(target=whole(belief.closure + step, plan), rate=rate)
+    return None if clamped(belief, wish, plan) is None else wish
 
 
-def _room(belief: Belief, plan: Plan, *, rate: float) -> float:
-    """Return how far the hand may close at a rate."""
+def clamped(belief: Belief, wish: GripperCommand | None, plan: Plan) -> GripperCommand | None:
+    """Return what is safe of a wish; None where that is no movement. An opening is never cut.
+
+    What is cut takes as long as the wish would have: it comes more slowly, and so overruns less.
+    """
+    if wish is None or closure_of(wish.target, plan) <= belief.closure:
+        return wish
+    way = min(closure_of(wish.target, plan), plan.gripper.span) - belief.closure
     safe = largest_step(
         force_high_n=belief.force_high_n,
         steepest_n=plan.steepest_n,
-        rate=rate,
+        rate=0.0,
         damage_low_n=belief.damage_low_n,
         limits=plan.safety,
     )
-    reach = plan.gripper.span - belief.closure
-    return min(safe - belief.behind, _unknown_step(belief, plan), reach)
+    overrun = wish.rate * plan.safety.latency_s / way if way > 0 else 0.0
+    room = min((safe - belief.behind) / (1.0 + overrun), _unknown_step(belief, plan))
+    target = plan.gripper.target(belief.closure + way)
+    if way > room + _EXACT:
+        target = whole(belief.closure + room, plan, within=True)
+    cut = closure_of(target, plan) - belief.closure
+    if cut < plan.smallest_step - _EXACT:
+        return None
+    return GripperCommand(target=target, rate=wish.rate * min(cut / way, 1.0))
 
 
-def whole(closure: float, plan: Plan) -> float:
-    """Return the target of a closure in whole steps of the drive.
+def whole(closure: float, plan: Plan, *, within: bool = False) -> float:
+    """Return the target of a closure in whole steps of the drive: the nearest, or none further.
 
     A gripper would round it itself, but then a replay would not know.
     """
-    return round(plan.gripper.target(closure) / plan.resolution) * plan.resolution
+    steps = plan.gripper.target(closure) / plan.resolution
+    if not within:
+        return round(steps) * plan.resolution
+    outward = (
+        math.ceil(steps - _EXACT) if plan.gripper.drive == "width" else math.floor(steps + _EXACT)
+    )
+    return outward * plan.resolution
 
 
 def closure_of(target: float, plan: Plan) -> float:

@@ -7,13 +7,16 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from palpate.grasp import aim
-from palpate.grasp.answer import answered, examined, forecast, sure_enough
+from palpate.grasp.answer import FELT_PERCENT, answered, examined, forecast, sure_enough
+from palpate.grasp.approaching import begun, remembered, stood, swept
 from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.closing import (
     approach_dwell_s,
     approach_step,
+    clamped,
     closed_by,
     read,
+    sent_to,
     wanted_step,
 )
 from palpate.grasp.correcting import come_back, eased, pressed_on
@@ -52,9 +55,15 @@ def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
     -------
     Belief, GripperCommand or None
         What is known now, and the command to send, if any. It never closes further than
-        `safety.largest_step` allows.
+        `safety.largest_step` allows: what a phase wishes is cut to that here, and only here.
     """
-    belief = observed(belief, observation, plan=plan)
+    belief, wish = _wished(observed(belief, observation, plan=plan), plan)
+    command = clamped(belief, wish, plan)
+    return (belief if command is None else sent_to(belief, command.target, plan)), command
+
+
+def _wished(belief: Belief, plan: Plan) -> Move:
+    """Return what is believed and wished now: by the dangers first, then by the phase."""
     if belief.phase not in (Phase.RELEASE, Phase.STOPPED):
         if belief.force_n > plan.safety.force_ceiling_n:
             return stopped(belief, Danger.FORCE_LIMIT, plan=plan)
@@ -96,6 +105,11 @@ def _wait(belief: Belief, plan: Plan) -> Move:
         pulls=(),
         touches=(),
         fingers=(),
+        sweep=None,
+        swept_to=math.nan,
+        felt_s=None,
+        released_s=None,
+        memory=None,
         still_since_s=belief.now_s,
     )
     return again.enter(Phase.APPROACH), None
@@ -108,8 +122,10 @@ def _approach(belief: Belief, plan: Plan) -> Move:
             return belief, None
         belief = rezeroed(belief, plan=plan)
         return (belief, None) if belief.rest_ohm is None else _onward(belief, plan)
-    if belief.still_s < approach_dwell_s(belief, plan):
+    if belief.still_s < approach_dwell_s(belief, plan) or not belief.touches:
         return belief, None
+    if belief.released_s is not None and belief.memory is None:
+        return remembered(belief, plan)
     if belief.proving_from is not None:
         belief = proved(belief, plan=plan)
         if not belief.touches:
@@ -128,8 +144,8 @@ def _approach(belief: Belief, plan: Plan) -> Move:
     else:
         if belief.contact_s is None:
             belief = replace(belief, contact_s=belief.moved_s)
-        belief, command = closed_by(belief, wanted_step(belief, plan, goal_n=0.0), plan)
-    if command is not None:
+        command = closed_by(belief, wanted_step(belief, plan, goal_n=0.0), plan)
+    if command is not None or belief.phase is Phase.SWEEP:
         return belief, command
     if belief.force_high_n >= plan.safety.force_ceiling_n:
         return _blind(belief, plan)
@@ -138,9 +154,14 @@ def _approach(belief: Belief, plan: Plan) -> Move:
 
 
 def _onward(belief: Belief, plan: Plan) -> Move:
-    """Close by a step of the approach: a fine one while it may be that something presses."""
-    fine = belief.proving_from is not None
-    return closed_by(belief, plan.fine_step if fine else approach_step(plan), plan)
+    """Close on: finely while it may be that something presses, at speed where nothing was felt."""
+    if belief.proving_from is not None:
+        return belief, closed_by(belief, plan.fine_step, plan)
+    if not belief.closure <= belief.swept_to + approach_step(plan):
+        return begun(belief, plan), None
+    # One finger alone pushes the object to the middle: the next touch is still to come.
+    share = 1.0 if belief.now.deepest_percent <= FELT_PERCENT else 0.5
+    return belief, closed_by(belief, max(share * approach_step(plan), plan.fine_step), plan)
 
 
 def _blind(belief: Belief, plan: Plan) -> Move:
@@ -160,7 +181,13 @@ def _contact(belief: Belief, plan: Plan) -> Move:
     faint = belief.now.deepest_percent > 0.5 * plan.epsilon_percent
     if faint and not _pressed(belief, plan):
         return belief.enter(Phase.APPROACH), None
-    return belief.enter(Phase.SQUEEZE, note="contact"), None
+    return belief.enter(Phase.SQUEEZE, note=None if _touch_noted(belief) else "contact"), None
+
+
+def _touch_noted(belief: Belief) -> bool:
+    """Whether the touch was sure already where the way at speed ended."""
+    moments, felt_s = belief.result.moments, belief.felt_s
+    return felt_s is not None and any(m.name == "contact" and m.time_s > felt_s for m in moments)
 
 
 def _squeeze(belief: Belief, plan: Plan) -> Move:
@@ -173,9 +200,9 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     aimed = plan.target_force_n is not None
     goal_n = aim.goal_n(plan) * (_NEAR if aimed else 1.0)
     if belief.force_n < goal_n or (not aimed and len(felt) < plan.fewest_steps):
-        belief, command = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
-        if command is not None:
-            return belief, command
+        wish = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
+        if wish is not None:
+            return belief, wish
     return belief.enter(Phase.SETTLE), None
 
 
@@ -220,8 +247,7 @@ def _ease(belief: Belief, plan: Plan) -> Move:
     """Come back from below to where the settled force should be right."""
     if belief.still_s < plan.confirm_s:
         return belief, None
-    belief, command = come_back(belief, plan)
-    return belief.enter(Phase.SETTLE, note="adjusted"), command
+    return belief.enter(Phase.SETTLE, note="adjusted"), come_back(belief, plan)
 
 
 def _hold(belief: Belief, plan: Plan) -> Move:
@@ -247,6 +273,8 @@ def _nothing(belief: Belief, plan: Plan) -> Move:
 HANDLERS: dict[Phase, Callable[[Belief, Plan], Move]] = {
     Phase.WAIT: _wait,
     Phase.APPROACH: _approach,
+    Phase.SWEEP: swept,
+    Phase.FELT: stood,
     Phase.CONTACT: _contact,
     Phase.SQUEEZE: _squeeze,
     Phase.SETTLE: _settle,

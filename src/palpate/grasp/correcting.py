@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from palpate.grasp.belief import Belief
-from palpate.grasp.closing import closed_by, closure_of, pressed, sent_to, slope_n, whole
+from palpate.grasp.closing import closed_by, pressed, slope_n, whole
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import GripperCommand
 
@@ -25,11 +25,12 @@ def pressed_on(
 ) -> tuple[Belief, GripperCommand | None]:
     """Close by what raises the settled force by as much as is missing."""
     step = max(missing_n / _corrected_slope_n(belief, plan), plan.smallest_step)
-    moved, command = closed_by(_settled(belief), step, plan, lasting_s=_CORRECTED_S)
+    moved = _settled(belief)
+    wish = closed_by(moved, step, plan, lasting_s=_CORRECTED_S)
     corrected = (belief.closure, moved.force_n)
     return replace(
         moved, adjustments=belief.adjustments + 1, next_forecast_s=0.0, corrected=corrected
-    ), command
+    ), wish
 
 
 def _corrected_slope_n(belief: Belief, plan: Plan) -> float:
@@ -61,26 +62,19 @@ def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, Gripper
     belief = pressed(
         belief, force_n=share * belief.force_n, force_high_n=share * belief.force_high_n
     )
-    target = whole(opened, plan)
-    belief = replace(
-        sent_to(belief, target, plan),
-        again=again,
-        adjustments=belief.adjustments + 1,
-        next_forecast_s=0.0,
-    )
-    return belief, GripperCommand(target=target, rate=plan.squeeze_rate)
+    belief = replace(belief, again=again, adjustments=belief.adjustments + 1, next_forecast_s=0.0)
+    return belief, GripperCommand(target=whole(opened, plan), rate=plan.squeeze_rate)
 
 
-def come_back(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
+def come_back(belief: Belief, plan: Plan) -> GripperCommand | None:
     """Close again from below, as every force that the sheet was calibrated with was reached.
 
-    It ends less far than the hand has stood already: what the object bore there it bears again. So
-    the way, which the hand can do in one go, is not cut to what an unknown stiffness would allow.
+    In one go where that is safe; where less is, the next correction adds the rest.
     """
-    target, way = whole(belief.again, plan), belief.again - belief.closure
-    if way < plan.smallest_step or closure_of(target, plan) <= belief.closure:
-        return belief, None
-    return sent_to(belief, target, plan), GripperCommand(target=target, rate=way / _CORRECTED_S)
+    way = belief.again - belief.closure
+    if way < plan.smallest_step:
+        return None
+    return GripperCommand(target=whole(belief.again, plan), rate=way / _CORRECTED_S)
 
 
 def _settled(belief: Belief) -> Belief:

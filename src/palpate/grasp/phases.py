@@ -9,11 +9,15 @@ class Phase(StrEnum):
     """What the grasp is doing. `adjust` returns to `settle`,
     through `ease` where the force was too large; `stopped` is the only end.
 
-    `wait` is the open hand between two tries, where nothing was there; `approach` follows it.
+    `sweep` closes at speed until something is felt, in `felt` the hand stands and looks, and
+    `approach` touches finely. `wait` is the open hand between two tries, where nothing was there;
+    `approach` follows it.
     """
 
     WAIT = "wait"
     APPROACH = "approach"
+    SWEEP = "sweep"
+    FELT = "felt"
     CONTACT = "contact"
     SQUEEZE = "squeeze"
     SETTLE = "settle"

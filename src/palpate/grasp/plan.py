@@ -56,6 +56,9 @@ class Plan:
         Grip force that lifting the object takes: its weight over twice the friction, with a margin.
         The hand goes on closing until the lower bound of the settled force passes it, within
         what is safe, or gives the object back as `too_weak`. None: nothing will be lifted.
+    expect_size_mm : float or None
+        Size that the object has to within some millimetres, where it is known: the hand comes near
+        at full speed.
     damage : DamageModel or None
         Learned from closings that ended in damage; None where none were made, and only the ceiling
         protects the object. Fingers driven by pressure can use it if they have a `bend`.
@@ -127,6 +130,7 @@ class Plan:
     current: CurrentLaw | None = None
     target_force_n: float | None = None
     lift_force_n: float | None = None
+    expect_size_mm: float | None = None
     damage: DamageModel | None = None
     kind: str = ""
     safety: SafetyLimits = field(default_factory=SafetyLimits)

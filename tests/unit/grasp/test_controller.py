@@ -53,7 +53,8 @@ def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
     result = run(replace(plan, tries=3), bench, watch=somebody)
     assert result.outcome is Outcome.HELD
     assert names(result)[0] == "nothing_there"
-    assert entered[:3] == ["approach", "wait", "approach"]
+    closed = ["approach", "sweep", "felt", "approach"]
+    assert entered[:6] == [*closed, "wait", "approach"]
     assert result.size_mm is not None
     assert abs(result.size_mm.value - 50.3) < 0.3
 

@@ -1,0 +1,128 @@
+"""The approach: at speed until something is felt, back, and then finely until it is a touch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from palpate.grasp.answer import FELT_PERCENT
+from palpate.grasp.belief import Belief
+from palpate.grasp.closing import approach_step, closure_of, pressed, whole
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.sweep import Sweep
+from palpate.gripper.interface import GripperCommand
+
+#: How long a pixel hides its own fall under load: the rise that a movement and a rising load make
+#: fades with 0.06 to 0.12 s.
+_SHEET_LAG_S = 0.06
+#: A hand that stands has lost the spike of its movement after so long.
+QUIET_S = 0.21
+#: Steps of the approach that the hand may go on after a touch. On development sensors of the twin a
+#: touch at this speed presses no harder in the median than steps that are waited for.
+_OVERRUN_STEPS = 1.5
+#: Commands reach so far ahead, beyond two frames: if no more comes, the hand stops by itself.
+_AHEAD_S = 0.02
+#: A hand that comes back goes so many steps at most.
+_FURTHER_BACK_STEPS = 4.0
+#: An object that one finger pushes lies so many steps off the middle at most.
+_PUSHED_STEPS = 5.0
+#: A size that is expected may be off by so much and the hand still comes near at full speed, mm.
+_EXPECTED_MM = 6.0
+
+
+def sweep_rate(belief: Belief, plan: Plan) -> float:
+    """Return how fast the hand may close without knowing where the object is.
+
+    From a touch until it stops it goes a step and a half of the approach: through the frame in
+    which the touch falls, the lag of the sheet, and the latency of the gripper.
+    """
+    late_s = _period_s(belief) + _SHEET_LAG_S + plan.safety.latency_s
+    return min(_OVERRUN_STEPS * approach_step(plan) / late_s, plan.gripper.fastest)
+
+
+def begun(belief: Belief, plan: Plan) -> Belief:
+    """Return the belief at the start of a way: near to an expected size, or to the end."""
+    end, rate = plan.gripper.span, sweep_rate(belief, plan)
+    near = _near(plan)
+    if near - belief.closure > approach_step(plan):
+        end, rate = near, plan.gripper.fastest
+    sweep = Sweep(rate=rate, end=end, since_s=belief.now_s)
+    return replace(belief, sweep=sweep).enter(Phase.SWEEP)
+
+
+def _near(plan: Plan) -> float:
+    """Return the closure up to which an expected object can't be there yet."""
+    if plan.expect_size_mm is None:
+        return 0.0
+    width_mm = plan.expect_size_mm + _EXPECTED_MM
+    if plan.gripper.drive == "width":
+        zero_mm = 0.0 if plan.give is None else plan.give.zero_mm
+        return plan.gripper.highest - (width_mm + zero_mm)
+    if plan.bend is None:
+        return 0.0
+    return -(width_mm + plan.bend.give.zero_mm) / plan.bend.mm_per_kpa - plan.gripper.lowest
+
+
+def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
+    """Go on closing, a little ahead of where the hand is; stop where something is felt."""
+    sweep = belief.sweep
+    assert sweep is not None
+    if sweep.time_s and sweep.touched(plan.current):
+        # No further than it reports to be: a stop is never cut.
+        here = whole(belief.closure, plan, within=True)
+        stop = GripperCommand(target=here, rate=plan.gripper.fastest)
+        return replace(belief, swept_to=belief.closure).enter(Phase.FELT), stop
+    if belief.closure >= sweep.end - plan.smallest_step:
+        return replace(belief, swept_to=belief.closure).enter(Phase.FELT), None
+    ahead = sweep.rate * (2.0 * _period_s(belief) + _AHEAD_S)
+    target = whole(min(belief.closure + ahead, sweep.end), plan)
+    # A hand that is blocked is not sent again, so that it is noticed.
+    if closure_of(target, plan) <= belief.sent + plan.resolution / 2:
+        return belief, None
+    return belief, GripperCommand(target=target, rate=sweep.rate)
+
+
+def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
+    """Where the way ended, stand and look: a touch of both fingers, of one, or nothing."""
+    if belief.still_s < QUIET_S or not belief.touches:
+        return belief, None
+    assert belief.sweep is not None
+    now, end = belief.now, belief.sweep.end
+    belief = replace(belief, sweep=None)
+    untouched = now.deepest_percent > plan.hint_percent
+    if untouched and belief.closure >= end - plan.smallest_step and end < plan.gripper.span:
+        return begun(belief, plan), None
+    if now.shared_percent > FELT_PERCENT:
+        # Nothing, or one finger alone, which pushes it to the middle: on in small steps.
+        pushes = now.deepest_percent <= FELT_PERCENT
+        swept_to = belief.closure + (_PUSHED_STEPS * plan.step if pushes else 0.0)
+        return replace(belief, swept_to=swept_to).enter(Phase.APPROACH), None
+    said = plan.early_law.force_n(now.reading, level=plan.level)
+    belief = pressed(belief, force_n=float(said.value), force_high_n=float(said.high))
+    belief = replace(belief, felt_s=belief.moved_s, released_s=belief.now_s, memory=None)
+    if now.shared_percent <= plan.epsilon_percent or belief.force_n > 0.5 * plan.gentle_force_n:
+        belief = belief.noted("contact")
+    back = approach_step(plan) + 0.5 * plan.step + plan.play
+    target = whole(max(belief.closure - back, 0.0), plan)
+    return belief.enter(Phase.APPROACH), GripperCommand(target=target, rate=plan.rate)
+
+
+def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
+    """Where the hand came back to nothing is held: what is read there is the sheet's memory.
+
+    Where both fingers read more than a hint, it has not come back far enough.
+    """
+    back = _FURTHER_BACK_STEPS * plan.step
+    further = belief.closure > max(belief.swept_to - back, plan.step)
+    if belief.now.shared_percent <= plan.hint_percent and further:
+        target = whole(max(belief.closure - plan.step, 0.0), plan)
+        return belief, GripperCommand(target=target, rate=plan.rate)
+    stairs = tuple(stair for stair in belief.staircase if stair.closure < belief.closure)
+    nothing = plan.early_law.force_n(0.0, level=plan.level)
+    free = replace(belief, memory=belief.now, touches=(), staircase=stairs)
+    return pressed(free, force_n=0.0, force_high_n=float(nothing.high)), None
+
+
+def _period_s(belief: Belief) -> float:
+    """Return the time from frame to frame."""
+    return belief.lasted_s / max(belief.frames - 1, 1)

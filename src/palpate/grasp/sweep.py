@@ -1,0 +1,119 @@
+"""Closing at speed until something is felt: how fast, how far ahead, and what a touch looks like.
+
+Every movement makes the resistance of all pixels rise for as long as it lasts and a little longer.
+At a steady speed that rise is steady, so a touch is what changes any pixel against its own last few
+tenths of a second. While the hand gathers speed only a fall counts: the rise of the movement itself
+is no touch. The servo's current tells a touch that lies beside the pixels, and knows no lag.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.estimate.servo_force import CurrentLaw
+
+FloatArray = NDArray[np.float64]
+
+#: What is remembered of the way; what is read as "now" of it, and how much lies between now and the
+#: past that it is compared with: a touch that has just begun must not be its own measure.
+_REMEMBERED_S, _NOW_S, _APART_S = 0.6, 0.016, 0.06
+#: The rise of resistance that a movement makes is steady from here on (it fades with 0.06-0.12 s).
+_STEADY_S = 0.4
+#: A change is a touch from so many standard deviations on, and above this share of the resistance.
+_SURE_SD, _LEAST_SHARE = 6.0, 0.008
+#: Fewest readings to compare with.
+_FEWEST = 3
+#: The current has to rise by so many deviations, and by this share of what the gears take: friction
+#: along the way is mapped no better.
+_CURRENT_SD, _GEARS_SHARE = 4.5, 0.15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """A way at one speed, and what was read on it lately.
+
+    Attributes
+    ----------
+    rate : float
+        Speed, mm/s or kPa/s.
+    end : float
+        Closure where it ends if nothing is felt.
+    since_s : float
+        When it began.
+    time_s : tuple of float
+        Of the frames that are remembered.
+    log_ohm : tuple of ndarray, shape (rows, cols)
+        ln of each pixel's resistance over its rest value, frame by frame.
+    gears_ma : tuple of float
+        Servo current less what the gears take there, while the hand moves; NaN where none is told.
+    """
+
+    rate: float
+    end: float
+    since_s: float
+    time_s: tuple[float, ...] = ()
+    log_ohm: tuple[FloatArray, ...] = ()
+    gears_ma: tuple[float, ...] = ()
+
+    def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
+        """Return the way with one more frame."""
+        first = sum(old < time_s - _REMEMBERED_S for old in self.time_s)
+        return replace(
+            self,
+            time_s=(*self.time_s[first:], time_s),
+            log_ohm=(*self.log_ohm[first:], log_ohm),
+            gears_ma=(*self.gears_ma[first:], gears_ma),
+        )
+
+    def touched(self, current: CurrentLaw | None) -> bool:
+        """Whether something is felt now, by a pixel or by the servo."""
+        time_s = np.array(self.time_s)
+        now = time_s > time_s[-1] - _NOW_S
+        before = time_s < time_s[-1] - _APART_S
+        if current is not None and self._pulls(current, now=now, before=before):
+            return True
+        steady = before & (time_s > self.since_s + _STEADY_S)
+        pixels = np.array(self.log_ohm)
+        latest = pixels[now].mean(axis=0)
+        many = int(np.count_nonzero(now))
+        if np.count_nonzero(steady) // many >= _FEWEST:
+            past = _means(pixels[steady], many)
+            least = max(_SURE_SD * _scatter(past), _LEAST_SHARE)
+            return bool((abs(latest - past.mean(axis=0)) > least).any())
+        if np.count_nonzero(before) // many < _FEWEST:
+            return False
+        past = _means(pixels[before], many)
+        # What all pixels share of their changes is the movement's.
+        own = np.diff(past, axis=0)
+        own = own - np.median(own, axis=(1, 2), keepdims=True)
+        least = max(_SURE_SD * float(np.sqrt(np.mean(own**2))), _LEAST_SHARE)
+        return bool((latest - past.max(axis=0) < -least).any())
+
+    def _pulls(
+        self, current: CurrentLaw, *, now: NDArray[np.bool_], before: NDArray[np.bool_]
+    ) -> bool:
+        """Whether the servo pulls harder than on the way so far."""
+        gears_ma = np.array(self.gears_ma)
+        told = np.isfinite(gears_ma)
+        now, before = now & told, before & told
+        if not now.any() or np.count_nonzero(before) < _FEWEST:
+            return False
+        more_ma = float(gears_ma[now].mean() - gears_ma[before].mean())
+        share = 1.0 / np.count_nonzero(now) + 1.0 / np.count_nonzero(before)
+        noise_ma = _CURRENT_SD * current.noise_ma * float(np.sqrt(share))
+        return more_ma > noise_ma + _GEARS_SHARE * abs(current.gears.mean_ma)
+
+
+def _means(pixels: FloatArray, many: int) -> FloatArray:
+    """Return means of so many frames each, the latest ones whole."""
+    blocks = pixels[pixels.shape[0] % many :]
+    return np.asarray(blocks.reshape(-1, many, *pixels.shape[1:]).mean(axis=1))
+
+
+def _scatter(past: FloatArray) -> float:
+    """Return the standard deviation of one pixel about its own mean."""
+    own = past - past.mean(axis=0)
+    return float(np.sqrt(np.sum(own**2) / (own.size - own[0].size)))
