@@ -69,7 +69,7 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     assert sweep is not None
     if sweep.time_s and sweep.touched(plan.current):
         # No further than it reports to be: a stop is never cut.
-        here = whole(belief.closure, plan, within=True)
+        here = whole(belief.closure - belief.behind, plan, within=True)
         stop = GripperCommand(target=here, rate=plan.gripper.fastest)
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), stop
     if belief.closure >= sweep.end - plan.smallest_step:

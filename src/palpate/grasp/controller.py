@@ -247,7 +247,11 @@ def _ease(belief: Belief, plan: Plan) -> Move:
     """Come back from below to where the settled force should be right."""
     if belief.still_s < plan.confirm_s:
         return belief, None
-    return belief.enter(Phase.SETTLE, note="adjusted"), come_back(belief, plan)
+    belief, wish = come_back(belief, plan)
+    command = clamped(belief, wish, plan)
+    if wish is not None and command is not None and command.target != wish.target:
+        return belief, wish
+    return belief.enter(Phase.SETTLE, note="adjusted"), wish
 
 
 def _hold(belief: Belief, plan: Plan) -> Move:

@@ -66,15 +66,18 @@ def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, Gripper
     return belief, GripperCommand(target=whole(opened, plan), rate=plan.squeeze_rate)
 
 
-def come_back(belief: Belief, plan: Plan) -> GripperCommand | None:
+def come_back(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Close again from below, as every force that the sheet was calibrated with was reached.
 
-    In one go where that is safe; where less is, the next correction adds the rest.
+    In one go where that is safe, else in several. On its way up the sheet remembers more than
+    there is, so what it reads bounds the force.
     """
     way = belief.again - belief.closure
-    if way < plan.smallest_step:
-        return None
-    return GripperCommand(target=whole(belief.again, plan), rate=way / _CORRECTED_S)
+    if way < plan.smallest_step or not belief.touches:
+        return belief, None
+    read = belief.gain.applied(plan.early_law.force_n(belief.now.reading, level=plan.level))
+    belief = pressed(belief, force_n=float(read.value), force_high_n=float(read.high))
+    return belief, GripperCommand(target=whole(belief.again, plan), rate=way / _CORRECTED_S)
 
 
 def _settled(belief: Belief) -> Belief:

@@ -53,7 +53,7 @@ class Bench:
         ohm = REST_OHM / (1 + 2 * self.force_n / self.layout.pixels)
         # Every movement of the fingers shakes the sheet for a moment.
         shaken, self._seen_mm = self.width_mm != self._seen_mm, self.width_mm
-        counts = np.rint(1024 * 4700 / (4700 + ohm)) + shaken
+        counts = np.rint(1024 * 4700 / (4700 + ohm)) + shaken * (self.sequence % 2)
         return Frame(
             time_s=self.clock.now_s(),
             sequence=self.sequence,

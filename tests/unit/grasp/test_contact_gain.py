@@ -57,11 +57,13 @@ def slow(bench: Any) -> Any:
 
         def state(self) -> GripperState:
             moving = self.width_mm != self.way.target
-            current = 40.0 + 16.0 * self.force_n + 6.0 * self.rng.standard_normal()
+            # At rest the gears hold any part of their friction, either way.
+            gears_ma = 40.0 if moving else self.rng.uniform(-40, 40)
+            current = gears_ma + 16.0 * self.force_n + 6.0 * self.rng.standard_normal()
             return GripperState(
                 time_s=self.clock.now_s(),
                 width_mm=self.width_mm,
-                current_ma=current if moving else self.rng.uniform(-200, 200),
+                current_ma=current,
                 moving=moving,
             )
 
@@ -134,11 +136,11 @@ def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
     assert min(eased_n) < 0.8 * 4.0
 
 
-@pytest.mark.parametrize("ceiling_n", [15.0, 7.0])
-def test_it_comes_back_as_far_as_is_safe_and_less_far_than_it_stood(
+@pytest.mark.parametrize("ceiling_n", [15.0, 10.0])
+def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
     plan: Plan, slow: Any, ceiling_n: float
 ) -> None:
-    """In one go under a high ceiling; under a low one a correction adds the rest."""
+    """In one go under a high ceiling, in several under a low one."""
     stood, again, came = list[float](), list[float](), list[float]()
 
     def watch(belief: Any) -> None:
@@ -151,6 +153,6 @@ def test_it_comes_back_as_far_as_is_safe_and_less_far_than_it_stood(
     close = replace(plan, target_force_n=4.0, safety=SafetyLimits(force_ceiling_n=ceiling_n))
     result = run(close, slow, watch=watch)
     assert min(again) > min(stood)
-    assert (came[0] == pytest.approx(again[0], abs=plan.resolution)) == (ceiling_n == 15.0)
+    assert came[0] == pytest.approx(again[0], abs=plan.resolution)
     assert result.force_n is not None
     assert result.force_n.value == pytest.approx(4.0, rel=0.1)
