@@ -162,7 +162,9 @@ def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
 
 
 _PHASES = {
-    "approach": "closing in",
+    "sweep": "closing in",
+    "felt": "touched?",
+    "approach": "touching finely",
     "contact": "something is there",
     "squeeze": "squeezing gently",
     "settle": "waiting for the sheet",

@@ -26,7 +26,7 @@ OBJECTS = ("rigid-block", "ball-44lbs", "strawberry")
 #: Phase that is struck -> phases of the controller that are it.
 STRUCK = {
     "start": (Phase.APPROACH,),
-    "approach": (Phase.APPROACH,),
+    "approach": (Phase.SWEEP, Phase.FELT, Phase.APPROACH),
     "squeeze": (Phase.CONTACT, Phase.SQUEEZE),
     "hold": (Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD),
 }
