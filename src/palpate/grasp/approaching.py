@@ -22,6 +22,8 @@ QUIET_S = 0.21
 _OVERRUN_STEPS = 1.5
 #: Commands reach so far ahead, beyond two frames: if no more comes, the hand stops by itself.
 _AHEAD_S = 0.02
+#: A hand that does not move is sent on after so long.
+_IDLE_S = 0.7
 #: A hand that comes back goes so many steps at most.
 _FURTHER_BACK_STEPS = 4.0
 #: An object that one finger pushes lies so many steps off the middle at most.
@@ -67,7 +69,7 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Go on closing, a little ahead of where the hand is; stop where something is felt."""
     sweep = belief.sweep
     assert sweep is not None
-    if sweep.time_s and sweep.touched(plan.current):
+    if sweep.time_s and (sweep.asleep or sweep.touched(plan.current)):
         # No further than it reports to be: a stop is never cut.
         here = whole(belief.closure - belief.behind, plan, within=True)
         stop = GripperCommand(target=here, rate=plan.gripper.fastest)
@@ -76,8 +78,9 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), None
     ahead = sweep.rate * (2.0 * _period_s(belief) + _AHEAD_S)
     target = whole(min(belief.closure + ahead, sweep.end), plan)
-    # A hand that is blocked is not sent again, so that it is noticed.
-    if closure_of(target, plan) <= belief.sent + plan.resolution / 2:
+    further = closure_of(target, plan) > belief.sent + plan.resolution / 2
+    # A hand that does not move is sent on now and then, so that it is noticed.
+    if not further and belief.now_s - belief.moved_s < _IDLE_S:
         return belief, None
     return belief, GripperCommand(target=target, rate=sweep.rate)
 

@@ -24,6 +24,8 @@ _REMEMBERED_S, _NOW_S, _APART_S = 0.6, 0.016, 0.06
 _STEADY_S = 0.4
 #: A change is a touch from so many standard deviations on, and above this share of the resistance.
 _SURE_SD, _LEAST_SHARE = 6.0, 0.008
+#: A hand at speed shakes every pixel: so many frames that are all alike are not new.
+_ASLEEP = 5
 #: Fewest readings to compare with.
 _FEWEST = 3
 #: The current has to rise by so many deviations, and by this share of what the gears take: friction
@@ -67,6 +69,12 @@ class Sweep:
             log_ohm=(*self.log_ohm[first:], log_ohm),
             gears_ma=(*self.gears_ma[first:], gears_ma),
         )
+
+    @property
+    def asleep(self) -> bool:
+        """Whether no pixel has changed for long: frames arrive, and are not new."""
+        long = len(self.time_s) > _ASLEEP and self.time_s[-1] - self.time_s[0] > _STEADY_S
+        return long and all(np.array_equal(self.log_ohm[0], other) for other in self.log_ohm)
 
     def touched(self, current: CurrentLaw | None) -> bool:
         """Whether something is felt now, by a pixel or by the servo."""
