@@ -41,10 +41,10 @@ def test_json_has_every_scored_step_of_every_model(
     status, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
     document = json.loads(out)
     assert status == 0
-    assert len(document["rows"]) == 2 * 3 * 9
+    assert len(document["rows"]) == 2 * 4 * 9
     assert {row["ladder"] for row in document["rows"]} == {"X", "Y"}
-    assert sum(row["calibration"] for row in document["rows"]) == 2 * 3 * 3
-    assert {one["model"] for one in document["summary"]} == {"line", "power", "ours"}
+    assert sum(row["calibration"] for row in document["rows"]) == 2 * 4 * 3
+    assert {one["model"] for one in document["summary"]} == {"line", "power", "pooled", "ours"}
 
 
 def test_predictions_rest_on_the_first_three_weights_alone(

@@ -28,6 +28,14 @@ STUDIES: dict[str, tuple[str, str]] = {
         "Video 3, closing again until something is there, simulated",
     ),
     "presses": ("palpate_studies.presses", "Force now on real Velostat under a robot's presses"),
+    "soft-sensor": (
+        "palpate_studies.soft_sensor",
+        "Force of a published soft sensor, depths left out",
+    ),
+    "strokes": (
+        "palpate_studies.strokes",
+        "Force of real Velostat touched by pins, sensors and pins left out",
+    ),
     "ripeness": (
         "palpate_studies.ripeness",
         "Figure 16, stages and days to ripe of avocados on the twin",

@@ -12,7 +12,6 @@ import typer
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.estimate.population_law import MIN_STEPS
 from palpate.tables import read_table
 from palpate_studies.ladder_models import MODELS, Ladder, Predicted
 from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
@@ -22,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Loaded steps from which a test ladder may set its own gain.
 CALIBRATION_STEPS = 3
+#: Fewer loaded steps than this show no law.
+MIN_STEPS = 5
 #: Loads up to this are not scored.
 SMALLEST_LOAD_N = 0.5
 #: Forces below this count as this: no load at all would be an infinite error of the logarithm.
@@ -210,6 +211,7 @@ def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> Stud
 LOOKS: Mapping[str, tuple[str, str]] = {
     "line": ("#8A8A8A", "v"),
     "power": ("#D55E00", "s"),
+    "pooled": ("#CC79A7", "s"),
     "ours": ("#0072B2", "o"),
 }
 

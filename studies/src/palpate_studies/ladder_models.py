@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from palpate.estimate.force import ForceEstimate
-from palpate.estimate.population_law import PopulationForceLaw
+from palpate.estimate.force_model import ForceModel
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Predicted: TypeAlias = ForceEstimate
 
 #: Loaded readings are taken to show at least this share of the conductance at rest.
 SMALLEST_EXCESS = 0.01
-#: Least step of the logger that the ladders were read with, ohm: 620 ohm divider, 10 bit.
-READING_STEP_OHM = 0.606
+#: A ladder has few steps, and a law of one input needs few bumps.
+LANDMARKS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +85,44 @@ def power(
         told=told,
         level=level,
     )
+    return _estimate(value, half, level=level)
+
+
+def unweighed(
+    one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_], level: float
+) -> Predicted:
+    """Predict by one power law of all other ladders, without any step of this one."""
+    log_g, log_n = (
+        np.concatenate([np.log(getattr(ladder, name)) for ladder in others])
+        for name in ("excess_s", "load_n")
+    )
+    slope, offset = np.polyfit(log_g, log_n, 1)
+    half = float(np.quantile(np.abs(log_n - slope * log_g - offset), level))
+    return _estimate(slope * np.log(one.excess_s) + offset, half, level=level)
+
+
+def ours(
+    one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_], level: float
+) -> Predicted:
+    """Predict by the force model of the other ladders, adapted to the steps told."""
+    group = [ladder.name for ladder in others for _ in ladder.load_n]
+    model = ForceModel.fit(
+        np.concatenate([_reading(ladder) for ladder in others]),
+        target=np.log(np.concatenate([ladder.load_n for ladder in others])),
+        group=group,
+        landmarks=LANDMARKS,
+    )
+    mine = _reading(one)
+    adapted = model.adapted(mine[told], target=np.log(one.load_n[told]))
+    return _estimate(*adapted.predict(mine, level=level), level=level)
+
+
+def _reading(ladder: Ladder) -> FloatArray:
+    """Return ln(G / G0 - 1) as the only input: relative to its rest, sheets differ least."""
+    return np.asarray(np.log(ladder.excess_s * ladder.rest_ohm)[:, None])
+
+
+def _estimate(value: FloatArray, half: FloatArray | float, *, level: float) -> Predicted:
     return ForceEstimate(
         value=np.exp(value),
         low=np.exp(value - half),
@@ -92,18 +130,6 @@ def power(
         in_range=np.ones(value.shape, dtype=bool),
         level=level,
     )
-
-
-def ours(
-    one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_], level: float
-) -> Predicted:
-    """Predict by a law drawn from the population of the other ladders; see `PopulationForceLaw`."""
-    population = PopulationForceLaw.fit(
-        [ladder.excess_s for ladder in others], forces_n=[ladder.load_n for ladder in others]
-    )
-    law = population.calibrate(one.excess_s[told], force_n=one.load_n[told])
-    digit = READING_STEP_OHM / one.resistance_ohm / np.sqrt(12)
-    return law.force_n(one.excess_s, log_noise=digit, level=level)
 
 
 def _shared_slope(
@@ -128,4 +154,9 @@ def _shared_slope(
 
 Model: TypeAlias = Callable[..., Predicted]
 
-MODELS: Mapping[str, Model] = {"line": line, "power": power, "ours": ours}
+MODELS: Mapping[str, Model] = {
+    "line": line,
+    "power": power,
+    "pooled": unweighed,
+    "ours": ours,
+}

@@ -1,0 +1,116 @@
+"""What a creeping sheet shows now: its reading, how it lags behind itself, how far it has fallen.
+
+A sheet answers a force at once and through creep with a spread of time constants. One reading
+therefore stands for many forces; the reading together with how it got there stands for few. The
+history is kept as low-passed copies of the logarithm of the reading, advanced exactly for a reading
+that is held between samples, and as the fall from its recent maximum, which is the sign of
+unloading. Everything is causal, and differences are used instead of the copies themselves, so that
+a gain of the sheet shifts the first input only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+#: Log-spaced, from one sample of a fast readout to the length of a press.
+TIME_CONSTANTS_S = (0.01, 0.03, 0.1, 0.3, 1.0)
+#: Added to the excess conductance before the logarithm: a change of 10 % is the paper's contact
+#: threshold (section 4.1); below it the sheet shows nothing of force.
+CONTACT_EXCESS = 0.1
+#: Falls well below this (ln) are noise.
+_FALL_SCALE = 0.05
+
+
+def log_reading(excess: ArrayLike) -> FloatArray:
+    """Return ln(excess conductance + 0.1), what `ForceStates` follows.
+
+    Examples
+    --------
+    >>> log_reading([0.9, 9.9, -5.0]).round(2).tolist()
+    [0.0, 2.3, -2.3]
+    """
+    return np.asarray(np.log(np.maximum(np.asarray(excess, dtype=float), 0.0) + CONTACT_EXCESS))
+
+
+class ForceStates:
+    """The memory of one sheet, advanced sample by sample.
+
+    Parameters
+    ----------
+    time_constants_s : sequence of float
+        Of the low-passed copies, rising; the maximum forgets with the last one.
+
+    Examples
+    --------
+    >>> sheet = ForceStates(time_constants_s=(1.0,))
+    >>> sheet.step(0.0, 0.0).tolist()
+    [0.0, 0.0, 0.0]
+    >>> sheet.step(1.0, 1.0).round(3).tolist()
+    [1.0, 0.368, 0.0]
+    """
+
+    def __init__(self, *, time_constants_s: Sequence[float] = TIME_CONSTANTS_S) -> None:
+        self._tau_s = np.asarray(time_constants_s, dtype=float)
+        self._time_s: float | None = None
+        self._copies = np.zeros(len(self._tau_s))
+        self._peak = 0.0
+
+    def step(self, time_s: float, reading: float) -> FloatArray:
+        """Take a reading and return the inputs of the force model.
+
+        Parameters
+        ----------
+        time_s : float
+            Not earlier than the last one.
+        reading : float
+            Logarithm of what the sheet reads; see `log_reading`.
+
+        Returns
+        -------
+        ndarray, shape (2 + n_time_constants,)
+            The reading, its differences from the copies, ln(1 + fall / 0.05).
+
+        Raises
+        ------
+        ValueError
+            If time runs backwards.
+        """
+        if self._time_s is None:
+            self._copies[:] = reading
+            self._peak = reading
+        else:
+            elapsed_s = time_s - self._time_s
+            if elapsed_s < 0:
+                raise ValueError(f"time runs backwards: {time_s} s after {self._time_s} s")
+            share = -np.expm1(-elapsed_s / self._tau_s)
+            self._copies += share * (reading - self._copies)
+            self._peak = max(reading, self._peak + float(share[-1]) * (reading - self._peak))
+        self._time_s = time_s
+        fall = np.log1p((self._peak - reading) / _FALL_SCALE)
+        return np.concatenate([[reading], reading - self._copies, [fall]])
+
+
+def states_of(
+    time_s: ArrayLike,
+    reading: ArrayLike,
+    *,
+    time_constants_s: Sequence[float] = TIME_CONSTANTS_S,
+) -> FloatArray:
+    """Return the inputs at every sample of a recording, shape (n_times, 2 + n_time_constants).
+
+    Parameters
+    ----------
+    time_s, reading : array_like, shape (n_times,)
+        As `ForceStates.step` takes them.
+    time_constants_s : sequence of float
+        As `ForceStates` takes them.
+    """
+    memory = ForceStates(time_constants_s=time_constants_s)
+    steps = zip(np.asarray(time_s).tolist(), np.asarray(reading).tolist(), strict=True)
+    return np.array([memory.step(*step) for step in steps]).reshape(-1, 2 + len(time_constants_s))

@@ -1,0 +1,237 @@
+"""What follows a touch: nothing but a clock, a static law, boosted trees, and the force model.
+
+Each model is learned from training touches and returns, for a test touch, ln force at every sample
+with the half width of its interval. What else it knows is `told`: nothing, the other attempts at
+the same place, or the force once in this touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from palpate.errors import needing
+from palpate.estimate.force_model import ForceModel
+from palpate_studies.stroke_data import FloatArray, Touch
+
+TOLD = ("nothing", "place", "five_percent", "eighty_percent")
+LEVEL = 0.9
+#: A clock's time step: one sample of the logger.
+_TICK_S = 0.007
+
+Prediction: TypeAlias = tuple[FloatArray, FloatArray]
+Others: TypeAlias = Sequence[Touch]
+#: From a touch and the other attempts at its place to a prediction.
+Follower: TypeAlias = Callable[[Touch, Others], Prediction]
+Learner: TypeAlias = Callable[[Others, str], Follower | None]
+
+
+def others_of(touch: Touch, touches: Others) -> list[Touch]:
+    """Return the other attempts at the place of a touch."""
+    return [one for one in touches if one.place == touch.place and one is not touch]
+
+
+def _origin(touch: Touch, told: str) -> float:
+    return float(touch.log_force[touch.told[told]]) if told in touch.told else 0.0
+
+
+def _pooled(touches: Others, told: str, each: Callable[[Touch], FloatArray]) -> FloatArray:
+    return np.concatenate([each(one)[one.after(told)] for one in touches])
+
+
+def _with_interval(
+    follow: Callable[[Touch, Others], FloatArray], train: Others, told: str
+) -> Follower:
+    """Return a follower whose interval covers the errors of its own training touches."""
+    errors = [
+        np.abs(follow(one, others_of(one, train)) - one.log_force)[one.after(told)] for one in train
+    ]
+    half = float(np.quantile(np.concatenate(errors), LEVEL))
+    return lambda touch, others: (
+        (value := follow(touch, others)),
+        np.full(value.shape, half),
+    )
+
+
+def constant(train: Others, told: str) -> Follower | None:
+    """Learn one force, or hold the force that was measured."""
+    if told == "place":
+        return None
+    middle = float(np.median(_pooled(train, told, lambda one: one.log_force - _origin(one, told))))
+    hold = 0.0 if told in train[0].told else middle
+    return _with_interval(
+        lambda touch, _: np.full(len(touch.time_s), hold + _origin(touch, told)), train, told
+    )
+
+
+def clock(train: Others, told: str) -> Follower | None:
+    """Learn the usual force at each time since contact, or its usual change since measured."""
+
+    def ticks(touch: Touch) -> FloatArray:
+        start = touch.time_s[touch.told[told]] if told in touch.told else 0.0
+        return np.round((touch.time_s - start) / _TICK_S)
+
+    def table(touches: Others) -> tuple[FloatArray, FloatArray]:
+        tick = _pooled(touches, told, ticks)
+        force = _pooled(touches, told, lambda one: one.log_force - _origin(one, told))
+        seen = np.unique(tick)
+        return seen, np.array([np.median(force[tick == one]) for one in seen])
+
+    usual = table(train)
+
+    def follow(touch: Touch, others: Others) -> FloatArray:
+        known = table(others) if told == "place" and others else usual
+        return np.asarray(np.interp(ticks(touch), *known)) + _origin(touch, told)
+
+    return _with_interval(follow, train, told)
+
+
+def static(train: Others, told: str) -> Follower | None:
+    """Learn a power law; its gain from what is known of the place or of this touch."""
+    reading = _pooled(train, "nothing", lambda one: one.inputs[:, 0])
+    force = _pooled(train, "nothing", lambda one: one.log_force)
+    slope, offset = _absolute_line(reading, force)
+
+    def follow(touch: Touch, others: Others) -> FloatArray:
+        value = slope * touch.inputs[:, 0] + offset
+        if told in touch.told:
+            at = touch.told[told]
+            return np.asarray(value + touch.log_force[at] - value[at])
+        if told == "place" and others:
+            left = _pooled(others, told, lambda one: one.log_force - slope * one.inputs[:, 0])
+            return np.asarray(value + float(np.median(left)) - offset)
+        return np.asarray(value)
+
+    return _with_interval(follow, train, told)
+
+
+def _absolute_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Return the line of least absolute error, by reweighting."""
+    weight = np.ones_like(y)
+    line = np.zeros(2)
+    for _ in range(20):
+        line = np.polyfit(x, y, 1, w=weight)
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(y - np.polyval(line, x)), 0.01))
+    return float(line[0]), float(line[1])
+
+
+def _inputs(touch: Touch, told: str) -> FloatArray:
+    """Return what a learner sees: the states, or their change since the force was measured."""
+    if told not in touch.told:
+        return touch.inputs
+    at = touch.told[told]
+    measured = np.full((len(touch.inputs), 1), touch.log_force[at])
+    return np.concatenate([touch.inputs - touch.inputs[at], measured], axis=1)
+
+
+def trees(train: Others, told: str) -> Follower | None:
+    """Learn boosted trees on the same inputs; knowing the place, as told by the mean of it."""
+    with needing("gradient boosting", extra="produce"):
+        from sklearn.ensemble import HistGradientBoostingRegressor
+    machine = HistGradientBoostingRegressor(
+        loss="absolute_error", max_iter=100, max_leaf_nodes=15, min_samples_leaf=40, random_state=0
+    )
+
+    def seen(touch: Touch, others: Others) -> FloatArray:
+        inputs = _inputs(touch, told)
+        if told != "place":
+            return inputs
+        known = others or [touch]
+        reading = np.mean(_pooled(known, told, lambda one: one.inputs[:, 0]))
+        force = np.mean(_pooled(known, told, lambda one: one.log_force))
+        more = np.full((len(inputs), 1), force if others else np.nan)
+        return np.concatenate([inputs, inputs[:, :1] - reading, more], axis=1)
+
+    x = np.concatenate([seen(one, others_of(one, train))[one.after(told)] for one in train])
+    y = _pooled(train, told, lambda one: one.log_force - _origin(one, told))
+    w = _pooled(train, told, lambda one: one.weight)
+    machine.fit(x, y, sample_weight=w)
+    return _with_interval(
+        lambda touch, others: machine.predict(seen(touch, others)) + _origin(touch, told),
+        train,
+        told,
+    )
+
+
+def ours(train: Others, told: str) -> Follower | None:
+    """Learn the force model; knowing the place, it is adapted to the other attempts there."""
+    sensors = {one.sensor for one in train}
+
+    def group(one: Touch) -> str:
+        return one.sensor if len(sensors) > 1 else one.pin
+
+    def model_of(touches: Others) -> ForceModel:
+        used = [one.after(told) for one in touches]
+        return ForceModel.fit(
+            _rows(touches, told),
+            target=_pooled(touches, told, lambda one: one.log_force - _origin(one, told)),
+            weight=_pooled(touches, told, lambda one: one.weight),
+            group=[
+                group(one) for one, n in zip(touches, used, strict=True) for _ in range(n.sum())
+            ],
+        )
+
+    model = model_of(train)
+    if told == "place":
+        model = _place_errors(model, train, group=group, model_of=model_of)
+
+    def follow(touch: Touch, others: Others) -> Prediction:
+        mine = _adapted(model, others) if told == "place" and others else model
+        value, half = mine.predict(_inputs(touch, told), level=LEVEL)
+        return value + _origin(touch, told), half
+
+    return follow
+
+
+def _rows(touches: Others, told: str) -> FloatArray:
+    return np.concatenate([_inputs(one, told)[one.after(told)] for one in touches])
+
+
+def _adapted(model: ForceModel, others: Others) -> ForceModel:
+    return model.adapted(
+        _rows(others, "place"),
+        target=_pooled(others, "place", lambda one: one.log_force),
+        weight=_pooled(others, "place", lambda one: one.weight),
+    )
+
+
+def _place_errors(
+    model: ForceModel,
+    train: Others,
+    *,
+    group: Callable[[Touch], str],
+    model_of: Callable[[Others], ForceModel],
+) -> ForceModel:
+    """Return the model with the errors that are left once a place of an unseen group is known."""
+    inputs: list[FloatArray] = []
+    errors: list[FloatArray] = []
+    weights: list[FloatArray] = []
+    for name in dict.fromkeys(map(group, train)):
+        inside = [one for one in train if group(one) != name]
+        if not inside:
+            continue
+        partial = model_of(inside)
+        for one in (one for one in train if group(one) == name):
+            others = others_of(one, train)
+            if not others:
+                continue
+            x = _inputs(one, "place")[one.scored]
+            inputs.append(x)
+            weights.append(one.weight[one.scored])
+            errors.append(_adapted(partial, others).predict(x)[0] - one.log_force[one.scored])
+    if not inputs:
+        return model
+    return model.with_errors(
+        np.concatenate(inputs), errors=np.concatenate(errors), weight=np.concatenate(weights)
+    )
+
+
+MODELS: Mapping[str, Learner] = {
+    "constant": constant,
+    "clock": clock,
+    "static": static,
+    "trees": trees,
+    "ours": ours,
+}

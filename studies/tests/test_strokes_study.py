@@ -1,0 +1,127 @@
+"""The stroke study: what a touch is, what is scored, and that nothing leaks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app, run
+from palpate_studies.stroke_data import Touch, read_strokes
+from palpate_studies.stroke_models import MODELS, TOLD, others_of
+
+HEADER = "recording_id,time_s,resistance_ohm,force_n,touch,phase\n"
+
+
+def strokes_csv(path: Path, *, sensors: int = 2, places: int = 2, faint: bool = False) -> Path:
+    """Write invented touches: two pins, two attempts; creep, and a gain of the place."""
+    rng = np.random.default_rng(5)
+    lines = []
+    for sensor in range(sensors):
+        for pin in (3, 6):
+            gains = np.exp(rng.normal(0, 0.4, places))
+            for attempt in range(2):
+                for place in range(places):
+                    time_s = np.arange(0, 1.0, 0.01)
+                    since = time_s - 0.5
+                    peak = rng.uniform(6, 12)
+                    force = np.interp(since, [0, 0.08, 0.3, 0.36], [0, peak, peak, 0])
+                    phase = np.select(
+                        [since < 0.005, since < 0.08, since < 0.3, since < 0.355],
+                        ["rest", "loading", "holding", "unloading"],
+                        "rest",
+                    )
+                    creep = 1 + 0.2 * np.maximum(since, 0)
+                    excess = (0.001 if faint else 8) * gains[place] * force**1.2 * creep
+                    ohm = 1000 / (1 + excess)
+                    lines += [
+                        f"s{sensor}-{pin}mm-a{attempt},{place * 2 + t:.3f},{r:.4f},{f:.4f},"
+                        f"{place},{p}"
+                        for t, r, f, p in zip(time_s, ohm, force, phase, strict=True)
+                    ]
+    path.write_text(HEADER + "\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def touches(tmp_path_factory: pytest.TempPathFactory) -> list[Touch]:
+    return read_strokes(strokes_csv(tmp_path_factory.mktemp("strokes") / "s.csv"))
+
+
+def test_touches_follow_the_definition(touches: list[Touch]) -> None:
+    assert len(touches) == 2 * 2 * 2 * 2
+    for one in touches:
+        force = np.exp(one.log_force)
+        assert (force[one.scored] >= 0.5).all()
+        assert (one.phase[one.scored] != "rest").all()
+        inside = force[one.phase != "rest"]
+        at = one.told["eighty_percent"]
+        assert force[at] >= 0.8 * np.percentile(inside, 80) - 1e-3 > force[at - 1] - 1e-3
+        assert not one.after("eighty_percent")[: at + 1].any()
+        assert len(others_of(one, touches)) == 1
+
+
+def test_touches_beside_the_sheet_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = strokes_csv(tmp_path / "s.csv", faint=True)
+    assert run(build_app(), ["study", "strokes", "--recordings", str(path)], name="palpate") == 2
+    error = capsys.readouterr().err
+    assert "no touch in it" in error
+    assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("told", TOLD)
+def test_the_reference_is_seen_only_where_it_is_told(touches: list[Touch], told: str) -> None:
+    """Change every force of a test touch but the measured one: nothing changes."""
+    train = [one for one in touches if one.sensor == "s0"]
+    touch = next(one for one in touches if one.sensor == "s1")
+    others = others_of(touch, touches)
+    hidden = np.full_like(touch.log_force, 4.0)
+    if told in touch.told:
+        hidden[touch.told[told]] = touch.log_force[touch.told[told]]
+    blind = replace(touch, log_force=hidden)
+    for name in ("constant", "clock", "static", "ours"):
+        follow = MODELS[name](train, told)
+        if follow is not None:
+            assert follow(blind, others)[0].tolist() == follow(touch, others)[0].tolist(), name
+
+
+def test_what_comes_later_changes_nothing_said_before(touches: list[Touch]) -> None:
+    follow = MODELS["ours"]([one for one in touches if one.sensor == "s0"], "eighty_percent")
+    assert follow is not None
+    touch = next(one for one in touches if one.sensor == "s1")
+    cut = replace(
+        touch,
+        **{
+            name: getattr(touch, name)[:-10]
+            for name in ("time_s", "inputs", "log_force", "phase", "scored")
+        },
+    )
+    whole = follow(touch, [])[0]
+    np.testing.assert_allclose(follow(cut, [])[0], whole[:-10], rtol=0, atol=1e-12)
+
+
+def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("sklearn")
+    path = strokes_csv(tmp_path / "s.csv")
+    arguments = ["study", "strokes", "--recordings", str(path), "--test-recordings", str(path)]
+    assert run(build_app(), [*arguments, "--json"], name="palpate") == 0
+    document = json.loads(capsys.readouterr().out)
+    asked = {(row["model"], row["told"]) for row in document["rows"]}
+    assert {(model, "eighty_percent") for model in MODELS} <= asked
+    assert {("ours", told) for told in TOLD} <= asked
+    assert set(document["rows"][0]) == {
+        *("recording_id", "touch", "split", "model", "told", "phase", "band", "samples"),
+        *("median_abs_log_error", "coverage"),
+    }
+    error = {
+        (one["model"], one["told"]): one["median_abs_log_error"]
+        for one in document["summary"]
+        if (one["sensor"], one["phase"], one["band"]) == ("all", "all", "all")
+    }
+    assert error["ours", "nothing"] < 0.5 * error["constant", "nothing"]
+    assert error["ours", "eighty_percent"] < 0.5 * error["constant", "eighty_percent"]
