@@ -58,6 +58,10 @@ FitOnOption: TypeAlias = Annotated[
     list[Path] | None,
     typer.Option(help="Calibration holds: intervals as wide as errors on these.", metavar="HOLDS"),
 ]
+LearnFromOption: TypeAlias = Annotated[
+    list[Path] | None,
+    typer.Option(help="This sensor's own settled holds: `relaxation` learns from.", metavar="HOLDS"),
+]
 UntilOption: TypeAlias = Annotated[
     float | None,
     typer.Option(

@@ -60,6 +60,8 @@ class Relaxation:
         Prior log odds of the components of `shapes`.
     scale : IntervalScale
         Width of the intervals.
+    further : float
+        How much further holds go than is forecast, as a share of the change seen so far.
 
     Examples
     --------
@@ -75,6 +77,7 @@ class Relaxation:
 
     log_odds: FloatArray = field(default_factory=lambda: LOG_ODDS, repr=False)
     scale: IntervalScale = field(default=UNCALIBRATED, repr=False)
+    further: float = 0.0
 
     @property
     def name(self) -> str:
@@ -150,12 +153,13 @@ class Relaxation:
         if since_s.size < 2:
             sides = np.array([-1.0, 0.0, 1.0])[:, None]
             return used[:, -1] + sides * reach, np.array([Status.TOO_SHORT] * len(used), object)
-        found, binned = weighed(window, used, after_s=after_s, log_odds=self.log_odds)
+        found, binned = _weighed(window, used, after_s=after_s, log_odds=self.log_odds)
         ahead = quantiles(found, quantile)
         widening = self.scale.widening(
             float(since_s[-1] - since_s[0]), level=float(quantile[2] - quantile[0])
         )
         ahead = ahead[1] + widening * (ahead - ahead[1])
+        ahead += self.further * (binned[:, -1] - binned[:, 0])
         turned = _turned_back(binned)
         ahead[0] -= turned * reach
         ahead[2] += turned * reach
@@ -166,6 +170,45 @@ class Relaxation:
         status[fine & (possible[1] != ahead[1])] = Status.FELL_BACK
         status[turned | (reach == 0)] = Status.NOT_SETTLING
         return ends, status
+
+    def components(
+        self,
+        time_s: FloatArray,
+        values: FloatArray,
+        *,
+        horizon_s: float,
+        lightest: float = LIGHTEST,
+    ) -> tuple[Mixture, FloatArray] | None:
+        """Return what the components forecast of one hold, and its binned samples.
+
+        Parameters
+        ----------
+        time_s, values : ndarray, shape (n_times,)
+            Samples up to the cut-off.
+        horizon_s : float
+            Time of the value to predict.
+        lightest : float
+            Components that weigh less than this share of the heaviest are dropped.
+
+        Returns
+        -------
+        Mixture and ndarray, shape (n_bins,), or None
+            Forecasts count from the last bin; all are logarithms where all values are positive.
+            None where there are too few samples.
+        """
+        positive = bool((values > 0).all())
+        seen = (np.log(values) if positive else values)[None]
+        [window] = windows(time_s, seen, positive=np.array([positive]))
+        if window.since_s.size < FEWEST_SAMPLES:
+            return None
+        found, binned = _weighed(
+            window,
+            seen[:, window.first :],
+            after_s=horizon_s - SETTLED_WINDOW_S / 2 - float(time_s[window.origin]),
+            log_odds=self.log_odds,
+            lightest=lightest,
+        )
+        return found, binned[0]
 
     def calibrated_on(self, holds: Iterable[Hold], *, horizon_s: float = 20.0) -> Relaxation:
         """Return a predictor whose intervals are as wide as these holds' residuals call for.
@@ -202,7 +245,7 @@ class Relaxation:
         return replace(self, scale=scale)
 
 
-def weighed(
+def _weighed(
     window: Window,
     used: FloatArray,
     *,

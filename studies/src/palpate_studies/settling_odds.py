@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.holds import Hold, read_holds
-from palpate.settling.origin import windows
-from palpate.settling.relaxation import weighed
+from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray
 from palpate.settling.scoring import settled_value
 from palpate.settling.shapes import CURVES, DEVIATIONS
@@ -28,7 +27,7 @@ from palpate_studies.settling_families import FAMILIES, draw
 #: Seed and size of the drawn families to learn from; reports use other seeds.
 SEED, DRAWN = 11, 60
 CUTOFFS_S = (1.0, 2.5, 5.0)
-HORIZON_S, TARGET_S = 20.0, 19.75
+HORIZON_S = 20.0
 #: Real recordings count so many times as much as a drawn family.
 REAL = {"holds_cbsilicone": 4.0, "holds_velostat": 4.0, "holds_force_relaxation": 1.0}
 #: Gradient ascent (Adam): steps, their size, and the ridge that draws log odds towards even.
@@ -38,6 +37,7 @@ FLOOR = 0.003
 #: The score's density has heavy tails, so that one hold that no shape fits can't rule the odds.
 _TAIL = 4.0
 N_CURVES, N_DEVIATIONS = len(CURVES), len(DEVIATIONS)
+EVEN = Relaxation(log_odds=np.zeros((N_DEVIATIONS, N_CURVES)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,26 +65,17 @@ def lesson(holds: Iterable[Hold]) -> Lesson:
 def _row(hold: Hold, cutoff_s: float) -> tuple[FloatArray, FloatArray, FloatArray, float] | None:
     settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
     seen = hold.time_s <= cutoff_s
-    positive = bool((hold.values > 0).all())
-    values = (np.log(hold.values) if positive else hold.values)[None, seen]
-    time_s = hold.time_s[seen]
-    if np.isnan(settled) or time_s.size < 2:
+    values = hold.values[seen]
+    known = EVEN.components(hold.time_s[seen], values, horizon_s=HORIZON_S, lightest=1e-300)
+    if np.isnan(settled) or known is None:
         return None
-    [window] = windows(time_s, values, positive=np.array([positive]))
-    if window.since_s.size < 4:
-        return None
-    found, binned = weighed(
-        window,
-        values[:, window.first :],
-        after_s=TARGET_S - float(time_s[window.origin]),
-        log_odds=np.zeros((N_DEVIATIONS, N_CURVES)),
-        lightest=1e-300,
-    )
+    found, binned = known
+    positive = bool((values > 0).all())
     unit = 1.0 if positive else abs(settled)
     dense = np.full((3, N_DEVIATIONS * N_CURVES), [[-1e3], [0.0], [1.0]])
     dense[:, found.component] = np.log(found.weight), found.forecast / unit, found.deviation / unit
     target = np.log(settled) if positive else settled
-    return dense[0], dense[1], dense[2], float(target - binned[0, -1]) / unit
+    return dense[0], dense[1], dense[2], float(target - binned[-1]) / unit
 
 
 def learn(lessons: Mapping[str, Lesson], *, weights: Mapping[str, float] = REAL) -> FloatArray:

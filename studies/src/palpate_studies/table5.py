@@ -10,11 +10,11 @@ import numpy as np
 import typer
 
 from palpate.estimate.line_law import LineForceLaw
-from palpate.estimate.own_settling import OwnSettling
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.settling.exponential import Exponential
+from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import predict_settled
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
@@ -161,8 +161,8 @@ def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
     return rows
 
 
-def _own(sheets: Sequence[_Sheet]) -> OwnSettling:
-    return OwnSettling(
+def _own(sheets: Sequence[_Sheet]) -> OwnRelaxation:
+    return OwnRelaxation(
         holds=tuple(
             Hold(hold_id=f"{sheet}/{place}", channel=None, time_s=one.time_s, values=values)
             for sheet, one in enumerate(sheets)
