@@ -18,7 +18,7 @@ STEPS: dict[str, tuple[str, str]] = {
     "compliance": ("calibrate_compliance", "How far pads, fingers and servo give way"),
     "cell": ("calibrate_cell", "What a count of the board's load cell weighs, by a known weight"),
     "damage": ("calibrate_damage", "What produce bears, from closings until rupture"),
-    "settling": ("calibrate_settling", "Holds for `settle --fit-on`, from recorded grasps"),
+    "settling": ("calibrate_settling", "Holds for `settle --learn-from`, from recorded grasps"),
 }
 
 #: The step's own options are parsed by the step.

@@ -25,7 +25,7 @@ def command(
         float, typer.Option("--shortest", help="Holds that end earlier are left out, s.", min=1.0)
     ] = _SHORTEST_S,
 ) -> None:
-    """Cut the holds of recorded grasps into one file for `palpate settle --fit-on`.
+    """Cut the holds of recorded grasps into one file for `palpate settle --learn-from`.
 
     Example: palpate calibrate settling day1.mcap day2.mcap --out settling.csv
     """

@@ -35,6 +35,7 @@ def settle(
     horizon: option.HorizonOption = 20.0,
     level: option.LevelOption = 0.9,
     fit_on: option.FitOnOption = None,
+    learn_from: option.LearnFromOption = None,
     until_half_width: option.UntilOption = None,
     time_column: option.TimeColumnOption = None,
     time_unit: option.TimeUnitOption = None,
@@ -71,9 +72,10 @@ def settle(
         ),
     )
     files = source.files()
-    report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or [])])
+    report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
-    chosen = _methods(names, fit_on=fit_on or [], horizon_s=horizon)
+    _check_unseen(learn_from or [], files=files)
+    chosen = _methods(names, fit_on=fit_on or [], learn_from=learn_from or [], horizon_s=horizon)
     if until_half_width and not fit_on:
         _say_who_waits(chosen)
     predictions = list(
@@ -194,19 +196,44 @@ def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
         yield hold
 
 
+def _check_unseen(learn_from: Sequence[Path], *, files: Sequence[Path]) -> None:
+    predicted = {file.resolve() for file in files}
+    for file in learn_from:
+        if file.resolve() in predicted:
+            raise InputError(
+                f"--learn-from {file}: its holds are to be predicted too, and scores on holds that "
+                "were learned from mean nothing; give the sensor's other holds"
+            )
+
+
 def _methods(
-    names: Sequence[str], *, fit_on: Sequence[Path], horizon_s: float
+    names: Sequence[str],
+    *,
+    fit_on: Sequence[Path],
+    learn_from: Sequence[Path],
+    horizon_s: float,
 ) -> dict[str, SettlingMethod]:
-    """Make each method once; calibration holds sharpen those that can use them."""
+    """Make each method once; the sensor's own holds and calibration holds sharpen some."""
     from palpate.settling.predict import method_named
 
     made = {name: method_named(name) for name in names}
+    if learn_from and "relaxation" in made:
+        from palpate.settling.own import OwnRelaxation
+
+        own = _settled_holds(learn_from, horizon_s=horizon_s, option="--learn-from")
+        made["relaxation"] = OwnRelaxation(holds=tuple(own))
     if not fit_on:
         return made
     from palpate.settling.conformal import calibrate
     from palpate.settling.evaluate import Calibrates
 
-    holds = _calibration_holds(fit_on, horizon_s=horizon_s)
+    holds = _settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on")
+    if len(holds) < FEW_CALIBRATION_HOLDS:
+        print(
+            f"palpate: --fit-on: {len(holds)} holds reach {horizon_s:g} s; intervals from fewer "
+            f"than {FEW_CALIBRATION_HOLDS} are rough or missing",
+            file=sys.stderr,
+        )
     for name, method in made.items():
         if isinstance(method, Calibrates):
             made[name] = method.calibrated_on(holds, horizon_s=horizon_s)
@@ -215,8 +242,8 @@ def _methods(
     return made
 
 
-def _calibration_holds(files: Sequence[Path], *, horizon_s: float) -> list[Hold]:
-    """Return the holds that reach the horizon; say on standard error where they are few."""
+def _settled_holds(files: Sequence[Path], *, horizon_s: float, option: str) -> list[Hold]:
+    """Return the holds that reach the horizon; refuse where `--learn-from` has none."""
     from math import isnan
 
     from palpate.commands.settle_source import Source
@@ -225,11 +252,10 @@ def _calibration_holds(files: Sequence[Path], *, horizon_s: float) -> list[Hold]
     source = Source(paths=files)
     holds = [hold for file in source.files() for hold in source.holds(file, until_s=horizon_s)]
     kept = [h for h in holds if not isnan(settled_value(h.time_s, h.values, horizon_s=horizon_s))]
-    if len(kept) < FEW_CALIBRATION_HOLDS:
-        print(
-            f"palpate: --fit-on: {len(kept)} of {len(holds)} holds reach {horizon_s:g} s; "
-            f"intervals from fewer than {FEW_CALIBRATION_HOLDS} are rough or missing",
-            file=sys.stderr,
+    if option == "--learn-from" and not kept:
+        raise InputError(
+            f"--learn-from {files[0]}: none of its {len(holds)} holds reaches {horizon_s:g} s, so "
+            "none shows what it settles to; hold for longer while recording"
         )
     return kept
 

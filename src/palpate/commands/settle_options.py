@@ -60,7 +60,9 @@ FitOnOption: TypeAlias = Annotated[
 ]
 LearnFromOption: TypeAlias = Annotated[
     list[Path] | None,
-    typer.Option(help="This sensor's own settled holds: `relaxation` learns from.", metavar="HOLDS"),
+    typer.Option(
+        help="This sensor's own settled holds: `relaxation` learns from.", metavar="HOLDS"
+    ),
 ]
 UntilOption: TypeAlias = Annotated[
     float | None,

