@@ -8,9 +8,10 @@ import numpy as np
 
 from palpate.estimate.closing import ClosingCurve
 from palpate.estimate.damage_learning import learn
+from palpate.estimate.force_model import ForceModel
 from palpate.estimate.fruit_closings import FruitClosing, follow
-from palpate.estimate.population_law import PopulationForceLaw
 from palpate.settling.predict import predict_settled
+from palpate_studies.ladder_models import LANDMARKS
 from palpate_studies.protocol.method import Answer, Case, Question
 
 
@@ -33,20 +34,25 @@ class OurSettling:
 
 
 class OurForceLaw:
-    """A law drawn from the population of the other sensors, told the loads of the curve."""
+    """The force model of the other sensors, adapted to the loads of the curve."""
 
-    name = "ours (population law)"
+    name = "ours (force model)"
 
     def fit(self, training: Sequence[Case], *, choosing: Sequence[Case]) -> Answer:
-        """Fit the population."""
-        sensors = {case.specimen: case.whole for case in (*training, *choosing)}.values()
-        population = PopulationForceLaw.fit(
-            [whole[:, 0] for whole in sensors], forces_n=[whole[:, 1] for whole in sensors]
+        """Fit the model to the sensors that are not tested."""
+        sensors = {case.specimen: case.whole for case in (*training, *choosing)}
+        whole = np.concatenate(list(sensors.values()))
+        model = ForceModel.fit(
+            np.log(whole[:, :1]),
+            target=np.log(whole[:, 1]),
+            group=[name for name, each in sensors.items() for _ in each],
+            landmarks=LANDMARKS,
         )
 
         def answer(asked: Question) -> float:
-            law = population.calibrate(asked.curve[:, 0], force_n=asked.curve[:, 1])
-            return float(law.force_n(np.array([asked.asked])).value[0])
+            own = model.adapted(np.log(asked.curve[:, :1]), target=np.log(asked.curve[:, 1]))
+            value, _ = own.predict(np.log([[asked.asked]]), level=0.9)
+            return float(np.exp(np.asarray(value)[0]))
 
         return answer
 

@@ -3,7 +3,7 @@
 - ``settled``: the value that a silicone hold settles to at 20 s, from its first 2.5 s. `curve` is
   time (s) and reading (ohm), `asked` 20 s, `scale` the last reading. Specimens are left out whole.
 - ``ladders``: the dead weight on a Velostat sensor, told three of its loads. `curve` is the excess
-  conductance (siemens) and load (N) of those three, `asked` the excess conductance in question,
+  conductance over that at rest, and load (N), of those three, `asked` the former in question,
   `scale` the last told load. Sensors are left out whole.
 - ``rupture``: the force at which a fruit ruptures, when 1.5 N are first reached. `curve` is closure
   (mm) and force (N) so far, `asked` that closure, `scale` that force; `kind` is the fruit. Fruits
@@ -65,13 +65,14 @@ def ladders(data: Path) -> Challenge:
     """Return the challenge of dead weights, from `velostat_force_ladders.csv`."""
     cases = []
     for one in read_ladders(data / "velostat_force_ladders.csv"):
-        whole = np.column_stack([one.excess_s, one.load_n])
+        excess = one.excess_s * one.rest_ohm
+        whole = np.column_stack([excess, one.load_n])
         curve = whole[:TOLD]
         for step in range(TOLD, len(one.load_n)):
             if one.load_n[step] > LEAST_LOAD_N:
                 question = Question(
                     curve=curve,
-                    asked=float(one.excess_s[step]),
+                    asked=float(excess[step]),
                     scale=float(curve[-1, 1]),
                     kind="velostat",
                 )
