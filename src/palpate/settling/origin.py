@@ -16,9 +16,10 @@ from palpate.signal.transient import peak_index
 #: curve that relaxes from the start slows down and takes three times it.
 _FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 3
 _GONE, _SUDDEN = 0.4, 0.75
-#: A fall of the resistance by a fifth within so long (s) is a contact being made. What it rings
-#: through is left out; time still counts from the contact.
-_CONTACT_LOG, _CONTACT_S, _RUNG_OUT_S = 0.2, 0.3, 0.35
+#: A change of a positive reading by a fifth within so long (s) is a contact; where zero is
+#: not known, so is a change that makes up nearly all there is. What rings is left out; time still
+#: counts from the contact.
+_CONTACT_LOG, _CONTACT_SHARE, _CONTACT_S, _RUNG_OUT_S = 0.2, 0.9, 0.3, 0.35
 #: Leaving samples out takes so many, over so long (s), to be left.
 _FEWEST_LEFT, _SHORTEST_LEFT_S = 4, 0.25
 
@@ -97,12 +98,14 @@ def origins(
     origin = np.maximum(peak, rested)
     rows = np.arange(len(values))
     soon = np.searchsorted(time_s, time_s[origin] + _CONTACT_S, side="right") - 1
-    fell = values[rows, origin] - values[rows, soon] > _CONTACT_LOG
+    jump = np.abs(values[rows, origin] - values[rows, soon])
+    whole = np.abs(values - values[rows, origin][:, None]).max(axis=1)
+    jumped = np.where(positive, jump > _CONTACT_LOG, jump > _CONTACT_SHARE * whole)
     later = np.searchsorted(time_s, time_s[origin] + _RUNG_OUT_S - 1e-9)
     enough = (time_s.size - later >= _FEWEST_LEFT) & (
         time_s[-1] - time_s[np.minimum(later, time_s.size - 1)] >= _SHORTEST_LEFT_S
     )
-    contact = (fell & positive) | (rested > 0)
+    contact = jumped | (rested > 0)
     return origin, np.where(contact & enough, later, origin)
 
 

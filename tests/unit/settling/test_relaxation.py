@@ -210,3 +210,46 @@ def test_calibration_on_other_specimens_covers_and_narrows(real_data: Path) -> N
         narrower.append(bool(sharp.high - sharp.low < plain.high - plain.low))
     assert np.mean(covered) > 0.8
     assert np.mean(narrower) > 0.8
+
+
+@pytest.mark.parametrize("from_ohm", [600.0, 45.0])
+def test_an_unloaded_stretch_in_front_changes_little(from_ohm: float) -> None:
+    rng = np.random.default_rng(4)
+    time_s = np.arange(0.0, 21.0, 1 / 30)
+    held = 40.0 - 1.5 * np.log(time_s + 0.2) + rng.normal(0, 0.02, time_s.size)
+    rest = from_ohm + rng.normal(0, 0.2, 45)
+    raw_s = np.concatenate([np.arange(45) / 30, time_s + 1.5])
+    raw = np.concatenate([rest, held])
+    truth = settled_value(time_s, held, horizon_s=20.0)
+    seen = raw_s <= 4.0
+    found = predict(raw_s[seen], raw[seen], horizon_s=21.5).hold(0)
+    assert found.value == pytest.approx(truth, rel=0.04)
+    assert 0 < found.low < truth < found.high
+
+
+def test_a_relative_change_that_begins_with_contact_is_not_drawn_out() -> None:
+    time_s = np.arange(0.0, 21.0, 1 / 15)
+    shape = 1 - 0.5 * np.exp(-time_s / 0.08) + 0.02 * np.log((time_s + 0.3) / 20)
+    values = np.where(time_s < 0.1, 0.0, -50.0 * shape)
+    truth = settled_value(time_s, values, horizon_s=20.0)
+    for cutoff_s, tolerance in ((1.0, 0.05), (2.5, 0.02)):
+        seen = time_s <= cutoff_s
+        assert predict(time_s[seen], values[seen]).hold(0).value == pytest.approx(
+            truth, rel=tolerance
+        )
+
+
+def test_a_ringing_contact_is_too_short_at_one_second() -> None:
+    time_s = np.arange(0.0, 2.5, 1 / 70)
+    ringing = np.exp(-time_s / 0.1) * np.abs(np.cos(25.0 * time_s))
+    values = 40.0 * np.exp(ringing - 0.05 * np.log(time_s + 0.2))
+    seen = time_s <= 1.0
+    assert predict(time_s[seen], values[seen]).hold(0).status is Status.TOO_SHORT
+    assert predict(time_s, values).hold(0).status is Status.OK
+
+
+def test_a_hold_that_is_all_noise_is_a_misfit() -> None:
+    rng = np.random.default_rng(5)
+    time_s = np.arange(0.0, 3.0, 1 / 15)
+    values = 40.0 * np.exp(rng.normal(0, 0.5, time_s.size))
+    assert predict(time_s, values).hold(0).status in (Status.MISFIT, Status.NOT_SETTLING)
