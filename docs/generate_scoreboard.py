@@ -11,19 +11,19 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from palpate_studies.scoreboard import as_table, read_claims, with_table
+from palpate_studies.scoreboard import as_first_table, as_table, read_claims, with_table
 
 DOCS = Path(__file__).parent
-#: Page -> whether its table has the commands.
-PAGES = {DOCS.parent / "README.md": False, DOCS / "scoreboard.md": True}
+#: Page -> its table.
+PAGES = {DOCS.parent / "README.md": as_first_table, DOCS / "scoreboard.md": as_table}
 
 
 def main() -> int:
     """Write or check every page."""
     claims, stale = read_claims(DOCS), list[str]()
-    for page, with_command in PAGES.items():
+    for page, table in PAGES.items():
         now = page.read_text()
-        wanted = with_table(now, as_table(claims, with_command=with_command))
+        wanted = with_table(now, table(claims))
         if wanted != now:
             stale.append(page.name)
             if "--check" not in sys.argv:

@@ -2,17 +2,54 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+
+from palpate.cli import build_app, run
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
 SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("snippet", SNIPPETS, ids=["grasp", "settle"])
+#: The paths of three users: what stands in `sh` blocks, but for the two `make` lines.
+PATHS = [
+    block
+    for block in re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
+    if "make demo" not in block
+]
+
+
+@pytest.mark.parametrize("path", PATHS, ids=["recordings", "board", "fruit"])
+def test_each_path_works_as_typed_in_an_empty_folder(
+    path: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+    for line in path.splitlines():
+        for command in line.split("&&"):
+            program, *arguments = shlex.split(command, comments=True)
+            if program == "cd":
+                os.chdir(arguments[0])
+                continue
+            assert program == "palpate"
+            assert run(build_app(), arguments, name="palpate") == 0, command
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_it_is_read_in_two_minutes() -> None:
+    prose = README.split("<!-- scoreboard: begin -->")[0] + README.split("scoreboard: end -->")[1]
+    assert len(prose.split()) < 650
+
+
+@pytest.mark.parametrize("snippet", SNIPPETS, ids=["grasp"])
 def test_snippet_runs_and_says_something(snippet: str, capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(snippet, "README.md", "exec"), {})
     assert capsys.readouterr().out.strip()
@@ -35,6 +72,8 @@ def test_every_study_it_names_exists(study: str) -> None:
     assert study in catalogue(GROUP)
 
 
-@pytest.mark.parametrize("target", sorted(set(re.findall(r"\]\(([^)#]+)\)", README))))
+@pytest.mark.parametrize(
+    "target", sorted(set(re.findall(r"\]\((?!https)([^)#]+)(?:#[^)]*)?\)", README)))
+)
 def test_every_link_leads_to_a_file(target: str) -> None:
     assert (ROOT / target).exists()

@@ -50,6 +50,8 @@ class Claim:
         The figure on a second generator or other specimens; empty where there is none yet.
     command, note : str
         What regenerates it, and what else must be said.
+    first_page : bool
+        Whether README.md shows it too.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Claim:
     second: str
     command: str
     note: str
+    first_page: bool
 
 
 def read_claims(docs: Path) -> list[Claim]:
@@ -123,6 +126,7 @@ def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
         second=second,
         command=kept["command"],
         note=row.get("note", ""),
+        first_page=row.get("first_page", False),
     )
 
 
@@ -213,13 +217,11 @@ def code_hash() -> str:
     return found.hexdigest()
 
 
-def as_table(claims: Sequence[Claim], *, with_command: bool) -> str:
-    """Return the Markdown table of the claims."""
-    columns = ["claim", "", "n", "ours", "strongest rival", "difference (90 %)", "better"]
-    columns += ["second generator", "command"] if with_command else []
-    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    for one in claims:
-        cells = [
+def as_table(claims: Sequence[Claim]) -> str:
+    """Return the Markdown table of all claims, for the scoreboard."""
+    columns = ("claim", "", "n", "ours", "strongest rival", "difference (90 %)", "better")
+    rows = [
+        (
             one.claim + (f" ({one.note})" if one.note else ""),
             one.origin,
             one.count,
@@ -227,9 +229,27 @@ def as_table(claims: Sequence[Claim], *, with_command: bool) -> str:
             f"{one.rival} ({one.rival_name})",
             one.difference or "not paired",
             _VERDICTS[one.verdict],
-        ]
-        cells += [one.second or "none yet", f"`{one.command}`"] if with_command else []
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+            one.second or "none yet",
+            f"`{one.command}`",
+        )
+        for one in claims
+    ]
+    return _markdown((*columns, "second generator", "command"), rows)
+
+
+def as_first_table(claims: Sequence[Claim]) -> str:
+    """Return the Markdown table of the few claims that the first page shows."""
+    rows = [
+        (one.claim, one.count, one.ours, f"{one.rival} ({one.rival_name})", _VERDICTS[one.verdict])
+        for one in claims
+        if one.first_page
+    ]
+    return _markdown(("", "n", "ours", "strongest rival", "better"), rows)
+
+
+def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return "\n".join(lines)
 
 
