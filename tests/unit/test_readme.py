@@ -13,6 +13,7 @@ from palpate.cli import build_app, run
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
+LINKS = sorted(set(re.findall(r"\]\((?!https)([^)#]+)(?:#[^)]*)?\)", README)))
 SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
@@ -62,18 +63,6 @@ def test_every_verb_it_names_exists(verb: str) -> None:
     assert verb in VERBS
 
 
-@pytest.mark.parametrize(
-    "study", sorted(set(re.findall(r"palpate study ([a-z][a-z0-9-]+)", README)))
-)
-def test_every_study_it_names_exists(study: str) -> None:
-    from palpate.commands.research import catalogue
-    from palpate.commands.study import GROUP
-
-    assert study in catalogue(GROUP)
-
-
-@pytest.mark.parametrize(
-    "target", sorted(set(re.findall(r"\]\((?!https)([^)#]+)(?:#[^)]*)?\)", README)))
-)
+@pytest.mark.parametrize("target", LINKS)
 def test_every_link_leads_to_a_file(target: str) -> None:
     assert (ROOT / target).exists()
