@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,12 +14,12 @@ from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
 from palpate.readings.holds import CutAt
 from palpate.readings.names import TimeUnit, Unit
 from palpate.signal.circuit import Divider
+from palpate.tables.files import form_of, open_table
+from palpate.tables.text import lines_of, open_text
 
 #: Endings that a recording in a folder may have; other files of it are passed over.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
 _MCAP_MAGIC = b"\x89MCA"
-_PARQUET_MAGIC = b"PAR1"
-_START_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,35 +163,28 @@ def _remarks(columns: Sequence[CutColumn]) -> list[str]:
 
 
 def is_holds_file(file: Path) -> bool:
-    """Return whether a file has the columns of a holds file, by its first bytes.
+    """Return whether a file has the columns of a holds file, by its header.
 
     What can't be read more than once (a pipe) counts as one.
     """
     if not file.is_file():
         return file.exists()
-    with file.open("rb") as stream:
-        start = stream.read(_START_BYTES)
-    if start.startswith(_PARQUET_MAGIC):
-        return _is_holds_parquet(file)
-    if start.startswith(b"\x1f\x8b"):
-        try:
-            start = zlib.decompressobj(wbits=31).decompress(start, _START_BYTES)
-        except zlib.error:
-            return True
-    header = start.splitlines()[0].decode("utf-8-sig", errors="replace") if start else ""
-    return "hold_id" in header
-
-
-def _is_holds_parquet(file: Path) -> bool:
-    from palpate.errors import needing
-
-    with needing(f"{file}: Parquet", extra="data"):
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+    name = str(file)
     try:
-        return "hold_id" in pq.read_schema(file).names
-    except (pa.ArrowException, OSError):
-        return True
+        with open_table(file) as stream:
+            form = form_of(stream, name=name)
+            if form == "text":
+                with open_text(stream, name=name) as text:
+                    return "hold_id" in next(lines_of(text), "")
+            if form == "parquet":
+                from palpate.tables.parquet import open_parquet
+
+                with open_parquet(stream, name=name) as parquet:
+                    return "hold_id" in parquet.schema_arrow.names
+    except InputError:
+        # The reader of recordings refuses it with the same line.
+        return False
+    return False
 
 
 def _recordings_in(folder: Path) -> list[Path]:

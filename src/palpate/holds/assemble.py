@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds.hold import Hold
-from palpate.holds.rows import Rows
+from palpate.tables import Table
 
 
 @dataclass(slots=True, kw_only=True)
@@ -34,13 +34,14 @@ class _Channel:
         self.last_time_s = float(time_s[-1])
 
 
-def assemble(pieces: Iterable[Rows], *, name: str, until_s: float) -> Iterator[Hold]:
+def assemble(pieces: Iterable[Table], *, name: str, until_s: float) -> Iterator[Hold]:
     """Yield each channel of each hold once the hold is complete.
 
     Parameters
     ----------
-    pieces : iterable of Rows
-        The file, in order. The rows of a hold are together; its channels may be interleaved.
+    pieces : iterable of Table
+        The file, in order: columns `hold_id`, `time_s`, `value` and perhaps `channel`. The rows of
+        a hold are together; its channels may be interleaved.
     name : str
         What errors call the file.
     until_s : float
@@ -50,33 +51,30 @@ def assemble(pieces: Iterable[Rows], *, name: str, until_s: float) -> Iterator[H
     Raises
     ------
     InputError
-        If a number is not finite, time does not increase, a hold comes back or has no name.
+        If time does not increase, a hold comes back or has no name.
     """
     ended: set[str] = set()
     current: str | None = None
     channels: dict[str, _Channel] = {}
-    for rows in pieces:
-        for start, stop in _runs(rows):
-            hold_id = rows.hold_id[start]
+    for table in pieces:
+        for start, stop in _runs(table):
+            hold_id = table.columns["hold_id"][start]
             if hold_id != current:
                 if current is not None:
                     yield from _finish(current, channels)
                     ended.add(current)
-                _check_name(hold_id, ended, where=f"{name} {rows.place(start)}")
+                _check_name(hold_id, ended, where=f"{name} {table.place(start)}")
                 current, channels = hold_id, {}
-            _gather(rows, np.arange(start, stop), channels, name=name, until_s=until_s)
-    if current is None:
-        raise InputError(f"{name}: no rows below the header; export the samples too")
-    yield from _finish(current, channels)
+            _gather(table, np.arange(start, stop), channels, name=name, until_s=until_s)
+    if current is not None:
+        yield from _finish(current, channels)
 
 
-def _runs(rows: Rows) -> Iterator[tuple[int, int]]:
+def _runs(table: Table) -> Iterator[tuple[int, int]]:
     """Yield (start, stop) of each stretch of rows of one hold."""
-    total = len(rows.hold_id)
-    if total:
-        changes = np.flatnonzero(rows.hold_id[1:] != rows.hold_id[:-1]) + 1
-        starts = [0, *changes.tolist()]
-        yield from zip(starts, [*starts[1:], total], strict=True)
+    hold_id = table.columns["hold_id"]
+    starts = [0, *(np.flatnonzero(hold_id[1:] != hold_id[:-1]) + 1).tolist()]
+    yield from zip(starts, [*starts[1:], table.rows], strict=True)
 
 
 def _check_name(hold_id: str, ended: set[str], *, where: str) -> None:
@@ -91,7 +89,8 @@ def _check_name(hold_id: str, ended: set[str], *, where: str) -> None:
 
 
 def _check_text(column: str, text: str, *, where: str) -> None:
-    if not text.isprintable():
+    # Bytes that could not be decoded have become this sign.
+    if not text.isprintable() or "\ufffd" in text:
         raise InputError(
             f"{where}: {column} {text[:40]!a} has signs that can't be printed; "
             "rename it, or save the file as UTF-8"
@@ -99,7 +98,7 @@ def _check_text(column: str, text: str, *, where: str) -> None:
 
 
 def _gather(
-    rows: Rows,
+    table: Table,
     indices: NDArray[np.intp],
     channels: dict[str, _Channel],
     *,
@@ -107,31 +106,30 @@ def _gather(
     until_s: float,
 ) -> None:
     """Add rows of one hold to its channels."""
-    if rows.channel is None:
+    if "channel" not in table.columns:
         groups = {"": indices}
     else:
-        labels = rows.channel[indices]
+        labels = table.columns["channel"][indices]
         groups = {label: indices[labels == label] for label in dict.fromkeys(labels.tolist())}
     for label, members in groups.items():
         if label not in channels:
-            _check_text("channel", label, where=f"{name} {rows.place(int(members[0]))}")
+            _check_text("channel", label, where=f"{name} {table.place(int(members[0]))}")
             channels[label] = _Channel()
         channel = channels[label]
-        time_s, values = rows.time_s[members], rows.values[members]
+        time_s, values = table.columns["time_s"][members], table.columns["value"][members]
         previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
-        sound = np.isfinite(time_s) & np.isfinite(values) & (time_s > previous_s)
-        if not sound.all():
-            bad = int(np.argmin(sound))
-            where = f"{name} {rows.place(int(members[bad]))}"
-            hold = f"hold {rows.hold_id[members[bad]]}" + (f" channel {label}" if label else "")
-            _explain(time_s[bad], values[bad], previous_s[bad], where=where, hold=hold)
+        later = time_s > previous_s
+        if not later.all():
+            bad = int(np.argmin(later))
+            where = f"{name} {table.place(int(members[bad]))}"
+            hold = f"hold {table.columns['hold_id'][members[bad]]}" + (
+                f" channel {label}" if label else ""
+            )
+            _explain(time_s[bad], previous_s[bad], where=where, hold=hold)
         channel.add(time_s, values, until_s=until_s)
 
 
-def _explain(time_s: float, value: float, previous_s: float, *, where: str, hold: str) -> NoReturn:
-    for column, number in (("time_s", time_s), ("value", value)):
-        if not np.isfinite(number):
-            raise InputError(f"{where}: {column} is {number} in {hold}; remove that sample")
+def _explain(time_s: float, previous_s: float, *, where: str, hold: str) -> NoReturn:
     how = "stands still" if time_s == previous_s else "goes backwards"
     raise InputError(
         f"{where}: time {how} in {hold} ({previous_s:g} s, then {time_s:g} s); "

@@ -21,10 +21,10 @@ from palpate.readings.names import (
     time_unit_of,
     unit_of,
 )
-from palpate.readings.rows import refuse_or_say
-from palpate.readings.table import Table
 from palpate.readings.times import is_moment, seconds
 from palpate.signal.circuit import Divider
+from palpate.tables.rows import refuse_or_say
+from palpate.tables.table import Table
 
 #: Longest ending first: of ``log.csv.gz`` the stem is ``log``.
 _ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
@@ -157,8 +157,8 @@ def read_recordings(
 
 def _table(source: Any) -> tuple[Table, str]:
     """Return the table of a source and the stem of its name."""
-    from palpate.readings.files import read_table_file
-    from palpate.readings.parquet import table_of_arrays
+    from palpate.tables.files import read_table_file
+    from palpate.tables.parquet import table_of_arrays
 
     if isinstance(source, str | os.PathLike):
         path = Path(source)

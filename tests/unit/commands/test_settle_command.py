@@ -269,7 +269,7 @@ def test_bad_options_are_one_line_and_status_2(
     [
         (b"", "the file is empty"),
         (b"hold_id,value\na,1\n", "line 1: no column time_s"),
-        (b"hold_id,time_s,value\na,0,1\na,1,nan\n", "line 3: value is nan in hold a"),
+        (b"hold_id,time_s,value\na,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
         (b"hold_id,time_s,value\na,0,1\na,1,oops\n", "line 3: value is 'oops'"),
         (b"hold_id,time_s,value\na,1,1\na,0,1\n", "line 3: time goes backwards in hold a"),
         (bytes(range(256)) * 8, "not a text file"),

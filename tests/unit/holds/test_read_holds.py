@@ -53,6 +53,12 @@ def test_the_same_holds_from_every_accepted_form(tmp_path: Path, text: str) -> N
     assert as_lists(list(read_holds(packed))) == wanted
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16"])
+def test_names_in_the_encodings_of_windows(tmp_path: Path, encoding: str) -> None:
+    [hold] = read_holds(written(tmp_path, "holds.csv", (HEADER + "café,0,1\n").encode(encoding)))
+    assert hold.hold_id == "café"
+
+
 def test_channels_may_be_interleaved_or_one_after_the_other(tmp_path: Path) -> None:
     text = "hold_id,channel,time_s,value\na,l,0,1\na,r,0,2\na,l,1,3\na,r,2,4\nb,r,0,5\nb,,0,6\n"
     assert as_lists(list(read_holds(written(tmp_path, "holds.csv", text)))) == [
@@ -67,7 +73,10 @@ BAD_TEXT = {
     "empty": ("", "empty"),
     "no rows": (HEADER, "no rows"),
     "missing column": ("hold_id,value\na,1\n", "line 1: no column time_s"),
-    "one hold without its name": ("time_s,value\n0,1\n", "for a single hold it is any name"),
+    "one hold without its name": (
+        "time_s,value\n0,1\n",
+        "line 1: no column hold_id (it has: time_s, value)",
+    ),
     "decimal commas between commas": (HEADER + 'a,"0,5",1\n', "line 2: time_s is '0,5'"),
     "thousands": ("hold_id;time_s;value\na;0.5;1\na;1;1,234\n", "line 3: value is '1,234'"),
     "a point after commas": (
@@ -79,10 +88,10 @@ BAD_TEXT = {
         "hold_id,time_s,value,value\na,1,2,3\n",
         "column value stands there twice",
     ),
-    "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is nan in hold a"),
-    "infinite": (HEADER + "a,0,1\na,inf,2\n", "line 3: time_s is inf in hold a"),
-    "overflow": (HEADER + "a,0,1e999\n", "line 2: value is inf"),
-    "text": (HEADER + "a,0,1\na,1,x2\n", "line 3: value is 'x2', not a number"),
+    "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
+    "infinite": (HEADER + "a,0,1\na,inf,2\n", "line 3: time_s is 'inf', not a finite number"),
+    "overflow": (HEADER + "a,0,1e999\n", "line 2: value is '1e999', not a finite number"),
+    "text": (HEADER + "a,0,1\na,1,x2\n", "line 3: value is 'x2', not a finite number"),
     "nothing": (HEADER + "a,0,\n", "line 2: value is ''"),
     "underscore": (HEADER + "a,0,1_000\n", "line 2: value is '1_000'"),
     "backwards": (HEADER + "a,0,1\na,1,2\na,0.5,2\n", "line 4: time goes backwards in hold a"),
@@ -108,15 +117,20 @@ def test_bad_text_is_refused_with_its_line(tmp_path: Path, text: str, said: str)
 
 
 BAD_BYTES = {
-    "random.csv": (RANDOM_BYTES, "line 1: not a line of UTF-8 text"),
-    "random.csv.gz": (RANDOM_BYTES, "line 1: the gzip data are cut or damaged"),
+    "random.csv": (RANDOM_BYTES, "not a text file"),
+    "damaged.csv.gz": (b"\x1f\x8b" + RANDOM_BYTES, "line 1: the gzip data are cut or damaged"),
     "random.parquet": (RANDOM_BYTES, "not a whole Parquet file"),
     "cut.parquet": (b"PAR1" + RANDOM_BYTES, "not a whole Parquet file"),
     "cut.csv.gz": (gzip.compress((HEADER + NOISE).encode())[:-5000], "the gzip data are cut"),
-    "zeros.csv": (bytes(300_000), "line 1: not a line of UTF-8 text"),
-    "latin.csv": (HEADER.encode() + b"a,0,1\ncaf\xe9,0,1\n", "line 3: hold_id 'caf\\udce9'"),
-    "latin_number.csv": (HEADER.encode() + b"a,\xe9,1\n", "line 2: time_s is '\\udce9'"),
-    "utf16.csv": ((HEADER + "a,0,1\n").encode("utf-16"), "line 1: not a line of UTF-8 text"),
+    "zeros.csv": (bytes(300_000), "not a text file"),
+    "signs.csv": (b"\x07\n", "line 1: not a line of text"),
+    "late.csv": (
+        HEADER.encode() + NOISE.encode() + b"caf\xe9,0,1\n",
+        "20002: hold_id 'caf\\ufffd'",
+    ),
+    "latin_number.csv": (HEADER.encode() + b"a,\xe9,1\n", "line 2: time_s is '\\xe9'"),
+    "mine.mcap": (b"\x89MCAP0\r\n", "`palpate export"),
+    "book.csv": (b"PK\x03\x04 and so on", "an Excel workbook; save it as CSV"),
 }
 
 
@@ -155,8 +169,8 @@ def table(**columns: object) -> pa.Table:
         ({"value": None}, "no column value"),
         ({"time_s": ["0", "1"]}, "column time_s is string; it must be numbers"),
         ({"hold_id": [1.5, 1.5]}, "column hold_id is double; it must be text"),
-        ({"value": [1.0, None]}, "row 2: no value"),
-        ({"value": [1.0, float("nan")]}, "row 2: value is nan in hold a"),
+        ({"value": [1.0, None]}, "row 2: value is missing"),
+        ({"value": [1.0, float("nan")]}, "row 2: value is nan, not a finite number"),
         ({"time_s": [1.0, 0.0]}, "row 2: time goes backwards"),
     ],
 )

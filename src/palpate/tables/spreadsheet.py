@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from palpate.errors import InputError, needing
-from palpate.readings.form import form_of_rows, score_rows
-from palpate.readings.rows import GatheredRows
-from palpate.readings.table import Table
+from palpate.tables.form import form_of_rows, score_rows
+from palpate.tables.rows import GatheredRows
+from palpate.tables.table import Table
 
 _SAMPLE_ROWS = 400
 
@@ -56,8 +56,8 @@ def _sheet_table(sheet: Any, *, name: str) -> Table | None:
         return None
     form = form_of_rows(sample, width, separator=None)
     gathered = GatheredRows(form.names, decimal_comma=form.decimal_comma, word="row")
-    gathered.add(sample[form.first :], first_number=form.first + 1)
-    gathered.add(list(rows), first_number=len(sample) + 1)
+    body = [*sample[form.first :], *rows]
+    gathered.add(body, numbers=range(form.first + 1, form.first + 1 + len(body)))
     return gathered.table(name)
 
 

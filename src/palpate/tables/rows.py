@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.readings.form import MISSING
-from palpate.readings.table import Table, unique_names
+from palpate.tables.form import MISSING
+from palpate.tables.table import Table, unique_names
 
 #: Rows that can't be used are left out, and said, up to this share: a log that begins or ends in
 #: the middle of a line, a byte lost on a serial line.
@@ -39,24 +39,24 @@ class GatheredRows:
         self._numbers: list[NDArray[np.int64]] = []
         self._bad: list[tuple[int, str]] = []
 
-    def add(self, rows: Sequence[Sequence[str]], *, first_number: int) -> None:
-        """Add rows that follow one another, the first of them with this number in the file."""
+    def add(self, rows: Sequence[Sequence[str]], *, numbers: Sequence[int]) -> None:
+        """Add rows, with the number of each in the file."""
         width = len(self._names)
-        numbers = np.arange(first_number, first_number + len(rows))
         if set(map(len, rows)) != {width}:
             kept = [index for index, row in enumerate(rows) if self._fits(row, numbers[index])]
-            rows, numbers = [rows[index][:width] for index in kept], numbers[kept]
+            rows = [rows[index][:width] for index in kept]
+            numbers = [numbers[index] for index in kept]
         if not len(rows):
             return
         for pieces, fields in zip(self._pieces, zip(*rows, strict=True), strict=True):
             pieces.append(self._convert(fields))
-        self._numbers.append(numbers)
+        self._numbers.append(np.array(numbers, dtype=np.int64))
 
-    def _fits(self, row: Sequence[str], number: np.int64) -> bool:
+    def _fits(self, row: Sequence[str], number: int) -> bool:
         width = len(self._names)
         filled = any(field.strip() for field in row)
         if filled and (len(row) < width or any(field.strip() for field in row[width:])):
-            self._bad.append((int(number), f"{len(row)} fields instead of {width}"))
+            self._bad.append((number, f"{len(row)} fields instead of {width}"))
         return filled and len(row) >= width and not any(field.strip() for field in row[width:])
 
     def _convert(self, fields: Sequence[str]) -> NDArray[Any]:

@@ -2,18 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError, needing
-from palpate.readings.table import Table
+from palpate.tables.table import Table
 
 
-def read_parquet_table(path: Path) -> Table:
+@contextmanager
+def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
+    """Open a Parquet file as a `pyarrow.parquet.ParquetFile`.
+
+    Raises
+    ------
+    InputError
+        If it is no whole Parquet file, also where that shows only while it is read.
+    MissingExtraError
+        If pyarrow is not installed.
+    """
+    with needing(f"{name}: Parquet", extra="data"):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    try:
+        yield pq.ParquetFile(file, pre_buffer=False)
+    except InputError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"{name}: not a whole Parquet file ({reason}); copy or export it again"
+        ) from error
+
+
+def read_parquet_table(file: BinaryIO, *, name: str) -> Table:
     """Read a Parquet file.
 
     Raises
@@ -23,25 +48,16 @@ def read_parquet_table(path: Path) -> Table:
     MissingExtraError
         If pyarrow is not installed.
     """
-    name = str(path)
-    with needing(f"{name}: Parquet", extra="data"):
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    try:
-        read = pq.read_table(path)
+    with open_parquet(file, name=name) as parquet:
+        from pyarrow.types import is_nested
+
+        read = parquet.read(use_pandas_metadata=True)
         arrays = {
-            column: read.column(column).to_numpy() if flat else np.zeros(read.num_rows, object)
-            for column, flat in zip(
-                read.schema.names,
-                [not pa.types.is_nested(t) for t in read.schema.types],
-                strict=True,
-            )
+            column.name: np.zeros(read.num_rows, object)
+            if is_nested(column.type)
+            else read.column(column.name).to_numpy()
+            for column in read.schema
         }
-    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(
-            f"{name}: not a whole Parquet file ({reason}); copy or export it again"
-        ) from error
     return table_of_arrays(arrays, name=name)
 
 
