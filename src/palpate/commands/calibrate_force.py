@@ -6,7 +6,6 @@ import json
 import sys
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -17,7 +16,6 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration
-    from palpate.sensor.load_traces import LoadTraces
 
 #: Settled holds of the guided steps, newtons, one list for each placement of the cell.
 _HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
@@ -106,51 +104,40 @@ class _Shown:
 
 
 def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
-    """Record staircases and settled holds beside the load cell and fit everything to them."""
-    import numpy as np
-
+    """Read settled holds on the load cell and fit the laws of a grasp to them."""
     from palpate.commands.calibrate_bench import begun, earlier_calibration, open_bench
     from palpate.grasp.calibrating import measure_force, measure_rest
-    from palpate.grasp.load_traces import GUIDED, record_traces
     from palpate.grasp.planning import DWELL_S, HORIZON_S
 
-    placements = len(_HOLDS_N) + len(GUIDED)
-    shown = _Shown(placements)
-    with open_bench(rig, seed=seed, ask=shown.ask, placements=placements) as guided, shown:
+    shown = _Shown(len(_HOLDS_N))
+    with open_bench(rig, seed=seed, ask=shown.ask, placements=len(_HOLDS_N)) as guided, shown:
         bench, layout = guided.bench, guided.bench.array.layout
         earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
 
-        def placed(run: int, *, before: int, step: str) -> None:
-            shown.say(f"{step}, placement {before + run + 1}", advance=1)
+        def placed(run: int) -> None:
+            shown.say(f"settled holds, placement {run + 1}", advance=1)
             guided.reseat(run)
 
         rest = measure_rest(bench)
         pairs = measure_force(
             bench,
             holds_n=_HOLDS_N,
-            reseat=partial(placed, before=0, step="settled holds"),
+            reseat=placed,
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,
         )
-        traces = record_traces(
-            bench,
-            staircases=GUIDED,
-            reseat=partial(placed, before=len(_HOLDS_N), step="up and down"),
-            rng=np.random.default_rng(seed),
-            progress=lambda _, force_n: shown.say(f"up and down: {force_n:.1f} N"),
-        )
         begin = earlier or begun(layout, rest=rest, simulated=guided.simulated)
-    return _fitted(replace(begin, rest=rest, force=pairs, traces=traces), traces)
+    return _fitted(replace(begin, rest=rest, force=pairs))
 
 
-def _fitted(recorded: Calibration, traces: LoadTraces) -> Calibration:
-    """Return the calibration with the laws of its pairs and traces."""
+def _fitted(recorded: Calibration) -> Calibration:
+    """Return the calibration with the settled law, and the errors of the laws of a grasp."""
     import numpy as np
 
     from palpate.commands.calibrate_bench import now_text
     from palpate.estimate.force import choose_law
-    from palpate.estimate.observer_sheet_fit import expected_error_percent, fit_sheet
-    from palpate.grasp.planning import HORIZON_S
+    from palpate.estimate.weights_check import held_out_of_placements
+    from palpate.grasp.planning import HORIZON_S, placements_of
 
     pairs = recorded.force
     settled = np.isclose(pairs.since_move_s, HORIZON_S)
@@ -159,11 +146,15 @@ def _fitted(recorded: Calibration, traces: LoadTraces) -> Calibration:
         relative_percent=np.array(pairs.relative_percent)[settled],
         force_n=np.array(pairs.force_n)[settled],
     ).law
+    errors = held_out_of_placements(placements_of(pairs))
     return replace(
         recorded,
         force_law=law.as_dict(),
-        observer=fit_sheet(traces).as_dict(),
-        held_out={"error_percent": expected_error_percent(traces), "of": "force now"},
+        held_out={
+            "error_percent": errors["settled"],
+            "early_error_percent": errors["early"],
+            "of": "settled force",
+        },
         made_at=now_text(),
     )
 
@@ -208,8 +199,6 @@ def _weighed(rig: str, *, seed: int, loads: Path | None, out: Path) -> Calibrati
         earlier,
         force=pairs,
         force_law=law.as_dict(),
-        traces=None,
-        observer={},
         held_out={
             "error_percent": held_out_of_pairs(pairs.excess, force_n=pairs.force_n),
             "of": "settled force",
@@ -235,12 +224,13 @@ def _document(made: Calibration, *, path: Path) -> dict[str, Any]:
         "force_law": made.force_law,
         "hysteresis_seen": _hysteresis_seen(made),
         "expected_error_percent": made.held_out.get("error_percent", {}),
+        "expected_early_error_percent": made.held_out.get("early_error_percent", {}),
         "expected_error_of": made.held_out.get("of"),
     }
 
 
 def _hysteresis_seen(made: Calibration) -> bool:
-    return bool(made.observer.get("unloading_seen", made.held_out.get("unloading_seen", False)))
+    return bool(made.held_out.get("unloading_seen", False))
 
 
 def _print(made: Calibration, *, path: Path) -> None:
@@ -249,6 +239,11 @@ def _print(made: Calibration, *, path: Path) -> None:
     seen = "seen and learned" if _hysteresis_seen(made) else "not seen: left out"
     print(f"hysteresis: {seen}")
     print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")
+    early = made.held_out.get("early_error_percent", {})
     for force, error in made.held_out["error_percent"].items():
-        said = "not reached: out of range" if error is None else f"{error:.0f} %"
-        print(f"  {force.removesuffix('_n'):>4} N  {said}")
+        soon = f", {_percent(early[force])} soon after a movement" if force in early else ""
+        print(f"  {force.removesuffix('_n'):>4} N  {_percent(error)}{soon}")
+
+
+def _percent(error: float | None) -> str:
+    return "not reached: out of range" if error is None else f"{error:.0f} %"

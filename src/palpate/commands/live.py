@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import closing
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,11 @@ from palpate.commands.board_options import (
     RateOption,
     ReferenceOption,
 )
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.commands.sensor_source import Source
+    from palpate.estimate.force_now import ForceNow
 
 
 def live(
@@ -25,6 +30,9 @@ def live(
     duration_s: Annotated[
         float, typer.Option("--duration", help="Seconds; until Ctrl-C by default.", min=0.1)
     ] = math.inf,
+    force: Annotated[
+        bool, typer.Option("--force", help="Newtons now, by the rig's force calibration.")
+    ] = False,
     layout: LayoutOption = None,
     reference_ohm: ReferenceOption = None,
     rate_hz: RateOption = None,
@@ -52,7 +60,8 @@ def live(
     )
     clock = RealClock()
     with closing(source):
-        view = LiveView(source, rest_ohm=source.rest_ohm(), clock=clock)
+        follows = _followed(source) if force else None
+        view = LiveView(source, rest_ohm=source.rest_ohm(), clock=clock, force=follows)
         end_s = clock.now_s() + duration_s
         screen = Live(console=Console(), auto_refresh=False, transient=False)
         with screen:
@@ -66,3 +75,16 @@ def live(
                     screen.update(view.render(), refresh=True)
                 if now_s >= end_s:
                     break
+
+
+def _followed(source: Source) -> ForceNow:
+    """Return what follows the force by the source's calibration."""
+    from palpate.grasp.planning import force_now
+
+    calibration = source.known_calibration()
+    if calibration is None:
+        raise InputError(
+            f"--force: {source.name} names no calibration; run `palpate calibrate force` and name "
+            "its file in the rig file"
+        )
+    return force_now(calibration.force)

@@ -16,10 +16,13 @@ from rich.text import Text
 
 from palpate.clock import Clock
 from palpate.commands.sensor_source import Source
+from palpate.estimate.force_now import ForceNow
+from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
     CONTACT_PERCENT,
+    excess_conductance,
     finger_means,
     mean_change,
     relative_change_percent,
@@ -52,11 +55,20 @@ class LiveView:
         Calibrated rest values; None takes them from the first second.
     clock : Clock
         The clock on the wall, for the age of the last frame.
+    force : ForceNow or None
+        Follows the force at every frame; None shows none.
     """
 
     def __init__(
-        self, source: Source, *, rest_ohm: NDArray[np.float64] | None, clock: Clock
+        self,
+        source: Source,
+        *,
+        rest_ohm: NDArray[np.float64] | None,
+        clock: Clock,
+        force: ForceNow | None = None,
     ) -> None:
+        self._force = force
+        self._force_now: Measurement | None = None
         self._source, self._layout, self._clock = source, source.array.layout, clock
         self._rest_ohm, self._calibrated = rest_ohm, rest_ohm is not None
         self._first: list[NDArray[np.float64]] = []
@@ -83,6 +95,9 @@ class LiveView:
         if self._rest_ohm is None:
             self._learn_rest(frame.time_s)
         self._extend_curve(frame.time_s)
+        if self._force is not None and self._rest_ohm is not None:
+            excess = excess_conductance(self._ohm, rest_ohm=self._rest_ohm)
+            self._force_now = self._force.step(frame.time_s, excess)
 
     def render(self) -> RenderableType:
         """Draw."""
@@ -180,7 +195,10 @@ class LiveView:
         curve = "".join(_block(deep) for deep in self._curve).rjust(_CURVE_COLUMNS)
         head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
         span = f"0 to -{_DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
-        return Group(head, Text(curve, style="dark_orange"), Text(span, style="dim"))
+        lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
+        if self._force_now is not None:
+            lines.append(Text.from_markup(f"force now [bold]{_newtons(self._force_now)}[/]"))
+        return Group(*lines)
 
     def _stale(self) -> bool:
         period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
@@ -199,6 +217,10 @@ class LiveView:
         return Text.from_markup(
             f"{rate}{self._frames} frames, {lost}, {bad}  ·  {age}  ·  [dim]{rest}[/]"
         )
+
+
+def _newtons(force: Measurement) -> str:
+    return f"{force.value:.2f} N[/] ({force.low:.2f} to {force.high:.2f}, {force.level:.0%})[bold]"
 
 
 def _percent(mean: float) -> str:

@@ -77,6 +77,17 @@ class Source:
         Raises
         ------
         CalibrationError
+            As `known_calibration`.
+        """
+        calibration = self.known_calibration()
+        return None if calibration is None else calibration.rest_ohm
+
+    def known_calibration(self) -> Calibration | None:
+        """Return the calibration that belongs to the sensor; None where there is none yet.
+
+        Raises
+        ------
+        CalibrationError
             If the calibration file can't be read or is of another layout.
         """
         from palpate.sensor.calibration import Calibration
@@ -91,7 +102,7 @@ class Source:
                 f"the calibration is of another sensor ({difference}); "
                 "mend the rig file, or run `palpate calibrate rest --new`"
             )
-        return calibration.rest_ohm
+        return calibration
 
     def frames(self, duration_s: float) -> Stretch:
         """Read frames for so long, in the sensor's own time.

@@ -82,8 +82,6 @@ def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
         station.rig.calibration,
         force=pairs,
         force_law=law.as_dict(),
-        traces=None,
-        observer={},
         held_out={"error_percent": held_out, "of": "settled force"},
         made_at=_now(),
     )

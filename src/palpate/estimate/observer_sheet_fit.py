@@ -291,27 +291,3 @@ def _unloading_seen(traces: LoadTraces) -> bool:
         1,
     )
     return bool(share > _UNLOADING_SHARE)
-
-
-#: Forces at which a calibration says what error to expect, newtons.
-VERDICT_N = (1.0, 5.0, 10.0)
-#: Frames within this ratio of such a force speak for it.
-_NEAR = 1.4
-
-
-def expected_error_percent(traces: LoadTraces, *, memory: bool = True) -> dict[str, float | None]:
-    """Return the median error at 1, 5 and 10 N on placements left out of the fit, percent.
-
-    None where no placement reached the force. Servo current is not used.
-    """
-    _, left, log_force = _fitted(traces, memory=memory)
-    return error_near(log_force, np.abs(np.expm1(left)))
-
-
-def error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:
-    """Return the median relative error near 1, 5 and 10 N, percent; None where there is none."""
-    found: dict[str, float | None] = {}
-    for force_n in VERDICT_N:
-        near = np.abs(log_force - np.log(force_n)) < np.log(_NEAR)
-        found[f"{force_n:g}_n"] = float(100 * np.median(error[near])) if near.any() else None
-    return found

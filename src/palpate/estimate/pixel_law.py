@@ -265,23 +265,38 @@ def fit_laws(placements: Placements) -> tuple[PixelReading, PixelForceLaw, Pixel
         If there are too few pairs.
     """
     reading, early, settled = _fit(placements)
-    runs = np.unique(placements.run)
-    if runs.size < _FEWEST_RUNS:
+    if np.unique(placements.run).size < _FEWEST_RUNS:
         return reading, early, settled
-    left: list[tuple[FloatArray, FloatArray]] = []
-    for run in runs:
-        other, *laws = _fit(placements.without(run))
-        mine = placements.only(run)
-        seen = other.reading(mine.pixel_excess[:, None, :])
-        said = np.where(mine.early, *(law.force_n(seen).value for law in laws))
-        left.append((said, mine.force_n))
-    said, force = (np.concatenate(part) for part in zip(*left, strict=True))
-    is_early = np.concatenate([placements.only(run).early for run in runs])
+    said, force, is_early = left_out(placements)
     return (
         reading,
         _doubted(early, said[is_early], force[is_early]),
         _doubted(settled, said[~is_early], force[~is_early]),
     )
+
+
+def left_out(placements: Placements) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Read each placement by laws fitted to the others.
+
+    Returns
+    -------
+    tuple of ndarray, shape (n,)
+        Force by the laws, reference force, and whether it was read soon after a movement.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few pairs.
+    """
+    said, force, early = [], [], []
+    for run in np.unique(placements.run):
+        other, *laws = _fit(placements.without(run))
+        mine = placements.only(run)
+        seen = other.reading(mine.pixel_excess[:, None, :])
+        said.append(np.where(mine.early, *(law.force_n(seen).value for law in laws)))
+        force.append(mine.force_n)
+        early.append(mine.early)
+    return np.concatenate(said), np.concatenate(force), np.concatenate(early)
 
 
 def _fit(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:

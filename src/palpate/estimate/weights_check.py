@@ -1,4 +1,4 @@
-"""What error to expect of a law fitted to dead weights: each load left out once."""
+"""What error to expect of a force calibration: each load, or each placement, left out once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,42 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.observer_sheet_fit import error_near
+from palpate.estimate.force_pairs import FloatArray
+from palpate.estimate.pixel_law import Placements, left_out
+
+#: Forces at which a calibration reports what error to expect, newtons, and the ratio within which a
+#: reading counts as near one of them.
+_AT_N = (1.0, 5.0, 10.0)
+_NEAR = 1.4
+#: Fewer placements leave too little to fit to.
+_FEWEST_PLACEMENTS = 3
+
+
+def held_out_of_placements(placements: Placements) -> dict[str, dict[str, float | None]]:
+    """Return the median errors of the laws that a grasp reads, on placements left out, percent.
+
+    Returns
+    -------
+    dict
+        ``"settled"`` and ``"early"`` (soon after a movement), each as `held_out_of_pairs`.
+    """
+    if np.unique(placements.run).size < _FEWEST_PLACEMENTS:
+        nothing = {f"{at_n:g}_n": None for at_n in _AT_N}
+        return {"settled": dict(nothing), "early": dict(nothing)}
+    said, force, early = left_out(placements)
+    log_force, error = np.log(np.maximum(force, 1e-3)), np.abs(said / np.maximum(force, 1e-3) - 1)
+    return {
+        "settled": _error_near(log_force[~early], error[~early]),
+        "early": _error_near(log_force[early], error[early]),
+    }
+
+
+def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | None]:
+    found: dict[str, float | None] = {}
+    for at_n in _AT_N:
+        near = np.abs(log_force - np.log(at_n)) < np.log(_NEAR)
+        found[f"{at_n:g}_n"] = float(100 * np.median(error[near])) if near.any() else None
+    return found
 
 
 def held_out_of_pairs(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
@@ -26,4 +61,4 @@ def held_out_of_pairs(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, flo
             continue
         error[mine] = np.abs(law.force_n(x[mine]).value / load - 1.0)
     known = np.isfinite(error)
-    return error_near(np.log(y[known]), error[known])
+    return _error_near(np.log(y[known]), error[known])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from palpate.errors import CalibrationError
 from palpate.estimate.bend import Bend
 from palpate.estimate.force import ForceLaw, PowerForceLaw
+from palpate.estimate.force_now import ForceNow
 from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading, Placements, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
@@ -47,7 +48,7 @@ def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) ->
     CalibrationError
         If the calibration lacks what the grasp needs.
     """
-    reading, early, settled = _laws(calibration.force)
+    reading, early, settled = laws_of(calibration.force)
     found = _by_width if gripper.limits.drive == "width" else _by_pressure
     return Plan(
         layout=calibration.layout,
@@ -66,21 +67,42 @@ def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) ->
     )
 
 
-def _laws(pairs: ForcePairs) -> tuple[PixelReading, ForceLaw, ForceLaw]:
-    """Return the reading and its two laws; pixel by pixel where the calibration kept them."""
+def laws_of(pairs: ForcePairs) -> tuple[PixelReading, ForceLaw, ForceLaw]:
+    """Return the reading and its early and settled law; by pixel where the calibration kept them.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration has no readings of force at the times that a grasp needs.
+    """
     read_at = {since: pairs_at(pairs, since_move_s=since) for since in (DWELL_S, HORIZON_S)}
     if not pairs.pixel_excess:
         early, settled = (PowerForceLaw.fit(x, force_n=f) for x, f in read_at.values())
         return PixelReading.summed(), early, settled
+    return fit_laws(placements_of(pairs))
+
+
+def force_now(pairs: ForcePairs) -> ForceNow:
+    """Return what follows the force from frames alone, by the laws that a grasp reads.
+
+    Raises
+    ------
+    CalibrationError
+        As `laws_of`.
+    """
+    reading, early, settled = laws_of(pairs)
+    return ForceNow(reading, early=early, settled=settled, early_s=DWELL_S, settled_s=HORIZON_S)
+
+
+def placements_of(pairs: ForcePairs) -> Placements:
+    """Return the readings that the laws of a grasp are fitted to, by placement."""
     since_s = np.array(pairs.since_move_s)
     used = np.isclose(since_s, DWELL_S) | np.isclose(since_s, HORIZON_S)
-    return fit_laws(
-        Placements(
-            run=np.array(pairs.run, dtype=float)[used],
-            pixel_excess=np.array(pairs.pixel_excess)[used],
-            force_n=np.array(pairs.force_n)[used],
-            early=np.isclose(since_s, DWELL_S)[used],
-        )
+    return Placements(
+        run=np.array(pairs.run, dtype=float)[used],
+        pixel_excess=np.array(pairs.pixel_excess)[used],
+        force_n=np.array(pairs.force_n)[used],
+        early=np.isclose(since_s, DWELL_S)[used],
     )
 
 

@@ -23,19 +23,6 @@ def save_force_calibration(calibration: Calibration, *, path: Path) -> None:
         from matplotlib.figure import Figure
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     panel = figure.subplots()
-    if calibration.traces is not None:
-        force_n = np.asarray(calibration.traces.force_n)
-        excess = np.maximum(np.asarray(calibration.traces.excess), 0.0).sum(axis=1)
-        shown = (force_n > 0.1) & (excess > 0.02)
-        panel.plot(
-            force_n[shown],
-            excess[shown],
-            ".",
-            ms=2,
-            alpha=0.25,
-            color="#0072B2",
-            label="staircases, every frame",
-        )
     pairs = calibration.force
     settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
     panel.plot(

@@ -20,13 +20,14 @@ from palpate.errors import CalibrationError
 from palpate.files import atomic_path
 from palpate.sensor.array import ADDED_LATER, ArrayLayout
 from palpate.sensor.current_pairs import CurrentPairs, current_pairs_from_dict
-from palpate.sensor.load_traces import LoadTraces, load_traces_from_dict
 from palpate.signal.circuit import Divider
 
 FORMAT = "palpate-calibration"
-VERSION = 2
-#: Version 1 had no traces and no observer; it is read as it is.
-_READABLE = (1, VERSION)
+VERSION = 3
+#: Version 1 had no held-out errors; version 2 kept traces and an observer fitted to them, which no
+#: grasp reads. Both are read, without those.
+_READABLE = (1, 2, VERSION)
+_NO_LONGER_READ = ("traces", "observer")
 #: The sheet breaks in and ages with use and climate (paper, Figures 3 and 4).
 STALE_DAYS = 30
 
@@ -145,11 +146,6 @@ class Calibration:
         ISO 8601 date and time.
     temperature_c, humidity_percent : float or None
         Conditions, where known.
-    traces : LoadTraces or None
-        Staircases beside a load cell, up and down, every frame.
-    observer : mapping
-        The observer of force now fitted to `traces`, as its `as_dict` gave it. Its `unloading_seen`
-        says whether hysteresis was seen.
     current : CurrentPairs or None
         Servo current beside the load cell while closing, where the gripper reports one.
     held_out : mapping
@@ -173,8 +169,6 @@ class Calibration:
     made_at: str | None = None
     temperature_c: float | None = None
     humidity_percent: float | None = None
-    traces: LoadTraces | None = None
-    observer: Mapping[str, Any] = field(default_factory=dict)
     current: CurrentPairs | None = None
     held_out: Mapping[str, Any] = field(default_factory=dict)
 
@@ -230,7 +224,6 @@ class Calibration:
     def as_text(self) -> str:
         """Return the content of the file."""
         document = {"format": FORMAT, "version": VERSION, **asdict(self)}
-        document["traces"] = None if self.traces is None else self.traces.as_dict()
         return _rows_on_one_line(json.dumps(document, indent=1, allow_nan=False)) + "\n"
 
     def save(self, path: str | Path) -> None:
@@ -302,7 +295,9 @@ class Calibration:
         # Files made before the current was read lack it.
         known = {"current": None, **known}
         if version == 1:
-            known |= {"traces": None, "observer": {}, "held_out": {}}
+            known |= {"held_out": {}}
+        if version in (1, 2):
+            known = {name: value for name, value in known.items() if name not in _NO_LONGER_READ}
         _same_names(known, [f.name for f in fields(cls)], where="the file")
         layout = {**ADDED_LATER, **known["layout"]}
         _same_names(layout, [f.name for f in fields(ArrayLayout)], where="layout")
@@ -319,7 +314,6 @@ class Calibration:
             ),
             "force": _pairs(ForcePairs, known["force"], where="force"),
             "block": _pairs(BlockPairs, known["block"], where="block"),
-            "traces": None if known["traces"] is None else load_traces_from_dict(known["traces"]),
             "current": None
             if known["current"] is None
             else current_pairs_from_dict(known["current"]),

@@ -1,10 +1,10 @@
-"""Traces of a sheet beside a load cell, frame by frame, as a calibration keeps them."""
+"""Traces of a sheet next to a load cell, frame by frame, as study `staircases` records them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,21 +83,6 @@ class LoadTraces:
             columns = {one.name: np.asarray(getattr(self, one.name))[mine] for one in fields(self)}
             yield _unchecked(columns)
 
-    def as_dict(self) -> dict[str, list[float | None] | list[list[float]]]:
-        """Return plain lists, to six digits; an unknown current is null."""
-        stored: dict[str, list[float | None] | list[list[float]]] = {}
-        for one in fields(self):
-            values = np.asarray(getattr(self, one.name))
-            if values.ndim == 2:
-                stored[one.name] = [[float(f"{v:.6g}") for v in row] for row in values]
-            else:
-                # Times need more than six digits: a clock may count from the epoch.
-                digits = 14 if one.name == "time_s" else 6
-                stored[one.name] = [
-                    float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values
-                ]
-        return stored
-
 
 def _unchecked(columns: dict[str, Floats]) -> LoadTraces:
     """Return a part of traces that were checked whole: one placement may well be nearly flat."""
@@ -105,21 +90,6 @@ def _unchecked(columns: dict[str, Floats]) -> LoadTraces:
     for name, values in columns.items():
         object.__setattr__(part, name, values)
     return part
-
-
-def load_traces_from_dict(stored: Mapping[str, Any]) -> LoadTraces:
-    """Return the traces that `LoadTraces.as_dict` wrote.
-
-    Raises
-    ------
-    CalibrationError
-        If a column is missing or unknown, or the data are refused.
-    """
-    names = {one.name for one in fields(LoadTraces)}
-    if set(stored) != names:
-        wrong = ", ".join(sorted(names ^ set(stored)))
-        raise CalibrationError(f"traces: missing or unknown: {wrong}; units are part of the names")
-    return LoadTraces(**stored)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

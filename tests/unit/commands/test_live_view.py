@@ -15,6 +15,8 @@ from palpate.clock import ManualClock
 from palpate.commands.live_squeeze import Squeeze
 from palpate.commands.live_view import LiveView
 from palpate.commands.sensor_source import Source
+from palpate.estimate.force_now import ForceNow
+from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.sensor.board_array import layout_named
 from palpate.signal.circuit import resistance_ohm
@@ -164,3 +166,32 @@ def test_it_ends(rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[st
     arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2"]
     assert run(build_app(), arguments, name="palpate") == 0
     assert "palpate live" in capsys.readouterr().out
+
+
+def test_force_is_shown_at_every_frame() -> None:
+    law = PixelForceLaw(
+        log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.1, 50.0)
+    )
+    screen = Screen()
+    source = Source(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
+    screen.view = LiveView(
+        source,
+        rest_ohm=resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider),
+        clock=screen.clock,
+        force=ForceNow(PixelReading.summed(), early=law, settled=law, early_s=0.4, settled_s=20.0),
+    )
+    screen.feed(REST_COUNTS)
+    assert "force now 0.00 N" in screen.text()
+    screen.feed(REST_COUNTS * 2)
+    value = float(screen.text().split("force now ")[1].split(" N")[0])
+    assert value > 1.0
+
+
+def test_force_without_a_calibration_is_refused(
+    rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", "--force"]
+    assert run(build_app(), arguments, name="palpate") == 2
+    error = capsys.readouterr().err
+    assert "palpate calibrate force" in error
+    assert len(error.strip().splitlines()) == 1

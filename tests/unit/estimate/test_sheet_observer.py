@@ -7,11 +7,7 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.estimate.observer_sheet import SheetModel, SheetObserver, sheet_model_from_dict
-from palpate.estimate.observer_sheet_fit import (
-    expected_error_percent,
-    fit_sheet,
-    without_current,
-)
+from palpate.estimate.observer_sheet_fit import fit_sheet, without_current
 from palpate.sensor.load_traces import LoadTraces, frames
 
 
@@ -177,14 +173,3 @@ def test_a_reading_that_ignores_the_force_is_refused(guided: LoadTraces) -> None
     )
     with pytest.raises(CalibrationError, match="does not rise with the force"):
         fit_sheet(noise)
-
-
-def test_expected_error_says_where_nothing_was_reached(guided: LoadTraces) -> None:
-    expected = expected_error_percent(guided)
-    assert expected["1_n"] is not None
-    assert expected["1_n"] < 20
-    far = LoadTraces(
-        **{n: getattr(guided, n) for n in ("run", "time_s", "excess", "width_mm", "current_ma")},
-        force_n=np.asarray(guided.force_n) / 4,
-    )
-    assert expected_error_percent(far)["10_n"] is None

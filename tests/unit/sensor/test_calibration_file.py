@@ -82,7 +82,7 @@ def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"version": 3}, r"file version 3, this one reads up to 2\); update palpate"),
+        ({"version": 4}, r"file version 4, this one reads up to 3\); update palpate"),
         ({"format": "other"}, "not a calibration file"),
         ({"rest": None}, "lacks rest"),
         ({"colour": "red"}, "found colour"),

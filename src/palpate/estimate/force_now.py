@@ -1,0 +1,98 @@
+"""Force now from the two laws of a calibration: soon after a movement, and settled.
+
+A sheet that was just loaded reads by its early law, one at rest for long by its settled law;
+between the two, creep is about even in the logarithm of time. A live view does not know when the
+load moved, so the reading shows it: it leaves its own low-passed copy. Until the sheet has settled
+the interval spans both laws.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.estimate.force import ForceLaw
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.pixel_law import PixelReading
+
+#: A load moved where the reading differs by this share from its copy of this time constant: creep
+#: changes it by a few percent in that time.
+_MOVED_SHARE, _COPY_S = 0.2, 0.5
+#: Readings below this are noise of the rest.
+_FAINT = 0.02
+
+
+class ForceNow:
+    """Newtons with an interval at every frame.
+
+    Parameters
+    ----------
+    reading : PixelReading
+        From pixels to what the laws read.
+    early, settled : ForceLaw
+        Force soon after a movement, and settled.
+    early_s, settled_s : float
+        Times after a movement at which the two were calibrated.
+    level : float
+        Of the interval.
+
+    Examples
+    --------
+    >>> from palpate.estimate.pixel_law import PixelForceLaw
+    >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01,
+    ...     range=(0.1, 10.0))
+    >>> now = ForceNow(PixelReading.summed(), early=law, settled=law, early_s=0.4, settled_s=20.0)
+    >>> said = now.step(0.0, [[1.0, 1.0]])
+    >>> round(said.value, 2), said.low < 2.0 < said.high
+    (2.0, True)
+    """
+
+    def __init__(
+        self,
+        reading: PixelReading,
+        *,
+        early: ForceLaw,
+        settled: ForceLaw,
+        early_s: float,
+        settled_s: float,
+        level: float = 0.9,
+    ) -> None:
+        self._reading, self._early, self._settled = reading, early, settled
+        self._early_s, self._settled_s, self._level = early_s, settled_s, level
+        self._copy = 0.0
+        self._last_s = self._moved_s = -math.inf
+
+    def step(self, time_s: float, excess: ArrayLike) -> Measurement:
+        """Take a frame and return the force now.
+
+        Parameters
+        ----------
+        time_s : float
+            Not earlier than the last one.
+        excess : array_like, shape (rows, cols)
+            Excess conductance of each pixel; NaN where one does not read.
+        """
+        seen = float(self._reading.reading(excess))
+        share = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)
+        self._copy += share * (seen - self._copy)
+        if self._last_s == -math.inf or abs(seen - self._copy) > max(
+            _MOVED_SHARE * self._copy, _FAINT
+        ):
+            self._moved_s = time_s
+        self._last_s = time_s
+        span = math.log(self._settled_s / self._early_s)
+        rested = math.log(max(time_s - self._moved_s, self._early_s) / self._early_s) / span
+        weight = min(rested, 1.0)
+        laws = [law.force_n(seen, level=self._level) for law in (self._early, self._settled)]
+        used = laws if weight < 1.0 else laws[1:]
+        values = np.maximum([float(law.value) for law in laws], 1e-6)
+        value = float(np.exp((1 - weight) * np.log(values[0]) + weight * np.log(values[1])))
+        return Measurement(
+            value=value,
+            low=min(value, *(float(law.low) for law in used)),
+            high=max(value, *(float(law.high) for law in used)),
+            unit="n",
+            level=self._level,
+        )

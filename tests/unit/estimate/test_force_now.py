@@ -1,0 +1,56 @@
+"""Force now at every frame: which law holds, and what the interval spans."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.estimate.force_now import ForceNow
+from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
+
+
+def law(log_scale: float) -> PixelForceLaw:
+    return PixelForceLaw(
+        log_scale=log_scale, exponent=1.0, residual_sd=0.05, floor_n=0.01, range=(0.1, 50.0)
+    )
+
+
+@pytest.fixture
+def follower() -> ForceNow:
+    # Settled, the sheet reads a quarter more for the same force.
+    return ForceNow(
+        PixelReading.summed(),
+        early=law(0.0),
+        settled=law(-math.log(1.25)),
+        early_s=0.4,
+        settled_s=20.0,
+    )
+
+
+def test_a_creeping_reading_under_one_force_reads_that_force(follower: ForceNow) -> None:
+    follower.step(0.0, [[0.0]])
+    for time_s in np.arange(0.02, 30.0, 0.02):
+        since = max(time_s - 1.0, 0.4)
+        creep = 1.25 ** (math.log(min(since, 20.0) / 0.4) / math.log(50.0))
+        said = follower.step(float(time_s), [[4.0 * creep if time_s > 1.0 else 0.0]])
+        if time_s > 2.0:
+            # The step is felt for a few copies of the reading after it came to rest.
+            assert said.value == pytest.approx(4.0, rel=0.12)
+            assert said.low < 4.0 < said.high
+    assert said.value == pytest.approx(4.0, rel=0.01)
+
+
+def test_the_interval_spans_both_laws_until_the_sheet_has_settled(follower: ForceNow) -> None:
+    width = {}
+    for time_s in np.arange(0.0, 40.0, 0.02):
+        said = follower.step(float(time_s), [[5.0]])
+        width[round(float(time_s), 2)] = said.high - said.low
+    assert width[5.0] > 1.5 * width[39.0]
+
+
+def test_a_pixel_that_does_not_read_counts_nothing(follower: ForceNow) -> None:
+    said = follower.step(0.0, [[2.0, math.nan]])
+    assert said.value == pytest.approx(2.0)
+    assert said.unit == "n"

@@ -1,0 +1,45 @@
+"""The error that a force calibration reports: of placements that its laws had not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.estimate.pixel_law import Placements
+from palpate.estimate.weights_check import held_out_of_placements
+
+
+def placements(count: int, *, reach_n: float = 12.0) -> Placements:
+    """Return placements whose gains scatter by 10 %, read early and settled."""
+    rng = np.random.default_rng(4)
+    force = np.linspace(0.5, reach_n, 8)
+    rows = [
+        (run, early, n, gain * (1.0 if early else 1.3) * n * np.array([0.6, 0.4]))
+        for run, gain in enumerate(np.exp(rng.normal(0, 0.1, count)))
+        for early in (True, False)
+        for n in force
+    ]
+    run, early, force_n, pixel_excess = zip(*rows, strict=True)
+    return Placements(
+        run=np.array(run, dtype=float),
+        pixel_excess=np.array(pixel_excess),
+        force_n=np.array(force_n),
+        early=np.array(early),
+    )
+
+
+def test_errors_are_those_of_the_scatter_over_placements() -> None:
+    found = held_out_of_placements(placements(6))
+    for kind in ("early", "settled"):
+        error = found[kind]["5_n"]
+        assert error is not None
+        assert 3 < error < 25
+
+
+def test_a_force_that_was_not_reached_has_no_error() -> None:
+    found = held_out_of_placements(placements(6, reach_n=4.0))
+    assert found["settled"]["10_n"] is None
+    assert found["settled"]["1_n"] is not None
+
+
+def test_two_placements_show_no_error() -> None:
+    assert set(held_out_of_placements(placements(2))["early"].values()) == {None}
