@@ -63,7 +63,7 @@ def print_card(
         parts.append(Text(limit_text(limited)))
     if truth is not None and truth["damaged"]:
         parts.append(Text("The object was damaged: its force passed the yield.", style="bold red"))
-    notes = {_NOTES[m.status]: None for name, _, _ in _ROWS if (m := getattr(result, name))}
+    notes = {_note(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
     parts += [Text(f"* {note}", style="yellow") for note in notes if note]
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]
     title = f"[bold]{rig.subject or 'unknown object'}[/] on {rig.name}"
@@ -94,19 +94,25 @@ def _measurements(result: GraspResult, truth: Mapping[str, object] | None, *, ba
         if measured is None:
             table.add_row(label, "-")
             continue
-        note = _NOTES[measured.status]
+        note = _note(measured)
         cells = [
             f"{label} [yellow]*[/]" if note else label,
-            f"[bold]{measured.value:.{digits}f}[/]",
-            f"{measured.low:.{digits}f} … {measured.high:.{digits}f}",
+            f"[bold]{measured.value:.{digits}f}[/]" if measured.number else "-",
+            f"{measured.low:.{digits}f} … {measured.high:.{digits}f}"
+            if measured.number
+            else measured.text(digits=digits),
         ]
         if truth is not None:
             true = truth[name]
             known = float(true) if isinstance(true, int | float) else None
-            cells += [_bar(measured, known)] * bars
+            cells += [_bar(measured, known) if measured.number else ""] * bars
             cells += ["-" if known is None else f"{known:.{digits}f}"]
         table.add_row(*cells)
     return table
+
+
+def _note(measured: Measurement) -> str:
+    return measured.reason or _NOTES.get(measured.status, str(measured.status))
 
 
 def _bar(measured: Measurement, true: float | None) -> str:

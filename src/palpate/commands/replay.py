@@ -109,7 +109,8 @@ def _text(result: GraspResult, *, info: RecordingInfo) -> str:
         ("settled change", "%", result.settled_percent),
     ):
         if measured is not None:
-            value = f"{measured.value:.2f} [{measured.low:.2f}, {measured.high:.2f}] {unit}"
+            ends = f" [{measured.low:.2f}, {measured.high:.2f}]" if measured.number else ""
+            value = f"{measured.text(digits=2)}{ends} {unit}"
             lines.append(f"{label:<15} {value}  {measured.status}")
     lines.append(f"{result.frames} frames, {result.frames_lost} lost")
     return "\n".join([*lines, *result.faults])

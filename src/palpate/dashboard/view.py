@@ -200,6 +200,15 @@ def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
     if measured is None:
         return None
     value, low, high = finite([measured.value, measured.low, measured.high])
+    if not measured.number:
+        return {
+            "value": None,
+            "low": None,
+            "high": None,
+            "status": str(measured.status),
+            "text": measured.text(digits=2),
+            "truth": true,
+        }
     return {
         "value": value,
         "low": low,

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from palpate.settling.result import Status
+
+#: An interval whose ends differ by a larger factor holds no number worth reporting.
+MOST_RATIO = 4.0
+#: Statuses of a measurement without a number, and which ends are known.
+_ENDS = {
+    Status.AT_LEAST: (True, False),
+    Status.AT_MOST: (False, True),
+    Status.NOT_MEASURED: (False, False),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +29,10 @@ class Measurement:
     level : float
         Probability that the interval is meant to cover.
     status : Status
-        `ok`, or why less can be promised.
+        `ok`, or why less can be promised. With `at_least`, `at_most` and `not_measured` there is no
+        number to report (`number`), and `value` is only the middle of what is possible.
+    reason : str
+        Why there is no number.
     """
 
     value: float
@@ -29,12 +41,72 @@ class Measurement:
     unit: str
     level: float = 0.9
     status: Status = Status.OK
+    reason: str = ""
+
+    @property
+    def number(self) -> bool:
+        """Whether there is a value to report, and not only a bound."""
+        return self.status not in _ENDS
+
+    @property
+    def known_ends(self) -> tuple[float | None, float | None]:
+        """The ends of the interval that are known, None for the others."""
+        low, high = _ENDS.get(self.status, (True, True))
+        return self.low if low else None, self.high if high else None
+
+    def or_bound(self, reason: str, *, least: float, most: float) -> Measurement:
+        """Return a bound in place of a number that may be anything.
+
+        Parameters
+        ----------
+        reason : str
+            Why the interval is wide.
+        least, most : float
+            A lower end at or below `least` bounds nothing, nor does an upper one from `most` on.
+
+        Examples
+        --------
+        >>> wide = Measurement(value=6.0, low=3.0, high=40.0, unit="n_per_mm")
+        >>> bound = wide.or_bound("the fingers give way more", least=0.02, most=500.0)
+        >>> bound.number, str(bound.status), bound.known_ends
+        (False, 'at_least', (3.0, None))
+        """
+        if self.low > 0 and self.high <= MOST_RATIO * self.low:
+            return self
+        status = Status.NOT_MEASURED
+        if self.low > least:
+            status = Status.AT_LEAST
+        elif self.high < most:
+            status = Status.AT_MOST
+        return replace(self, status=status, reason=reason)
 
     def as_json(self) -> dict[str, object]:
-        """Return the form that commands print: value, low, high and status."""
+        """Return the form that commands print; null for what is not known."""
+        low, high = self.known_ends
         return {
-            "value": self.value,
-            "low": self.low,
-            "high": self.high,
+            "value": self.value if self.number else None,
+            "low": low,
+            "high": high,
             "status": str(self.status),
+            "unit": self.unit,
+            "level": self.level,
+            "reason": self.reason or None,
         }
+
+    def text(self, *, digits: int) -> str:
+        """Return the value, or the bound in words.
+
+        Examples
+        --------
+        >>> wide = Measurement(value=6.0, low=3.0, high=40.0, unit="n_per_mm")
+        >>> wide.text(digits=1)
+        '6.0'
+        >>> wide.or_bound("wide", least=0.02, most=500.0).text(digits=1)
+        'at least 3.0'
+        """
+        low, high = self.known_ends
+        if self.number:
+            return f"{self.value:.{digits}f}"
+        if low is not None:
+            return f"at least {low:.{digits}f}"
+        return "not measured" if high is None else f"at most {high:.{digits}f}"

@@ -15,11 +15,15 @@ from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.estimate.stiffness import Give
+from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.contact_gain import felt_by_gripper
 from palpate.grasp.plan import Plan
 from palpate.settling.result import SettledEstimate, Status
+
+#: Why a stiffness is only bounded.
+_SOFT_FINGERS = "the soft fingers give way far more than the object"
+_RIGID_FINGERS = "the object gave way too little beside fingers and pads; squeeze it more firmly"
 
 FloatArray = NDArray[np.float64]
 
@@ -124,7 +128,7 @@ def examined(belief: Belief, *, plan: Plan) -> Belief:
     if force is None:
         return belief
     if plan.bend is not None:
-        soft = _soft_stiffness(belief, force, plan, plan.bend)
+        soft = _reported(_soft_stiffness(belief, force, plan, plan.bend), _SOFT_FINGERS)
         return replace(belief, result=replace(belief.result, stiffness_n_per_mm=soft))
     size = None if plan.give is None else _contact_point(belief, plan, plan.give)
     if plan.give is None or size is None:
@@ -132,9 +136,16 @@ def examined(belief: Belief, *, plan: Plan) -> Belief:
     result = replace(
         belief.result,
         size_mm=_size(size, plan, plan.give),
-        stiffness_n_per_mm=_stiffness(belief, force, plan, plan.give),
+        stiffness_n_per_mm=_reported(_stiffness(belief, force, plan, plan.give), _RIGID_FINGERS),
     )
     return replace(belief, result=result)
+
+
+def _reported(stiffness: Measurement | None, reason: str) -> Measurement | None:
+    """Return a stiffness as a result reports it: a bound where it may be anything."""
+    if stiffness is None:
+        return None
+    return stiffness.or_bound(reason, least=SOFTEST_N_PER_MM, most=STIFFEST_N_PER_MM)
 
 
 def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -> Measurement:

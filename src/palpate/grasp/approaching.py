@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from palpate.grasp.answer import FELT_PERCENT
-from palpate.grasp.belief import Belief
+from palpate.grasp.belief import Belief, Touch
 from palpate.grasp.closing import approach_step, closure_of, pressed, whole
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -115,6 +115,8 @@ def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | Non
 
     Where both fingers read more than a hint, it has not come back far enough.
     """
+    if belief.still_s < plan.dwell_s:
+        return belief, None
     back = _FURTHER_BACK_STEPS * plan.step
     further = belief.closure > max(belief.swept_to - back, plan.step)
     if belief.now.shared_percent <= plan.hint_percent and further:
@@ -122,8 +124,18 @@ def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | Non
         return belief, GripperCommand(target=target, rate=plan.rate)
     stairs = tuple(stair for stair in belief.staircase if stair.closure < belief.closure)
     nothing = plan.early_law.force_n(0.0, level=plan.level)
-    free = replace(belief, memory=belief.now, touches=(), staircase=stairs)
+    free = replace(belief, memory=_fall(belief.now), touches=(), staircase=stairs)
     return pressed(free, force_n=0.0, force_high_n=float(nothing.high)), None
+
+
+def _fall(now: Touch) -> Touch:
+    """Return what of a touch is a fall: a rise is the movement's, and fades by itself."""
+    return Touch(
+        time_s=now.time_s,
+        finger_percent=tuple(min(percent, 0.0) for percent in now.finger_percent),
+        relative_percent=min(now.relative_percent, 0.0),
+        reading=max(now.reading, 0.0),
+    )
 
 
 def _period_s(belief: Belief) -> float:

@@ -34,7 +34,7 @@ def outcome_text(outcome: Outcome) -> str:
 
 
 def firmness(stiffness: Measurement) -> str:
-    """Return how firm an object is, as a range where the interval spans several words.
+    """Return how firm an object is: one word, two where the interval spans more, or a bound.
 
     Examples
     --------
@@ -42,9 +42,20 @@ def firmness(stiffness: Measurement) -> str:
     'soft'
     >>> firmness(Measurement(value=2.0, low=1.2, high=9.0, unit="n_per_mm"))
     'soft to firm'
+    >>> wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
+    >>> firmness(wide.or_bound("it gave way too little", least=0.02, most=500.0))
+    'medium or firmer'
     """
-    low, high = _word(stiffness.low), _word(stiffness.high)
-    return low if low == high else f"{low} to {high}"
+    low, high = stiffness.known_ends
+    if low is None and high is None:
+        return "firmness not measured"
+    softest, firmest = _FIRMNESS[0][1], _FIRMNESS[-1][1]
+    words = softest if low is None else _word(low), firmest if high is None else _word(high)
+    if words[0] == words[1]:
+        return words[0]
+    if high is None:
+        return f"{words[0]} or firmer"
+    return f"{words[1]} or softer" if low is None else f"{words[0]} to {words[1]}"
 
 
 def verdict(result: GraspResult, *, target_force_n: float | None) -> dict[str, object]:

@@ -60,7 +60,9 @@ def records_of(
     closing : mapping of str to Measurement, optional
         What was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
     """
-    measured = {name: value for name in _ANSWERED if (value := getattr(result, name)) is not None}
+    answers = ((name, getattr(result, name)) for name in _ANSWERED)
+    # The store keeps numbers: a bound is none.
+    measured = {name: value for name, value in answers if value is not None and value.number}
     measured |= {**held_at(seen, result=result, drive=drive), **closing}
     grasp = Grasp(
         item_id=item_id,

@@ -13,7 +13,10 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 
 class Status(StrEnum):
-    """How an estimate came about. `ok` is the only one that carries the method's full promise."""
+    """How an estimate came about. `ok` is the only one that carries the method's full promise.
+
+    `at_least` and `at_most`: only that end of the interval is known; `not_measured`: neither is.
+    """
 
     OK = "ok"
     TOO_SHORT = "too_short"
@@ -21,6 +24,9 @@ class Status(StrEnum):
     SATURATED = "saturated"
     FELL_BACK = "fell_back"
     MISFIT = "misfit"
+    AT_LEAST = "at_least"
+    AT_MOST = "at_most"
+    NOT_MEASURED = "not_measured"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,8 +24,11 @@ def test_json_is_one_document_and_the_same_twice(capsys: pytest.CaptureFixture[s
     assert said["outcome"] == "held"
     assert said["simulated"] is True
     for name in ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm"):
-        assert set(said[name]) == {"value", "low", "high", "status"}
-        assert said[name]["low"] <= said[name]["value"] <= said[name]["high"]
+        assert set(said[name]) == {"value", "low", "high", "status", "unit", "level", "reason"}
+        ends = [said[name]["low"], said[name]["value"], said[name]["high"]]
+        given = [end for end in ends if end is not None]
+        assert given == sorted(given)
+        assert (said[name]["value"] is None) == (said[name]["reason"] is not None)
         assert isinstance(said["truth"][name], float)
     assert said["truth"]["damaged"] is False
     assert {"peak_force_n", "frames", "frames_lost", "verdict", "decision_time_s"} <= set(said)

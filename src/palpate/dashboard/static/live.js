@@ -131,6 +131,12 @@ function drawMeasures(measured) {
     card.dataset.decided = measured.decided;
     const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : "<span>so far</span>";
     const truth = one && typeof one.truth === "number" ? one.truth : null;
+    if (one && one.text) {
+      card.title = "no number: only a bound is known";
+      card.innerHTML = `<div class="name"><span>${title}</span></div><div class="value num">${one.text} <span>${unit}</span></div>
+        <div class="range num">${truth === null ? "" : `true ${fixed(truth, digits)}`}</div>`;
+      continue;
+    }
     const range = !one ? "" : `${truth === null ? "90 %: " : ""}${fixed(one.low, digits)} to ${fixed(one.high, digits)}${truth === null ? "" : ` · true ${fixed(truth, digits)}`}`;
     card.title = "with its 90 % interval";
     card.innerHTML = `<div class="name"><span>${title}</span>${state}</div><div class="value num">${one ? fixed(one.value, digits) : "–"} <span>${unit}</span></div>

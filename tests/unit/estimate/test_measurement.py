@@ -1,0 +1,36 @@
+"""A number where there is one, a bound where there is none."""
+
+from __future__ import annotations
+
+import pytest
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.verdict import firmness
+
+
+def stiffness(low: float, high: float) -> Measurement:
+    found = Measurement(value=(low * high) ** 0.5, low=low, high=high, unit="n_per_mm")
+    return found.or_bound("it gave way too little", least=0.02, most=500.0)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "status", "ends", "word"),
+    [
+        (2.0, 8.0, "ok", (2.0, 8.0), "soft to medium"),
+        (2.0, 8.1, "at_least", (2.0, None), "soft or firmer"),
+        (0.36, 500.0, "at_least", (0.36, None), "very soft or firmer"),
+        (0.02, 0.5, "at_most", (None, 0.5), "very soft"),
+        (0.02, 500.0, "not_measured", (None, None), "firmness not measured"),
+        (0.0, 1.0, "at_most", (None, 1.0), "very soft"),
+    ],
+)
+def test_what_is_reported(
+    low: float, high: float, status: str, ends: tuple[float | None, ...], word: str
+) -> None:
+    found = stiffness(low, high)
+    said = found.as_json()
+    assert (said["low"], said["high"]) == ends == found.known_ends
+    assert said["status"] == status
+    assert (said["value"] is None) == (status != "ok")
+    assert (said["reason"] is None) == (status == "ok")
+    assert firmness(found) == word
