@@ -22,10 +22,14 @@ FloatArray = NDArray[np.float64]
 _REMEMBERED_S, _NOW_S, _APART_S = 0.6, 0.016, 0.06
 #: The rise of resistance that a movement makes is steady from here on (it fades with 0.06-0.12 s).
 _STEADY_S = 0.4
+#: The level of a way is the mean over so long.
+_LEVEL_S = 0.2
 #: A change is a touch from so many standard deviations on, and above this share of the resistance.
 _SURE_SD, _LEAST_SHARE = 6.0, 0.008
 #: A hand at speed shakes every pixel: so many frames that are all alike are not new.
 _ASLEEP = 5
+#: A slow fall by this share from the level of the way, or below rest, is a touch too.
+_SLOW_SHARE = 0.016
 #: Fewest readings to compare with.
 _FEWEST = 3
 #: The current has to rise by so many deviations, and by this share of what the gears take: friction
@@ -51,6 +55,8 @@ class Sweep:
         ln of each pixel's resistance over its rest value, frame by frame.
     gears_ma : tuple of float
         Servo current less what the gears take there, while the hand moves; NaN where none is told.
+    level : ndarray or None, shape (rows, cols)
+        ln resistance over rest once the speed was steady; None before.
     """
 
     rate: float
@@ -59,15 +65,25 @@ class Sweep:
     time_s: tuple[float, ...] = ()
     log_ohm: tuple[FloatArray, ...] = ()
     gears_ma: tuple[float, ...] = ()
+    level: FloatArray | None = None
 
     def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
         """Return the way with one more frame."""
+        level = self.level
+        if level is None and time_s > self.since_s + _STEADY_S + _LEVEL_S:
+            recent = [
+                ohm
+                for at, ohm in zip(self.time_s, self.log_ohm, strict=True)
+                if at > time_s - _LEVEL_S
+            ]
+            level = np.asarray(np.mean(recent, axis=0)) if recent else None
         first = sum(old < time_s - _REMEMBERED_S for old in self.time_s)
         return replace(
             self,
             time_s=(*self.time_s[first:], time_s),
             log_ohm=(*self.log_ohm[first:], log_ohm),
             gears_ma=(*self.gears_ma[first:], gears_ma),
+            level=level,
         )
 
     @property
@@ -86,6 +102,11 @@ class Sweep:
         steady = before & (time_s > self.since_s + _STEADY_S)
         pixels = np.array(self.log_ohm)
         latest = pixels[now].mean(axis=0)
+        # A load that rises slowly takes its own recent past along: the level of this way, and that
+        # at rest, which a movement only raises, are compared with besides.
+        highest = 0.0 if self.level is None else np.maximum(self.level, 0.0)
+        if bool((latest < highest - _SLOW_SHARE).any()):
+            return True
         many = int(np.count_nonzero(now))
         if np.count_nonzero(steady) // many >= _FEWEST:
             past = _means(pixels[steady], many)

@@ -1,0 +1,45 @@
+"""What a touch looks like on a way at speed, and what does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.grasp.sweep import Sweep
+
+RATE_HZ, NOISE, SPIKE = 15.0, 0.001, 0.05
+
+
+def first_touch_s(change: dict[int, float], *, begins_s: float, seed: int = 0) -> float | None:
+    """Return when a way of 3 s says that it touched; `change` per second of some pixels."""
+    rng, sweep = np.random.default_rng(seed), Sweep(rate=10.0, end=60.0, since_s=0.0)
+    for index in range(int(3.0 * RATE_HZ)):
+        time_s = (index + 1) / RATE_HZ
+        spike = SPIKE * (1 - np.exp(-time_s / 0.1))
+        log_ohm = spike + NOISE * rng.standard_normal((4, 2))
+        for pixel, per_s in change.items():
+            log_ohm.flat[pixel] += per_s * max(time_s - begins_s, 0.0)
+        sweep = sweep.seen(time_s, log_ohm=log_ohm, gears_ma=float("nan"))
+        if sweep.touched(None):
+            return time_s
+    return None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_rise_of_the_movement_is_no_touch(seed: int) -> None:
+    assert first_touch_s({}, begins_s=0.0, seed=seed) is None
+
+
+@pytest.mark.parametrize("begins_s", [0.3, 1.5])
+@pytest.mark.parametrize("pixels", [(3,), range(8)])
+def test_a_fall_of_one_pixel_or_of_all_is_a_touch(begins_s: float, pixels: list[int]) -> None:
+    found = first_touch_s(dict.fromkeys(pixels, -0.2), begins_s=begins_s)
+    assert found is not None
+    assert 0.0 < found - begins_s < 0.5
+
+
+def test_a_load_that_rises_slowly_is_noticed_too() -> None:
+    """It takes its own recent past along: only the level of the way shows it."""
+    found = first_touch_s(dict.fromkeys(range(8), -0.015), begins_s=1.0)
+    assert found is not None
+    assert found < 2.5
