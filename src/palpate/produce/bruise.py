@@ -9,14 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.produce.bruise_model import BruiseModel, Locator, at_share, usable
-from palpate.produce.bruise_shape import (
-    FloatArray,
-    Shape,
-    finger_contrast,
-    pixel_contrast,
-    slopes,
-)
+from palpate.produce.bruise_shape import Shape, finger_contrast, pixel_contrast, slopes
 
 #: Sides closer than this are one side, laid anew; and sides that face other flesh are at least so
 #: far apart, degrees.

@@ -7,16 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError, needing
-from palpate.produce.bruise_model import (
-    REFERENCES,
-    BruiseModel,
-    Example,
-    FloatArray,
-    Locator,
-    Logistic,
-    Place,
-)
+from palpate.produce.bruise_model import REFERENCES, BruiseModel, Example, Locator, Logistic, Place
 from palpate.produce.bruise_shape import Shape, contrast, finger_contrast, slopes
 
 #: Inverse strength of the ridge on standardised contrasts (there are up to 51), how many sides of

@@ -13,16 +13,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.produce.bruise_shape import Shape, contrast
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: What a side may be held against, the most telling first.
 REFERENCES = ("history", "class", "item")

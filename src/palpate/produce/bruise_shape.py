@@ -17,15 +17,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.signal.relative import CONTACT_PERCENT
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Excess conductance at the paper's contact threshold: what is well below it is no load.
 _TOUCH = 100.0 / (100.0 + CONTACT_PERCENT) - 1.0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.grasp.result import Outcome
 from palpate.produce.bruise import (
@@ -21,7 +22,7 @@ from palpate.produce.bruise import (
 )
 from palpate.produce.bruise_learning import learn
 from palpate.produce.bruise_model import REFERENCES, BruiseModel, Example
-from palpate.produce.bruise_shape import FloatArray, Shape, middle_of, shape_of
+from palpate.produce.bruise_shape import Shape, middle_of, shape_of
 from palpate.produce.records import About, Grasp, Source, Verdict
 
 if TYPE_CHECKING:

@@ -14,19 +14,18 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
+from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.normal import normal_half_width
 from palpate.produce import contact_width, sheet_gain
 from palpate.produce.firmness import RIPENESS_N
 from palpate.produce.records import MEASURED
 from palpate.settling.result import Status
-
-FloatArray = NDArray[np.float64]
 
 #: Name of this measurement.
 NAME = "firmness_n_per_mm"
@@ -91,7 +90,7 @@ def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
         return None
     readings = [step.touch.reading for step in belief.staircase]
     read_n = np.exp(belief.gain.log_mean) * plan.early_law.force_n(readings).value
-    reach = float(norm.ppf(0.5 + plan.level / 2))
+    reach = normal_half_width(plan.level)
     floor_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
     load_n, loaded = _load(read_n, floor_n=floor_n)
     if not loaded.any():

@@ -9,16 +9,14 @@ newton both leave a few tenths of a millimetre open.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtri
 
+from palpate.arrays import FloatArray
 from palpate.estimate.bend import Bend
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
+from palpate.normal import normal_half_width
 from palpate.produce.records import MEASURED
-
-FloatArray = NDArray[np.float64]
 
 #: Name of this measurement.
 NAME = "contact_mm"
@@ -47,7 +45,7 @@ def contact_width(belief: Belief, *, plan: Plan) -> Measurement | None:
         width_at_contact(pressure_kpa, force_n=force_n, bend=plan.bend)
         for force_n in (read.value, read.low, read.high)
     )
-    doubt_mm = plan.bend.give.residual_mm * float(ndtri(0.5 + plan.level / 2))
+    doubt_mm = plan.bend.give.residual_mm * normal_half_width(plan.level)
     return Measurement(
         value=value,
         low=value - float(np.hypot(max(value - min(ends), 0.0), doubt_mm)),

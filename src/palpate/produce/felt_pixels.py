@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.records import PixelPercent
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
-
-FloatArray = NDArray[np.float64]
 
 #: Readings are means over so long: before the first movement, and before the answer.
 MEAN_S = 0.4

@@ -28,13 +28,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.produce.identify_features import Touch
 from palpate.produce.identify_result import UNKNOWN, Identity
-
-FloatArray = NDArray[np.float64]
 
 #: Share of items of the taught kinds that may be called unknown.
 FALSE_REJECT = 0.05

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
-
-FloatArray = NDArray[np.float64]
 
 #: What tells kinds apart for fingers driven by width, and for those driven by pressure, which know
 #: neither mm nor N/mm: the pressure at contact, and the force gained per kPa from there on.

@@ -18,12 +18,11 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.produce.firmness import RIPENESS_N, by_day, firmness_of
 from palpate.produce.records import Grasp
 from palpate.produce.sheet_gain import log_gain
-
-FloatArray = NDArray[np.float64]
 
 #: How much more steeply than by its secant a ball's force rises: between a spring and Hertz (1.5).
 _STEEPER = 1.25

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.stiffness import Give
 from palpate.produce.firmness import RIPENESS_N, by_day, firmness_of
@@ -38,7 +38,6 @@ _WANDER, _WEATHER = 0.1, 0.05
 _SHARES = np.geomspace(1 / 16, 2.0, 11)
 #: Least share of the deformation read that is taken to be the fruit's.
 _LEAST_SHARE = 0.2
-FloatArray = NDArray[np.float64]
 
 _DAY_S = 86_400.0
 #: Beyond this, wear is more than a correction should carry, as in `palpate.sensor.wear`.

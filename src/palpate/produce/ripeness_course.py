@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.produce.firmness import DayFelt
-
-FloatArray = NDArray[np.float64]
 
 #: Fewest items and days that a course can be learned from.
 FEWEST_ITEMS, FEWEST_DAYS = 4, 3

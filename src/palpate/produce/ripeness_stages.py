@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 #: The stages where nobody says otherwise, firmest first, and which of them one waits for.
 STAGES, RIPE = ("hard", "conditioned", "ripe", "overripe"), "ripe"

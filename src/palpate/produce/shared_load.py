@@ -16,8 +16,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
@@ -28,8 +28,6 @@ from palpate.produce.records import MEASURED
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent, total_excess
-
-FloatArray = NDArray[np.float64]
 
 #: Name of this measurement.
 NAME = "shared_pixels"

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 
-from scipy.special import ndtri
-
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
+from palpate.normal import normal_half_width
 from palpate.produce.records import MEASURED, Grasp
 
 #: Name of this measurement.
@@ -31,7 +30,7 @@ def sheet_gain(belief: Belief, *, plan: Plan) -> Measurement:
         Of that grasp.
     """
     gain = belief.gain
-    reach = float(ndtri(0.5 + plan.level / 2)) * gain.log_sd
+    reach = normal_half_width(plan.level) * gain.log_sd
     return Measurement(
         value=math.exp(gain.log_mean),
         low=math.exp(gain.log_mean - reach),

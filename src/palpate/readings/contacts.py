@@ -9,12 +9,11 @@ of the reading don't matter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray: TypeAlias = NDArray[np.float64]
+from palpate.arrays import FloatArray
 
 #: A movement is a change of this share of the range ...
 MOVED_SHARE = 0.1

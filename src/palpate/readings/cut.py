@@ -8,14 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.readings.contacts import (
-    MOVED_WITHIN_S,
-    FloatArray,
-    Outline,
-    Stretch,
-    heights,
-    outline,
-)
+from palpate.arrays import FloatArray
+from palpate.readings.contacts import MOVED_WITHIN_S, Outline, Stretch, heights, outline
 
 #: From contact to opening; a shorter touch is a step on the way more often than a hold. Of it at
 #: least half are left after loading.

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, RecordingError
 from palpate.holds import Hold
 from palpate.recording.contents import GripperTrack, Recording
@@ -29,10 +30,8 @@ _FEWEST_FRAMES = 10
 #: Change of position that is movement: more than an encoder step, or a regulator's noise.
 _MOVED_MM, _MOVED_KPA = 0.08, 0.6
 
-_Floats = NDArray[np.float64]
 
-
-def recorded_resistance_ohm(recording: Recording) -> _Floats:
+def recorded_resistance_ohm(recording: Recording) -> FloatArray:
     """Return the pixels' resistances, shape (n_frames, rows, cols); crosstalk is solved out."""
     ohm = np.empty(recording.counts.shape)
     for oversampling in np.unique(recording.oversampling):
@@ -92,7 +91,7 @@ def cut_holds(recording: Recording, *, unit: Unit = "percent", name: str = "hold
     return holds
 
 
-def _rest_ohm(recording: Recording, ohm: _Floats) -> _Floats:
+def _rest_ohm(recording: Recording, ohm: FloatArray) -> FloatArray:
     """Return the rest before the first movement, or of the first second."""
     moved = _moved(recording.gripper)
     first = int(np.argmax(moved)) if moved.any() else 0
@@ -105,7 +104,7 @@ def _rest_ohm(recording: Recording, ohm: _Floats) -> _Floats:
         ) from error
 
 
-def _still_stretches(recording: Recording, change: _Floats) -> list[tuple[float, float]]:
+def _still_stretches(recording: Recording, change: FloatArray) -> list[tuple[float, float]]:
     """Return start and end of every stretch without movement that follows a movement."""
     end_s = float(recording.time_s[-1])
     moved, at_s = _moved(recording.gripper), recording.gripper.time_s
@@ -136,7 +135,7 @@ def _moved(gripper: GripperTrack) -> NDArray[np.bool_]:
     return moved
 
 
-def _strictly_increasing(time_s: _Floats, start_s: float, end_s: float) -> NDArray[np.intp]:
+def _strictly_increasing(time_s: FloatArray, start_s: float, end_s: float) -> NDArray[np.intp]:
     """Return the frames from `start_s` to before `end_s`, without repeated times."""
     inside = np.flatnonzero((time_s >= start_s) & (time_s < end_s))
     keep = np.ones(len(inside), dtype=bool)
@@ -144,7 +143,7 @@ def _strictly_increasing(time_s: _Floats, start_s: float, end_s: float) -> NDArr
     return inside[keep]
 
 
-def _channels(hold_id: str, time_s: _Floats, values: _Floats, *, unit: Unit) -> list[Hold]:
+def _channels(hold_id: str, time_s: FloatArray, values: FloatArray, *, unit: Unit) -> list[Hold]:
     columns = {
         f"r{row}c{col}": values[:, row, col]
         for row in range(values.shape[1])

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-
-FloatArray = NDArray[np.float64]
 
 #: Steps of temperature (K) and humidity (%) that count alike where the calibrations can't tell the
 #: two apart, and how far beyond them the correction still holds.

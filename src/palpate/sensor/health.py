@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, InputError
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.sensor.findings import Finding, Severity
@@ -21,8 +21,6 @@ from palpate.sensor.health_pixels import PixelReadings, measure_pixels, pixel_fi
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
 from palpate.signal.relative import rest_baseline
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Fewer frames say nothing about noise.
 FEWEST_FRAMES = 30

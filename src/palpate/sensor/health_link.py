@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.sensor.findings import Finding, Severity
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Below this share of the asked rate something holds up the board; a resonator is off by 0.5 %.
 _SLOW_SHARE = 0.95

@@ -10,13 +10,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Finding, Severity, pixel_name
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
-FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 Verdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 
-Floats: TypeAlias = NDArray[np.float64]
 #: A reference that moves by less than this share of itself, or this, over a whole calibration is a
 #: cell that isn't connected, or nothing between the fingers.
 _FLAT_SHARE, _FLAT_N = 0.05, 0.1
@@ -84,7 +83,7 @@ class LoadTraces:
             yield _unchecked(columns)
 
 
-def _unchecked(columns: dict[str, Floats]) -> LoadTraces:
+def _unchecked(columns: dict[str, FloatArray]) -> LoadTraces:
     """Return a part of traces that were checked whole: one placement may well be nearly flat."""
     part = object.__new__(LoadTraces)
     for name, values in columns.items():
@@ -97,7 +96,7 @@ class LoadFrame:
     """One frame of the traces; attributes as there."""
 
     time_s: float
-    excess: Floats
+    excess: FloatArray
     width_mm: float
     current_ma: float
     force_n: float

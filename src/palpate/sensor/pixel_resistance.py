@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
-from palpate.signal.circuit import FloatArray, resistance_ohm
+from palpate.signal.circuit import resistance_ohm
 from palpate.signal.crosstalk import UnmixedPixels, unmix_floating, unmix_held
 
 

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Finding, Severity, pixel_name
 from palpate.signal.relative import relative_change_percent
 
-FloatArray: TypeAlias = NDArray[np.float64]
 Pixel: TypeAlias = tuple[int, int]
 
 #: A press falls by twice the paper's contact threshold, with one pixel in the lead for a while.

@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.signal.relative import CONTACT_PERCENT
-
-FloatArray = NDArray[np.float64]
 
 #: Reported widths scatter by less than this, mm.
 _WIDTH_NOISE_MM = 0.3

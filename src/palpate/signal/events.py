@@ -9,15 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.signal.relative import CONTACT_PERCENT
-
-FloatArray: TypeAlias = NDArray[np.float64]
-
 
 #: Share by which the change held follows a signal that rises, per sample.
 _FORGET = 0.02

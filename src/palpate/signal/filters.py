@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import iirnotch, lfilter, lfilter_zi
 
-FloatArray: TypeAlias = NDArray[np.float64]
+from palpate.arrays import FloatArray
 
 
 def notch(

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Contact threshold of the paper (section 4.1), percent of relative change.
 CONTACT_PERCENT = -10.0

@@ -20,15 +20,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
 
 if TYPE_CHECKING:
     from palpate.twin.pixel_grid import PixelGrid
 
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one
 #: with a dent of 0.8 of the flattening is 2.2 times as wide.

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray: TypeAlias = NDArray[np.float64]
+from palpate.arrays import FloatArray
 
 
 def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:

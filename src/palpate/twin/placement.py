@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.twin.pixel_grid import PixelGrid
 from palpate.twin.ranges import Ranges, uniform
 from palpate.twin.velostat import Creep, Environment, Sheet
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: How far off its centre an object in a fixture lies, as a share of the pitch of the pixels.
 _FIXTURE_OFF_CENTRE = 0.1

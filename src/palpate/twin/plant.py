@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
 from palpate.twin.lag import follow_line
 from palpate.twin.mechanics import Compliance, Motion, pixel_shares
@@ -24,8 +23,6 @@ from palpate.twin.placement import Placement, Placements
 from palpate.twin.ranges import Ranges
 from palpate.twin.squeeze import Squeeze
 from palpate.twin.velostat import Creep, Environment, Sheet
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Friction of what the object stands on before it is lifted: the finger that comes first feels it.
 _TABLE_FRICTION = 0.4

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.circuit import ohm_to_volts, volts_to_counts
 from palpate.signal.crosstalk import floating_readings_ohm
 from palpate.twin.velostat import Sheet
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Time constants of the slow noise, seconds: white, these two and creep make up a coloured whole.
 _SLOW_NOISE_S = np.array([[0.5], [10.0]])

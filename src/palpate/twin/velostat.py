@@ -22,15 +22,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import gamma
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.sensor.array import ArrayLayout
 from palpate.twin.ranges import Ranges, log_uniform, ranges_of, uniform
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: Time after a clean step of load at which the static law holds, seconds (the paper's horizon).
 SETTLED_S = 20.0

@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.friction import AT_REST, N_PER_G
@@ -22,7 +23,6 @@ from palpate.twin.squeeze import Squeeze
 from palpate.twin.truth import Truth
 from palpate.twin.velostat import Environment, draw_sheet
 
-FloatArray: TypeAlias = NDArray[np.float64]
 GripperKind: TypeAlias = Literal["rigid", "soft"]
 
 #: Opening of the fingers at the start, mm (WidowX 250s: 74 mm), and force at which its servo locks.

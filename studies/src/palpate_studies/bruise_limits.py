@@ -17,11 +17,11 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.errors import needing
 from palpate.produce.bruise_learning import learn
 from palpate.produce.bruise_model import Example, usable
 from palpate.produce.bruise_shape import Shape, contrast, middle_of, shape_of
-from palpate.settling.result import FloatArray
 from palpate.twin.apple import Apple, draw_apple
 from palpate.twin.mechanics import Compliance, series_force_n
 from palpate.twin.objects import TwinObject

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.settling.predict import predict_settled
-from palpate.settling.result import FloatArray
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.apple import Apple, Bruise, draw_apple
 from palpate_studies.report import Table

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.settling.result import FloatArray
 from palpate_studies.baselines.boosting import Boosting
 from palpate_studies.baselines.constant import Constant
 from palpate_studies.baselines.log_law import TunedLogLaw

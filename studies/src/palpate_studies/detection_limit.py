@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
-from palpate.settling.result import FloatArray
 from palpate.signal.events import running_median
 from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
 from palpate_studies.equal_width import SEED

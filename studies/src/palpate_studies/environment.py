@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.sensor.conditions import Conditions, ConditionsCorrection
-from palpate.settling.result import FloatArray
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.velostat import Environment
 from palpate_studies.equal_width import SEED

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.twin.objects import TwinObject
 from palpate_studies.report import StudyReport, Table
 from palpate_studies.twin_session import LEVELS, Reading, Session, grasps

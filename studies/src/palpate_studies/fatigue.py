@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate_studies.fatigue_cycles import (
     CHECK_GRASPS,
     CLOSED_S,

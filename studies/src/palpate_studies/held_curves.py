@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.objects import TwinObject
 from palpate_studies.twin_session import GAP_MM, HOLD_S, LEVELS, STILL_S, Session

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
 from palpate.sensor.array import ArrayLayout
-from palpate.settling.result import FloatArray
 from palpate.signal.circuit import ohm_to_volts, volts_to_counts
 from palpate.twin.mechanics import Motion
 from palpate.twin.world import OPEN_MM

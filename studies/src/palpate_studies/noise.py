@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray
 from palpate.signal.events import lowpass, running_median
 from palpate.signal.filters import notch
 from palpate.signal.relative import CONTACT_PERCENT

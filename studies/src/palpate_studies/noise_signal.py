@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.signal.circuit import ohm_to_volts, resistance_ohm, volts_to_counts
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate_studies.twin_session import GAP_MM, HOLD_S, STILL_S, Session, drawn

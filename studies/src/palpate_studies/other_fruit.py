@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.twin.apple import Apple
 from palpate.twin.apple_faces import Face, Patch
 from palpate.twin.avocado import Avocado

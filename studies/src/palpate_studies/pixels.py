@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
 from palpate.sensor.array import ArrayLayout
-from palpate.settling.result import FloatArray
 from palpate.signal.relative import excess_conductance
 from palpate_studies.equal_width import SEED
 from palpate_studies.report import JsonOption, OutOption, StudyReport, Table

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.holds import read_holds
-from palpate.settling.result import FloatArray
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.press_data import read_presses
 from palpate_studies.realism_quantities import (

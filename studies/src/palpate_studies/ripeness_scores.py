@@ -20,8 +20,6 @@ from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N
 from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
 from palpate_studies.ripeness_station import DAYS
 
-FloatArray = NDArray[np.float64]
-
 #: Ways to judge -> what they are.
 WAYS = {
     "ours": "course and labels, drift taken out by the reference object",

@@ -16,6 +16,7 @@ from uuid import UUID
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.grasp.belief import Observation
 from palpate.grasp.calibrating import measure_rest
 from palpate.grasp.planning import HORIZON_S, plan_grasp
@@ -32,7 +33,6 @@ from palpate.rig.simulated import calibrated
 from palpate.rig.twin_bench import twin_bench
 from palpate.sensor.calibration import RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.settling.result import FloatArray
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.avocado import Avocado, draw_avocado
 from palpate.twin.devices import TwinArray, TwinGripper

@@ -6,13 +6,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import needing
 from palpate.estimate.fruit_closings import FruitClosing
 from palpate_studies.rupture_policies import Scored
-
-FloatArray = NDArray[np.float64]
 
 #: Learned from are states from this share of the rupture force on: before, all curves are alike.
 _FROM_SHARE = 0.2

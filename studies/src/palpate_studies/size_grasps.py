@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import DWELL_S, plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
-from palpate.settling.result import FloatArray
 from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object

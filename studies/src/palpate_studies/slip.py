@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from scipy.stats import chi2
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.events import EventKind, contact_events
 from palpate.signal.relative import finger_means, relative_change_percent

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.estimate.observer_sheet import SheetModel, SheetObserver
 from palpate.estimate.observer_sheet_fit import fit_current, fit_sheet, without_current
 from palpate.estimate.sheet_current import Current
@@ -16,7 +17,6 @@ from palpate.grasp.load_traces import GUIDED, Staircase, record_traces
 from palpate.rig.twin_bench import FACES, twin_bench
 from palpate.sensor.load_traces import LoadTraces, frames
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from palpate.estimate.creep import CreepStates, FloatArray
+from palpate.arrays import FloatArray
+from palpate.estimate.creep import CreepStates
 from palpate.estimate.observer_fit import least_absolute
 from palpate_studies.press_data import Press
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.creep import CONTACT_EXCESS, FloatArray
+from palpate.estimate.creep import CONTACT_EXCESS
 from palpate.estimate.observer_fit import Trace, fit_observer
 from palpate.holds import read_holds
 from palpate_studies.press_data import Press

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.estimate.force import LineForceLaw, PowerForceLaw
-from palpate.settling.result import FloatArray
 from palpate_studies.equal_width import SEED, r_squared
 from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
 from palpate_studies.table4_causes import Pairs, cause_rows, force_window, transfer_rows

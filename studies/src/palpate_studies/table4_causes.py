@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import LineForceLaw, PowerForceLaw
-from palpate.settling.result import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.estimate.line_law import LineForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
@@ -18,7 +19,7 @@ from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import predict_settled
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray, SettlingMethod
+from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change, relative_change_percent, rest_baseline
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
-from palpate.settling.result import FloatArray
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent, rest_baseline
 from palpate.twin.devices import TwinArray, TwinGripper

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.array import ArrayLayout
-from palpate.settling.result import FloatArray
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import (
     excess_conductance,

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import multivariate_normal
 
+from palpate.arrays import FloatArray
 from palpate.produce.identify import FALSE_REJECT, Identifier, TaughtItem
 from palpate.produce.identify_features import Touch
 from palpate.produce.identify_result import UNKNOWN, Identity
-from palpate.settling.result import FloatArray
 
 #: Covariance of the background, in those of all taught items together.
 _WIDE = 2.0

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.produce.identify import FALSE_REJECT
 from palpate.produce.identify_result import UNKNOWN
-from palpate.settling.result import FloatArray
 
 
 class NearestMean:

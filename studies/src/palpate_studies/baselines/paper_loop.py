@@ -13,11 +13,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.line_law import LineForceLaw
 from palpate.settling.exponential import Exponential
 from palpate.settling.recorded import Recorded
-from palpate.settling.result import FloatArray, SettlingMethod
+from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import GripperKind

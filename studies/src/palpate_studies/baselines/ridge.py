@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate_studies.protocol.method import Answer, Case, Question, log_error
 
 #: Places along the curve, as shares of its last abscissa; penalties tried on the choosing part.

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate_studies.protocol.parts import Learned
 
 

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FloatArray = NDArray[np.float64]
 _COLOURS = (GREY, AMBER, PURPLE, ORANGE, BLUE)
 
 
 def draw_before_and_after(
-    levels: Mapping[str, tuple[_FloatArray, Mapping[str, _FloatArray]]],
+    levels: Mapping[str, tuple[FloatArray, Mapping[str, FloatArray]]],
     *,
     published: Mapping[str, tuple[float, float]],
 ) -> Figure:
@@ -55,7 +55,7 @@ def draw_before_and_after(
 
 
 def draw_roc(
-    levels: Mapping[str, Mapping[str, tuple[NDArray[np.bool_], _FloatArray]]],
+    levels: Mapping[str, Mapping[str, tuple[NDArray[np.bool_], FloatArray]]],
 ) -> Figure:
     """Draw ROC curves: level -> label -> truth and score of each side."""
     with new_figure(columns=len(levels), width_in=9.0, height_in=4.6) as (figure, axes):

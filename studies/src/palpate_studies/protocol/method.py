@@ -13,8 +13,8 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.settling.result import FloatArray
 from palpate_studies.protocol.parts import Fold, Learned
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.settling.scoring import bootstrap_interval
 
 LEVEL, DRAWS, SEED = 0.9, 2000, 20
