@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.commands.store_option import STORE_HELP
+from palpate.commands.options import JsonOption, StoreOption
 
 if TYPE_CHECKING:
     from palpate.produce.bruise import SideVerdict
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 def bruise(
     item: Annotated[str, typer.Argument(help="Which item; grasped before.", metavar="ITEM")],
-    store: Annotated[
-        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
-    ] = None,
+    store: StoreOption = None,
     learn: Annotated[
         bool,
         typer.Option(
@@ -43,7 +41,7 @@ def bruise(
             max=0.9999,
         ),
     ] = 0.5,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Say whether an item is bruised, by the grasps of its last visit, side by side.
 

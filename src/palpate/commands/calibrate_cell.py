@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError, InputError
 
 #: A thousandth of what 1 N moves a cell of 1 kg and 1 mV/V by: 200 000 counts of an HX711 at 128.
@@ -20,7 +21,7 @@ def command(
     rig: Annotated[str, typer.Option(help="A rig file with a board.", metavar="TOML")],
     known_n: Annotated[float, typer.Option("--known-n", help="The weight, newtons (kg * 9.81).")],
     cell: Annotated[int, typer.Option(help="Which load cell of the board.", min=0, max=1)] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Weigh a known weight on one load cell; prints the line for the rig file.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.commands.options import RigOption
+from palpate.commands.options import JsonOption, RigOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def command(
         typer.Option(help="File to renew. By default the rig file's, or calibration.json."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Simulated rigs: which gripper.", min=0)] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Close on a rigid block of known size; all that closes further is the gripper itself.
 

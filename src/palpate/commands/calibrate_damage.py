@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def command(
         ),
     ],
     out: Annotated[Path, typer.Option(help="File to make.")] = Path("damage.json"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Learn from produce that was squeezed until it ruptured what a grasp may press.
 

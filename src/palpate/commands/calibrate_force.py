@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
-from palpate.commands.options import RigOption
+from palpate.commands.options import JsonOption, RigOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def command(
     humidity_percent: Annotated[
         float | None, typer.Option(help="Of the room, where known.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
 

@@ -18,6 +18,7 @@ from palpate.commands.board_options import (
     RateOption,
     ReferenceOption,
 )
+from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
 from palpate.files import check_place
 
@@ -57,7 +58,7 @@ def command(
     humidity_percent: Annotated[
         float | None, typer.Option(help="Of the room, where known.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Take the rest values of every pixel; refused when something presses or moves.
 

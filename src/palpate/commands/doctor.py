@@ -17,6 +17,7 @@ from palpate.commands.board_options import (
     RateOption,
     ReferenceOption,
 )
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def doctor(
     reference_ohm: ReferenceOption = None,
     rate_hz: RateOption = None,
     baud: BaudOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Find dead, shorted, stuck, noisy, drifting and swapped pixels, losses and a wrong resistor.
 

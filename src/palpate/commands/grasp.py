@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.commands.grasp_store import open_memory
-from palpate.commands.options import RigOption
-from palpate.commands.store_option import STORE_HELP
+from palpate.commands.options import JsonOption, RigOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ def grasp(
         str | None,
         typer.Option(help="With --damage: what is grasped, where known.", metavar="NAME"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
     record: Annotated[
         Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
     ] = None,
@@ -68,9 +67,7 @@ def grasp(
         str | None,
         typer.Option(help="Keep the grasp in the store, as one of this item.", metavar="NAME"),
     ] = None,
-    store: Annotated[
-        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
-    ] = None,
+    store: StoreOption = None,
     angle_deg: Annotated[
         float | None,
         typer.Option(help="With --item: which side of it faces the first finger, degrees."),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.commands.store_option import STORE_HELP
+from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,14 +18,12 @@ if TYPE_CHECKING:
 
 def identify(
     item: Annotated[str, typer.Argument(help="Which item; grasped before.", metavar="ITEM")],
-    store: Annotated[
-        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
-    ] = None,
+    store: StoreOption = None,
     false_reject: Annotated[
         float,
         typer.Option(help="Share of items of known kinds that may be called unknown.", min=0.001),
     ] = 0.05,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Say what an item is, by size and stiffness, or that it is like nothing that was taught.
 

@@ -9,12 +9,13 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 
 
 def inspect(
     file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
     plot: Annotated[
         Path | None,
         typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.commands.store_option import STORE_HELP
+from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _SETTABLE = ("kind", "batch", "label")
 
 def items(
     item: Annotated[str | None, typer.Argument(help="One item's page.", metavar="[ITEM]")] = None,
-    store: Annotated[str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL")] = None,
+    store: StoreOption = None,
     kind: Annotated[str | None, typer.Option(help="Only items of this kind.")] = None,
     batch: Annotated[str | None, typer.Option(help="Only items of this batch.")] = None,
     day: Annotated[
@@ -54,7 +54,7 @@ def items(
             metavar="FILE",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List items, show one, label one, or write them to Parquet.
 

@@ -37,3 +37,18 @@ RigOption: TypeAlias = Annotated[
         show_default=False,
     ),
 ]
+
+#: Give it the default False.
+JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
+
+#: Give it the default None.
+StoreOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--store",
+        help="The store of items: a file, or a URL such as postgresql://user@host/database; by "
+        "default $PALPATE_STORE, else palpate-items.sqlite in this folder.",
+        metavar="FILE_OR_URL",
+        show_default=False,
+    ),
+]

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from palpate.commands import pattern_options as option
+from palpate.commands.options import JsonOption
 from palpate.commands.pattern_options import Shape
 from palpate.errors import InputError
 
@@ -44,7 +43,7 @@ def pattern(
     resistivity: option.ResistivityOption = 500.0,
     thickness: option.ThicknessOption = 0.1,
     dxf: option.DxfOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Draw the cut files of a sensor: base, copper, Velostat, copper, cover. Lengths in mm.
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import Annotated
 
-import typer
+from palpate.commands.options import JsonOption
 
 
 def ports(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List serial ports, likely boards first. Example: palpate ports"""
     from palpate.sensor.ports import serial_ports

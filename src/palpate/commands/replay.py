@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def replay(
     frames: Annotated[
         bool, typer.Option("--frames", help="Print the frames instead of the grasp's result.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run a recorded grasp through the controller again: the results are those of the live run.
 

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from palpate.commands.items import day_bounds, opened
-from palpate.commands.store_option import STORE_HELP
+from palpate.commands.options import StoreOption
 from palpate.errors import InputError
 
 
@@ -22,7 +22,7 @@ def report(
         str | None,
         typer.Option(help="Of a day here, instead of an item: 2026-05-01.", metavar="DATE"),
     ] = None,
-    store: Annotated[str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL")] = None,
+    store: StoreOption = None,
     out: Annotated[
         Path | None,
         typer.Option(help="File to write. [default: report-NAME.html]", metavar="FILE"),

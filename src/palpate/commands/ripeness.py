@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.commands.store_option import STORE_HELP
+from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,9 +27,7 @@ def ripeness(
         list[str] | None, typer.Argument(help="Which items; grasped before.", metavar="[ITEM]...")
     ] = None,
     batch: Annotated[str | None, typer.Option(help="All items of this batch.")] = None,
-    store: Annotated[
-        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
-    ] = None,
+    store: StoreOption = None,
     reference: Annotated[
         str | None,
         typer.Option(
@@ -45,7 +43,7 @@ def ripeness(
     plot: Annotated[
         Path | None, typer.Option(help="Draw the days of one item.", metavar="FILE")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Say how ripe items are and when they will be, by their grasps so far.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.commands.options import RigOption
+from palpate.commands.options import RigOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,10 +26,7 @@ def serve(
     folder: Annotated[
         Path, typer.Option(help="Where recordings go, and calibrations of simulated rigs.")
     ] = Path("palpate-data"),
-    store: Annotated[
-        str | None,
-        typer.Option(help="Store of items, path or URL. [default: $PALPATE_STORE, or as items]"),
-    ] = None,
+    store: StoreOption = None,
     damage: Annotated[
         Path | None,
         typer.Option(

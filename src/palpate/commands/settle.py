@@ -6,11 +6,10 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from palpate.commands import settle_options as option
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def settle(
     sensor_leg: option.LegOption = None,
     cut: option.CutOption = "auto",
     plot: option.PlotOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
     out: option.OutOption = None,
 ) -> None:
     """Predict what recordings settle to from their first seconds, and how far off that is.

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.commands.store_option import STORE_HELP
+from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
 
@@ -30,9 +30,7 @@ def sort(
             metavar="FILE",
         ),
     ] = None,
-    store: Annotated[
-        str | None, typer.Option(help=STORE_HELP, metavar="FILE_OR_URL", show_default=False)
-    ] = None,
+    store: StoreOption = None,
     batch: Annotated[
         str | None,
         typer.Option(help="Only items of this batch; with --rig, the batch that items come with."),
@@ -45,7 +43,7 @@ def sort(
         ),
     ] = 6,
     seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Sort items into bins by readable rules; say why, how purely and how fast.
 

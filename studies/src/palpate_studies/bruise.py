@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.produce.bruise_model import BruiseModel
 from palpate_studies.bruise_data import (
     EARLY_S,
@@ -47,7 +48,7 @@ from palpate_studies.bruise_tables import (
     reliability_table,
     sizes_table,
 )
-from palpate_studies.report import JsonOption, OutOption, StudyReport
+from palpate_studies.report import OutOption, StudyReport
 from palpate_studies.twin_session import LEVELS
 
 if TYPE_CHECKING:

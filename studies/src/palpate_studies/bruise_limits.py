@@ -18,6 +18,7 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate.errors import needing
 from palpate.produce.bruise_learning import learn
 from palpate.produce.bruise_model import Example, usable
@@ -32,7 +33,7 @@ from palpate.twin.world import World
 from palpate_studies.bruise_data import PLACED_WITHIN_MM
 from palpate_studies.bruise_grasps import CLOSURE_MM
 from palpate_studies.bruise_scores import EARLIER, FIRST_MET, area
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 #: Force at which both fingers feel the paper's 10 % and close on, newtons.
 _CONTACT_N = 0.6

@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate_studies.baselines.boosting import Boosting
 from palpate_studies.baselines.constant import Constant
@@ -22,7 +23,7 @@ from palpate_studies.baselines.stiffness_line import StiffnessLine
 from palpate_studies.protocol.challenges import CHALLENGES, Challenge
 from palpate_studies.protocol.method import Method, losses
 from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 _GENERAL = (Constant(of_scale=False), Constant(of_scale=True), Ridge(), Boosting())
 #: Challenge -> ours first, then every rival.

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate_studies.fatigue_cycles import (
     CHECK_GRASPS,
     CLOSED_S,
@@ -19,7 +20,7 @@ from palpate_studies.fatigue_cycles import (
     ROOM_SWING_C,
     Wearing,
 )
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import LEVELS
 
 if TYPE_CHECKING:

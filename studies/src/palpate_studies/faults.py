@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate_studies.fault_devices import FAULTS
 from palpate_studies.fault_grasps import KINDS, OBJECTS, Cell, Struck, cells, sampled, struck
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 #: Which grasps are sampled, and the first object; seeds that the watches were not made with.
 _SAMPLE_SEED, _FIRST_SEED = 43, 920_000

@@ -9,6 +9,7 @@ import numpy as np
 import typer
 from scipy.stats import beta
 
+from palpate.commands.options import JsonOption
 from palpate_studies.baselines.paper_loop import EXPONENTIAL, PATIENT, paper_loop
 from palpate_studies.force_control_baselines import best_fixed, by_current, chosen_extra
 from palpate_studies.force_control_grasps import NEAR, Gripped, ours, waiting
@@ -22,7 +23,7 @@ from palpate_studies.force_control_world import (
 )
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.protocol.parts import Learned
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,10 +11,11 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.tables import read_table
 from palpate_studies.ladder_models import MODELS, Ladder, Predicted
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.estimate.damage_learning import learn
 from palpate.estimate.fruit_closings import FruitClosing, read_closings
 from palpate_studies.hybrid_data import read_curves, read_sheets
@@ -21,7 +22,7 @@ from palpate_studies.hybrid_grasps import (
     grasped,
 )
 from palpate_studies.hybrid_world import Curve, RecordedSheet
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.produce.identify import FALSE_REJECT, Identifier, TaughtItem
 from palpate.produce.identify_result import UNKNOWN
 from palpate.produce.identify_store import touches_of
@@ -35,7 +36,7 @@ from palpate_studies.identify_tables import (
 )
 from palpate_studies.plots.identify import confusion_figure, kinds_figure, reliability_figure
 from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.report import JsonOption, OutOption, StudyReport
+from palpate_studies.report import OutOption, StudyReport
 
 #: Items of each kind that teach. A packhouse has that many at hand.
 TAUGHT = 10

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate.settling.relaxation import Relaxation
 from palpate.signal.events import lowpass, running_median
 from palpate.signal.filters import notch
 from palpate.signal.relative import CONTACT_PERCENT
 from palpate_studies.noise_signal import CleanHold, Disturbance, clean_hold, sampled_percent
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import HOLD_S, LEVELS
 
 if TYPE_CHECKING:

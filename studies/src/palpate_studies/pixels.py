@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.relative import excess_conductance
 from palpate_studies.equal_width import SEED
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import LEVELS, Session, drawn
 
 if TYPE_CHECKING:

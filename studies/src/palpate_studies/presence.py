@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.grasp.belief import Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
@@ -18,7 +19,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
 from palpate.twin.world import World
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stoppable import uninterrupted
 
 LEVELS = ("paper", "field")

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.estimate.observer_fit import fit_observer
 from palpate_studies.press_data import TOLD_SHARE, Press, read_presses
 from palpate_studies.press_figure import draw_followed
 from palpate_studies.press_follow import Followed, follow
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stretches import follow_stretches, read_stretches, stretch_table
 
 if TYPE_CHECKING:

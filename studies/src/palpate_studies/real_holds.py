@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.settling.relaxation import Relaxation
 from palpate_studies.held_out import (
@@ -23,7 +24,7 @@ from palpate_studies.held_out import (
 )
 from palpate_studies.real_holds_scores import limits, per_specimen, summary_of, worst_holds
 from palpate_studies.real_holds_tables import tables_of
-from palpate_studies.report import JsonOption, OutOption, StudyReport
+from palpate_studies.report import OutOption, StudyReport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate.holds import read_holds
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.press_data import read_presses
@@ -24,7 +25,7 @@ from palpate_studies.realism_quantities import (
     together,
 )
 from palpate_studies.realism_twin import twin_ladder, twin_presses, twin_weights
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import LEVELS
 
 if TYPE_CHECKING:

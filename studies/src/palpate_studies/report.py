@@ -18,8 +18,6 @@ from palpate.files import atomic_path
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
-
 
 def _folder(out: Path | None) -> Path | None:
     """Refuse, before the hours of a study, a folder that could not be written to after them."""

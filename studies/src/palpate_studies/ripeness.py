@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.produce.ripeness import SURE
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
-from palpate_studies.report import JsonOption, OutOption, StudyReport
+from palpate_studies.report import OutOption, StudyReport
 from palpate_studies.ripeness_felt import Felt, drift_of
 from palpate_studies.ripeness_scores import (
     WAYS,

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel, half_load
 from palpate.estimate.damage_learning import learn, split
 from palpate.estimate.fruit_closings import FruitClosing, read_closings
 from palpate_studies import rupture_told
 from palpate_studies.protocol.paired import paired_difference
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.rupture_policies import (
     Scored,
     cap_scores,

@@ -10,10 +10,11 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from palpate.commands.options import JsonOption
 from palpate.estimate.damage import FOLDS, LEAST_LOAD
 from palpate.estimate.damage_learning import at_half_load, learn, split
 from palpate.estimate.fruit_closings import FruitClosing, copies, read_closings
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.rupture_learners import features, learned_scores, learners
 from palpate_studies.rupture_policies import Scored, our_scores
 from palpate_studies.rupture_published import PUBLISHED, published_scores

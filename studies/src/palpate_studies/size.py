@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate.commands.options import JsonOption
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.size_grasps import Sized, errors_mm, measured, sized
 from palpate_studies.twin_session import LEVELS
 

@@ -11,6 +11,7 @@ import typer
 from scipy.stats import chi2
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.events import EventKind, contact_events
 from palpate.signal.relative import finger_means, relative_change_percent
@@ -19,7 +20,7 @@ from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.readout import Readout
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import LEVELS, Session
 
 if TYPE_CHECKING:

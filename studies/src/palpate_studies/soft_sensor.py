@@ -16,11 +16,12 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.estimate.force_model import ForceModel
 from palpate.estimate.force_states import states_of
 from palpate.tables import read_table
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 FloatArray: TypeAlias = NDArray[np.float64]
 #: In samples: the recordings have no clock (about 22 Hz).

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify import Identifier
 from palpate.produce.identify_result import as_labelled
@@ -35,7 +36,7 @@ from palpate_studies.identify import (
 from palpate_studies.identify_baselines import Guess, guesses
 from palpate_studies.identify_data import LEVELS, SORTED_GRASPS, CrateItemGrasps, write_crates
 from palpate_studies.plots.sorting import purity_figure
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 
 def _bin_of(kind: str, *, size_mm: Span | None = None, bin_name: str | None = None) -> Rule:

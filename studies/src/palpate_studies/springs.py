@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from palpate.commands.options import JsonOption
 from palpate_studies.equal_width import (
     CLOSURE_MM,
     SEED,
@@ -9,7 +10,7 @@ from palpate_studies.equal_width import (
     LineStudy,
     settled_readings,
 )
-from palpate_studies.report import JsonOption, OutOption, StudyReport
+from palpate_studies.report import OutOption, StudyReport
 from palpate_studies.twin_session import drawn
 
 #: The twin's setups and their nominal stiffness, N/mm; the paper prints none.

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.staircase_data import (
     FollowedForce,
     followed,

@@ -11,7 +11,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate.commands.options import JsonOption
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stroke_data import SMALLEST_N, FloatArray, Mask, Touch, read_strokes
 from palpate_studies.stroke_models import LEVEL, MODELS, TOLD, Others, others_of
 

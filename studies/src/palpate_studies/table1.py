@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.commands.options import JsonOption
 from palpate.holds import Hold
 from palpate.settling.evaluate import Prediction, predict_holds, score_predictions
 from palpate.settling.exponential import Exponential, fit_exponential
@@ -17,7 +18,7 @@ from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
 from palpate.settling.scoring import bootstrap_interval, settled_value, summarise
 from palpate.signal.transient import WAIT_S
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_holds import twin_holds
 
 if TYPE_CHECKING:

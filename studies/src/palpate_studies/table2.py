@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.commands.options import JsonOption
 from palpate_studies.equal_width import (
     CALIBRATION_INPUT,
     CLOSURE_MM,
@@ -13,7 +14,7 @@ from palpate_studies.equal_width import (
     settled_readings,
 )
 from palpate_studies.held_curves import draw_curves
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import LEVELS, drawn
 
 #: Paper, Table 2: mean and standard deviation over 10 grasps, percent; Shore hardness.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from palpate.commands.options import JsonOption
 from palpate_studies.equal_width import (
     CLOSURE_MM,
     SEED,
@@ -12,7 +13,7 @@ from palpate_studies.equal_width import (
     settled_readings,
 )
 from palpate_studies.held_curves import draw_curves
-from palpate_studies.report import JsonOption, OutOption, StudyReport
+from palpate_studies.report import OutOption, StudyReport
 from palpate_studies.twin_session import drawn
 
 #: Paper, Table 3: grip strength (lbs), mean and standard deviation over 30 trials, percent. The

@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
 from palpate.estimate.line_law import LineForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
@@ -24,7 +25,7 @@ from palpate.signal.relative import mean_change, relative_change_percent, rest_b
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
-from palpate_studies.report import JsonOption, OutOption, StudyReport, Table
+from palpate_studies.report import OutOption, StudyReport, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
