@@ -74,7 +74,13 @@ def settle(
     report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
     _check_unseen(learn_from or [], files=files)
-    chosen = _methods(names, fit_on=fit_on or [], learn_from=learn_from or [], horizon_s=horizon)
+    chosen = _methods(
+        names,
+        fit_on=fit_on or [],
+        learn_from=learn_from or [],
+        horizon_s=horizon,
+        percent=unit is option.Unit.PERCENT,
+    )
     if until_half_width and not fit_on:
         _say_who_waits(chosen)
     predictions = list(
@@ -211,6 +217,7 @@ def _methods(
     fit_on: Sequence[Path],
     learn_from: Sequence[Path],
     horizon_s: float,
+    percent: bool,
 ) -> dict[str, SettlingMethod]:
     """Make each method once; the sensor's own holds and calibration holds sharpen some."""
     from palpate.settling.predict import method_named
@@ -219,14 +226,16 @@ def _methods(
     if learn_from and "relaxation" in made:
         from palpate.settling.own import OwnRelaxation
 
-        own = _settled_holds(learn_from, horizon_s=horizon_s, option="--learn-from")
+        own = _settled_holds(
+            learn_from, horizon_s=horizon_s, option="--learn-from", percent=percent
+        )
         made["relaxation"] = OwnRelaxation(holds=tuple(own))
     if not fit_on:
         return made
     from palpate.settling.conformal import calibrate
     from palpate.settling.evaluate import Calibrates
 
-    holds = _settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on")
+    holds = _settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
     if len(holds) < FEW_CALIBRATION_HOLDS:
         print(
             f"palpate: --fit-on: {len(holds)} holds reach {horizon_s:g} s; intervals from fewer "
@@ -241,14 +250,16 @@ def _methods(
     return made
 
 
-def _settled_holds(files: Sequence[Path], *, horizon_s: float, option: str) -> list[Hold]:
+def _settled_holds(
+    files: Sequence[Path], *, horizon_s: float, option: str, percent: bool
+) -> list[Hold]:
     """Return the holds that reach the horizon; refuse where `--learn-from` has none."""
     from math import isnan
 
-    from palpate.commands.settle_source import Source
+    from palpate.commands.settle_source import Reading, Source
     from palpate.settling.scoring import settled_value
 
-    source = Source(paths=files)
+    source = Source(paths=files, reading=Reading(unit="percent" if percent else None))
     holds = [hold for file in source.files() for hold in source.holds(file, until_s=horizon_s)]
     kept = [h for h in holds if not isnan(settled_value(h.time_s, h.values, horizon_s=horizon_s))]
     if option == "--learn-from" and not kept:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,7 +24,7 @@ _MCAP_MAGIC = b"\x89MCA"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What the user says of recordings; nothing of it concerns holds files.
+    """What the user says of recordings; of holds files, the unit alone.
 
     Attributes
     ----------
@@ -41,9 +41,9 @@ class Reading:
     divider: Divider | None = None
     cut: CutAt = "auto"
 
-    def is_default(self) -> bool:
-        """Return whether the user said nothing."""
-        return self == Reading()
+    def is_about_units(self) -> bool:
+        """Return whether the user said nothing but perhaps that readings are in ohm or percent."""
+        return self in (Reading(), Reading(unit="percent"), Reading(unit="ohm"))
 
 
 @dataclass(slots=True, kw_only=True)
@@ -92,7 +92,9 @@ class Source:
         A file of a folder without any is passed over with a line on standard error.
         """
         if self._is_holds(file):
-            yield from read_holds(file, until_s=until_s, progress=progress)
+            told = {"unit": self.reading.unit} if self.reading.unit else {}
+            for hold in read_holds(file, until_s=until_s, progress=progress):
+                yield replace(hold, **told)
             return
         try:
             for column in self.columns(file):
@@ -108,7 +110,7 @@ class Source:
         return [file for file in self.files() if not self._is_holds(file)]
 
     def _is_holds(self, file: Path) -> bool:
-        return self.reading.is_default() and is_holds_file(file)
+        return self.reading.is_about_units() and is_holds_file(file)
 
     def columns(self, file: Path) -> list[CutColumn]:
         """Return the sensors of a recording, cut; say once what should be known about it.
@@ -212,7 +214,7 @@ def _from_mcap(file: Path, reading: Reading) -> CutColumn:
     from palpate.recording import load_recording
     from palpate.recording.holds import cut_holds
 
-    if reading not in (Reading(), Reading(unit="percent"), Reading(unit="ohm")):
+    if not reading.is_about_units():
         raise InputError(
             f"{file}: a recording of palpate's own is cut where its gripper stood still; it takes "
             "--unit percent or ohm, and no other option of recordings"

@@ -19,6 +19,7 @@ from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.contact_gain import felt_by_gripper
 from palpate.grasp.plan import Plan
+from palpate.settling.percent import as_percent, of_rest
 from palpate.settling.result import SettledEstimate, Status
 
 #: Why a stiffness is only bounded.
@@ -59,14 +60,15 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
     weighed in.
     """
     time_s = np.array([t.time_s for t in belief.touches]) - belief.moved_s
-    values = np.array(
-        [[t.relative_percent for t in belief.touches], [t.reading for t in belief.touches]]
-    )
+    relative_percent = np.array([t.relative_percent for t in belief.touches])
+    values = np.stack([of_rest(relative_percent), [t.reading for t in belief.touches]])
     found = plan.settling.predict(time_s, values, horizon_s=plan.horizon_s, level=plan.level)
     seen = (belief.now.relative_percent, belief.now.reading)
     relative, reading = (
-        _widened(found.hold(row), by=float(found.hold(row).value) - seen[row], unit=unit)
-        for row, unit in enumerate(("percent", "reading"))
+        _widened(one, by=float(one.value) - now, unit=unit)
+        for one, now, unit in zip(
+            (as_percent(found.hold(0)), found.hold(1)), seen, ("percent", "reading"), strict=True
+        )
     )
     reading = _kept(reading, now=belief.now.reading)
     if plan.creep is not None:

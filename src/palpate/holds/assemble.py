@@ -21,6 +21,7 @@ class _Channel:
     last_time_s: float = -np.inf
     time_s: list[NDArray[np.float64]] = field(default_factory=list)
     values: list[NDArray[np.float64]] = field(default_factory=list)
+    unit: str | None = None
 
     def add(
         self, time_s: NDArray[np.float64], values: NDArray[np.float64], *, until_s: float
@@ -40,8 +41,8 @@ def assemble(pieces: Iterable[Table], *, name: str, until_s: float) -> Iterator[
     Parameters
     ----------
     pieces : iterable of Table
-        The file, in order: columns `hold_id`, `time_s`, `value` and perhaps `channel`. The rows of
-        a hold are together; its channels may be interleaved.
+        The file, in order: columns `hold_id`, `time_s`, `value` and perhaps `channel` and `unit`.
+        The rows of a hold are together; its channels may be interleaved.
     name : str
         What errors call the file.
     until_s : float
@@ -114,7 +115,7 @@ def _gather(
     for label, members in groups.items():
         if label not in channels:
             _check_text("channel", label, where=f"{name} {table.place(int(members[0]))}")
-            channels[label] = _Channel()
+            channels[label] = _Channel(unit=_unit(table, int(members[0]), name=name))
         channel = channels[label]
         time_s, values = table.columns["time_s"][members], table.columns["value"][members]
         previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
@@ -127,6 +128,15 @@ def _gather(
             )
             _explain(time_s[bad], previous_s[bad], where=where, hold=hold)
         channel.add(time_s, values, until_s=until_s)
+
+
+def _unit(table: Table, row: int, *, name: str) -> str | None:
+    """Return the unit that the first sample of a channel has, if any."""
+    if "unit" not in table.columns:
+        return None
+    unit: str = table.columns["unit"][row]
+    _check_text("unit", unit, where=f"{name} {table.place(row)}")
+    return unit or None
 
 
 def _explain(time_s: float, previous_s: float, *, where: str, hold: str) -> NoReturn:
@@ -142,4 +152,10 @@ def _finish(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
         time_s, values = np.concatenate(channel.time_s), np.concatenate(channel.values)
         time_s.flags.writeable = False
         values.flags.writeable = False
-        yield Hold(hold_id=hold_id, channel=label or None, time_s=time_s, values=values)
+        yield Hold(
+            hold_id=hold_id,
+            channel=label or None,
+            time_s=time_s,
+            values=values,
+            unit=channel.unit,
+        )

@@ -22,9 +22,12 @@ class Hold:
         Strictly increasing; 0 is the actuation or the peak. Sampling may be uneven.
     values : ndarray, shape (n_times,)
         In any unit.
+    unit : str or None
+        Unit of the values where it is known; ``"percent"`` is a change relative to rest.
     """
 
     hold_id: str
     channel: str | None
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
+    unit: str | None = None

@@ -10,7 +10,7 @@ from palpate.holds.hold import Hold
 from palpate.tables import Kind, read_pieces
 
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
-_OPTIONAL: dict[str, Kind] = {"channel": "text"}
+_OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text"}
 
 
 def read_holds(
@@ -21,9 +21,10 @@ def read_holds(
 ) -> Iterator[Hold]:
     """Read holds one by one from CSV, gzipped CSV or Parquet.
 
-    Columns are `hold_id,time_s,value` and optionally `channel`. The rows of a hold are together;
-    channels may be interleaved within it. A CSV file may have semicolons or tabs instead of commas,
-    and decimal commas then. Memory is bounded by the longest hold, or by `until_s`.
+    Columns are `hold_id,time_s,value` and optionally `channel` and `unit`. The rows of a hold are
+    together; channels may be interleaved within it. The unit ``percent`` (change relative to rest)
+    helps to predict; others need no telling. A CSV file may have semicolons or tabs instead of
+    commas, and decimal commas then. Memory is bounded by the longest hold, or by `until_s`.
 
     Parameters
     ----------

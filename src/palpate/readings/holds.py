@@ -139,6 +139,7 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
                 channel=None,
                 time_s=time_s[rows][sound] - begin_s,
                 values=converter.convert(values[rows][sound]),
+                unit="percent" if unit == "percent" else None,
             )
         )
         kept.append((begin_s, end_s))

@@ -152,7 +152,7 @@ def _channels(hold_id: str, time_s: FloatArray, values: FloatArray, *, unit: Uni
     if unit == "percent":
         columns = {"mean": mean_change(values), **columns}
     return [
-        Hold(hold_id=hold_id, channel=channel, time_s=time_s, values=column)
+        Hold(hold_id=hold_id, channel=channel, time_s=time_s, values=column, unit=unit)
         for channel, column in columns.items()
         if np.isfinite(column).all()
     ]

@@ -51,6 +51,7 @@ def hold_tables(holds: Iterable[Hold]) -> Iterator[Table]:
             "time_s": hold.time_s.tolist(),
             "value": hold.values.tolist(),
             "channel": [hold.channel] * count,
+            "unit": [hold.unit] * count,
         }
 
 
@@ -159,7 +160,7 @@ def _write_parquet(path: Path, tables: Iterable[Table]) -> int:
 
 def _kind(column: str) -> str:
     """Name the Arrow type of a column: a batch without any value must not change it."""
-    if column in ("events", "hold_id", "channel"):
+    if column in ("events", "hold_id", "channel", "unit"):
         return "string"
     if column == "moving":
         return "bool"

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.holds import Hold
+from palpate.settling.percent import without_percent
 from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
 from palpate.settling.scoring import settled_value
 from palpate.signal.transient import peak_index
@@ -95,7 +96,7 @@ def calibrate(method: SettlingMethod, holds: Iterable[Hold], *, horizon_s: float
     True
     """
     errors: dict[float, list[float]] = {cutoff_s: [] for cutoff_s in CUTOFFS_S}
-    for hold in holds:
+    for hold in map(without_percent, holds):
         settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
         for cutoff_s in CUTOFFS_S:
             seen = hold.time_s <= cutoff_s

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.holds import Hold
 from palpate.settling.deciding import first_sure
+from palpate.settling.percent import for_unit
 from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod, Status
 from palpate.settling.scoring import Scores, recorded_value, score, settled_value
 
@@ -136,7 +137,7 @@ def decide_holds(
                 decision = first_sure(
                     hold.time_s,
                     hold.values,
-                    method=method,
+                    method=for_unit(method, hold.unit),
                     half_width_percent=half_width_percent,
                     horizon_s=horizon_s,
                     level=level,
@@ -212,20 +213,21 @@ def _batches(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
 def _predict_batch(
     batch: Sequence[Hold], method: SettlingMethod, cutoff_s: float, horizon_s: float, level: float
 ) -> list[SettledEstimate | None]:
-    """Predict each hold of a batch, all those on one sampling grid in one call."""
-    grids: dict[bytes, list[int]] = {}
+    """Predict each hold of a batch, all those of one unit and sampling grid in one call."""
+    grids: dict[tuple[str | None, bytes], list[int]] = {}
     windows: list[FloatArray] = []
     for index, hold in enumerate(batch):
         window_s = hold.time_s[: np.searchsorted(hold.time_s, cutoff_s, side="right")]
         windows.append(window_s)
-        grids.setdefault(window_s.tobytes(), []).append(index)
+        grids.setdefault((hold.unit, window_s.tobytes()), []).append(index)
     found: list[SettledEstimate | None] = [None] * len(batch)
-    for indices in grids.values():
+    for (unit, _), indices in grids.items():
         time_s = windows[indices[0]]
         if not time_s.size:
             continue
         values = np.stack([batch[index].values[: time_s.size] for index in indices])
-        estimate = method.predict(time_s, values, horizon_s=horizon_s, level=level)
+        suited = for_unit(method, unit)
+        estimate = suited.predict(time_s, values, horizon_s=horizon_s, level=level)
         for row, index in enumerate(indices):
             found[index] = estimate.hold(row)
     return found

@@ -17,6 +17,7 @@ import numpy as np
 from palpate.errors import CalibrationError
 from palpate.holds import Hold
 from palpate.settling.mixture import Mixture
+from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray, SettledEstimate
 from palpate.settling.scoring import settled_value
@@ -100,7 +101,7 @@ class OwnRelaxation:
     def _learn(self, cutoff_s: float, *, horizon_s: float) -> Relaxation:
         known = [
             past
-            for hold in self.holds
+            for hold in map(without_percent, self.holds)
             if (past := _past(self.general, hold, cutoff_s=cutoff_s, horizon_s=horizon_s))
         ]
         if not known:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.settling.exponential import Exponential
+from palpate.settling.percent import for_unit
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
@@ -42,6 +43,7 @@ def predict_settled(
     horizon_s: float = 20.0,
     method: str | SettlingMethod = "relaxation",
     level: float = 0.9,
+    unit: str | None = None,
 ) -> SettledEstimate:
     """Predict the value that a hold settles to from its samples up to a cut-off.
 
@@ -61,6 +63,9 @@ def predict_settled(
         your own making, such as a calibrated one.
     level : float
         Probability that the interval is to cover, between 0 and 1.
+    unit : str, optional
+        ``"percent"`` says that values are changes relative to rest: rest is at 0, and none falls
+        below -100. Other units need no telling.
 
     Returns
     -------
@@ -104,7 +109,7 @@ def predict_settled(
             f"values of hold {hold} at {times[sample]:g} s: {used[hold, sample]} is not a finite "
             "number; drop such samples or cut the hold before them"
         )
-    estimate = chosen.predict(times[:stop], used, horizon_s=horizon_s, level=level)
+    estimate = for_unit(chosen, unit).predict(times[:stop], used, horizon_s=horizon_s, level=level)
     return estimate if samples.ndim == 2 else estimate.hold(0)
 
 

@@ -16,6 +16,7 @@ from palpate.settling.intervals import UNCALIBRATED, WIDENING, IntervalScale
 from palpate.settling.mixture import LIGHTEST, Mixture, posterior, quantiles
 from palpate.settling.odds import LOG_ODDS
 from palpate.settling.origin import Window, windows
+from palpate.settling.percent import without_percent
 from palpate.settling.result import FloatArray, SettledEstimate, Status
 from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 from palpate.settling.shapes import CURVES, DEVIATIONS, WORST_NOISE
@@ -223,7 +224,7 @@ class Relaxation:
         """
         plain = replace(self, scale=UNCALIBRATED)
         residuals: list[list[float]] = [[] for _ in CALIBRATION_WINDOWS_S]
-        for hold in holds:
+        for hold in map(without_percent, holds):
             settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
             if np.isnan(settled):
                 continue

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
+from palpate.settling.percent import for_unit
 from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
 
 #: Columns kept before neighbours are averaged: 6.4 s of the paper's 15 Hz. On real holds 64, 96 and
@@ -32,6 +33,8 @@ class SettlingStream:
         Time of the value to predict, on the axis of the times pushed; later samples are not used.
     level : float
         Probability that the intervals are to cover.
+    unit : str, optional
+        ``"percent"`` where values are changes relative to rest, as of `predict_settled`.
 
     Examples
     --------
@@ -52,8 +55,9 @@ class SettlingStream:
         methods: Mapping[str, SettlingMethod],
         horizon_s: float = 20.0,
         level: float = 0.9,
+        unit: str | None = None,
     ) -> None:
-        self._methods = dict(methods)
+        self._methods = {name: for_unit(method, unit) for name, method in methods.items()}
         self._horizon_s = horizon_s
         self._level = level
         # Row 0 is time: it is averaged like the rest. Two columns are for what is not yet a bin.

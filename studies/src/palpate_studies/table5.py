@@ -149,7 +149,12 @@ def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
 
     def early(method: SettlingMethod, cutoff_s: float) -> FloatArray:
         found = predict_settled(
-            sheet.time_s, sheet.tested, cutoff_s=cutoff_s, horizon_s=HORIZON_S, method=method
+            sheet.time_s,
+            sheet.tested,
+            cutoff_s=cutoff_s,
+            horizon_s=HORIZON_S,
+            method=method,
+            unit="percent",
         )
         return np.asarray(found.value)
 
@@ -166,7 +171,13 @@ def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
 def _own(sheets: Sequence[_Sheet]) -> OwnRelaxation:
     return OwnRelaxation(
         holds=tuple(
-            Hold(hold_id=f"{sheet}/{place}", channel=None, time_s=one.time_s, values=values)
+            Hold(
+                hold_id=f"{sheet}/{place}",
+                channel=None,
+                time_s=one.time_s,
+                values=values,
+                unit="percent",
+            )
             for sheet, one in enumerate(sheets)
             for place, values in enumerate(one.calibration)
         )

@@ -91,6 +91,7 @@ def _hold(
         # One raster for all, so that predictors can share work between holds.
         time_s=np.arange(1, len(ohm) + 1) / world.frame_rate_hz,
         values=mean_change(relative_change_percent(ohm, rest_ohm=rest_ohm)),
+        unit="percent",
     )
 
 

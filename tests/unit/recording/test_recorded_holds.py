@@ -113,6 +113,7 @@ def test_holds_files_are_read_by_settle(tmp_path: Path, to: str) -> None:
     back = list(read_holds(target))
     assert rows == sum(len(hold.time_s) for hold in holds)
     assert [hold.channel for hold in back] == [hold.channel for hold in holds]
+    assert {hold.unit for hold in back} == {"percent"}
     assert np.array_equal(back[0].values, holds[0].values)
 
 

@@ -1,0 +1,101 @@
+"""Relative changes are predicted as the resistances that they are of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.holds import Hold
+from palpate.settling.evaluate import predict_holds
+from palpate.settling.own import OwnRelaxation
+from palpate.settling.percent import without_percent
+from palpate.settling.predict import predict_settled
+from palpate.settling.relaxation import Relaxation
+from palpate.settling.streaming import SettlingStream
+
+TIME_S = np.arange(1, 301) / 15
+REST_OHM = 40e3
+
+
+def left(level: float) -> NDArray[np.float64]:
+    """Return R / R_rest of a hold whose contact is over in a fifth of a second."""
+    fast, slow = 0.8 * np.exp(-TIME_S / 0.08), 0.15 * np.exp(-TIME_S / 2.0)
+    return np.asarray(level * (1 + slow - 0.03 * np.log(TIME_S + 0.3)) + fast)
+
+
+@pytest.mark.parametrize("level", [0.02, 0.1, 0.6])
+@pytest.mark.parametrize("cutoff_s", [1.0, 2.5, 5.0])
+def test_percent_says_what_ohm_says(level: float, cutoff_s: float) -> None:
+    ohm, percent = REST_OHM * left(level), 100 * (left(level) - 1)
+    by_ohm = predict_settled(TIME_S, ohm, cutoff_s=cutoff_s)
+    by_percent = predict_settled(TIME_S, percent, cutoff_s=cutoff_s, unit="percent")
+    for end in ("low", "value", "high"):
+        expected = 100 * (getattr(by_ohm, end) / REST_OHM - 1)
+        assert getattr(by_percent, end) == pytest.approx(expected, abs=1e-6)
+    assert by_percent.status == by_ohm.status
+
+
+def test_nothing_is_predicted_below_what_there_can_be() -> None:
+    percent = 100 * (left(0.004) - 1)
+    found = predict_settled(TIME_S, percent, cutoff_s=1.0, unit="percent", level=0.999)
+    assert -100 < found.low < found.high
+
+
+def test_below_minus_100_percent_the_values_are_what_they_are() -> None:
+    values = -120.0 - 5.0 * np.log(TIME_S + 0.3)
+    told = predict_settled(TIME_S, values, cutoff_s=2.5, unit="percent")
+    untold = predict_settled(TIME_S, values, cutoff_s=2.5)
+    assert told.value == pytest.approx(float(untold.value))
+
+
+def test_holds_that_know_their_unit_need_no_telling() -> None:
+    percent = 100 * (left(0.05) - 1)
+    hold = Hold(hold_id="a", channel=None, time_s=TIME_S, values=percent, unit="percent")
+    methods = {"relaxation": Relaxation()}
+    rows = [
+        row
+        for unit in ("percent", None)
+        for row in predict_holds(
+            [replace(hold, unit=unit)],
+            methods=methods,
+            cutoffs_s=[2.5],
+            horizon_s=20.0,
+            level=0.9,
+        )
+    ]
+    told = predict_settled(TIME_S, percent, cutoff_s=2.5, unit="percent")
+    assert rows[0].predicted == float(told.value)
+    assert rows[1].predicted != rows[0].predicted
+
+
+def test_a_stream_is_told_too() -> None:
+    percent = 100 * (left(0.05) - 1)
+    stream = SettlingStream(channels=1, methods={"r": Relaxation()}, unit="percent")
+    for time_s, value in zip(TIME_S[:30], percent[:30], strict=True):
+        found = stream.push(time_s, [value])
+    told = predict_settled(TIME_S, percent, cutoff_s=TIME_S[29], unit="percent")
+    assert found["r"].value[0] == pytest.approx(float(told.value))
+
+
+def test_own_holds_in_percent_teach_what_the_same_holds_in_ohm_teach() -> None:
+    past = [
+        Hold(
+            hold_id=str(k),
+            channel=None,
+            time_s=TIME_S,
+            values=100 * (left(k / 50) - 1),
+            unit="percent",
+        )
+        for k in range(2, 12)
+    ]
+    values = left(0.07)[None, :15]
+    by_percent, by_ratio = (
+        OwnRelaxation(holds=tuple(holds)).predict(TIME_S[:15], values, horizon_s=20.0, level=0.9)
+        for holds in (past, [without_percent(hold) for hold in past])
+    )
+    assert by_percent.value[0] == by_ratio.value[0]
+    general = Relaxation().predict(TIME_S[:15], values, horizon_s=20.0, level=0.9)
+    assert by_percent.value[0] != general.value[0]
