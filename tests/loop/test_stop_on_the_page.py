@@ -17,6 +17,8 @@ from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, fresh, se
 __all__ = ["browser"]
 
 SIZES = {"phone": (390, 844), "tablet": (834, 1194), "laptop": (1440, 900), "wide": (1920, 1080)}
+#: For what does not depend on the size.
+ONE_SIZE = pytest.mark.parametrize("one", ["laptop"], indirect=True, scope="module")
 #: Everywhere on the button, as far as its round corners allow.
 INSIDE = [(x, y) for x in (0.03, 0.5, 0.97) for y in (0.12, 0.5, 0.88)]
 
@@ -153,6 +155,7 @@ def test_a_toast_leaves_it(one: Viewer) -> None:
     one.confirmed(after=asked)
 
 
+@ONE_SIZE
 def test_whatever_is_laid_over_it_does_not_get_the_press(one: Viewer) -> None:
     asked = len(one.asked)
     one.page.evaluate(
@@ -191,6 +194,7 @@ def test_a_second_finger_stops(one: Viewer) -> None:
     one.confirmed(after=asked)
 
 
+@ONE_SIZE
 @pytest.mark.parametrize("key", ["Escape", "Enter", " "])
 def test_keys_stop(one: Viewer, key: str) -> None:
     asked = len(one.asked)
@@ -203,6 +207,7 @@ def test_keys_stop(one: Viewer, key: str) -> None:
     assert len(one.asked) == asked + 1
 
 
+@pytest.mark.parametrize("one", ["phone", "tablet"], indirect=True, scope="module")
 def test_it_stays_in_sight_when_two_fingers_zoom_in(one: Viewer) -> None:
     asked, before = len(one.asked), one.box
     one.chromium.send("Emulation.setPageScaleFactor", {"pageScaleFactor": 2.0})
@@ -254,7 +259,15 @@ def test_offline_it_says_so_and_what_is_shown_is_grey(one: Viewer) -> None:
     expect(one.page.locator("#verdict")).to_be_visible()
 
 
-def test_a_frozen_server_is_told_within_half_a_second(browser: Browser, tmp_path: Path) -> None:
+def works_again(one: Viewer) -> None:
+    """Check that a press arrives, also on a page that loads anew because it was away for long."""
+    fresh(one.page)
+    with one.page.expect_response(lambda reply: reply.url.endswith("/stop") and reply.ok):
+        one.page.touchscreen.tap(*one.middle)
+    expect(one.page.locator("#stop-failed")).to_be_hidden()
+
+
+def test_a_frozen_server_raises_the_alarm_at_its_deadline(browser: Browser, tmp_path: Path) -> None:
     with ExitStack() as stack:
         url, process = stack.enter_context(serving(tmp_path, *SIMULATED))
         viewers = [stack.enter_context(viewer(browser, url, size)) for size in SIZES]
@@ -262,24 +275,42 @@ def test_a_frozen_server_is_told_within_half_a_second(browser: Browser, tmp_path
         try:
             for one in viewers:
                 greyed(one, "No connection")
-                one.page.evaluate(_TIMED)
+                one.page.evaluate(_LOOKS)
                 one.page.touchscreen.tap(*one.middle)
                 alarmed(one)
-                # Its deadline is 500 ms; the rest is a busy machine.
-                assert 450 < one.page.evaluate("window.told - window.began") < 1500
+                one.page.wait_for_function("window.after_600_ms !== undefined")
+                assert one.page.evaluate("[window.after_250_ms, window.after_600_ms]") == [0, 1]
         finally:
             process.send_signal(signal.SIGCONT)
         for one in viewers:
-            one.confirmed(after=0)
+            works_again(one)
 
 
-#: Notes when the button was pressed and when the alarm came.
-_TIMED = """() => {
-    addEventListener('touchstart', () => { window.began = performance.now() }, true);
-    const alarm = document.querySelector('#stop-failed');
-    const seen = () => { if (!alarm.hidden) window.told ??= performance.now() };
-    new MutationObserver(seen).observe(alarm, {attributes: true});
-}"""
+#: Looks for the alarm by the page's own timers, which come in order however busy the machine is.
+_LOOKS = """() => addEventListener('touchstart', () => {
+    const shown = () => document.querySelector('#stop-failed').hidden ? 0 : 1;
+    setTimeout(() => { window.after_250_ms = shown() }, 250);
+    setTimeout(() => { window.after_600_ms = shown() }, 600);
+}, { capture: true, once: true })"""
+
+
+def test_a_page_that_is_loaded_again_does_not_forget_a_stop(browser: Browser, address: str) -> None:
+    with viewer(browser, address, "laptop") as one:
+        page = one.page
+        # Loading takes as long as it takes; for the page no time passes.
+        page.add_init_script("Date.now = () => 1e12")
+        page.evaluate("Date.now = () => 1e12")
+        page.route("**/stop", lambda route: route.abort())
+        page.touchscreen.tap(*one.middle)
+        alarmed(one)
+        page.unroute("**/stop")
+        with page.expect_response(lambda reply: reply.url.endswith("/stop") and reply.ok):
+            page.reload()
+        page.wait_for_function("sessionStorage.getItem('palpate-stop') === null")
+        asked = len(one.asked)
+        page.reload()
+        fresh(page)
+        assert len(one.asked) == asked
 
 
 def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:

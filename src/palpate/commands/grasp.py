@@ -128,16 +128,18 @@ def grasp(
             watchers=watchers,
         )
         truth = None if devices.truth is None else dict(devices.truth())
+        said = verdict(result, target_force_n=target_force_n)
+        limited = None if limit is None else limit.as_json(result)
+        if not as_json:
+            # Before the store, which may not answer.
+            print_card(result, said=said, rig=devices, seed=seed, truth=truth, limited=limited)
+            sys.stdout.flush()
         kept = {} if memory is None else memory.keep(result, rig=devices, recording=record)
-    said = verdict(result, target_force_n=target_force_n)
-    limited = None if limit is None else limit.as_json(result)
     if as_json:
         document = {**result.as_json(), "verdict": said, "damage_limit": limited, **kept}
         if truth is not None:
             document |= {"simulated": True, "object": devices.subject, "truth": truth}
         print(json.dumps(document, allow_nan=False, indent=1))
-    else:
-        print_card(result, said=said, rig=devices, seed=seed, truth=truth, limited=limited)
     status = _EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()

@@ -76,10 +76,11 @@ def record(
             source = board_source(given, stack=stack)
         else:
             source = rig_source(rig, given, stack=stack, seed=seed, endless=seconds is None)
+        # Before the file: a signal while that is begun or finished must not tear it either.
+        stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=source.info))
         stack.callback(lambda: _say(f"{file}: {source.link_text()}"))
         _say(f"recording {source.name} to {file}; Ctrl-C ends it")
-        stopped = stack.enter_context(_stop_signals())
         capture(
             source.array,
             writer=writer,

@@ -40,6 +40,8 @@ def report(
     target = out or Path(f"report-{_file_name(wanted[0])}.html")
     if not target.parent.is_dir():
         raise InputError(f"--out {target}: there is no folder {target.parent}; make it first")
+    if target.exists():
+        raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
     require_plots()
     from palpate.commands.report_item import item_report
     from palpate.commands.report_many import batch_report, day_report

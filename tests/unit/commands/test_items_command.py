@@ -97,6 +97,22 @@ def test_a_grasp_waits_for_a_store_that_is_away(
     assert len(Spool(waiting).waiting()) == 2
 
 
+def test_the_result_is_on_the_screen_before_the_store_is_asked(
+    capsys: pytest.CaptureFixture[str], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[str] = []
+
+    def ctrl_c(self: Store, grasp: Grasp) -> None:
+        shown.append(capsys.readouterr().out)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Store, "add_grasp", ctrl_c)
+    assert palpate("grasp", "--item", "A17", "--seed", "1") == 130
+    assert "SIMULATED" in shown[0].upper()
+    (waiting,) = (folder / "spool").glob("*.jsonl")
+    assert len(Spool(waiting).waiting()) == 2
+
+
 def test_a_grasp_that_can_be_kept_nowhere_is_said(
     capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:

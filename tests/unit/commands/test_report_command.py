@@ -193,6 +193,15 @@ def test_the_file_is_named_for_what_it_shows() -> None:
 
 
 @pytest.mark.usefixtures("store")
+def test_an_earlier_report_is_not_written_over(capsys: pytest.CaptureFixture[str]) -> None:
+    page = Path("report-i0.html")
+    page.write_text("mine")
+    assert run(build_app(), ["report", "i0"], name="palpate") == 2
+    assert "report-i0.html: exists already" in capsys.readouterr().err
+    assert page.read_text() == "mine"
+
+
+@pytest.mark.usefixtures("store")
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -7,6 +7,8 @@
   const layer = document.getElementById("stop-layer"), button = document.getElementById("stop");
   const state = document.getElementById("stop-state"), failed = document.getElementById("stop-failed");
   const idle = state.textContent, pause = (ms) => new Promise((done) => setTimeout(done, ms));
+  // A page that was away for long loads itself again: what it could not deliver outlives that.
+  const owed = window.sessionStorage, OWED = "palpate-stop";
   let pressed = null, back = 0, down = -Infinity;
 
   function say(kind, words) {
@@ -27,6 +29,7 @@
   function confirmed(press) {
     if (press.confirmed) return;
     press.confirmed = true;
+    owed.removeItem(OWED);
     clearTimeout(press.alarm);
     if (pressed === press) pressed = null;
     const after = performance.now() - press.at;
@@ -41,6 +44,10 @@
     }
     if (press.confirmed) return;
     if (pressed === press) pressed = null;
+    giveUp();
+  }
+
+  function giveUp() {
     say("failed", "not delivered: press again, or use the emergency stop");
   }
 
@@ -55,9 +62,14 @@
     press.alarm = setTimeout(() => say("failed", "not delivered: still trying"), DEADLINE_MS);
     clearTimeout(back);
     pressed = press;
+    owed.setItem(OWED, Date.now());
     say(failed.hidden ? "sent" : "failed", "sent …");
     send(press);
   }
+
+  const since = owed.getItem(OWED);
+  if (since !== null && Date.now() - since < GIVES_UP_MS) stop();
+  else if (since !== null) giveUp();
 
   // On press, not on release: a finger that slides off, a palm and a second finger stop too. Caught
   // before anything else on the page hears of it, and whatever lies over the button.

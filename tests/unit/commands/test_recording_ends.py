@@ -1,0 +1,58 @@
+"""Recordings that a signal or a full disk ends, and files that are there already."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+from palpate.recording import FileState, RecordingReader
+
+MAIN = "from palpate.cli import main; main()"
+
+
+def palpate(*arguments: str | Path) -> int:
+    return run(build_app(), [str(argument) for argument in arguments], name="palpate")
+
+
+def frames_of(path: Path) -> tuple[int, FileState]:
+    state = FileState()
+    with RecordingReader(path) as reader:
+        return sum(1 for _ in reader.messages(state=state)), state
+
+
+def test_sigterm_ends_a_recording_with_the_file_whole(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    command = [sys.executable, "-c", MAIN, "record", str(path), "--rig", "sim-rigid"]
+    command += ["--seconds", "1e9"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
+        assert recorder.stderr is not None
+        assert "recording" in recorder.stderr.readline()
+        recorder.send_signal(signal.SIGTERM)
+        said = recorder.stderr.read()
+    assert recorder.returncode == 130
+    assert "Traceback" not in said
+    assert frames_of(path)[1].intact
+
+
+def test_nothing_that_is_there_is_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorded, table = tmp_path / "run.mcap", tmp_path / "run.csv"
+    assert palpate("record", recorded, "--rig", "sim-rigid", "--seconds", "0.5") == 0
+    table.write_text("mine")
+    capsys.readouterr()
+    for verb in ("export", "record"):
+        options = ("--rig", "sim-rigid", "--seconds", "1") if verb == "record" else ()
+        before = recorded.read_bytes()
+        assert palpate(verb, recorded, *options) == 2
+        error = capsys.readouterr().err
+        assert len(error.splitlines()) == 1
+        assert "exists" in error or "there already" in error
+        assert recorded.read_bytes() == before
+    assert table.read_text() == "mine"
