@@ -52,15 +52,15 @@ def windows(
 ) -> Iterator[Window]:
     """Group holds by their origin and the samples to use; parameters as of `origins`."""
     origin, first = origins(time_s, values, positive=positive)
-    keys = np.stack([origin, first, positive.astype(np.intp)])
-    for at, start, logarithms in np.unique(keys, axis=1).T if len(values) > 1 else keys.T:
-        alike = (origin == at) & (first == start) & (positive == logarithms)
+    keys = (origin * time_s.size + first) * 2 + positive
+    for key in dict.fromkeys(keys.tolist()):
+        at, start = divmod(key // 2, time_s.size)
         yield Window(
-            rows=np.flatnonzero(alike),
+            rows=np.flatnonzero(keys == key),
             since_s=time_s[start:] - time_s[at],
-            origin=int(at),
-            first=int(start),
-            positive=bool(logarithms),
+            origin=at,
+            first=start,
+            positive=bool(key % 2),
         )
 
 

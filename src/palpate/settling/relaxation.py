@@ -22,7 +22,7 @@ from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 from palpate.settling.shapes import CURVES, DEVIATIONS, WORST_NOISE
 
 #: Holds worked on at once; bounds the memory whatever the batch.
-CHUNK = 64
+CHUNK = 512
 #: A prediction from less than this after the origin has no basis but the prior.
 SHORTEST_S = 0.3
 #: And from fewer samples there is no telling noise from change.

@@ -177,6 +177,8 @@ def curve_values(time_s: FloatArray) -> FloatArray:
     True
     """
     times = np.concatenate([np.array(UNIT_S), time_s])
-    values = np.stack([curve.at(times) for curve in CURVES], axis=1)
+    values = np.empty((times.size, len(CURVES)))
+    for column, curve in zip(values.T, CURVES, strict=True):
+        column[:] = curve.at(times)
     scaled: FloatArray = values[2:] / (values[0] - values[1])
     return scaled
