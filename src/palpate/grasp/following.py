@@ -11,8 +11,8 @@ from palpate.gripper.interface import GripperCommand, GripperLimits, GripperStat
 _UNITS = {"width": "mm", "pressure": "kPa"}
 #: So far beyond the ends of its range a gripper's report is still believed, mm or kPa.
 _BEYOND = {"width": 5.0, "pressure": 10.0}
-#: A way that is shorter than this shows nothing (mm or kPa); of a longer one at least this share is
-#: made, or the hand does not move.
+#: A way that is shorter than this shows nothing (mm or kPa); of what the rate would have made of a
+#: longer one by now at least this share is made, or the hand does not move.
 _SHORT = {"width": 0.2, "pressure": 0.4}
 _LEAST_SHARE = 0.3
 #: No motor of such a gripper takes this current, mA.
@@ -115,20 +115,26 @@ class Following:
         every_s = safety.past_mm / self.rate
         return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
-    def idle(self, state: GripperState, *, limits: GripperLimits) -> bool | None:
-        """Return whether the hand has stayed where it was; None where its way is too short to say.
+    def idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
+        """Return whether the hand has stayed where it was; None where it is too early to say.
 
         Examples
         --------
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
-        >>> way = Following(begin=40.0, target=39.0, ends_s=0.0, due_s=0.0, rate=20.0)
-        >>> [way.idle(GripperState(time_s=0.0, width_mm=mm), limits=limits) for mm in (40.0, 39.1)]
-        [True, False]
+        >>> way = Following(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
+        >>> stands = GripperState(time_s=0.0, width_mm=40.0)
+        >>> way.idle(stands, now_s=0.004, limits=limits), way.idle(stands, now_s=0.1, limits=limits)
+        (None, True)
+        >>> way.idle(GripperState(time_s=0.1, width_mm=38.5), now_s=0.1, limits=limits)
+        False
         """
         way = self.target - self.begin
-        if abs(way) < _SHORT[limits.drive]:
+        left = max(self.ends_s - now_s, 0.0) * self.rate
+        expected = abs(way) - min(left, abs(way))
+        if expected < _SHORT[limits.drive]:
             return None
-        return (limits.reported(state) - self.begin) / way < _LEAST_SHARE
+        made = math.copysign(1.0, way) * (limits.reported(state) - self.begin)
+        return made / expected < _LEAST_SHARE
 
     def complaint(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits

@@ -106,6 +106,8 @@ class _Hand:
         self._limits, self._safety = plan.gripper, plan.safety
         self._current = CurrentWatch(plan)
         self._following: Following | None = None
+        #: The first command since the hand was last seen to move, or not to.
+        self._unjudged: Following | None = None
         self._idle = 0
         self._last: GripperState | None = None
 
@@ -158,9 +160,10 @@ class _Hand:
         belief, command = move
         if command is None:
             return belief
-        if self._following is not None and self._last is not None:
-            idle = self._following.idle(self._last, limits=self._limits)
-            self._idle = self._idle if idle is None else (self._idle + 1) * idle
+        if self._unjudged is not None and self._last is not None:
+            idle = self._unjudged.idle(self._last, now_s=now_s, limits=self._limits)
+            if idle is not None:
+                self._idle, self._unjudged = (self._idle + 1) * idle, None
             # An opening is sent all the same.
             if self._idle >= _IDLE and command.target != self._limits.target(0.0):
                 raise DeviceError(
@@ -172,6 +175,8 @@ class _Hand:
             self._following = Following.of(
                 sent, state=self._last, now_s=now_s, limits=self._limits, safety=self._safety
             )
+            # Commands that follow each other faster than a hand can move are judged together.
+            self._unjudged = self._unjudged or self._following
         return commanded(belief, sent, plan=self._plan)
 
     def finish_opening(self, clock: Clock) -> list[str]:

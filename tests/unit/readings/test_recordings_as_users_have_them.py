@@ -374,4 +374,4 @@ def test_past_holds_may_be_recordings_too(
 ) -> None:
     path = tmp_path / "r.csv"
     path.write_text(FORMS["plain.csv"])
-    assert "3 of 3 holds reach 20 s" in settled(path, capsys, "--fit-on", str(path))[2]
+    assert "3 holds reach 20 s" in settled(path, capsys, "--fit-on", str(path))[2]
