@@ -44,7 +44,11 @@ HoldsArgument: TypeAlias = Annotated[
 ]
 MethodOption: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(help="Method; may be repeated. [default: relaxation]", metavar="NAME"),
+    typer.Option(
+        help="recorded, exponential, log_law, log_law_early or relaxation; may be repeated. "
+        "[default: relaxation]",
+        metavar="NAME",
+    ),
 ]
 CutoffOption: TypeAlias = Annotated[
     list[float] | None,

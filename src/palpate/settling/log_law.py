@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from palpate.settling.result import FloatArray, SettledEstimate, Status
 from palpate.signal.transient import WAIT_S, hold_window
 
-#: Keeps the logarithm finite at the peak; 0.2 s is about the length of the contact transient.
-_ORIGIN_S = 0.2
 #: A line and one sample to spare.
 _MIN_SAMPLES = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogLaw:
-    """Least squares of a + b ln(t - t_p + 0.2 s), read off at the horizon.
+    """Least squares of a + b ln(t - t_p + t_0), read off at the horizon.
 
     Attributes
     ----------
+    name : str
+        Name on the command line and in results.
     wait_s : float
         Time after the peak from which samples are used.
+    from_s : float
+        t_0, which keeps the logarithm finite at the peak; 0.2 s is about the length of the contact
+        transient.
 
     Examples
     --------
@@ -34,8 +36,9 @@ class LogLaw:
     True
     """
 
-    name: ClassVar[str] = "log_law"
+    name: str = "log_law"
     wait_s: float = WAIT_S
+    from_s: float = 0.2
 
     def predict(
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
@@ -50,9 +53,9 @@ class LogLaw:
             first = window.first[rows[0]]
             if window.stop - first < _MIN_SAMPLES:
                 continue
-            log_time = np.log(time_s[first:] - time_s[peak] + _ORIGIN_S)
+            log_time = np.log(time_s[first:] - time_s[peak] + self.from_s)
             centred = log_time - log_time.mean()
-            beyond = np.log(horizon_s - time_s[peak] + _ORIGIN_S) - log_time.mean()
+            beyond = np.log(horizon_s - time_s[peak] + self.from_s) - log_time.mean()
             weights = 1 / len(centred) + centred * beyond / (centred @ centred)
             last = values[rows, -1]
             settled[rows] = last + (values[rows, first:] - last[:, None]) @ weights

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.settling.exponential import Exponential
+from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import for_unit
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
@@ -18,7 +20,14 @@ from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
 
 #: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
 METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
-    {"recorded": Recorded, "exponential": Exponential, "relaxation": Relaxation}
+    {
+        "recorded": Recorded,
+        "exponential": Exponential,
+        "log_law": LogLaw,
+        # From soon after the peak: better in the first second of creep, worse after a contact.
+        "log_law_early": partial(LogLaw, name="log_law_early", wait_s=0.1, from_s=0.4),
+        "relaxation": Relaxation,
+    }
 )
 
 
@@ -59,8 +68,8 @@ def predict_settled(
     horizon_s : float
         Time of the value to predict, not before the cut-off.
     method : str or SettlingMethod
-        ``"relaxation"`` (ours), ``"exponential"`` (the paper's) or ``"recorded"``, or a method of
-        your own making, such as a calibrated one.
+        ``"relaxation"`` (ours), ``"exponential"`` (the paper's), ``"recorded"``, ``"log_law"`` or
+        ``"log_law_early"``, or a method of your own making, such as a calibrated one.
     level : float
         Probability that the interval is to cover, between 0 and 1.
     unit : str, optional

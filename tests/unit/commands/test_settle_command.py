@@ -236,7 +236,10 @@ def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--method", "magic"], "no method 'magic'; there are: recorded, exponential, relaxation"),
+        (
+            ["--method", "magic"],
+            "no method 'magic'; there are: recorded, exponential, log_law, log_law_early",
+        ),
         (["--cutoff", "0"], "--cutoff 0"),
         (["--cutoff", "nan"], "--cutoff nan"),
         (["--cutoff", "21"], "not after the horizon (20 s)"),

@@ -65,7 +65,10 @@ def test_few_samples_and_constants_give_finite_values(method: str, samples: int)
         ({"cutoff_s": np.nan}, "cutoff_s nan"),
         ({"horizon_s": np.inf}, "horizon_s inf"),
         ({"level": 1.0}, "level 1"),
-        ({"method": "magic"}, "no method 'magic'; there are: recorded, exponential, relaxation"),
+        (
+            {"method": "magic"},
+            "no method 'magic'; there are: recorded, exponential, log_law, log_law_early",
+        ),
         ({"time_s": [], "values": []}, "no sample"),
     ],
 )
@@ -76,3 +79,11 @@ def test_what_cannot_be_used_is_refused_in_one_line(change: dict, message: str) 
         predict_settled(arguments.pop("time_s"), arguments.pop("values"), **arguments)
     assert isinstance(refusal.value, ValueError)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(("method", "from_s"), [("log_law", 0.2), ("log_law_early", 0.4)])
+def test_each_log_law_is_exact_on_creep_of_its_own(method: str, from_s: float) -> None:
+    creep = 50.0 - 3.0 * np.log(TIME_S + from_s)
+    for cutoff_s in (1.0, 2.5):
+        found = predict_settled(TIME_S, creep, cutoff_s=cutoff_s, method=method)
+        assert found.value == pytest.approx(50.0 - 3.0 * np.log(20.0 + from_s), rel=1e-9)
