@@ -86,13 +86,11 @@ def test_the_reference_is_seen_only_where_it_is_told(touches: list[Touch], told:
     blind = replace(touch, log_force=hidden)
     for name in ("constant", "clock", "static", "ours"):
         follow = MODELS[name](train, told)
-        if follow is not None:
-            assert follow(blind, others)[0].tolist() == follow(touch, others)[0].tolist(), name
+        assert follow(blind, others)[0].tolist() == follow(touch, others)[0].tolist(), name
 
 
 def test_what_comes_later_changes_nothing_said_before(touches: list[Touch]) -> None:
     follow = MODELS["ours"]([one for one in touches if one.sensor == "s0"], "eighty_percent")
-    assert follow is not None
     touch = next(one for one in touches if one.sensor == "s1")
     cut = replace(
         touch,
@@ -114,6 +112,11 @@ def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture
     asked = {(row["model"], row["told"]) for row in document["rows"]}
     assert {(model, "eighty_percent") for model in MODELS} <= asked
     assert {("ours", told) for told in TOLD} <= asked
+    # One line of the summary for each question: a reader may look it up by these four.
+    keys = [
+        tuple(one[k] for k in ("model", "told", "phase", "band")) for one in document["summary"]
+    ]
+    assert len(keys) == len(set(keys))
     assert set(document["rows"][0]) == {
         *("recording_id", "touch", "split", "model", "told", "phase", "band", "samples"),
         *("median_abs_log_error", "coverage"),
@@ -125,3 +128,31 @@ def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture
     }
     assert error["ours", "nothing"] < 0.5 * error["constant", "nothing"]
     assert error["ours", "eighty_percent"] < 0.5 * error["constant", "eighty_percent"]
+
+
+def test_a_place_with_one_attempt_is_not_scored_as_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("sklearn")
+    path = strokes_csv(tmp_path / "s.csv")
+    once = tmp_path / "once.csv"
+    lines = path.read_text().splitlines()
+    alone = [row.replace("s1-", "new-") for row in lines if row.startswith("s1-6mm-a0")]
+    once.write_text("\n".join([lines[0], *alone]) + "\n")
+    arguments = ["study", "strokes", "--recordings", str(path), "--test-recordings", str(once)]
+    assert run(build_app(), [*arguments, "--json"], name="palpate") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert {row["recording_id"] for row in document["rows"]} == {"new-6mm-a0"}
+    assert {row["told"] for row in document["rows"]} == set(TOLD) - {"place"}
+
+
+def test_sensors_or_pins_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("sklearn")
+    path = str(strokes_csv(tmp_path / "s.csv", sensors=1))
+    study = ["study", "strokes", "--recordings", path]
+    assert run(build_app(), study, name="palpate") == 2
+    assert "give --test-recordings" in capsys.readouterr().err
+    assert run(build_app(), [*study, "--pins", "--json"], name="palpate") == 0
+    assert {row["split"] for row in json.loads(capsys.readouterr().out)["rows"]} == {"pin"}
+    assert run(build_app(), [*study, "--pins", "--test-recordings", path], name="palpate") == 2
+    assert "--pins" in capsys.readouterr().err

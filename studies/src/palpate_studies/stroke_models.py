@@ -25,7 +25,7 @@ Prediction: TypeAlias = tuple[FloatArray, FloatArray]
 Others: TypeAlias = Sequence[Touch]
 #: From a touch and the other attempts at its place to a prediction.
 Follower: TypeAlias = Callable[[Touch, Others], Prediction]
-Learner: TypeAlias = Callable[[Others, str], Follower | None]
+Learner: TypeAlias = Callable[[Others, str], Follower]
 
 
 def others_of(touch: Touch, touches: Others) -> list[Touch]:
@@ -55,18 +55,22 @@ def _with_interval(
     )
 
 
-def constant(train: Others, told: str) -> Follower | None:
-    """Learn one force, or hold the force that was measured."""
-    if told == "place":
-        return None
-    middle = float(np.median(_pooled(train, told, lambda one: one.log_force - _origin(one, told))))
-    hold = 0.0 if told in train[0].told else middle
-    return _with_interval(
-        lambda touch, _: np.full(len(touch.time_s), hold + _origin(touch, told)), train, told
-    )
+def constant(train: Others, told: str) -> Follower:
+    """Learn one force, that of the place where it is known, or hold the force that was measured."""
+
+    def middle(touches: Others) -> float:
+        return float(np.median(_pooled(touches, told, lambda one: one.log_force)))
+
+    usual = 0.0 if told in train[0].told else middle(train)
+
+    def follow(touch: Touch, others: Others) -> FloatArray:
+        known = middle(others) if told == "place" and others else usual
+        return np.full(len(touch.time_s), known + _origin(touch, told))
+
+    return _with_interval(follow, train, told)
 
 
-def clock(train: Others, told: str) -> Follower | None:
+def clock(train: Others, told: str) -> Follower:
     """Learn the usual force at each time since contact, or its usual change since measured."""
 
     def ticks(touch: Touch) -> FloatArray:
@@ -88,7 +92,7 @@ def clock(train: Others, told: str) -> Follower | None:
     return _with_interval(follow, train, told)
 
 
-def static(train: Others, told: str) -> Follower | None:
+def static(train: Others, told: str) -> Follower:
     """Learn a power law; its gain from what is known of the place or of this touch."""
     reading = _pooled(train, "nothing", lambda one: one.inputs[:, 0])
     force = _pooled(train, "nothing", lambda one: one.log_force)
@@ -126,7 +130,7 @@ def _inputs(touch: Touch, told: str) -> FloatArray:
     return np.concatenate([touch.inputs - touch.inputs[at], measured], axis=1)
 
 
-def trees(train: Others, told: str) -> Follower | None:
+def trees(train: Others, told: str) -> Follower:
     """Learn boosted trees on the same inputs; knowing the place, as told by the mean of it."""
     with needing("gradient boosting", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingRegressor
@@ -155,7 +159,7 @@ def trees(train: Others, told: str) -> Follower | None:
     )
 
 
-def ours(train: Others, told: str) -> Follower | None:
+def ours(train: Others, told: str) -> Follower:
     """Learn the force model; knowing the place, it is adapted to the other attempts there."""
     sensors = {one.sensor for one in train}
 

@@ -12,6 +12,7 @@ import typer
 from numpy.typing import NDArray
 
 from palpate.commands.options import JsonOption
+from palpate.errors import InputError
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stroke_data import SMALLEST_N, FloatArray, Mask, Touch, read_strokes
 from palpate_studies.stroke_models import LEVEL, MODELS, TOLD, Others, others_of
@@ -46,9 +47,12 @@ def command(
     test_recordings: Annotated[
         Path | None,
         typer.Option(
-            help="Recordings to follow; without, sensors and then pins are left out.", metavar="CSV"
+            help="Recordings to follow; without, each sensor in turn is left out.", metavar="CSV"
         ),
     ] = None,
+    pins: Annotated[
+        bool, typer.Option("--pins", help="Leave out each pin of a sensor instead.")
+    ] = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -56,23 +60,34 @@ def command(
 
     Example: palpate study strokes --recordings velostat_strokes.csv.gz
     """
+    if pins and test_recordings is not None:
+        raise InputError("--pins leaves out pins of --recordings; drop it or --test-recordings")
     touches = read_strokes(recordings)
-    if test_recordings is None:
-        splits = [*_left_out(touches)]
-    else:
+    splits: list[Split]
+    if test_recordings is not None:
         splits = [("test", touches, read_strokes(test_recordings))]
+    else:
+        splits = [*(_pins_out(touches) if pins else _sensors_out(touches))]
+    if not splits:
+        raise InputError(
+            f"{recordings}: one {'pin of each sensor' if pins else 'sensor'}, nothing to learn "
+            "from when it is left out; give --test-recordings"
+        )
     scored = [one for split in splits for one in _scores(split)]
     _report(scored, touches=len(touches)).emit(as_json=as_json, out=out)
 
 
-def _left_out(touches: Others) -> Iterator[Split]:
-    """Yield each sensor with the others to learn from, then each pin with its sensor's others."""
+def _sensors_out(touches: Others) -> Iterator[Split]:
+    """Yield each sensor with the others to learn from."""
     sensors = list(dict.fromkeys(one.sensor for one in touches))
-    if len(sensors) > 1:
-        for sensor in sensors:
-            mine = [one for one in touches if one.sensor == sensor]
-            yield "sensor", [one for one in touches if one.sensor != sensor], mine
-    for sensor in sensors:
+    for sensor in sensors if len(sensors) > 1 else []:
+        mine = [one for one in touches if one.sensor == sensor]
+        yield "sensor", [one for one in touches if one.sensor != sensor], mine
+
+
+def _pins_out(touches: Others) -> Iterator[Split]:
+    """Yield each pin with the other pins of its sensor to learn from."""
+    for sensor in dict.fromkeys(one.sensor for one in touches):
         mine = [one for one in touches if one.sensor == sensor]
         pins = list(dict.fromkeys(one.pin for one in mine))
         for pin in pins if len(pins) > 1 else []:
@@ -85,13 +100,11 @@ def _scores(split: Split) -> Iterator[Scored]:
     for told in TOLD:
         for model, learn in MODELS.items():
             follow = learn(train, told)
-            if follow is None:
-                continue
             for touch in tested:
-                used = touch.after(told)
-                if not used.any():
+                used, others = touch.after(told), others_of(touch, tested)
+                if not used.any() or (told == "place" and not others):
                     continue
-                value, half = follow(touch, others_of(touch, tested))
+                value, half = follow(touch, others)
                 error = np.abs(value - touch.log_force)[used]
                 yield Scored(
                     split=name,
@@ -136,14 +149,14 @@ def _figures(error: FloatArray, covered: Mask) -> dict[str, Any]:
     }
 
 
-def _summary(scored: Sequence[Scored]) -> Rows:
-    """Return medians over samples: of each sensor and of all, by phase and by band of force."""
+def _summary(scored: Sequence[Scored], *, by_sensor: bool) -> Rows:
+    """Return medians over samples, of all or of each sensor, by phase and by band of force."""
     summary: Rows = []
     keys = dict.fromkeys((one.split, one.model, one.told) for one in scored)
     for split, model, told in keys:
         mine = [one for one in scored if (one.split, one.model, one.told) == (split, model, told)]
-        sensors = list(dict.fromkeys(one.touch.sensor for one in mine))
-        for sensor in ("all", *(sensors if len(sensors) > 1 else ())):
+        sensors = dict.fromkeys(one.touch.sensor for one in mine)
+        for sensor in sensors if by_sensor else ("all",):
             of = [one for one in mine if sensor in ("all", one.touch.sensor)]
             error = np.concatenate([one.error for one in of])
             covered = np.concatenate([one.covered for one in of])
@@ -204,7 +217,8 @@ def _tables(summary: Rows) -> list[Table]:
 
 
 def _report(scored: Sequence[Scored], *, touches: int) -> StudyReport:
-    summary = _summary(scored)
+    summary = _summary(scored, by_sensor=False)
+    sensors = _summary(scored, by_sensor=True)
     return StudyReport(
         name="strokes",
         title="Force of real Velostat under short touches",
@@ -219,6 +233,6 @@ def _report(scored: Sequence[Scored], *, touches: int) -> StudyReport:
             "clock, trees and the force model alike; unloading and small forces show what the "
             "sheet adds.",
         ),
-        tables=_tables(summary),
-        payload={"rows": _rows(scored), "summary": summary, "level": LEVEL},
+        tables=_tables([*summary, *sensors]),
+        payload={"rows": _rows(scored), "summary": summary, "sensors": sensors, "level": LEVEL},
     )
