@@ -26,6 +26,9 @@ _AHEAD_S = 0.02
 _IDLE_S = 0.7
 #: A hand that comes back goes so many steps at most.
 _FURTHER_BACK_STEPS = 4.0
+#: What a sheet remembers is waited for until it reads as less than this share of the force that is
+#: lost before a pixel feels any (a size doubts that anyway), or for so long.
+_REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 3.0
 #: An object that one finger pushes lies so many steps off the middle at most.
 _PUSHED_STEPS = 5.0
 #: A size that is expected may be off by so much and the hand still comes near at full speed, mm.
@@ -113,7 +116,8 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
 def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Where the hand came back to nothing is held: what is read there is the sheet's memory.
 
-    Where both fingers read more than a hint, it has not come back far enough.
+    Where both fingers read more than a hint, it has not come back far enough. Soon after, memory
+    fades too fast and is too large to be taken out of a faint touch; so it is waited for.
     """
     if belief.still_s < plan.dwell_s:
         return belief, None
@@ -122,8 +126,12 @@ def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | Non
     if belief.now.shared_percent <= plan.hint_percent and further:
         target = whole(max(belief.closure - plan.step, 0.0), plan)
         return belief, GripperCommand(target=target, rate=plan.rate)
-    stairs = tuple(stair for stair in belief.staircase if stair.closure < belief.closure)
     nothing = plan.early_law.force_n(0.0, level=plan.level)
+    left_n = float(plan.early_law.force_n(belief.now.reading).value)
+    faded = left_n < _REMEMBERED_SHARE * float(nothing.high)
+    if not faded and belief.still_s < _LONGEST_FADE_S:
+        return belief, None
+    stairs = tuple(stair for stair in belief.staircase if stair.closure < belief.closure)
     free = replace(belief, memory=_fall(belief.now), touches=(), staircase=stairs)
     return pressed(free, force_n=0.0, force_high_n=float(nothing.high)), None
 

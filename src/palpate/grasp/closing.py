@@ -21,8 +21,6 @@ from palpate.gripper.interface import GripperCommand
 
 #: Room for stiffening over a step beyond what the last steps showed.
 _STIFFENING = 1.3
-#: The spike of a fine step has mostly faded, and a few frames have come.
-_QUICKEST_S = 0.2
 #: Share of the way pressed so far that a step may add, beyond a fine one.
 _FURTHER = 1.2
 #: While nothing is known of the damage limit, all steps since the first touch together may add so
@@ -49,15 +47,6 @@ def approach_step(plan: Plan) -> float:
     afforded = plan.target_force_n / plan.steepest_n
     longest = plan.step if plan.damage is None else 0.5 * plan.step
     return min(max(afforded, plan.fine_step), longest)
-
-
-def approach_dwell_s(belief: Belief, plan: Plan) -> float:
-    """Return how long to wait after a step: until its spike has faded.
-
-    Once something is felt, it is read as the calibration was.
-    """
-    felt = belief.now.shared_percent <= plan.hint_percent if belief.touches else True
-    return plan.dwell_s if felt else _QUICKEST_S
 
 
 def read(belief: Belief, plan: Plan) -> Belief:

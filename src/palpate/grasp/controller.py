@@ -11,7 +11,6 @@ from palpate.grasp.answer import FELT_PERCENT, answered, examined, forecast, sur
 from palpate.grasp.approaching import begun, remembered, stood, swept
 from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.closing import (
-    approach_dwell_s,
     approach_step,
     clamped,
     closed_by,
@@ -122,7 +121,7 @@ def _approach(belief: Belief, plan: Plan) -> Move:
             return belief, None
         belief = rezeroed(belief, plan=plan)
         return (belief, None) if belief.rest_ohm is None else _onward(belief, plan)
-    if belief.still_s < approach_dwell_s(belief, plan) or not belief.touches:
+    if belief.still_s < plan.dwell_s or not belief.touches:
         return belief, None
     if belief.released_s is not None and belief.memory is None:
         return remembered(belief, plan)
