@@ -163,7 +163,9 @@ class _Hand:
         if self._unjudged is not None and self._last is not None:
             idle = self._unjudged.idle(self._last, now_s=now_s, limits=self._limits)
             if idle is not None:
-                self._idle, self._unjudged = (self._idle + 1) * idle, None
+                self._idle = (self._idle + 1) * idle
+            if idle is not None or now_s >= self._unjudged.ends_s:
+                self._unjudged = None
             # An opening is sent all the same.
             if self._idle >= _IDLE and command.target != self._limits.target(0.0):
                 raise DeviceError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from typing import Any, TypeAlias
 
@@ -45,8 +45,7 @@ def record_as_dict(record: Record) -> dict[str, Any]:
             values[name] = values[name].isoformat()
     if isinstance(record, Grasp):
         values["measurements"] = {
-            name: {**measured.as_json(), "level": measured.level, "unit": measured.unit}
-            for name, measured in record.measurements.items()
+            name: measured.as_json() for name, measured in record.measurements.items()
         }
     if isinstance(record, Verdict):
         values["details"] = dict(record.details)
@@ -62,7 +61,13 @@ def record_to_json(record: Record) -> str:
     'A17'
     """
     kind = next(name for name, known in _KINDS.items() if isinstance(record, known))
-    return json.dumps({kind: record_as_dict(record)}, allow_nan=False)
+    values = record_as_dict(record)
+    if isinstance(record, Grasp):
+        # People are not shown the middle of a bound; a record keeps it.
+        values["measurements"] = {
+            name: asdict(measured) for name, measured in record.measurements.items()
+        }
+    return json.dumps({kind: values}, allow_nan=False)
 
 
 def record_from_json(text: str) -> Record:
