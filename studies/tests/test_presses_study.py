@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.estimate.observer_fit import fit_observer
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.press_figure import draw_followed
-from palpate_studies.press_follow import follow
+from palpate_studies.press_follow import in_newtons
+from palpate_studies.press_models import MODELS
 from palpate_studies.stretches import follow_stretches, read_stretches, stretch_table
 
 HEADER = "recording_id,time_s,resistance_ohm,force_n\n"
@@ -56,7 +56,7 @@ def test_presses_follow_the_definition(tmp_path: Path) -> None:
 
 def test_what_comes_later_changes_nothing_said_before(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
-    model = fit_observer([press.trace for press in presses])
+    follow = MODELS["observer"](presses)
     whole = presses[5]
     end = len(whole.trace.time_s) - 20
     cut = replace(
@@ -69,18 +69,19 @@ def test_what_comes_later_changes_nothing_said_before(tmp_path: Path) -> None:
             },
         ),
     )
-    said = follow(whole, model).value_n
-    assert follow(cut, model).value_n.tolist() == said[:-20].tolist()
+    for before, after in zip(follow(cut), follow(whole), strict=True):
+        np.testing.assert_allclose(before, after[:-20], rtol=0, atol=1e-12)
 
 
 def test_the_reference_is_seen_once(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
-    model = fit_observer([press.trace for press in presses])
     press = presses[3]
     hidden = press.trace.force_n.copy()
     hidden[np.arange(len(hidden)) != press.trace.told] = 99.0
     blind = replace(press, trace=replace(press.trace, force_n=hidden))
-    assert follow(blind, model).value_n.tolist() == follow(press, model).value_n.tolist()
+    for name, learn in MODELS.items():
+        follow = learn(presses)
+        assert follow(blind)[0].tolist() == follow(press)[0].tolist(), name
 
 
 def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,8 +89,8 @@ def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture
     arguments = ["study", "presses", "--recordings", str(path), "--test-recordings", str(path)]
     assert run(build_app(), [*arguments, "--json"], name="palpate") == 0
     document = json.loads(capsys.readouterr().out)
-    assert len(document["rows"]) == 2 * 16
-    assert {row["model"] for row in document["rows"]} == {"static", "observer"}
+    assert len(document["rows"]) == len(MODELS) * 16
+    assert {row["model"] for row in document["rows"]} == {"constant", "clock", "static", "observer"}
     overall = {one["model"]: one for one in document["summary"] if one["setting"] == "all"}
     assert overall["observer"]["presses"] == 16
     assert run(build_app(), ["study", "presses", "--recordings", str(path)], name="palpate") == 0
@@ -119,8 +120,8 @@ def test_unusable_recordings_get_one_line(
 def test_figure_shows_best_median_and_worst(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     presses = read_presses(press_csv(tmp_path / "p.csv"))
-    model = fit_observer([press.trace for press in presses])
-    followed = [follow(press, model) for press in presses]
+    model = MODELS["static"](presses)
+    followed = [in_newtons(press, model(press)) for press in presses]
     titles = [panel.get_title() for panel in draw_followed(followed, followed).axes]
     assert [title.split(":")[0] for title in titles] == ["best", "median", "worst"]
 
@@ -190,15 +191,15 @@ def real_presses(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> l
 
 def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
     left_out = {"pike2_sensor1", "pike1_force_10_sensor1", "pike1_force_30_sensor1"}
-    known = [p.trace for p in real_presses if p.trace.group not in left_out][::3]
+    known = [p for p in real_presses if p.trace.group not in left_out][::3]
     tested = [p for p in real_presses if p.trace.group in left_out][::3]
     score: dict[str, Callable[[np.ndarray], float]] = {
         "median": lambda error: float(np.median(np.abs(error))),
         "final": lambda error: float(abs(error[-1])),
     }
     static, ours = (
-        [follow(press, fitted) for press in tested]
-        for fitted in (fit_observer(known, memory=False), fit_observer(known))
+        [in_newtons(press, follow(press)) for press in tested]
+        for follow in (MODELS["static"](known), MODELS["observer"](known))
     )
     for measure in score.values():
         before, after = (

@@ -32,7 +32,7 @@ REST_S, BEFORE_S = 1.0, 0.3
 LOGGER_REFERENCE_OHM, LOGGER_COUNTS = 620.0, 1023.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Press:
     """One press.
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from palpate.estimate.creep import FloatArray
 from palpate.estimate.observer import ForceObserver, ObserverModel
 from palpate_studies.press_data import Press
+from palpate_studies.press_models import Prediction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,9 +57,28 @@ class Followed:
         return float(self.log_error[max(self.press.last_held - self.press.trace.told - 1, 0)])
 
     @property
+    def released(self) -> NDArray[np.bool_]:
+        """Whether each sample comes after the last with as much force as told."""
+        told = self.press.trace.told
+        return np.arange(told + 1, len(self.press.trace.time_s)) > self.press.last_held
+
+    @property
     def covered(self) -> NDArray[np.bool_]:
         """Whether the interval holds the true force."""
         return (self.low_n <= self.truth_n) & (self.truth_n <= self.high_n)
+
+
+def in_newtons(press: Press, prediction: Prediction) -> Followed:
+    """Return a model's answer in newtons, from the told force on."""
+    told = press.trace.told
+    change, half = (part[told + 1 :] for part in prediction)
+    told_n = float(press.trace.force_n[told])
+    return Followed(
+        press=press,
+        value_n=told_n * np.exp(change),
+        low_n=told_n * np.exp(change - half),
+        high_n=told_n * np.exp(change + half),
+    )
 
 
 def follow(press: Press, model: ObserverModel, *, level: float = 0.9) -> Followed:

@@ -1,0 +1,191 @@
+"""What follows a press: a constant, a clock, a static law, and the force model.
+
+Each is told the force once and answers with ln(force / told force) at every sample, and with the
+half width of its interval. Everything is learned from training presses; every setting counts as
+much as every other, because a setting that nobody has seen is the task.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
+from palpate.estimate.force_model import ForceModel
+from palpate.estimate.force_states import TIME_CONSTANTS_S, log_reading, states_of
+from palpate_studies.press_data import Press
+
+LEVEL = 0.9
+FOLDS = 5
+#: Presses are held for seconds.
+_TIME_CONSTANTS_S = (*TIME_CONSTANTS_S, 3.0)
+#: A release is two or three samples long and half of what is asked.
+_RELEASE_WEIGHT = 5.0
+#: So many samples after telling, and every n-th of the hold, show what there is to learn.
+_ALL_UNTIL, _EVERY = 30, 4
+_TICK_S = 0.02
+
+Prediction: TypeAlias = tuple[FloatArray, FloatArray]
+Follower: TypeAlias = Callable[[Press], Prediction]
+Presses: TypeAlias = Sequence[Press]
+
+
+@lru_cache(maxsize=2048)
+def _states(press: Press) -> FloatArray:
+    reading = log_reading(press.trace.excess)
+    return states_of(press.trace.time_s, reading, time_constants_s=_TIME_CONSTANTS_S)
+
+
+def _inputs(press: Press) -> FloatArray:
+    """Return the change of the states since the force was told, and that force."""
+    states, told = _states(press), press.trace.told
+    measured = np.full((len(states), 1), np.log(press.trace.force_n[told]))
+    return np.concatenate([states - states[told], measured], axis=1)
+
+
+def _target(press: Press) -> FloatArray:
+    """Return ln(force / told force); before the contact, where nothing is asked, of 0.01 N."""
+    force_n = np.maximum(press.trace.force_n, 0.01)
+    return np.asarray(np.log(force_n / force_n[press.trace.told]))
+
+
+def _seen(press: Press) -> NDArray[np.bool_]:
+    """Return the samples to learn from."""
+    place, told = np.arange(len(press.trace.time_s)), press.trace.told
+    dense = (place <= told + _ALL_UNTIL) | (place > press.last_held) | (place % _EVERY == 0)
+    return np.asarray((place > told) & dense)
+
+
+def _pooled(presses: Presses, each: Callable[[Press], FloatArray]) -> FloatArray:
+    return np.concatenate([each(press)[_seen(press)] for press in presses])
+
+
+def _weight(presses: Presses) -> FloatArray:
+    settings = [press.trace.group for press in presses]
+    parts = []
+    for press in presses:
+        released = np.arange(len(press.trace.time_s)) > press.last_held
+        part = np.where(released, _RELEASE_WEIGHT, 1.0)[_seen(press)]
+        parts.append(part / len(part) / settings.count(press.trace.group))
+    weight = np.concatenate(parts)
+    return np.asarray(weight / weight.mean())
+
+
+def folds(presses: Presses) -> Iterator[tuple[list[Press], list[Press]]]:
+    """Yield what stays and what is left out: the repeats of a setting together."""
+    settings = list(dict.fromkeys(press.trace.group for press in presses))
+    for fold in (settings[k::FOLDS] for k in range(min(FOLDS, len(settings)))):
+        inside = [press for press in presses if press.trace.group not in fold]
+        yield inside, [press for press in presses if press.trace.group in fold]
+
+
+def _median(values: FloatArray, weight: FloatArray, level: float = 0.5) -> float:
+    order = np.argsort(values)
+    share = np.cumsum(weight[order]) / weight.sum()
+    return float(values[order[min(int(np.searchsorted(share, level)), len(order) - 1)]])
+
+
+def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Follower:
+    errors = _pooled(train, lambda press: np.abs(follow(press) - _target(press)))
+    half = _median(errors, _weight(train), LEVEL)
+    return lambda press: ((value := follow(press)), np.full(value.shape, half))
+
+
+def constant(train: Presses) -> Follower:
+    """Learn by how much the force still rises after it is told."""
+    rise = _median(_pooled(train, _target), _weight(train))
+    return _with_interval(lambda press: np.full(len(press.trace.time_s), rise), train)
+
+
+def clock(train: Presses) -> Follower:
+    """Learn the usual change of force at each time since it was told."""
+
+    def ticks(press: Press) -> FloatArray:
+        since_s = press.trace.time_s - press.trace.time_s[press.trace.told]
+        return np.asarray(np.round(since_s / _TICK_S))
+
+    tick, change = _pooled(train, ticks), _pooled(train, _target)
+    order = np.argsort(tick, kind="stable")
+    seen, starts = np.unique(tick[order], return_index=True)
+    usual = np.array([np.median(part) for part in np.split(change[order], starts[1:])])
+    return _with_interval(lambda press: np.asarray(np.interp(ticks(press), seen, usual)), train)
+
+
+def static(train: Presses) -> Follower:
+    """Learn a power law of the change of the reading, by least absolute error."""
+
+    def reading(press: Press) -> FloatArray:
+        return _inputs(press)[:, 0]
+
+    x, y, weight = _pooled(train, reading), _pooled(train, _target), _weight(train)
+    slope, share = 1.0, weight
+    for _ in range(20):
+        slope = float((share * x) @ y / max(float((share * x) @ x), 1e-12))
+        share = weight / np.maximum(np.abs(y - slope * x), 0.01)
+    return _with_interval(lambda press: slope * reading(press), train)
+
+
+def observer(train: Presses) -> Follower:
+    """Learn the force model; its widths hold in settings left out, not only over all samples."""
+    model = _model(train)
+    wider = _widening(train)
+    least_n = min(float(press.trace.force_n[press.trace.told]) for press in train)
+
+    def follow(press: Press) -> Prediction:
+        value, half = model.predict(_inputs(press), level=LEVEL)
+        # Below the forces learned, scatter is taken to stay the same in newtons.
+        faint = max(least_n / float(press.trace.force_n[press.trace.told]), 1.0)
+        return value, half * faint * np.where(_falling(press), wider[True], wider[False])
+
+    return follow
+
+
+def _model(train: Presses) -> ForceModel:
+    group = [press.trace.group for press in train for _ in range(int(_seen(press).sum()))]
+    inputs = np.concatenate([_inputs(press)[_seen(press)] for press in train])
+    return ForceModel.fit(
+        inputs, target=_pooled(train, _target), weight=_weight(train), group=group
+    )
+
+
+def _falling(press: Press) -> NDArray[np.bool_]:
+    """Return where the reading has fallen by more than noise: the sign of a release."""
+    return np.asarray(_states(press)[:, -1] > np.log(2.0))
+
+
+def _widening(train: Presses) -> dict[bool, float]:
+    """Return by what factor widths must grow to hold in settings left out, held and falling."""
+    settings = list(dict.fromkeys(press.trace.group for press in train))
+    if len(settings) < 3:
+        return {False: 1.0, True: 1.0}
+    ratio: list[FloatArray] = []
+    falling: list[NDArray[np.bool_]] = []
+    weight: list[FloatArray] = []
+    for inside, left in folds(train):
+        model = _model(inside)
+        for press in left:
+            value, half = model.predict(_inputs(press), level=LEVEL)
+            seen = _seen(press)
+            ratio.append((np.abs(value - _target(press)) / half)[seen])
+            falling.append(_falling(press)[seen])
+        share = _weight(left)
+        weight.append(share / share.sum() * len({press.trace.group for press in left}))
+    all_ratio, all_falling = np.concatenate(ratio), np.concatenate(falling)
+    all_weight = np.concatenate(weight)
+    return {
+        fallen: max(_median(all_ratio[mine], all_weight[mine], LEVEL), 1.0) if mine.any() else 1.0
+        for fallen in (False, True)
+        for mine in [all_falling == fallen]
+    }
+
+
+MODELS: Mapping[str, Callable[[Presses], Follower]] = {
+    "constant": constant,
+    "clock": clock,
+    "static": static,
+    "observer": observer,
+}
