@@ -92,9 +92,8 @@ class Source:
         A file of a folder without any is passed over with a line on standard error.
         """
         if self._is_holds(file):
-            told = {"unit": self.reading.unit} if self.reading.unit else {}
             for hold in read_holds(file, until_s=until_s, progress=progress):
-                yield replace(hold, **told)
+                yield replace(hold, unit=self.reading.unit or hold.unit)
             return
         try:
             for column in self.columns(file):
@@ -220,6 +219,9 @@ def _from_mcap(file: Path, reading: Reading) -> CutColumn:
             "--unit percent or ohm, and no other option of recordings"
         )
     unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"
-    holds = cut_holds(load_recording(file), unit=unit, name=file.stem)
+    try:
+        holds = cut_holds(load_recording(file), unit=unit, name=file.stem)
+    except RecordingError as error:
+        raise InputError(f"{file}: {error}") from error
     none = np.zeros(0)
     return CutColumn(column="", time_s=none, values=none, spans=[], holds=holds)

@@ -104,11 +104,13 @@ def test_a_recording_is_called_one(tmp_path: Path, capsys: pytest.CaptureFixture
     assert not table.exists()
 
 
-def test_settle_sends_a_recording_to_export(
+def test_settle_names_the_recording_that_has_no_rest(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert palpate("settle", recorded) == 2
-    assert f"`palpate export {recorded} --holds`" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"{recorded}: no rest at the beginning" in error
+    assert "Record a second of rest first" in error
 
 
 def test_recover_never_writes_over_another_recording(
