@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from palpate.errors import InputError, PalpateError
+from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, read_holds
 from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
 from palpate.readings.holds import CutAt
