@@ -116,8 +116,9 @@ ROWS = {
         strike=_pixel(None),
         outcome=LOST,
         words="pixel R0 C0 reads stuck",
-        # Eight movements of the fingers, about half a second each.
-        known_s=9 * 0.6,
+        # Five movements of the fingers, about half a second each, and the three seconds at most in
+        # which the hand waits until the sheet has forgotten the first touch.
+        known_s=6 * 0.6 + 3.0,
         early=True,
     ),
     "object removed": Row(
@@ -189,7 +190,7 @@ def test_a_fault_ends_the_grasp(name: str, kind: str, tmp_path: Path) -> None:
     world.clock.sleep_s(1.0)
     assert not world.moving(world.clock.now_s())
     if opens:
-        assert limits.closure(grasp.hand.state()) == pytest.approx(0.0, abs=0.3)
+        assert limits.closure(grasp.hand.state()) == pytest.approx(0.0, abs=0.5)
     elif not row.early:
         assert world.force_n(world.clock.now_s()) > 0.0, "dropping is damage too"
 

@@ -20,6 +20,9 @@ _LOADED, _JUMP = 0.5, 0.05
 #: through so many, while no other one slept through more than `_OTHERS` of them, is stuck. Where
 #: all of them slept through `_ALL_MOVES`, the frames arrive and are not new.
 _MOVES, _OTHERS, _ALL_MOVES = 8, 3, 4
+#: So is one that slept through fewer, for so long, while no other slept through more than one: a
+#: hand that approaches at speed makes few movements.
+_FEW_MOVES, _LONG_S = 5, 3.0
 #: The sheet has answered a movement after so long; the reports of a hand that stands differ by less
 #: than this, mm or kPa.
 _ANSWERED_S, _SAME = 0.3, 0.1
@@ -38,8 +41,8 @@ class PixelWatch:
     Where a load brings a pixel to the end step by step, it reads the least that it can be, and the
     others go on; once it has brought most of those that it presses there, nothing is known of it
     any more, and that is an alarm too. A pixel that sticks
-    in the middle of its range is known after eight movements of the fingers, all of them together
-    after four, and in a hand that stands too where the sensor flickers. A single one that sticks in
+    in the middle of its range is known after eight movements of the fingers (five in three seconds
+    or more, where the others are lively), all of them together after four, and in a hand that stands too where the sensor flickers. A single one that sticks in
     the hold is not known here.
 
     Parameters
@@ -62,6 +65,8 @@ class PixelWatch:
         self._loaded = np.zeros(rest_ohm.shape, dtype=bool)
         self._slept = np.zeros(rest_ohm.shape, dtype=int)
         self._shaken = np.zeros(rest_ohm.shape, dtype=bool)
+        self._awake_s = np.full(rest_ohm.shape, np.inf)
+        self._now_s = 0.0
         self._counted_at = 0.0
         self._frames = self._alike = self._longest = 0
         self._closure = 0.0
@@ -88,7 +93,10 @@ class PixelWatch:
         frame = observation.frame
         counts = np.asarray(frame.counts, dtype=float) / frame.oversampling
         before = counts if self._counts is None else self._counts
-        self._shaken |= counts != before
+        changed = counts != before
+        self._shaken |= changed
+        self._awake_s = np.where(changed, frame.time_s, np.fmin(self._awake_s, frame.time_s))
+        self._now_s = frame.time_s
         self._count_alike(alike=bool((counts == before)[self._known].all()))
         moving, closure = (
             observation.gripper.moving,
@@ -172,9 +180,14 @@ class PixelWatch:
             self._counted_at = closure
 
     def _stuck(self) -> NDArray[np.bool_]:
-        asleep = self._known & (self._slept >= _MOVES)
-        others = self._slept[self._known & ~asleep]
-        quiet = others.size == 0 or others.max() > _OTHERS
+        long = self._now_s - self._awake_s > _LONG_S
+        return self._asleep(_MOVES, others=_OTHERS) | (self._asleep(_FEW_MOVES, others=1) & long)
+
+    def _asleep(self, moves: int, *, others: int) -> NDArray[np.bool_]:
+        """Return which pixels slept through so many movements, where the others were awake."""
+        asleep = self._known & (self._slept >= moves)
+        rest = self._slept[self._known & ~asleep]
+        quiet = rest.size == 0 or rest.max() > others
         return np.zeros_like(asleep) if quiet else asleep
 
     def _under_load(self, counts: NDArray[np.float64]) -> NDArray[np.bool_]:
