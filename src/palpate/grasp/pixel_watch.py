@@ -40,10 +40,10 @@ class PixelWatch:
     converter's range by how it came, alone or while the fingers stood still, which no load does.
     Where a load brings a pixel to the end step by step, it reads the least that it can be, and the
     others go on; once it has brought most of those that it presses there, nothing is known of it
-    any more, and that is an alarm too. A pixel that sticks
-    in the middle of its range is known after eight movements of the fingers (five in three seconds
-    or more, where the others are lively), all of them together after four, and in a hand that stands too where the sensor flickers. A single one that sticks in
-    the hold is not known here.
+    any more, and that is an alarm too. A pixel that sticks in the middle of its range is known
+    after eight movements of the fingers (five in three seconds or more, where the others are
+    lively), all of them together after four, and in a hand that stands too where the sensor
+    flickers. A single one that sticks in the hold is not known here.
 
     Parameters
     ----------
