@@ -57,8 +57,8 @@ def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     >>> from types import SimpleNamespace
     >>> plan = SimpleNamespace(rest_ohm=np.array([[9e3, 8e3, 7e3]]))
     >>> strange_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)
-    >>> strange_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)
-    'the sheet at rest reads 0.0025 times the calibration's resistance, and weather or wear ...
+    >>> strange_rest(np.array([[20.0, 20.0, 20.0]]), plan=plan)[:36]
+    'the sheet at rest reads 0.0025 times'
     """
     ratio = np.asarray(rest_ohm) / np.asarray(plan.rest_ohm)
     ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
