@@ -131,8 +131,14 @@ STRIKES: dict[str, tuple[Callable[[RegulatorBoard], None], Outcome, str]] = {
 }
 
 
-@pytest.mark.xfail(strict=False, reason="not yet brought in line with the approach at speed")
-@pytest.mark.parametrize("strike", STRIKES)
+#: Of all cases one alone fails.
+LATE = pytest.mark.xfail(strict=False, reason="not yet brought in line with the approach at speed")
+
+
+@pytest.mark.parametrize(
+    "strike",
+    [pytest.param(name, marks=LATE if name == "supply lost" else ()) for name in STRIKES],
+)
 def test_a_fault_ends_the_grasp_and_vents(
     plan: Plan, board: RegulatorBoard, strike: str, tmp_path: Path
 ) -> None:
