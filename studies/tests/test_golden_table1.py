@@ -38,12 +38,15 @@ def test_the_fitted_family_meets_the_recorded_row(payload: dict[str, Any]) -> No
 
 
 def test_the_exponential_is_near_the_papers_own(payload: dict[str, Any]) -> None:
-    # Means with means. At 2 and 2.5 s the family misses what is published (3.4 on ten sensors where
-    # that is 2.5, see docs/paper-notes.md), and on these two by more; from 3 s on it is near.
-    ratio = means(payload, "exponential") / np.array(table1.PUBLISHED["exponential"])
-    assert np.all((ratio[[1, 2]] > 0.6) & (ratio[[1, 2]] < 2.0))
-    others = np.delete(ratio, [1, 2])
-    assert np.all((others > 0.6) & (others < 1.5))
+    # What is published are means. A short window leaves C open on single holds, which rule the
+    # means of 40: from 2 to 3 s the family misses them (3.4 on ten sensors where 2.5 is published, see
+    # docs/paper-notes.md). The medians, which such holds can't rule, are near at every cut-off.
+    published = np.array(table1.PUBLISHED["exponential"])
+    rows = payload["families"]["two-mode"]["exponential"]
+    medians = np.array([row["median_abs_error_percent"] for row in rows]) / published
+    assert np.all((medians > 0.7) & (medians < 1.5))
+    ratio = means(payload, "exponential") / published
+    assert np.all((ratio > 0.6) & (ratio < np.where(np.arange(ratio.size) < 4, 1.8, 1.2)))
 
 
 def test_calibration_inputs_are_named(payload: dict[str, Any]) -> None:

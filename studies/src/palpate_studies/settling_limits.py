@@ -56,9 +56,9 @@ def report(file: Path) -> StudyReport:
     if len(known) < 2 * FOLDS:
         raise InputError(f"{file}: {len(known)} holds reach {HORIZON_S:g} s; learners need 20")
     real = {
-        "log law, t0 = 0.4 s from 0.1 s on": _errors(known, _log_law),
+        "log_law_early": _errors(known, method="log_law_early"),
         **_learners(known),
-        "relaxation": _errors(known, _relaxation),
+        "relaxation": _errors(known, method="relaxation"),
     }
     drawn = drawn_family()
     return StudyReport(
@@ -83,24 +83,18 @@ def report(file: Path) -> StudyReport:
     )
 
 
-def _errors(holds: Sequence[Hold], predict: Callable[[Hold, float], float]) -> list[FloatArray]:
-    return [np.array([_percent(h, predict(h, cutoff_s)) for h in holds]) for cutoff_s in CUTOFFS_S]
+def _errors(holds: Sequence[Hold], *, method: str) -> list[FloatArray]:
+    """Return |error| in % of each hold, at each cut-off."""
+    return [
+        np.array([_percent(hold, cutoff_s, method=method) for hold in holds])
+        for cutoff_s in CUTOFFS_S
+    ]
 
 
-def _percent(hold: Hold, predicted: float) -> float:
+def _percent(hold: Hold, cutoff_s: float, *, method: str) -> float:
     settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
-    return float(100 * abs(predicted / settled - 1))
-
-
-def _relaxation(hold: Hold, cutoff_s: float) -> float:
-    return float(predict_settled(hold.time_s, hold.values, cutoff_s=cutoff_s).value)
-
-
-def _log_law(hold: Hold, cutoff_s: float) -> float:
-    since_s, values = _since_peak(hold, cutoff_s)
-    late = since_s >= 0.1
-    slope, level = np.polyfit(np.log(since_s[late] + 0.4), values[late], 1)
-    return float(level + slope * np.log(TARGET_S + 0.4))
+    found = predict_settled(hold.time_s, hold.values, cutoff_s=cutoff_s, method=method)
+    return float(100 * abs(found.value / settled - 1))
 
 
 def _since_peak(hold: Hold, cutoff_s: float) -> tuple[FloatArray, FloatArray]:
