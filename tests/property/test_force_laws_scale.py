@@ -8,46 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.observer import ForceObserver, ObserverModel
-
-MODEL = ObserverModel(
-    time_constants_s=(0.1, 1.0),
-    weights=(0.8, -0.1, 0.1),
-    sharing=0.5,
-    unloading=0.3,
-    spread=(0.02, 0.01, 0.1, 0.1),
-    tail=1.2,
-)
-READINGS = st.lists(st.floats(0.0, 500.0), min_size=3, max_size=30)
-
-
-def said(readings: list[float], told_n: float) -> np.ndarray:
-    """Return value, low and high of every reading after the second, at which the force is told."""
-    observer = ForceObserver(MODEL)
-    answers = []
-    for k, excess in enumerate(readings):
-        now = observer.step(0.05 * k, [excess])
-        if k == 1:
-            observer.tell([told_n])
-        elif k > 1:
-            answers.append([now.value_n[0], now.low_n[0], now.high_n[0]])
-    return np.array(answers)
-
-
-@settings(max_examples=60, deadline=None)
-@given(READINGS, st.floats(0.1, 50.0), st.floats(0.1, 10.0))
-def test_the_observer_scales_with_the_force_told(
-    readings: list[float], told_n: float, factor: float
-) -> None:
-    assert said(readings, told_n * factor) == pytest.approx(factor * said(readings, told_n))
-
-
-@settings(max_examples=60, deadline=None)
-@given(READINGS)
-def test_intervals_hold_their_value_and_stay_finite(readings: list[float]) -> None:
-    value, low, high = said(readings, 2.0).T
-    assert np.isfinite([value, low, high]).all()
-    assert ((low < value) & (value < high)).all()
 
 
 @settings(max_examples=30, deadline=None)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.estimate.observer_fit import Trace
 from palpate.tables import read_table
 
 FloatArray: TypeAlias = NDArray[np.float64]
@@ -28,8 +27,28 @@ TOLD_SHARE = 0.8
 LEAD_S = 3.0
 #: The rest reading is the median over this long, up to so long before the press begins.
 REST_S, BEFORE_S = 1.0, 0.3
-#: The logger's divider: its readings step by 620 ohm / 1023 near 0 ohm.
-LOGGER_REFERENCE_OHM, LOGGER_COUNTS = 620.0, 1023.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trace:
+    """One loading of one sheet with its reference force.
+
+    Attributes
+    ----------
+    time_s, excess, force_n : ndarray, shape (n_times,)
+        From before the contact on; `excess` is the conductance G/G0 - 1.
+    first, told : int
+        Sample from which the force is above the threshold, and sample at which it is told.
+    group : str
+        Traces of one group (a sensor, a setting) are left out together.
+    """
+
+    time_s: FloatArray
+    excess: FloatArray
+    force_n: FloatArray
+    first: int
+    told: int
+    group: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,13 +132,9 @@ def _cut(
         lead = max(int(np.searchsorted(time_s, time_s[begin] - LEAD_S)), previous_end)
         here = slice(lead, end)
         excess = _rest_ohm(time_s, ohm, begin=begin, since=previous_end) / ohm[here] - 1
-        digit_ohm = (1 + ohm[here] / LOGGER_REFERENCE_OHM) ** 2 * (
-            LOGGER_REFERENCE_OHM / LOGGER_COUNTS
-        )
         trace = Trace(
             time_s=time_s[here],
             excess=excess,
-            resolution=(excess + 1) * digit_ohm / ohm[here],
             force_n=force_n[here],
             first=begin - lead,
             told=int(enough[0]) - lead,

@@ -1,4 +1,4 @@
-"""Run a model over a press as if it came in live, and compare with the load cell."""
+"""What a model answered of a press, next to the load cell."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.creep import FloatArray
-from palpate.estimate.observer import ForceObserver, ObserverModel
+from palpate.arrays import FloatArray
 from palpate_studies.press_data import Press
 from palpate_studies.press_models import Prediction
 
@@ -79,24 +78,3 @@ def in_newtons(press: Press, prediction: Prediction) -> Followed:
         low_n=told_n * np.exp(change - half),
         high_n=told_n * np.exp(change + half),
     )
-
-
-def follow(press: Press, model: ObserverModel, *, level: float = 0.9) -> Followed:
-    """Run the observer over a press, frame by frame, and keep what it said after it was told."""
-    observer = ForceObserver(model, level=level)
-    trace = press.trace
-    said = []
-    for k, time_s in enumerate(trace.time_s):
-        one = slice(k, k + 1)
-        now = observer.step(
-            float(time_s),
-            trace.excess[one],
-            resolution=trace.resolution[one],
-            deformation=None if trace.deformation is None else trace.deformation[one],
-        )
-        if k == trace.told:
-            observer.tell(trace.force_n[one])
-        elif k > trace.told:
-            said.append((now.value_n[0], now.low_n[0], now.high_n[0]))
-    value, low, high = np.array(said).T
-    return Followed(press=press, value_n=value, low_n=low, high_n=high)

@@ -47,7 +47,7 @@ def _inputs(press: Press) -> FloatArray:
     return np.concatenate([states - states[told], measured], axis=1)
 
 
-def _target(press: Press) -> FloatArray:
+def log_change(press: Press) -> FloatArray:
     """Return ln(force / told force); before the contact, where nothing is asked, of 0.01 N."""
     force_n = np.maximum(press.trace.force_n, 0.01)
     return np.asarray(np.log(force_n / force_n[press.trace.told]))
@@ -90,14 +90,14 @@ def _median(values: FloatArray, weight: FloatArray, level: float = 0.5) -> float
 
 
 def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Follower:
-    errors = _pooled(train, lambda press: np.abs(follow(press) - _target(press)))
+    errors = _pooled(train, lambda press: np.abs(follow(press) - log_change(press)))
     half = _median(errors, _weight(train), LEVEL)
     return lambda press: ((value := follow(press)), np.full(value.shape, half))
 
 
 def constant(train: Presses) -> Follower:
     """Learn by how much the force still rises after it is told."""
-    rise = _median(_pooled(train, _target), _weight(train))
+    rise = _median(_pooled(train, log_change), _weight(train))
     return _with_interval(lambda press: np.full(len(press.trace.time_s), rise), train)
 
 
@@ -108,7 +108,7 @@ def clock(train: Presses) -> Follower:
         since_s = press.trace.time_s - press.trace.time_s[press.trace.told]
         return np.asarray(np.round(since_s / _TICK_S))
 
-    tick, change = _pooled(train, ticks), _pooled(train, _target)
+    tick, change = _pooled(train, ticks), _pooled(train, log_change)
     order = np.argsort(tick, kind="stable")
     seen, starts = np.unique(tick[order], return_index=True)
     usual = np.array([np.median(part) for part in np.split(change[order], starts[1:])])
@@ -121,7 +121,7 @@ def static(train: Presses) -> Follower:
     def reading(press: Press) -> FloatArray:
         return _inputs(press)[:, 0]
 
-    x, y, weight = _pooled(train, reading), _pooled(train, _target), _weight(train)
+    x, y, weight = _pooled(train, reading), _pooled(train, log_change), _weight(train)
     slope, share = 1.0, weight
     for _ in range(20):
         slope = float((share * x) @ y / max(float((share * x) @ x), 1e-12))
@@ -148,7 +148,7 @@ def _model(train: Presses) -> ForceModel:
     group = [press.trace.group for press in train for _ in range(int(_seen(press).sum()))]
     inputs = np.concatenate([_inputs(press)[_seen(press)] for press in train])
     return ForceModel.fit(
-        inputs, target=_pooled(train, _target), weight=_weight(train), group=group
+        inputs, target=_pooled(train, log_change), weight=_weight(train), group=group
     )
 
 
@@ -170,7 +170,7 @@ def _widening(train: Presses) -> dict[bool, float]:
         for press in left:
             value, half = model.predict(_inputs(press), level=LEVEL)
             seen = _seen(press)
-            ratio.append((np.abs(value - _target(press)) / half)[seen])
+            ratio.append((np.abs(value - log_change(press)) / half)[seen])
             falling.append(_falling(press)[seen])
         share = _weight(left)
         weight.append(share / share.sum() * len({press.trace.group for press in left}))

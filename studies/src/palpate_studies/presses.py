@@ -194,7 +194,7 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
 
 
 def _with_stretches(report: StudyReport, stretches: Sequence[Press]) -> StudyReport:
-    stretched = follow_stretches(stretches, level=LEVEL)
+    stretched = follow_stretches(stretches)
     table, rows = stretch_table(stretches, stretched)
 
     def draw() -> Figure:
@@ -204,9 +204,8 @@ def _with_stretches(report: StudyReport, stretches: Sequence[Press]) -> StudyRep
         report,
         provenance=(
             *report.provenance,
-            "Stretches: the observer also knows that the clip stands still, so that the rubber "
-            "relaxes by itself; `sheet alone` does not. The last two rows of each specimen are "
-            "bounds, not estimators.",
+            "Stretches: specimens left out; told the force once, 0.5 s after the peak. The clock "
+            "reads no sensor.",
         ),
         tables=[*report.tables, table],
         payload={**report.payload, "stretches": rows},

@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from palpate.estimate.observer_fit import Trace
 from palpate.holds import Hold
 from palpate.sensor.array import ArrayLayout
 from palpate.signal.circuit import Divider
 from palpate.signal.relative import excess_conductance
-from palpate_studies.press_data import Press
+from palpate_studies.press_data import Press, Trace
 from palpate_studies.realism_quantities import HORIZON_S, SMALLEST_N, Ladder
 from palpate_studies.twin_session import SPEED_MM_PER_S, STILL_S, Session, drawn
 
@@ -85,7 +84,6 @@ def _press(session: Session, size_mm: float) -> Callable[[Sequence[int]], Trace]
         return Trace(
             time_s=np.array(clock),
             excess=excess[:, list(pixels)].sum(axis=1),
-            resolution=np.full(len(clock), 1e-3),
             force_n=force_n,
             first=int(np.argmax(force_n > SMALLEST_N)),
             told=int(np.argmax(force_n >= 0.95 * force_n.max())),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +10,19 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.creep import CONTACT_EXCESS
-from palpate.estimate.observer_fit import Trace, fit_observer
+from palpate.estimate.force_model import ForceModel
+from palpate.estimate.force_states import CONTACT_EXCESS, log_reading, states_of
 from palpate.holds import read_holds
-from palpate_studies.press_data import Press
-from palpate_studies.press_follow import Followed, follow
+from palpate_studies.press_data import Press, Trace
+from palpate_studies.press_follow import Followed, in_newtons
+from palpate_studies.press_models import LEVEL, Follower, Presses, log_change
 from palpate_studies.report import Table
 from palpate_studies.specimens import specimen_of
-from palpate_studies.stretch_bounds import BOUNDS, bound_errors
 
 #: The force is told once, this long after the peak; before it the fixture still rings.
 TOLD_S = 0.5
-#: Model -> whether it remembers, and whether it knows that the clip stands still.
-MODELS: Mapping[str, tuple[bool, bool]] = {
-    "static": (False, False),
-    "observer, sheet alone": (True, False),
-    "observer": (True, True),
-}
+#: Of the history of the resistance: from a few readings to half of a hold.
+_TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0)
 #: Followed until here, the horizon of a settled value.
 HORIZON_S = 20.0
 
@@ -58,13 +53,10 @@ def read_stretches(resistance: Path, *, force: Path) -> list[Press]:
             # Under stretch resistance and force fall together: resistance takes the place of
             # conductance, and the offset cancels the one that the creep states add.
             excess=ohm / ohm[0] - CONTACT_EXCESS,
-            resolution=np.zeros_like(ohm),
             force_n=cell.values[kept],
             first=told,
             told=told,
             group=specimen_of(hold.hold_id),
-            # The clip stands still from the peak on: one step, of a size that doesn't matter.
-            deformation=np.ones_like(time_s),
         )
         stretches.append(
             Press(recording_id=hold.hold_id, press=0, trace=trace, last_held=len(time_s) - 1)
@@ -77,25 +69,75 @@ def read_stretches(resistance: Path, *, force: Path) -> list[Press]:
     return stretches
 
 
-def follow_stretches(
-    stretches: Sequence[Press], *, level: float
-) -> Mapping[str, Sequence[Followed]]:
+def follow_stretches(stretches: Presses) -> Mapping[str, Sequence[Followed]]:
     """Follow each specimen with models learned from the others; return them by model."""
     followed: dict[str, list[Followed]] = {name: [] for name in MODELS}
     for specimen in dict.fromkeys(one.trace.group for one in stretches):
-        for name, (memory, closure) in MODELS.items():
-            seen = [one if closure else _sheet_alone(one) for one in stretches]
-            model = fit_observer(
-                [one.trace for one in seen if one.trace.group != specimen], memory=memory
-            )
+        others = [one for one in stretches if one.trace.group != specimen]
+        for name, learn in MODELS.items():
+            follow = learn(others)
             followed[name] += [
-                follow(one, model, level=level) for one in seen if one.trace.group == specimen
+                in_newtons(one, follow(one)) for one in stretches if one.trace.group == specimen
             ]
     return followed
 
 
-def _sheet_alone(stretch: Press) -> Press:
-    return replace(stretch, trace=replace(stretch.trace, deformation=None))
+def static(train: Presses) -> Follower:
+    """Learn a power law of the change of the resistance."""
+    return _learned(train, lambda one: _history(one)[:, :1], landmarks=0)
+
+
+def observer(train: Presses) -> Follower:
+    """Learn the force model on the history of the resistance and the measured force."""
+    return _learned(train, _history)
+
+
+def clock(train: Presses) -> Follower:
+    """Learn the usual relaxation at each time, by a share that depends on the measured force."""
+    return _learned(train, _clock, landmarks=0)
+
+
+def _learned(
+    train: Presses, inputs: Callable[[Press], FloatArray], *, landmarks: int = 120
+) -> Follower:
+    parts = [inputs(one)[one.trace.told + 1 :] for one in train]
+    targets = [log_change(one)[one.trace.told + 1 :] for one in train]
+    model = ForceModel.fit(
+        np.concatenate(parts),
+        target=np.concatenate(targets),
+        group=[one.trace.group for one, part in zip(train, parts, strict=True) for _ in part],
+        # Each hold counts the same, however often it was read.
+        weight=np.concatenate([np.full(len(part), 100.0 / len(part)) for part in parts]),
+        landmarks=landmarks,
+    )
+    return lambda one: model.predict(inputs(one), level=LEVEL)
+
+
+def _history(stretch: Press) -> FloatArray:
+    trace = stretch.trace
+    reading = log_reading(trace.excess)
+    states = states_of(trace.time_s, reading, time_constants_s=_TIME_CONSTANTS_S)
+    return np.concatenate([states - states[trace.told], _told(stretch)], axis=1)
+
+
+def _clock(stretch: Press) -> FloatArray:
+    trace = stretch.trace
+    since_s = np.maximum(trace.time_s - trace.time_s[trace.told], 0.0)
+    ticks = np.log1p(since_s / TOLD_S)[:, None]
+    return np.concatenate([ticks, ticks * _told(stretch)], axis=1)
+
+
+def _told(stretch: Press) -> FloatArray:
+    trace = stretch.trace
+    return np.full((len(trace.time_s), 1), np.log(trace.force_n[trace.told]))
+
+
+#: Name -> how it is learned.
+MODELS: Mapping[str, Callable[[Presses], Follower]] = {
+    "static": static,
+    "observer": observer,
+    "clock, no sensor": clock,
+}
 
 
 def stretch_table(
@@ -106,9 +148,6 @@ def stretch_table(
     rows = [
         _score(name, specimen, each) for specimen in specimens for name, each in followed.items()
     ]
-    for name, reads in BOUNDS.items():
-        bounds = list(bound_errors(stretches, reads=reads))
-        rows += [_bound_score(name, specimen, bounds) for specimen in specimens]
     rows.sort(key=lambda row: specimens.index(row["specimen"]))
     columns = {
         "median_abs_log_error": "median abs ln error",
@@ -121,26 +160,11 @@ def stretch_table(
         columns=("specimen", "model", "holds", *columns.values()),
         rows=[
             [row["specimen"], row["model"], str(row["holds"])]
-            + ["-" if row[key] is None else f"{row[key]:.4f}" for key in columns]
+            + [f"{row[key]:.4f}" for key in columns]
             for row in rows
         ],
     )
     return table, rows
-
-
-def _bound_score(
-    model: str, specimen: str, bounds: Sequence[tuple[Press, FloatArray]]
-) -> dict[str, Any]:
-    mine = [error for one, error in bounds if specimen in ("all", one.trace.group)]
-    return {
-        "specimen": specimen,
-        "model": model,
-        "holds": len(mine),
-        "median_abs_log_error": float(np.median([np.median(np.abs(error)) for error in mine])),
-        "final_log_error": float(np.median([abs(error[-1]) for error in mine])),
-        "coverage": None,
-        "told_force_held_log_error": None,
-    }
 
 
 def _score(model: str, specimen: str, followed: Sequence[Followed]) -> dict[str, Any]:
