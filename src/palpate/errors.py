@@ -28,6 +28,12 @@ class RecordingError(PalpateError):
     """A recording that can't be read or written."""
 
 
+class RecordingLostError(RecordingError):
+    """A recording that can't be written any more: disk full, medium gone."""
+
+    exit_status = 3
+
+
 class MissingExtraError(PalpateError):
     """An optional dependency is not installed; the message names the extra to install."""
 

@@ -130,16 +130,17 @@ def grasp(
         truth = None if devices.truth is None else dict(devices.truth())
         said = verdict(result, target_force_n=target_force_n)
         limited = None if limit is None else limit.as_json(result)
-        if not as_json:
-            # Before the store, which may not answer.
+        kept = {} if memory is None else memory.take(result, rig=devices, recording=record)
+        if as_json:
+            document = {**result.as_json(), "verdict": said, "damage_limit": limited, **kept}
+            if truth is not None:
+                document |= {"simulated": True, "object": devices.subject, "truth": truth}
+            print(json.dumps(document, allow_nan=False, indent=1), flush=True)
+        else:
             print_card(result, said=said, rig=devices, seed=seed, truth=truth, limited=limited)
             sys.stdout.flush()
-        kept = {} if memory is None else memory.keep(result, rig=devices, recording=record)
-    if as_json:
-        document = {**result.as_json(), "verdict": said, "damage_limit": limited, **kept}
-        if truth is not None:
-            document |= {"simulated": True, "object": devices.subject, "truth": truth}
-        print(json.dumps(document, allow_nan=False, indent=1))
+        # After the answer: the store may not give one.
+        unkept = memory is not None and not memory.keep()
     status = _EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
@@ -147,7 +148,7 @@ def grasp(
     lost = next((fault for fault in result.faults if fault.startswith(RECORDER)), None)
     if lost is not None and status < _NOT_KEPT:
         print(f"palpate grasp: {lost}", file=sys.stderr)
-    if lost is not None or (kept and kept["stored"] is None):
+    if lost is not None or unkept:
         status = max(status, _NOT_KEPT)
     if status:
         raise typer.Exit(status)

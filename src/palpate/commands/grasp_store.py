@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from palpate.grasp.runner import Watcher
     from palpate.produce.closing_firmness import ClosingWatch
     from palpate.produce.keeping import Keeper
+    from palpate.produce.records_json import Record
     from palpate.rig import Rig
 
 
@@ -28,6 +29,7 @@ class Memory:
         self._angle_deg = angle_deg
         self._seen: list[Observation] = []
         self._closing: ClosingWatch | None = None
+        self._records: tuple[Record, ...] = ()
 
     def watch(self, plan: Plan) -> Watcher:
         """Return what is to watch the controller's beliefs of a grasp with this plan."""
@@ -40,11 +42,8 @@ class Memory:
         """Take the next observation."""
         self._seen.append(observation)
 
-    def keep(self, result: GraspResult, *, rig: Rig, recording: Path | None) -> dict[str, object]:
-        """Keep the grasp with the calibration it rests on; return what the JSON says of it.
-
-        `stored` is True where the store has it, False where it waits, None where it is lost.
-        """
+    def take(self, result: GraspResult, *, rig: Rig, recording: Path | None) -> dict[str, str]:
+        """Take how the grasp ended; return what the JSON says of it."""
         from palpate.produce.of_grasp import records_of
 
         calibration, grasp = records_of(
@@ -60,14 +59,22 @@ class Memory:
             angle_deg=self._angle_deg,
             closing={} if self._closing is None else self._closing.measured(),
         )
-        stored: bool | None = None
+        self._records = (calibration, grasp)
+        return {"item_id": self._item_id, "grasp_id": grasp.grasp_id}
+
+    def keep(self) -> bool:
+        """Keep the grasp with the calibration it rests on; False where it is lost.
+
+        A store that does not answer is waited for.
+        """
         try:
-            stored = self._keeper.keep(calibration, grasp)
+            stored = self._keeper.keep(*self._records)
         except OSError as error:
             self._say(f"can't be written ({error.strerror}): the grasp is NOT kept")
-        if stored is False:
+            return False
+        if not stored:
             self._say("has the grasp, until it is written to the store by the next that finds it")
-        return {"item_id": self._item_id, "grasp_id": grasp.grasp_id, "stored": stored}
+        return True
 
     def _say(self, text: str) -> None:
         keeper = self._keeper

@@ -19,6 +19,8 @@ _REMEDIES = {
     errno.EROFS: "choose a place that can be written to",
     errno.ENOSPC: "make room, or choose another disk",
 }
+#: Failures of a disk that no other argument mends.
+_EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
@@ -59,4 +61,4 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
         remedy = _REMEDIES.get(error.errno or 0)
         said = ": ".join(str(part) for part in what if part)
         print(f"{name}: {said}" + (f"; {remedy}" if remedy else ""), file=sys.stderr)
-        return 2
+        return 3 if error.errno in _EQUIPMENT else 2

@@ -79,7 +79,6 @@ def record(
         # Before the file: a signal while that is begun or finished must not tear it either.
         stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=source.info))
-        stack.callback(lambda: _say(f"{file}: {source.link_text()}"))
         _say(f"recording {source.name} to {file}; Ctrl-C ends it")
         capture(
             source.array,
@@ -91,6 +90,7 @@ def record(
             stopped=stopped,
             report=_say,
         )
+    _say(f"{file}: {source.link_text()}")
     if stopped():
         raise KeyboardInterrupt
 

@@ -80,6 +80,8 @@ def serve(
         realtime=realtime,
         damage=None if damage is None else DamageFile.load(damage),
     )
+    # In an address it stands in brackets.
+    host = host.strip("[]")
     serve_page(settings, host=host, port=port, token=token, announce=_announce)
 
 

@@ -71,8 +71,8 @@ class Desk:
         self._process: DeviceProcess | None = None
         self._heard_s: float | None = None
 
-    def open(self) -> None:
-        """Start the devices' process and open the first rig."""
+    async def open(self) -> None:
+        """Start the devices' process, wait until it hears a stop, and open the first rig."""
         self._loop = asyncio.get_running_loop()
         settings = self.settings
         self._process = DeviceProcess(
@@ -84,6 +84,8 @@ class Desk:
             seed=settings.seed,
             speed=settings.speed,
         )
+        while self._heard_s is None:  # it speaks first, or its end is heard
+            await asyncio.sleep(_LOOK_S)
         self.session.open_first(first)
 
     def close(self) -> None:

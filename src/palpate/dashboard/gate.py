@@ -7,13 +7,12 @@ import html
 import time
 from collections import deque
 from collections.abc import Callable
-from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers
-from starlette.requests import Request
+from starlette.requests import Request, cookie_parser
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -41,7 +40,7 @@ def is_loopback(host: str) -> bool:
     if host in _LOOPBACK_NAMES:
         return True
     try:
-        return ip_address(host.strip("[]")).is_loopback
+        return ip_address(host).is_loopback
     except ValueError:
         return False
 
@@ -112,11 +111,8 @@ class Gate:
         return not foreign and (not self._loopback or is_loopback(host))
 
     def _knows(self, headers: Headers, token: str) -> bool:
-        try:
-            cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-        except CookieError:
-            return False
-        return cookie is not None and _same(cookie.value, _kept(token))
+        # Every port of a host shares its cookies: those of others may be odd.
+        return _same(cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), _kept(token))
 
     async def _ask(self, scope: Scope, receive: Receive, token: str) -> Response:
         """Take the token from the form or the address, or ask for it."""

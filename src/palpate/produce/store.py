@@ -13,7 +13,7 @@ from types import TracebackType
 
 from palpate.errors import StoreError
 from palpate.produce.records import Grasp, Item, Verdict
-from palpate.produce.store_engine import faults_of, make_engine, shown, store_url
+from palpate.produce.store_engine import faults_of, make_engine, shown, store_url, url_to_read
 from palpate.produce.store_migrations import STEPS, found_version, migrate
 from palpate.produce.store_reader import StoreReader
 from palpate.produce.store_sql import sa
@@ -53,7 +53,7 @@ class Store(StoreReader):
             A file, or a URL: ``sqlite:///items.sqlite``, ``postgresql://user@host/database``. By
             default ``$PALPATE_STORE``, else ``palpate-items.sqlite`` in the current folder.
         create : bool
-            False to refuse a file that is not there.
+            False to refuse a file that is not there, and to take one that can only be read.
 
         Raises
         ------
@@ -70,6 +70,8 @@ class Store(StoreReader):
         name = shown(url)
         if url.get_backend_name() == "sqlite" and url.database and "uri" not in url.query:
             _check_file(Path(url.database), name=name, create=create)
+            if not create:
+                url = url_to_read(url)
         store = cls(make_engine(url), name=name)
         try:
             with faults_of(name):

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from palpate.errors import InputError, StoreAwayError, StoreError, needing
 from palpate.produce.store_sql import sa
@@ -83,6 +84,20 @@ def store_url(where: str | Path | None) -> sa.URL:
         f"store {driver}://...: must be a file, or a URL that begins with sqlite:/// or "
         "postgresql://"
     )
+
+
+def url_to_read(url: sa.URL) -> sa.URL:
+    """Return the URL of an SQLite file for reading, which may lie on a medium without writing.
+
+    SQLite wants to put helper files into the folder, and refuses one where it can't, unless it is
+    told that nobody writes. Where a helper file lies there, somebody did: then nothing is changed.
+    """
+    path = Path(url.database or "")
+    helper = Path(f"{path}-wal")
+    if helper.exists() or os.access(path.parent, os.W_OK, effective_ids=True):
+        return url
+    unchanging = {"mode": "ro", "immutable": "1", "uri": "true"}
+    return url.set(database=f"file:{quote(str(path))}", query=unchanging)
 
 
 def shown(url: sa.URL) -> str:

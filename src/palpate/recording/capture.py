@@ -54,8 +54,8 @@ def capture(
     ------
     DeviceError
         If the sensor is gone for good, or silent at the end.
-    RecordingError
-        If the file can't be written.
+    RecordingLostError
+        If the file can't be written any more.
     """
     end_s = clock.now_s() + duration_s
     frames, silent = 0, False

@@ -11,7 +11,7 @@ from typing import IO, cast
 
 from mcap.writer import Writer
 
-from palpate.errors import RecordingError
+from palpate.errors import RecordingError, RecordingLostError
 from palpate.gripper.interface import GripperState
 from palpate.recording.channels import (
     METADATA_NAME,
@@ -81,7 +81,9 @@ class RecordingWriter:
     Raises
     ------
     RecordingError
-        If the file exists or can't be made; later, from any method, if it can't be written.
+        If the file exists or can't be made.
+    RecordingLostError
+        Then or later, from any method, if it can't be written.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, info: RecordingInfo) -> None:
@@ -108,7 +110,9 @@ class RecordingWriter:
     def add(self, message: Message) -> None:
         """Add a frame, gripper state, event or load cell reading, in the order they happened."""
         if self._failed:
-            raise RecordingError(f"{self.path}: writing failed before; nothing more is recorded")
+            raise RecordingLostError(
+                f"{self.path}: writing failed before; nothing more is recorded"
+            )
         start_s = self._chunk_start_s
         try:
             # A gripper's state may be a little younger than the frame that follows it.
@@ -171,12 +175,15 @@ class RecordingWriter:
                 self._sync.result()
             self._sync = self._pool.submit(os.fdatasync, self._descriptor)
 
-    def _failure(self, error: OSError) -> RecordingError:
+    def _failure(self, error: OSError) -> RecordingLostError:
         self._failed = True
-        end_s = 0.0 if self._last_s is None else self._last_s
-        return RecordingError(
+        if self._last_s is None:
+            return RecordingLostError(
+                f"{self.path}: {error.strerror}. Nothing is recorded; free some space first."
+            )
+        return RecordingLostError(
             f"{self.path}: {error.strerror}. The file lacks at most the last second before "
-            f"{end_s:.1f} s; free some space, then run `palpate recover` on it."
+            f"{self._last_s:.1f} s; free some space, then run `palpate recover` on it."
         )
 
 

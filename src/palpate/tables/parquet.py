@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError, needing
+from palpate.tables.numbers import usable
 from palpate.tables.table import Table
 
 
@@ -97,5 +98,5 @@ def _column(values: Any, key: str, *, name: str) -> NDArray[Any]:
         numbers = np.array(array, dtype=np.float64)
     except (TypeError, ValueError):
         return array.astype(object)
-    numbers[~np.isfinite(numbers)] = np.nan
+    numbers[~usable(numbers)] = np.nan
     return numbers

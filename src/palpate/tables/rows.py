@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.tables.form import MISSING
+from palpate.tables.numbers import usable
 from palpate.tables.table import Table, unique_names
 
 #: Rows that can't be used are left out, and said, up to this share: a log that begins or ends in
@@ -130,7 +131,7 @@ def _join(pieces: Iterable[NDArray[Any]]) -> tuple[NDArray[Any], list[int]]:
     pieces = list(pieces)
     if all(piece.dtype == np.float64 for piece in pieces):
         joined = np.concatenate(pieces)
-        joined[~np.isfinite(joined)] = np.nan
+        joined[~usable(joined)] = np.nan
         return joined, []
     found, texts, strange, at = [], [], [], 0
     for piece in pieces:
@@ -148,7 +149,7 @@ def _join(pieces: Iterable[NDArray[Any]]) -> tuple[NDArray[Any], list[int]]:
         texts.append(piece.astype(object))
         at += piece.size
     numbers = np.concatenate(found)
-    numbers[~np.isfinite(numbers)] = np.nan
+    numbers[~usable(numbers)] = np.nan
     if 2 * len(strange) >= at:
         return np.concatenate(texts), []
     return numbers, strange

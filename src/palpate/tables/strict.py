@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.tables.files import form_of, open_table
 from palpate.tables.form import SEPARATORS, split_fields
+from palpate.tables.numbers import LARGEST, usable
 from palpate.tables.table import Table
 from palpate.tables.text import ROWS_AT_A_TIME, lines_of, open_text, split_rows
 
@@ -60,7 +61,7 @@ def read_table(
     ...     read_table(path, columns={"load_n": "number"})
     ... except InputError as error:
     ...     print(str(error).replace(str(path), "loads.csv"))
-    loads.csv line 3: load_n is 'heavy', not a finite number; mend or remove the line
+    loads.csv line 3: load_n is 'heavy', not a finite number up to 1e+150; mend or remove the line
     """
     pieces = list(read_pieces(path, columns=columns))
     return {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in columns}
@@ -222,7 +223,7 @@ class _RowReader:
             empty = np.array([not field.strip() for field in fields])
             fields = [field if field.strip() else "nan" for field in fields]
         numbers = np.fromiter(map(float, fields), dtype=np.float64, count=len(fields))
-        if not (np.isfinite(numbers) | empty).all():
+        if not (usable(numbers) | empty).all():
             raise ValueError("not finite")
         return numbers
 
@@ -246,7 +247,9 @@ class _RowReader:
 
 
 def _refuse(column: str, found: str, *, where: str, remedy: str) -> NoReturn:
-    raise InputError(f"{where}: {column} is {found}, not a finite number; {remedy}") from None
+    raise InputError(
+        f"{where}: {column} is {found}, not a finite number up to {LARGEST:g}; {remedy}"
+    ) from None
 
 
 def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
@@ -290,7 +293,7 @@ def _cells(cells: Any, column: str, kind: Kind, *, start: int, name: str) -> NDA
     if kind == "text":
         return np.array(["" if text is None else str(text) for text in cells.to_pylist()], object)
     numbers = np.asarray(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
-    sound = np.isfinite(numbers) | (missing & (kind == "number or empty"))
+    sound = usable(numbers) | (missing & (kind == "number or empty"))
     if not sound.all():
         at = int(np.argmin(sound))
         found = "missing" if missing[at] else f"{numbers[at]}"

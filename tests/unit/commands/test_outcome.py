@@ -63,7 +63,7 @@ def test_a_full_disk_is_one_line() -> None:
             text=True,
             check=False,
         )
-    assert done.returncode == 2
+    assert done.returncode == 3
     assert done.stderr == "palpate: No space left on device; make room, or choose another disk\n"
 
 

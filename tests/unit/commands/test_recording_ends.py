@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.unit.recording.test_recording_files import file_limit
 
 from palpate.cli import build_app
 from palpate.commands.outcome import run
@@ -38,6 +39,28 @@ def test_sigterm_ends_a_recording_with_the_file_whole(tmp_path: Path) -> None:
     assert recorder.returncode == 130
     assert "Traceback" not in said
     assert frames_of(path)[1].intact
+
+
+def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.mcap"
+    with file_limit(130_000):
+        assert palpate("record", path, "--rig", "sim-rigid", "--seconds", "60") == 3
+    began, failed = capsys.readouterr().err.splitlines()
+    assert began.startswith("recording sim-rigid")
+    assert failed.startswith(f"palpate: {path}: File too large. The file lacks at most the last")
+    assert "then run `palpate recover` on it" in failed
+    assert frames_of(path)[0] > 0
+
+
+def test_a_disk_that_is_full_from_the_start_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.mcap"
+    path.symlink_to("/dev/full")
+    assert palpate("record", path, "--rig", "sim-rigid", "--seconds", "1") == 3
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_nothing_that_is_there_is_written_over(

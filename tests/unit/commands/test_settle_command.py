@@ -293,6 +293,21 @@ def test_bad_files_are_one_line_and_status_2(
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("header", "hold"), [("hold_id,time_s,value", "A,"), ("time_s,percent", "")]
+)
+def test_values_too_large_to_work_with_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], header: str, hold: str
+) -> None:
+    rows = (f"{hold}{number / 20},{(-1) ** number * 1.7e308}" for number in range(400))
+    path = tmp_path / "huge.csv"
+    path.write_text("\n".join((header, *rows)))
+    assert ran(path, "--plot", tmp_path / "plot.png") == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{path}" in said
+
+
 def test_a_pipe_is_read_once_and_refused_where_it_would_be_read_twice(
     holds_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

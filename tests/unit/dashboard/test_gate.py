@@ -217,7 +217,43 @@ def test_a_foreign_name_that_points_at_the_loopback_gets_nothing() -> None:
     assert ask(host="evil.example:8080").status == 403
     assert ask(host="localhost:8080").status == 200
     assert ask(host="[::1]:8080").status == 200
+    assert ask(host="[::1]").status == 200
+    assert ask(host="[fe80::1]:8080").status == 403
 
 
-def test_a_broken_cookie_is_no_token() -> None:
-    assert ask(token=TOKEN, loopback=False, host="robot:8080", cookie="\x00=;;").status == 401
+@pytest.mark.parametrize("other", ["a/b=1", "\x00=;;", "=", ";", 'x="', COOKIE, "expires=x"])
+def test_odd_cookies_of_others_neither_open_nor_lock(other: str) -> None:
+    inside = ask(token=TOKEN, loopback=False, query=f"token={TOKEN}").headers["set-cookie"]
+    own = inside.split(";")[0]
+    assert ask(token=TOKEN, loopback=False, cookie=other).status == 401
+    assert ask(token=TOKEN, loopback=False, cookie=f"{other}; {own}").status == 200
+
+
+@pytest.mark.parametrize(("length", "status"), [(4096, 403), (4097, 413)])
+def test_a_form_is_read_up_to_its_longest(length: int, status: int) -> None:
+    body = "token=".ljust(length, "x")
+    assert ask(token=TOKEN, loopback=False, method="POST", body=body).status == status
+
+
+def test_more_visitors_than_are_remembered_share_one_count() -> None:
+    clock = [0.0]
+    tries = WrongTries(now_s=lambda: clock[0])
+    for number in range(999):
+        tries.add(str(number))
+    for _ in range(MOST_WRONG):
+        tries.add("the last with a count of its own")
+    assert tries.too_many("the last with a count of its own")
+    assert not tries.too_many("one more")
+    for number in range(MOST_WRONG):
+        assert not tries.too_many("one more")
+        tries.add(f"one more {number}")
+    assert tries.too_many("one more")
+    assert not tries.too_many("0")
+    for _ in range(MOST_WRONG):
+        tries.add("0")
+    assert tries.too_many("0")
+    clock[0] = 60.0
+    assert tries.too_many("0")
+    clock[0] = 60.1
+    assert not tries.too_many("one more")
+    assert not tries.too_many("0")

@@ -91,6 +91,7 @@ BAD_TEXT = {
     "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
     "infinite": (HEADER + "a,0,1\na,inf,2\n", "line 3: time_s is 'inf', not a finite number"),
     "overflow": (HEADER + "a,0,1e999\n", "line 2: value is '1e999', not a finite number"),
+    "too large": (HEADER + "a,0,-1.7e308\n", "line 2: value is '-1.7e308', not a finite number up"),
     "text": (HEADER + "a,0,1\na,1,x2\n", "line 3: value is 'x2', not a finite number"),
     "nothing": (HEADER + "a,0,\n", "line 2: value is ''"),
     "underscore": (HEADER + "a,0,1_000\n", "line 2: value is '1_000'"),

@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
+from palpate.commands.items import opened
+from palpate.dashboard.ledger import Ledger
 from palpate.errors import (
     InputError,
     MissingExtraError,
@@ -88,6 +90,47 @@ def test_read_only(without_root: Path) -> None:
         open_and_write(path)
     with Store.open(path, create=False) as store:
         assert store.items() == ()
+
+
+def test_a_medium_that_can_only_be_read_is_read(without_root: Path) -> None:
+    path = without_root / "items of #3?.sqlite"
+    with Store.open(path) as store:
+        store.add_item(Item(item_id="A17", first_seen=SEEN))
+    path.chmod(0o444)
+    without_root.chmod(0o555)
+    with Store.open(path, create=False) as store:
+        assert store.item("A17").first_seen == SEEN
+        with pytest.raises(StoreError, match="read-only; change the rights of the file"):
+            store.add_item(Item(item_id="B2"))
+    # Nothing moves before it is known that the grasp can be kept.
+    with pytest.raises(StoreError, match="read-only; change the rights of the file"):
+        Store.open(path)
+
+
+def test_items_are_listed_from_a_medium_that_can_only_be_read(without_root: Path) -> None:
+    path = without_root / "items.sqlite"
+    with Store.open(path) as store:
+        store.add_item(Item(item_id="A17", first_seen=SEEN))
+    without_root.chmod(0o555)
+    with opened(str(path)) as store:
+        assert [item.item_id for item in store.items()] == ["A17"]
+    assert Ledger(str(path)).items() == ["A17"]
+
+
+def test_what_only_a_helper_file_holds_is_not_passed_over(without_root: Path) -> None:
+    path = without_root / "items.sqlite"
+    helper = Path(f"{path}-wal")
+    Store.open(path).close()
+    with Store.open(path) as store:
+        store.add_item(Item(item_id="A17", first_seen=SEEN))
+        left = helper.read_bytes()
+        before = path.read_bytes()
+    # As a program that was killed leaves it.
+    path.write_bytes(before)
+    helper.write_bytes(left)
+    without_root.chmod(0o555)
+    with pytest.raises(StoreError, match="read-only|can't be opened"):
+        Store.open(path, create=False)
 
 
 def test_a_folder_that_may_not_be_written(without_root: Path) -> None:
