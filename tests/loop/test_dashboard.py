@@ -254,9 +254,8 @@ def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> N
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
     tab(driver, "Recordings")
     driver.get_by_role("button", name="10×").last.click()
-    row = driver.locator("#recordings .file").filter(
-        has=driver.get_by_text(newest.stem, exact=True)
-    )
+    name = driver.get_by_text(newest.stem, exact=True)
+    row = driver.locator("#recordings .file").filter(has=name)
     row.get_by_role("button", name="Replay").click()
     expect(driver.locator("#rig-name")).to_contain_text(f"replay of {newest.name}")
     expect(driver.locator("#link-text")).to_have_text("replay")
