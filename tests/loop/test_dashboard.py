@@ -253,7 +253,7 @@ def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> N
     release(driver)
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
     tab(driver, "Recordings")
-    driver.get_by_role("button", name="10×").last.click()
+    driver.get_by_label("Replay speed").get_by_role("button", name="10×").click()
     name = driver.get_by_text(newest.stem, exact=True)
     row = driver.locator("#recordings .file").filter(has=name)
     row.get_by_role("button", name="Replay").click()
@@ -263,6 +263,22 @@ def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> N
     driver.get_by_role("button", name="Back to the rig").click()
     expect(driver.locator("#rig-name")).to_have_text("sim-rigid")
     fresh(driver)
+
+
+def test_a_list_that_grows_keeps_the_buttons_under_the_finger(driver: Page, folder: Path) -> None:
+    old, new = (folder / "data" / name for name in ("old.mcap", "new.mcap"))
+    old.write_bytes(b"begun")
+    tab(driver, "Recordings")
+    rows = driver.locator("#recordings .file")
+    button = rows.filter(has_text="old").get_by_role("button").element_handle()
+    old.write_bytes(b"and ended" * 1000)
+    new.write_bytes(b"another")
+    expect(rows.filter(has_text="new")).to_be_visible()
+    expect(rows.filter(has_text="old")).to_contain_text("9 kB")
+    assert button.evaluate("button => button.isConnected")
+    for file in (old, new):
+        file.unlink()
+    expect(rows.filter(has_text="new")).to_have_count(0)
 
 
 def test_a_named_item_has_its_history(driver: Page) -> None:

@@ -28,32 +28,42 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
         )
         speed = ui.toggle(SPEEDS, value=1.0).props('unelevated no-caps aria-label="Replay speed"')
         rows = ui.element("div").classes("w-full").props("id=recordings")
-    shown: list[tuple[tuple[Path, os.stat_result], ...] | None] = [None]
+        none = ui.label("None yet: every grasp leaves one here.").classes("muted")
+    shown: dict[Path, _Row] = {}
 
     def show() -> None:
-        files = tuple(desk.recordings()[:_MOST])
-        if files == shown[0]:
-            return
-        shown[0] = files
-        rows.clear()
+        """Bring the list up to date, and leave every row that stays where a finger may be on it."""
+        files = dict(desk.recordings()[:_MOST])
+        for gone in shown.keys() - files.keys():
+            shown.pop(gone).delete()
         with rows:
-            if not files:
-                ui.label("None yet: every grasp leaves one here.").classes("muted")
-            for file, told in files:
-                _row(file, told, hands, speed)
+            for file, status in reversed(files.items()):
+                if file not in shown:
+                    shown[file] = _Row(file, hands, speed)
+                    shown[file].move(target_index=0)
+                shown[file].say(status)
+        none.set_visibility(not files)
 
     show()
     ui.timer(2.0, show)
 
 
-def _row(file: Path, told: os.stat_result, hands: Hands, speed: ui.toggle) -> None:
-    when = datetime.fromtimestamp(told.st_mtime).strftime("%d %b %H:%M")
-    with ui.element("div").classes("file"):
-        with ui.element("div").classes("what"):
-            ui.label(file.stem)
-            ui.label(f"{when} · {told.st_size / 1024:.0f} kB").classes("muted")
-        button = ui.button(
-            "Replay", on_click=lambda: hands.order(Play(file=file, speed=speed.value)), color=None
-        )
-        button.classes("btn plain small").props("flat no-caps")
-        hands.gate(button, Action.PLAY)
+class _Row(ui.element):
+    """One recording with its button."""
+
+    def __init__(self, file: Path, hands: Hands, speed: ui.toggle) -> None:
+        super().__init__("div")
+        self.classes("file")
+        with self:
+            with ui.element("div").classes("what"):
+                ui.label(file.stem)
+                self._about = ui.label().classes("muted")
+            button = ui.button("Replay", color=None)
+            button.on_click(lambda: hands.order(Play(file=file, speed=speed.value)))
+            button.classes("btn plain small").props("flat no-caps")
+            hands.gate(button, Action.PLAY)
+
+    def say(self, status: os.stat_result) -> None:
+        """Say when it was written last, and how long it is."""
+        when = datetime.fromtimestamp(status.st_mtime).strftime("%d %b %H:%M")
+        self._about.set_text(f"{when} · {status.st_size / 1024:.0f} kB")
