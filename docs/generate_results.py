@@ -47,6 +47,9 @@ REAL = (
         "--stretch-resistance=holds_cbsilicone.csv.gz",
         "--stretch-force=holds_force_relaxation.csv.gz",
     ),
+    ("strokes", "--recordings=velostat_strokes.csv.gz"),
+    ("soft-sensor", "--train=soft_sensor_ral2018.csv.gz"),
+    ("histories", "--recordings=silicone_histories.csv.gz"),
     ("rupture", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
     ("rupture-limits", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
 )

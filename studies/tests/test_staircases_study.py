@@ -9,25 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.sensor.load_traces import LoadTraces
 from palpate_studies import staircases, stiffness, table5
-from palpate_studies.staircase_data import FollowedForce, settled_traces
+from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed
 
 
-def test_settled_reading_lies_ahead_of_a_creeping_one() -> None:
-    time_s = np.arange(60) / 15
-    creeping = 5.0 - 2.0 * np.exp(-time_s / 2.0)
-    run = LoadTraces(
-        run=np.zeros(60),
-        time_s=time_s,
-        excess=creeping[:, None],
-        width_mm=np.full(60, 40.0),
-        current_ma=np.full(60, np.nan),
-        force_n=np.linspace(1, 2, 60),
-    )
-    settled = np.asarray(settled_traces(run).excess)[:, 0]
-    assert settled[3] == creeping[3]
-    assert abs(settled[-1] - 5.0) < abs(creeping[-1] - 5.0)
+def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
+    found = followed(3, level="paper", staircases=1)
+    assert list(found) == list(staircases.METHODS)
+    (now,) = found["now"]
+    assert (now.force_n > FAINT_N).all()
+    assert np.median(np.abs(np.log(now.value_n / now.force_n))) < 0.3
+    assert (now.low_n <= now.value_n).all()
+    assert (now.value_n <= now.high_n).all()
 
 
 def test_scores_of_known_errors() -> None:
@@ -39,11 +32,11 @@ def test_scores_of_known_errors() -> None:
         time_s=force, force_n=force, value_n=force, low_n=0 * force, high_n=force * 2
     )
     scores = staircases._scores([half], [half])
-    assert scores["share_of_static"] == 1
+    assert scores["share_of_settled"] == 1
     assert scores["rms_log_error"] == pytest.approx(np.log(2))
     assert scores["rms_log_error_own_gain_out"] == pytest.approx(0)
     assert scores["coverage"] == 0
-    assert staircases._scores([exact], [half])["share_of_static"] == 0
+    assert staircases._scores([exact], [half])["share_of_settled"] == 0
 
 
 def test_table5_report(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 from palpate.errors import CalibrationError
 from palpate.estimate.gain import MeasuredForce
 from palpate.estimate.gear_friction import GearFriction
-from palpate.estimate.sheet_current import WARMTH_SD
 from palpate.sensor.current_pairs import CurrentPairs
 
 #: A calibration of the current needs so many readings under load, and this range of force.
@@ -26,6 +25,9 @@ _FEWEST, _RANGE_N = 10, 2.0
 #: How the force rose is told by a sheet whose lag is not quite known, and the thing relaxes a
 #: little once the fingers stand: a few percent off, the same for all readings.
 _SHAPE_SD = 0.03
+#: From session to session the torque of an ampere changes with the warmth of the motor: copper and
+#: magnets lose some percent from cold to warm.
+WARMTH_SD = 0.035
 #: What a sheet may not show of a force (threshold of its pixels, typical), newtons, and the least
 #: share of the final force that a reading must have to say anything of it.
 _BLIND_N, _LEAST_SHARE = 0.25, 0.3

@@ -12,7 +12,7 @@ from collections import deque
 
 import numpy as np
 
-from palpate.estimate.sheet_current import WARMTH_SD
+from palpate.estimate.servo_force import WARMTH_SD
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import Alarm, Danger

@@ -28,6 +28,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "Video 3, closing again until something is there, simulated",
     ),
     "presses": ("palpate_studies.presses", "Force now on real Velostat under a robot's presses"),
+    "histories": (
+        "palpate_studies.histories",
+        "Force of stretched silicone from the history of its resistance, real recordings",
+    ),
     "soft-sensor": (
         "palpate_studies.soft_sensor",
         "Force of a published soft sensor, depths left out",

@@ -1,36 +1,44 @@
-"""Guided traces and test staircases of sheets on the twin, and how each method follows them."""
+"""Random staircases of closing and opening on the twin, and how each law follows them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.estimate.observer_sheet import SheetModel, SheetObserver
-from palpate.estimate.observer_sheet_fit import fit_current, fit_sheet, without_current
-from palpate.estimate.sheet_current import Current
-from palpate.estimate.sheet_reading_fit import FAINT_N
-from palpate.grasp.load_traces import GUIDED, Staircase, record_traces
-from palpate.rig.twin_bench import FACES, twin_bench
-from palpate.sensor.load_traces import LoadTraces, frames
-from palpate.settling.relaxation import Relaxation
+from palpate.estimate.force import ForceLaw
+from palpate.estimate.pixel_law import PixelReading
+from palpate.grasp.calibrating import Bench, measure_rest
+from palpate.grasp.planning import force_now, laws_of
+from palpate.gripper.interface import GripperCommand
+from palpate.rig.simulated import calibrated
+from palpate.rig.twin_bench import twin_bench
+from palpate.sensor.calibration import ForcePairs
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import excess_conductance
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 #: What is grasped after the calibration: no name is among the faces of the load cell.
 GRASPED = ("ball-40lbs", "ball-55lbs", "springs-2", "springs-6", "tomato", "avocado-day-2")
-#: A test staircase: 20 s in steps of 1 mm, turned back at this force.
-TEST = Staircase(duration_s=20.0, highest_n=12.0)
-#: Opening beyond the largest object, mm.
-START_MM = 72.0
-#: A dwell is given to `settling` from so long on, and read again every so many frames.
-_SETTLING_FROM_S, _SETTLING_EVERY = 0.5, 15
-_STILL_MM = 0.06
-#: When the sheet counts as settled (paper, section 2.2).
-HORIZON_S = 20.0
+#: A staircase: steps at a grasp's speed, turned back at these forces; dwells are drawn from a
+#: range, uniformly in the logarithm, directions closing a little more often than not.
+DURATION_S = 20.0
+_STEP_MM, _RATE_MM_PER_S = 1.0, 3.5
+_LOWEST_N, _HIGHEST_N, _ONWARD = 0.3, 12.0, 0.55
+_DWELL_S = (0.2, 5.0)
+#: Opening beyond the largest object, mm; how fast contact is looked for, and from which force on
+#: the cell feels it.
+_START_MM, _APPROACH_MM_PER_S, _TOUCH_N = 72.0, 10.0, 0.05
+#: Smaller forces are not scored.
+FAINT_N = 0.2
+_FRAME_TIMEOUT_S = 2.0
+
+#: From the time and the excess conductance of a frame to force and the ends of its interval.
+Reader = Callable[[float, FloatArray], tuple[float, float, float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,100 +57,45 @@ class FollowedForce:
         return (self.low_n <= self.force_n) & (self.force_n <= self.high_n)
 
 
-def guided_traces(sensor: int, *, level: str) -> LoadTraces:
-    """Return what the guided steps of `palpate calibrate force` record on one sheet."""
-    return _recorded(sensor, level=level, session=1, names=FACES, staircases=GUIDED)
-
-
-def trial_traces(sensor: int, *, level: str, staircases: int) -> LoadTraces:
-    """Return staircases on other objects in another session."""
+def followed(sensor: int, *, level: str, staircases: int) -> Mapping[str, list[FollowedForce]]:
+    """Calibrate a sheet as a user does and follow staircases on other objects, by method."""
+    pairs = calibrated(seed=sensor, level=level, apart_from="").force
     rng = np.random.default_rng([sensor, 7])
-    names = [str(name) for name in rng.choice(GRASPED, staircases, replace=False)]
-    return _recorded(sensor, level=level, session=2, names=names, staircases=[TEST] * staircases)
-
-
-def _recorded(
-    sensor: int, *, level: str, session: int, names: Sequence[str], staircases: Sequence[Staircase]
-) -> LoadTraces:
-    rng = np.random.default_rng([sensor, session])
-    world = World(None, seed=sensor + 1_000_003 * session, sheet_seed=sensor, level=level)
-    return record_traces(
-        twin_bench(world, start=START_MM),
-        staircases=staircases,
-        reseat=lambda run: world.place(draw_object(rng, names[run])),
-        rng=rng,
-    )
-
-
-def followed(guided: LoadTraces, tested: LoadTraces) -> Mapping[str, list[FollowedForce]]:
-    """Learn every method from the guided traces and follow the tested ones."""
-    full, static = fit_sheet(guided), fit_sheet(guided, memory=False)
-    settled = fit_sheet(settled_traces(guided), memory=False)
-    found = {
-        "static": [_follow(static, run) for run in tested.runs()],
-        "settling": [_follow(settled, run) for run in settled_traces(tested).runs()],
-        "observer": [_follow(without_current(full), run) for run in tested.runs()],
-    }
-    current = fit_current(guided)
-    if current is not None:
-        found["current"] = [_follow_current(current, run) for run in tested.runs()]
-        found["both"] = [_follow(full, run) for run in tested.runs()]
+    names = rng.choice(GRASPED, staircases, replace=False).tolist()
+    world = World(None, seed=sensor + 2_000_006, sheet_seed=sensor, level=level)
+    bench = twin_bench(world, start=_START_MM)
+    found: dict[str, list[FollowedForce]] = {}
+    for name in names:
+        rest_ohm = np.array(measure_rest(bench, duration_s=1.0).ohm)
+        world.place(draw_object(rng, name))
+        frames = list(_staircase(bench, rest_ohm=rest_ohm, rng=rng))
+        for method, read in _readers(pairs).items():
+            found.setdefault(method, []).append(_follow(frames, read))
     return found
 
 
-def settled_traces(traces: LoadTraces) -> LoadTraces:
-    """Return the traces with the summed reading replaced by what it is predicted to settle to.
+def _readers(pairs: ForcePairs) -> Mapping[str, Reader]:
+    reading, early, settled = laws_of(pairs)
+    follower = force_now(pairs)
 
-    Each dwell is predicted from its own frames; before half a second of it the reading stands.
-    """
-    excess = [value for run in traces.runs() for value in _settled(run)]
-    return replace(traces, excess=np.array(excess)[:, None])
+    def now(time_s: float, excess: FloatArray) -> tuple[float, float, float]:
+        answer = follower.step(time_s, excess)
+        return float(answer.value or 0.0), float(answer.low or 0.0), float(answer.high or np.inf)
 
-
-def _settled(run: LoadTraces) -> Iterator[float]:
-    method, times_s, values = Relaxation(), list[float](), list[float]()
-    began_s, width_mm, value = -np.inf, np.nan, np.nan
-    for frame in frames(run):
-        summed = float(np.maximum(frame.excess, 0.0).sum())
-        if not abs(frame.width_mm - width_mm) < _STILL_MM:
-            times_s, values = [], []
-            began_s, value = frame.time_s, np.nan
-        width_mm = frame.width_mm
-        since_s = frame.time_s - began_s
-        times_s.append(since_s)
-        values.append(summed)
-        due = since_s >= _SETTLING_FROM_S and len(values) % _SETTLING_EVERY == 0
-        if due and since_s < HORIZON_S:
-            found = method.predict(
-                np.array(times_s), np.array([values]), horizon_s=HORIZON_S, level=0.9
-            )
-            value = max(float(np.ravel(found.value)[0]), 0.0)
-        yield summed if np.isnan(value) else value
+    return {"settled": _static(reading, settled), "early": _static(reading, early), "now": now}
 
 
-def _follow(model: SheetModel, run: LoadTraces) -> FollowedForce:
-    observer, rows = SheetObserver(model), []
-    for frame in frames(run):
-        now = observer.step(
-            frame.time_s, frame.excess, width_mm=frame.width_mm, current_ma=frame.current_ma
-        )
-        if frame.force_n > FAINT_N:
-            rows.append((frame.time_s, frame.force_n, now.value, now.low, now.high))
-    return _as_followed(rows)
+def _static(reading: PixelReading, law: ForceLaw) -> Reader:
+    def read(_: float, excess: FloatArray) -> tuple[float, float, float]:
+        answer = law.force_n(reading.reading(excess))
+        return float(answer.value), float(answer.low), float(answer.high)
+
+    return read
 
 
-def _follow_current(current: Current, run: LoadTraces) -> FollowedForce:
-    rows = []
-    for frame in frames(run):
-        if frame.force_n > FAINT_N:
-            value = max(float(current.force_n(frame.current_ma)), 0.0)
-            wide = 1.645 * float(np.hypot(current.sd_n, current.stuck_sd_n(value)))
-            rows.append((frame.time_s, frame.force_n, value, value - wide, value + wide))
-    return _as_followed(rows)
-
-
-def _as_followed(rows: Sequence[tuple[float, ...]]) -> FollowedForce:
-    columns = np.array(rows).reshape(-1, 5).T
+def _follow(frames: list[tuple[float, FloatArray, float]], read: Reader) -> FollowedForce:
+    rows = [(time_s, force_n, *read(time_s, excess)) for time_s, excess, force_n in frames]
+    columns = np.array([row for row in rows if row[1] > FAINT_N]).reshape(-1, 5).T
     return FollowedForce(
         time_s=columns[0],
         force_n=columns[1],
@@ -150,3 +103,33 @@ def _as_followed(rows: Sequence[tuple[float, ...]]) -> FollowedForce:
         low_n=columns[3],
         high_n=columns[4],
     )
+
+
+def _staircase(
+    bench: Bench, *, rest_ohm: FloatArray, rng: np.random.Generator
+) -> Iterator[tuple[float, FloatArray, float]]:
+    """Yield time, excess of the pixels and reference force of every frame."""
+    gripper, cell, layout = bench.gripper, bench.cell, bench.array.layout
+
+    def frame() -> tuple[float, FloatArray, float]:
+        seen = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
+        ohm = pixel_resistance_ohm(seen.counts, layout=layout, oversampling=seen.oversampling)
+        known = np.maximum(ohm, layout.divider.least_ohm)
+        return seen.time_s, excess_conductance(known, rest_ohm=rest_ohm), cell.read_n()
+
+    gripper.command(GripperCommand(target=gripper.limits.lowest, rate=_APPROACH_MM_PER_S))
+    while gripper.state().moving and cell.read_n() < _TOUCH_N:
+        yield frame()
+    gripper.stop()
+    ends_s = bench.clock.now_s() + DURATION_S
+    while bench.clock.now_s() < ends_s:
+        closes = cell.read_n() < _LOWEST_N or (
+            cell.read_n() < _HIGHEST_N and bool(rng.random() < _ONWARD)
+        )
+        target = gripper.state().width_mm + (-_STEP_MM if closes else _STEP_MM)
+        if target < gripper.limits.lowest:
+            return
+        gripper.command(GripperCommand(target=target, rate=_RATE_MM_PER_S))
+        until_s = bench.clock.now_s() + float(np.exp(rng.uniform(*np.log(_DWELL_S))))
+        while gripper.state().moving or bench.clock.now_s() < until_s:
+            yield frame()

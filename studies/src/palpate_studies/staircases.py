@@ -12,24 +12,17 @@ import typer
 from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
 from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.staircase_data import (
-    FollowedForce,
-    followed,
-    guided_traces,
-    trial_traces,
-)
+from palpate_studies.staircase_data import FollowedForce, followed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEVELS = ("paper", "field")
-#: Method -> what it reads, in the order of the table.
+#: Method -> what it is, in the order of the table.
 METHODS = {
-    "static": "sheet, static law",
-    "settling": "sheet, static law of the predicted settled value",
-    "observer": "sheet with memory, closure",
-    "current": "servo current",
-    "both": "sheet with memory, closure, servo current",
+    "settled": "law of settled readings",
+    "early": "law of readings soon after a movement",
+    "now": "both laws, by the time since the reading moved (`live --force`)",
 }
 #: Longer than a frame: force was too faint in between.
 _GAP_S = 0.3
@@ -43,7 +36,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Follow the force through staircases of 20 s with what guided calibration has learned.
+    """Follow the force through staircases of 20 s with the laws of a calibration.
 
     Example: palpate study staircases --sheets 2
     """
@@ -51,9 +44,7 @@ def command(
     for level in LEVELS:
         for sensor in range(seed, seed + sheets):
             try:
-                guided = guided_traces(sensor, level=level)
-                tested = trial_traces(sensor, level=level, staircases=staircases)
-                found = followed(guided, tested)
+                found = followed(sensor, level=level, staircases=staircases)
             except CalibrationError as error:
                 # A pixel at the end of its converter: the guided steps refuse such a sheet.
                 sys.stderr.write(f"sheet {sensor}, {level}: refused: {error}\n")
@@ -65,19 +56,19 @@ def command(
 
 def _summary(runs: Runs) -> list[dict[str, Any]]:
     return [
-        {"level": level, "method": name, **_scores(each, runs[level]["static"])}
+        {"level": level, "method": name, **_scores(each, runs[level]["settled"])}
         for level in LEVELS
         for name, each in runs[level].items()
         if each
     ]
 
 
-def _scores(each: Sequence[FollowedForce], static: Sequence[FollowedForce]) -> dict[str, float]:
+def _scores(each: Sequence[FollowedForce], settled: Sequence[FollowedForce]) -> dict[str, float]:
     logs = [np.log(np.maximum(one.value_n, 0.01) / one.force_n) for one in each]
     own = [log - np.median(log) for log in logs]
     return {
         "rms_error_n": _rms_n(each),
-        "share_of_static": _rms_n(each) / _rms_n(static),
+        "share_of_settled": _rms_n(each) / _rms_n(settled),
         "rms_log_error": float(np.sqrt(np.mean(np.concatenate(logs) ** 2))),
         "rms_log_error_own_gain_out": float(np.sqrt(np.mean(np.concatenate(own) ** 2))),
         "coverage": float(np.mean(np.concatenate([one.covered for one in each]))),
@@ -96,7 +87,7 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
     summary = _summary(runs)
     columns = {
         "rms_error_n": "RMS error, N",
-        "share_of_static": "of static's",
+        "share_of_settled": "of settled's",
         "rms_log_error": "RMS ln error",
         "rms_log_error_own_gain_out": "own gain out",
         "coverage": "coverage (0.9)",
@@ -104,7 +95,7 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
     }
     table = Table(
         title=f"Force now, {sheets} sheets of each level, {staircases} staircases of 20 s each",
-        columns=("level", "method", "reads", *columns.values()),
+        columns=("level", "method", "what", *columns.values()),
         rows=[
             [one["level"], one["method"], METHODS[one["method"]]]
             + [f"{one[key]:.2f}" for key in columns]
@@ -115,18 +106,12 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
         name="staircases",
         title="Force now during random staircases of closing and opening (simulated)",
         provenance=(
-            "Simulated: sheets of the twin. Each was calibrated once by the guided steps (8 "
-            "placements of a load cell, 40 s each, up and down with dwells of 0.2-5 s) and tested "
-            "on other objects in another session; steps of 1 mm at 3.5 mm/s, forces above 0.2 N. "
-            "Sheets whose pixels saturate are refused, named on standard error and left out.",
-            "The static law is fitted to the same traces by the same criterion as the observer. "
+            "Simulated: sheets of the twin, each calibrated once as the simulated rigs are (a load "
+            "cell with changing faces) and tested on other objects in another session; steps of "
+            "1 mm at 3.5 mm/s, dwells of 0.2-5 s, forces above 0.2 N. Sheets whose pixels saturate "
+            "are refused, named on standard error and left out.",
             "`own gain out` is the error with the median of each staircase taken away: what "
             "remains when the gain of that contact is known.",
-            "The twin's servo current has gear friction that differs from movement to movement and "
-            "along the way, stops anywhere in its band, and a motor that warms up "
-            "(twin/servo_current.py): plausible, not measured. `current` reads every frame as if "
-            "at rest; `both` hears the way, and leaves the current out where placements left out "
-            "of the calibration say that it harms.",
         ),
         tables=[table],
         payload={"summary": summary, "sheets": sheets, "staircases": staircases},
@@ -141,11 +126,11 @@ def _figure(runs: Runs) -> Figure:
     panels = figure.subplots(len(LEVELS), 2, sharex=True)
     for row, level in zip(panels, LEVELS, strict=True):
         each = runs[level]
-        size = [float(np.sqrt(np.mean((o.value_n - o.force_n) ** 2))) for o in each["observer"]]
+        size = [float(np.sqrt(np.mean((o.value_n - o.force_n) ** 2))) for o in each["now"]]
         order = np.argsort(size)
         places = {"median": order[len(order) // 2], "worst": order[-1]}
         for panel, (name, place) in zip(row, places.items(), strict=True):
-            observed, static = each["observer"][place], each["static"][place]
+            observed, settled = each["now"][place], each["settled"][place]
             clock = observed.time_s - observed.time_s[0]
             # Where the force was too faint to be scored, lines break.
             clock = np.where(np.diff(clock, prepend=0.0) > _GAP_S, np.nan, clock)
@@ -153,11 +138,8 @@ def _figure(runs: Runs) -> Figure:
                 clock, observed.low_n, observed.high_n, color="#0072B2", alpha=0.15, lw=0
             )
             panel.plot(clock, observed.force_n, color="#222222", lw=1.8, label="load cell")
-            panel.plot(clock, static.value_n, color="#D55E00", lw=1, ls="--", label="static")
-            panel.plot(clock, observed.value_n, color="#0072B2", lw=1.2, label="observer")
-            if each["both"]:
-                both = each["both"][place].value_n
-                panel.plot(clock, both, color="#009E73", lw=1.2, label="both")
+            panel.plot(clock, settled.value_n, color="#D55E00", lw=1, ls="--", label="settled law")
+            panel.plot(clock, observed.value_n, color="#0072B2", lw=1.2, label="force now")
             top = 1.6 * float(observed.force_n.max())
             panel.set(title=f"{level}, {name} staircase", ylabel="force, N", ylim=(0, top))
             panel.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,223 @@
+"""Force of a stretched conductive rubber from the history of its resistance.
+
+The resistance of the rubber peaks with strain and with its rate, in both directions, and recovers
+for minutes. The models see the logarithm of the resistance and its low-passed copies, or the
+displacement of the clip likewise, and answer in newtons: the force crosses zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+import typer
+
+from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
+from palpate.errors import InputError, needing
+from palpate.estimate.force_model import ForceModel
+from palpate_studies.history_data import INPUTS, History, read_histories
+from palpate_studies.report import OutOption, StudyReport, Table
+
+LEVEL = 0.9
+_RIDGE = 1e-3
+#: Neighbours repeat each other: every second sample is learned from.
+_EVERY = 2
+
+#: From the inputs of a recording to force and half width of its interval, where it has one.
+Predictor: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray | None]]
+Histories: TypeAlias = Sequence[History]
+Rows: TypeAlias = list[dict[str, Any]]
+
+
+def command(
+    recordings: Annotated[
+        Path, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
+    ],
+    test_recordings: Annotated[
+        Path | None,
+        typer.Option(help="Recordings to follow; without, each kind of motion.", metavar="CSV"),
+    ] = None,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Predict the force of stretched silicone from its resistance, kinds of motion left out.
+
+    Example: palpate study histories --recordings silicone_histories.csv.gz
+    """
+    known = read_histories(recordings)
+    splits = (
+        [*_kinds_left_out(known, path=recordings)]
+        if test_recordings is None
+        else [(known, read_histories(test_recordings))]
+    )
+    rows = [
+        {
+            "recording_id": one.recording_id,
+            "inputs": name,
+            "model": model,
+            **_scores(predict(one.inputs(name)), one.force_n),
+        }
+        for inside, tested in splits
+        for name in INPUTS
+        for model, learn in MODELS.items()
+        for predict in [learn(inside, name)]
+        for one in tested
+    ]
+    _report(rows, own=test_recordings is None).emit(as_json=as_json, out=out)
+
+
+def _kinds_left_out(known: Histories, *, path: Path) -> Iterator[tuple[Histories, Histories]]:
+    kinds = list(dict.fromkeys(one.kind for one in known))
+    if len(kinds) < 2:
+        raise InputError(f"{path}: one kind of motion only; give --test-recordings")
+    for kind in kinds:
+        yield (
+            [one for one in known if one.kind != kind],
+            [one for one in known if one.kind == kind],
+        )
+
+
+def _gathered(train: Histories, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return inputs, force and weight; every kind of motion counts the same."""
+    kinds = [one.kind for one in train]
+    weight = [
+        np.full(len(one.force_n[::_EVERY]), 1.0 / len(one.force_n) / kinds.count(one.kind))
+        for one in train
+    ]
+    pooled = np.concatenate(weight)
+    return (
+        np.concatenate([one.inputs(name)[::_EVERY] for one in train]),
+        np.concatenate([one.force_n[::_EVERY] for one in train]),
+        pooled / pooled.mean(),
+    )
+
+
+def constant(train: Histories, name: str) -> Predictor:
+    """Learn the mean force."""
+    _, force_n, weight = _gathered(train, name)
+    mean_n = float(np.average(force_n, weights=weight))
+    return lambda x: (np.full(len(x), mean_n), None)
+
+
+def static(train: Histories, name: str) -> Predictor:
+    """Learn a cubic in the reading now."""
+    x, force_n, weight = _gathered(train, name)
+    cubic = np.polyfit(x[:, 0], force_n, 3, w=np.sqrt(weight))
+    return lambda x: (np.asarray(np.polyval(cubic, x[:, 0])), None)
+
+
+def ridge(train: Histories, name: str) -> Predictor:
+    """Learn a ridge on the same inputs."""
+    x, force_n, weight = _gathered(train, name)
+    share = weight / weight.sum()
+    centre, mean_n = share @ x, float(share @ force_n)
+    scale = np.sqrt(share @ (x - centre) ** 2)
+    z = (x - centre) / scale
+    normal = z.T @ (z * share[:, None]) + _RIDGE * np.eye(z.shape[1])
+    slope = np.linalg.solve(normal, z.T @ (share * (force_n - mean_n)))
+    return lambda x: (np.asarray(mean_n + (x - centre) / scale @ slope), None)
+
+
+def trees(train: Histories, name: str) -> Predictor:
+    """Learn boosted trees on the same inputs."""
+    with needing("gradient boosting", extra="produce"):
+        from sklearn.ensemble import HistGradientBoostingRegressor
+    x, force_n, weight = _gathered(train, name)
+    machine = HistGradientBoostingRegressor(max_iter=200, random_state=0)
+    machine.fit(x, force_n, sample_weight=weight)
+    return lambda x: (np.asarray(machine.predict(x)), None)
+
+
+def ours(train: Histories, name: str) -> Predictor:
+    """Learn the force model; settings and widths by kinds of motion left out of the training."""
+    x, force_n, weight = _gathered(train, name)
+    several = len({one.kind for one in train}) > 1
+    group = [
+        one.kind if several else one.recording_id for one in train for _ in one.force_n[::_EVERY]
+    ]
+    model = ForceModel.fit(x, target=force_n, group=group, weight=weight, robust=False)
+    return lambda x: model.predict(x, level=LEVEL)
+
+
+MODELS: Mapping[str, Callable[[Histories, str], Predictor]] = {
+    "constant": constant,
+    "static": static,
+    "ridge": ridge,
+    "trees": trees,
+    "ours": ours,
+}
+
+
+def _scores(answer: tuple[FloatArray, FloatArray | None], force_n: FloatArray) -> dict[str, Any]:
+    """Return RMS errors in percent of the range of force, and the coverage of the interval."""
+    value, half = answer
+    error = value - force_n
+    percent = 100.0 / float(np.ptp(force_n))
+    return {
+        "samples": len(error),
+        "rms_percent": percent * float(np.sqrt(np.mean(error**2))),
+        "rms_percent_zero_known": percent * float(np.std(error)),
+        "coverage": None if half is None else float(np.mean(np.abs(error) <= half)),
+    }
+
+
+def _report(rows: Rows, *, own: bool) -> StudyReport:
+    split = (
+        "Each kind of motion is predicted by models learned from the other kinds."
+        if own
+        else "Learned from the recordings, tested on others."
+    )
+    return StudyReport(
+        name="histories",
+        title="Force of stretched silicone from the history of its resistance",
+        provenance=(
+            f"Real recordings (carbon-black silicone). {split} Causal; no force of the tested "
+            "recording is known.",
+            "`displacement` is no sensor: the gripper's or clip's position. `zero known` takes the "
+            "mean error of each recording away: the load cell's zero was set anew in each, in "
+            "another state of the rubber, and no reading shows where.",
+        ),
+        tables=[
+            _table(rows, "rms_percent", title="RMS error, percent of the range of force"),
+            _table(rows, "rms_percent_zero_known", title="The same, zero known"),
+            _table(rows, "coverage", title="Coverage of 90 % intervals"),
+        ],
+        payload={"rows": rows, "summary": _summary(rows), "level": LEVEL},
+    )
+
+
+def _table(rows: Rows, key: str, *, title: str) -> Table:
+    """Return a line for each model, a column for each recording."""
+    recordings = list(dict.fromkeys(row["recording_id"] for row in rows))
+    shown = [row for row in rows if row[key] is not None]
+    cells = {(row["inputs"], row["model"], row["recording_id"]): row[key] for row in shown}
+    form = "{:.2f}" if key == "coverage" else "{:.1f}"
+    return Table(
+        title=title,
+        columns=("inputs", "model", *recordings),
+        rows=[
+            [*which, *(form.format(cells[*which, name]) for name in recordings)]
+            for which in dict.fromkeys((row["inputs"], row["model"]) for row in shown)
+        ],
+    )
+
+
+def _summary(rows: Rows) -> Rows:
+    """Return the mean over recordings of each model."""
+    return [
+        {
+            "inputs": name,
+            "model": model,
+            "recordings": len(mine),
+            **{
+                key: float(np.mean([row[key] for row in mine]))
+                for key in ("rms_percent", "rms_percent_zero_known")
+            },
+        }
+        for name in INPUTS
+        for model in MODELS
+        for mine in [[row for row in rows if (row["inputs"], row["model"]) == (name, model)]]
+    ]
