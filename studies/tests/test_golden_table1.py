@@ -39,8 +39,8 @@ def test_the_fitted_family_meets_the_recorded_row(payload: dict[str, Any]) -> No
 
 def test_the_exponential_is_near_the_papers_own(payload: dict[str, Any]) -> None:
     # What is published are means. A short window leaves C open on single holds, which rule the
-    # means of 40: from 2 to 3 s the family misses them (3.4 on ten sensors where 2.5 is published, see
-    # docs/paper-notes.md). The medians, which such holds can't rule, are near at every cut-off.
+    # means of 40: from 2 to 3 s the family misses them (3.4 on ten sensors where 2.5 is published,
+    # see docs/paper-notes.md). The medians, which such holds can't rule, are near everywhere.
     published = np.array(table1.PUBLISHED["exponential"])
     rows = payload["families"]["two-mode"]["exponential"]
     medians = np.array([row["median_abs_error_percent"] for row in rows]) / published

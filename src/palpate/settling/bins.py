@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -101,10 +102,25 @@ def noise_scatter(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, f
     n_times = time_s.size
     if n_times < 3:
         return np.zeros(len(values)), 0.0
-    left = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
-    off = values[:, 1:-1] - left * values[:, :-2] - (1 - left) * values[:, 2:]
-    squares = off**2 / (1 + left**2 + (1 - left) ** 2)
-    variance, late = squares.mean(axis=1), squares[:, (n_times - 2) // 2 :].mean(axis=1)
+    before, here, after, means = _neighbours(time_s.tobytes())
+    off = here * values[:, 1:-1]
+    off -= before * values[:, :-2]
+    off -= after * values[:, 2:]
+    variance, late = (np.square(off, out=off) @ means).T
     variance = np.where(variance > CONTACT_SCATTER * late, late, variance)
     # Neighbouring deviations share samples: about half of them are independent.
     return variance, min((n_times - 2) / 2, MOST_NOISE_SAMPLES)
+
+
+@lru_cache(maxsize=64)
+def _neighbours(time_bytes: bytes) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return what samples and their neighbours count for in a deviation of unit variance.
+
+    Last come the weights of all squares, and of those of the later half, shape (n_times - 2, 2).
+    """
+    time_s = np.frombuffer(time_bytes)
+    left = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
+    unit = np.sqrt(1 + left**2 + (1 - left) ** 2)
+    late = np.arange(left.size) >= left.size // 2
+    means = np.stack([np.full(left.size, 1 / left.size), late / late.sum()], axis=1)
+    return left / unit, 1 / unit, (1 - left) / unit, means

@@ -3,7 +3,7 @@
 A component is a curve and a deviation. Up to one unknown scale s, the differences d of the binned
 samples to the last one have covariance s^2 (K + c c'), with K of the deviation and c of the curve.
 Deviations are factorised once for a grid, and each curve is a rank-one update (Sherman and
-Morrison), so a few tens of factors serve a few thousand components. The forecast is linear in d,
+Morrison), so seven factors serve a few hundred components. The forecast is linear in d,
 the evidence is |K + c c'|^(-1/2) (nu s0^2 + d' (K + c c')^-1 d)^(-(nu + m) / 2) under an inverse
 gamma prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, section 11.18).
 """
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from palpate.settling.bins import Bins, log_bins
 from palpate.settling.result import FloatArray
-from palpate.settling.shapes import BOUNCES_S, DEVIATIONS, curve_values
+from palpate.settling.shapes import DEVIATIONS, N_CURVES, curve_values
 
 #: An average of many samples is no better than this share of one sample's variance: coloured noise.
 NOISE_FLOOR = 0.02
@@ -26,21 +26,19 @@ NOISE_FLOOR = 0.02
 WALK_FROM_S = 0.2
 #: Time constants of the decays whose amplitudes are loose, s.
 _LOOSE_S = np.geomspace(0.1, 100.0, 10)
-#: What contact adds, in units of the scale: fast decays (time constant in s, sd), and bounces (sd).
+#: What contact adds, in units of the scale: fast decays (time constant in s, sd).
 _FAST = ((0.06, 3.0), (0.15, 2.0))
-_BOUNCE = 3.0
 #: Keeps covariances positive definite where bins lie close together.
 _JITTER = 1e-9
 
+N_DEVIATIONS = len(DEVIATIONS)
+#: Which deviation each component has: they are counted deviation by deviation.
+DEVIATION_OF = np.repeat(np.arange(N_DEVIATIONS), N_CURVES)
 #: Noise of one sample in each deviation, in units of the scale.
 NOISE = np.array([d.noise for d in DEVIATIONS])
 #: What each term of the covariance counts for in each deviation, shape (n_deviations, n_terms).
 _VARIANCE = np.array(
-    [
-        [d.noise**2, d.walk**2, d.loose**2, d.fast, *(d.bounce_s == until for until in BOUNCES_S)]
-        for d in DEVIATIONS
-    ],
-    dtype=np.float64,
+    [[d.noise**2, d.walk**2, d.loose**2, d.fast] for d in DEVIATIONS], dtype=np.float64
 )
 
 
@@ -52,30 +50,40 @@ class Conditionals:
     ----------
     bins : Bins
         How samples are averaged first.
-    whitening : ndarray, shape (n_deviations, m, m)
-        Inverse Cholesky factors of K.
-    ahead : ndarray, shape (n_deviations, m)
-        Forecast of the deviation from whitened differences.
-    curves : ndarray, shape (n_deviations, m, n_curves)
-        Whitened curves, divided by sqrt(1 + their square).
-    step : ndarray, shape (n_deviations, n_curves)
-        Forecast per unit of the product of such a curve with the whitened differences.
-    log_weight : ndarray, shape (n_deviations, n_curves)
+    products : ndarray, shape (m, n_deviations * (m + n_curves + 1))
+        What differences are multiplied with, all at once: whitened by each deviation; along each
+        whitened curve divided by sqrt(1 + its square); and forecast by each deviation.
+    step : ndarray, shape (n_components,)
+        Forecast per unit along such a curve, deviation by deviation.
+    log_weight : ndarray, shape (n_components,)
         -ln|K + c c'| / 2.
-    variance : ndarray, shape (n_deviations, n_curves)
+    variance : ndarray, shape (n_components,)
         Variance of the forecast at unit scale.
-    e_folds : float
-        Log of the time at the horizon over the time of the last bin.
+    pace_from, pace : int and float
+        The recent pace per e-fold of time would bring a change of `pace` times the difference of
+        the last bin to this one.
     """
 
     bins: Bins
-    whitening: FloatArray
-    ahead: FloatArray
-    curves: FloatArray
+    products: FloatArray
     step: FloatArray
     log_weight: FloatArray
     variance: FloatArray
-    e_folds: float
+    pace_from: int
+    pace: float
+
+    def whitened(self, products: FloatArray) -> FloatArray:
+        """Return that part of products, shape (n_holds, n_deviations, m)."""
+        m = len(self.products)
+        return products[:, : N_DEVIATIONS * m].reshape(-1, N_DEVIATIONS, m)
+
+    def along(self, products: FloatArray) -> FloatArray:
+        """Return that part of products, shape (n_holds, n_components)."""
+        return products[:, N_DEVIATIONS * len(self.products) : -N_DEVIATIONS]
+
+    def ahead(self, products: FloatArray) -> FloatArray:
+        """Return that part of products, shape (n_holds, n_deviations)."""
+        return products[:, -N_DEVIATIONS:]
 
 
 def conditionals(time_s: FloatArray, *, after_s: float) -> Conditionals:
@@ -106,18 +114,27 @@ def _recall(time_bytes: bytes, after_s: float) -> Conditionals:
     ahead = factor[:, -1, :-1]
     whitened = whitening @ curve[:-1]
     root = np.sqrt(1 + np.einsum("kmc,kmc->kc", whitened, whitened))
-    step = (curve[-1] - np.einsum("km,kmc->kc", ahead, whitened)) / root
+    step = (curve[-1] - (ahead[:, None] @ whitened)[:, 0]) / root
+    back = whitening.transpose(0, 2, 1)
+    products = (back, back @ (whitened / root[:, None]), back @ ahead[:, :, None])
     diagonal = np.diagonal(factor, axis1=1, axis2=2)
+    pace_from, pace = _recent_pace(bins.time_s, after_s=after_s)
     return Conditionals(
         bins=bins,
-        whitening=whitening,
-        ahead=ahead,
-        curves=whitened / root[:, None],
-        step=step,
-        log_weight=-np.log(diagonal[:, :-1]).sum(axis=1)[:, None] - np.log(root),
-        variance=diagonal[:, -1:] ** 2 + step**2,
-        e_folds=float(np.log((after_s + WALK_FROM_S) / (bins.time_s[-1] + WALK_FROM_S))),
+        products=np.hstack([part.transpose(1, 0, 2).reshape(last, -1) for part in products]),
+        step=step.ravel(),
+        log_weight=(-np.log(diagonal[:, :-1]).sum(axis=1)[:, None] - np.log(root)).ravel(),
+        variance=(diagonal[:, -1:] ** 2 + step**2).ravel(),
+        pace_from=pace_from,
+        pace=pace,
     )
+
+
+def _recent_pace(time_s: FloatArray, *, after_s: float) -> tuple[int, float]:
+    """Return the bin an e-fold of time before the last, and e-folds to come over those since it."""
+    first = min(int(np.searchsorted(time_s, time_s[-1] / np.e)), time_s.size - 2)
+    log_time = np.log(np.array([time_s[first], time_s[-1], after_s]) + WALK_FROM_S)
+    return first, float((log_time[2] - log_time[1]) / (log_time[1] - log_time[0]))
 
 
 def _covariances(bins: Bins, *, time_s: FloatArray, others: NDArray[np.intp]) -> FloatArray:
@@ -128,21 +145,16 @@ def _covariances(bins: Bins, *, time_s: FloatArray, others: NDArray[np.intp]) ->
         moved = rows[others] - rows[last]
         return np.asarray(moved @ moved.T)
 
-    def white(variance: FloatArray) -> FloatArray:
-        known = np.append(variance, 0.0)
-        return np.asarray(known[last] + np.diag(known[others]))
-
+    noise = np.append(1 / bins.count + NOISE_FLOOR, 0.0)
     log_time = np.log(time_s + WALK_FROM_S)
     steps = log_time[others] - log_time[last]
-    walk = np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0)
     fast_s, fast_sd = np.array(_FAST).T
     terms = np.stack(
         [
-            white(1 / bins.count + NOISE_FLOOR),
-            walk,
+            noise[last] + np.diag(noise[others]),
+            np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0),
             outer(np.exp(-time_s[:, None] / _LOOSE_S)),
             outer(fast_sd * np.exp(-time_s[:, None] / fast_s)),
-            *(_BOUNCE**2 * white(np.exp(-((bins.time_s / s) ** 4))) for s in BOUNCES_S),
         ]
     )
     covariance = _VARIANCE @ terms.reshape(len(terms), -1)

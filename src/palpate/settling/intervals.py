@@ -11,7 +11,7 @@ from palpate.settling.result import FloatArray
 
 #: How much wider the interval is than the mixture says, without calibration: no prior holds every
 #: shape. Chosen on training holds, see `docs/prediction.md`.
-WIDENING = 1.3
+WIDENING = 1.5
 #: Calibration residuals count against this many imagined ones that follow the default.
 PRIOR_RESIDUALS = 10.0
 
@@ -44,7 +44,7 @@ class IntervalScale:
         Examples
         --------
         >>> UNCALIBRATED.widening(1.0, level=0.9)
-        1.3
+        1.5
         """
         if self.window_s.size == 0:
             return WIDENING

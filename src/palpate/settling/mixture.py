@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
-from palpate.settling.conditionals import NOISE, Conditionals
+from palpate.settling.conditionals import DEVIATION_OF, N_DEVIATIONS, NOISE, Conditionals
 from palpate.settling.result import FloatArray
 
 #: Scale of the change of ln R from 0.3 to 20 s, and how many samples' worth that is known: sheets
@@ -19,18 +19,14 @@ SCALE, SCALE_DEGREES = 0.1, 6.0
 SHAPE_DOUBT = 0.08
 #: Components that weigh less than this share of the heaviest one change no digit that matters.
 LIGHTEST = 1e-3
-#: Holds whose components are weighed at once: the arrays then stay within a processor's own cache.
-AT_ONCE = 32
-#: Components with nearly the same forecast are merged before quantiles are sought: bins across so
-#: many standard deviations to either side.
-_MERGED, _SPAN = 12, 2.0
 #: Where the probability is worked out, standard deviations from the mean.
-_PLACES = np.array([-3.0, -1.8, -1.0, -0.4, 0.0, 0.4, 1.0, 1.8, 3.0])
-#: A probability that is no other than 0 or 1, and a variance that is none.
-_RAREST = 1e-9
-#: How far beyond the places a quantile may lie, and how far it is mended.
-_BEYOND, _MENDED = (-6.0, 6.0), 0.3
-_TINY = float(np.finfo(float).tiny)
+_PLACES = np.array([-3.2, -2.2, -1.6, -1.1, -0.7, -0.35, 0, 0.35, 0.7, 1.1, 1.6, 2.2, 3.2])
+#: A component is taken as logistic: half of the inverse of its scale at a standard deviation of 1.
+_STEEPNESS = np.pi / np.sqrt(12.0)
+#: Twice a probability less one is never nearer to -1 or 1, and no variance smaller.
+_RAREST, _TINY = 1e-9, float(np.finfo(float).tiny)
+#: How far beyond a place a quantile may lie.
+_BEYOND = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,37 +35,22 @@ class Mixture:
 
     Attributes
     ----------
-    holds : int
-        Number of holds.
     hold, component : ndarray of int, shape (n_kept,)
-        Which hold each entry is of, and which component, counted deviation by deviation.
+        Which hold each entry is of, increasing from 0, and which component.
     weight, forecast, deviation : ndarray, shape (n_kept,)
         Posterior probability, change from the last bin to the horizon and its standard deviation.
     """
 
-    holds: int
     hold: NDArray[np.intp]
     component: NDArray[np.intp]
     weight: FloatArray
     forecast: FloatArray
     deviation: FloatArray
 
-    def doubted(self, pace: FloatArray) -> Mixture:
-        """Return the mixture, each forecast in doubt of its shape.
-
-        `pace` is the change that the recent pace brings, shape (n_holds,).
-        """
-        doubt = SHAPE_DOUBT * np.hypot(self.forecast, pace[self.hold])
-        return replace(self, deviation=np.hypot(self.deviation, doubt))
-
-    def sums(self, terms: FloatArray) -> FloatArray:
-        """Return the sum of a term over the components of each hold, shape (n_holds,)."""
-        return np.asarray(np.bincount(self.hold, weights=terms, minlength=self.holds), np.float64)
-
 
 def posterior(
     forms: Conditionals,
-    binned: FloatArray,
+    seen: FloatArray,
     *,
     log_odds: FloatArray,
     scatter: tuple[FloatArray, float],
@@ -82,8 +63,8 @@ def posterior(
     ----------
     forms : Conditionals
         Of the grid.
-    binned : ndarray, shape (n_holds, n_bins)
-        Averages over the bins.
+    seen : ndarray, shape (n_holds, m)
+        Differences of the bins to the last one.
     log_odds : ndarray, shape (n_deviations, n_curves)
         Prior log odds.
     scatter : tuple of ndarray, shape (n_holds,), and float
@@ -94,76 +75,75 @@ def posterior(
         Components that weigh less than this share of the heaviest are dropped.
     """
     noise, samples = scatter
-    degrees = binned.shape[1] - 1 + samples + scaled * SCALE_DEGREES
-    seen = binned[:, :-1] - binned[:, -1:]
-    whitened = np.swapaxes(forms.whitening @ seen.T, 1, 2)
-    squares = (whitened**2).sum(axis=2) + scaled * SCALE_DEGREES * SCALE**2
-    squares += samples * noise / NOISE[:, None] ** 2 + _TINY
-    # A weight is handicap x left to the power of -degrees / 2: whether it counts is told without
-    # taking a logarithm.
-    log_prior = forms.log_weight + log_odds - samples * np.log(NOISE)[:, None]
-    handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
-    parts = []
-    for first in range(0, len(binned), AT_ONCE):
-        part = slice(first, first + AT_ONCE)
-        found = _heaviest(
-            whitened[:, part] @ forms.curves,
-            squares[:, part],
-            handicap=handicap,
-            heaviest=lightest ** (-2 / degrees),
-        )
-        parts.append((found[0] + first, *found[1:]))
-    hold, component, along, left, over = map(np.concatenate, zip(*parts, strict=True))
-    weight = over ** (-degrees / 2)
+    degrees = seen.shape[1] + samples + scaled * SCALE_DEGREES
+    weighing = _weighing(forms, log_odds.tobytes(), samples, degrees)
+    products = seen @ weighing.products
+    whitened, along = forms.whitened(products), forms.along(products)
+    squares = np.einsum("hkm,hkm->hk", whitened, whitened)
+    squares += noise[:, None] * (samples / NOISE**2) + (scaled * SCALE_DEGREES * SCALE**2 + _TINY)
+    # A weight is handicap x what is left unexplained, to the power of -degrees / 2: whether it
+    # counts is known without taking a logarithm.
+    left = (squares[:, :, None] * weighing.handicap).reshape(along.shape)
+    left -= np.square(along)
+    least = np.maximum(left.min(axis=1), 1e-12 * squares.min(axis=1))
+    kept = np.flatnonzero(left <= (least * lightest ** (-2 / degrees))[:, None])
+    hold, component = np.divmod(kept, along.shape[1])
+    least = least[hold]
+    unexplained = np.maximum(left.ravel()[kept], least)
+    weight = np.exp(-degrees / 2 * np.log(unexplained / least))
     weight /= np.bincount(hold, weights=weight)[hold]
-    ahead = (whitened @ forms.ahead[:, :, None])[component // log_odds.shape[1], hold, 0]
-    variance = (forms.variance / handicap / max(degrees - 2, 1)).ravel()[component]
+    forecast = forms.ahead(products)[hold, DEVIATION_OF[component]]
+    forecast += weighing.step[component] * along[hold, component]
+    pace = forms.pace * seen[hold, forms.pace_from]
+    doubt = SHAPE_DOUBT**2 * (forecast**2 + pace**2)
     return Mixture(
-        holds=len(binned),
         hold=hold,
         component=component,
         weight=weight,
-        forecast=ahead + forms.step.ravel()[component] * along,
-        deviation=np.sqrt(left * variance),
+        forecast=forecast,
+        deviation=np.sqrt(unexplained * weighing.variance[component] + doubt),
     )
 
 
-def _heaviest(
-    along: FloatArray, squares: FloatArray, *, handicap: FloatArray, heaviest: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray, FloatArray, FloatArray]:
-    """Return the components that matter of some holds.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Weighing:
+    """Conditionals of a grid under some odds.
 
-    Parameters
+    Attributes
     ----------
-    along : ndarray, shape (n_deviations, n_holds, n_curves)
-        Products of the whitened differences with the curves.
-    squares : ndarray, shape (n_deviations, n_holds)
-        Their own squares and those of the prior.
     handicap : ndarray, shape (n_deviations, n_curves)
-        By how much more must be explained, for the odds and the determinants.
-    heaviest : float
-        What is left unexplained may be so many times the least.
-
-    Returns
-    -------
-    tuple of ndarray, shape (n_kept,)
-        Hold, component, product, what is left unexplained, and that over the least of the hold.
+        What multiplies the unexplained squares of each component, for the odds, the noise and the
+        determinants: at least 1.
+    products : ndarray, shape as in `Conditionals`
+        Those of the conditionals, with the root of the handicap in what is along the curves.
+    step, variance : ndarray, shape (n_components,)
+        Forecast per unit along the curve, and its variance per unit left, both so multiplied.
     """
-    left = np.square(along)
-    np.subtract(squares[:, :, None], left, out=left)
-    np.maximum(left, 1e-12 * squares[:, :, None], out=left)
-    left *= handicap[:, None]
-    least = left.min(axis=(0, 2))
-    kept = np.flatnonzero(left <= (least * heaviest)[:, None])
-    row, curve = np.divmod(kept, left.shape[2])
-    deviation, hold = np.divmod(row, left.shape[1])
-    kept_left = left.ravel()[kept]
-    component = deviation * left.shape[2] + curve
-    return hold, component, along.ravel()[kept], kept_left, kept_left / least[hold]
+
+    handicap: FloatArray
+    products: FloatArray
+    step: FloatArray
+    variance: FloatArray
+
+
+@lru_cache(maxsize=64)
+def _weighing(forms: Conditionals, log_odds: bytes, samples: float, degrees: float) -> _Weighing:
+    log_prior = forms.log_weight + np.frombuffer(log_odds) - samples * np.log(NOISE)[DEVIATION_OF]
+    handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
+    products = forms.products.copy()
+    forms.along(products)[:] *= np.sqrt(handicap)
+    return _Weighing(
+        handicap=handicap.reshape(N_DEVIATIONS, -1),
+        products=products,
+        step=forms.step / np.sqrt(handicap),
+        variance=forms.variance / handicap / max(degrees - 2, 1),
+    )
 
 
 def quantiles(mixture: Mixture, shares: FloatArray) -> FloatArray:
     """Return quantiles of the mixture of each hold.
+
+    Each component is taken as a logistic variable of its mean and deviation.
 
     Parameters
     ----------
@@ -181,52 +161,31 @@ def quantiles(mixture: Mixture, shares: FloatArray) -> FloatArray:
     Two components of equal weight:
 
     >>> two = Mixture(
-    ...     holds=1, hold=np.array([0, 0]), component=np.array([0, 1]), weight=np.array([0.5, 0.5]),
+    ...     hold=np.array([0, 0]), component=np.array([0, 1]), weight=np.array([0.5, 0.5]),
     ...     forecast=np.array([2.0, 4.0]), deviation=np.array([0.5, 0.5]),
     ... )
     >>> quantiles(two, np.array([0.05, 0.5])).round(2).tolist()
-    [[1.36], [3.0]]
+    [[1.4], [3.0]]
     """
-    merged, middle, spread = _merge(mixture)
-    # As normal variables the probabilities at a few places are nearly a straight line: what lies
-    # between is interpolated, and one Newton step on that line mends it.
-    z = ndtri(np.clip(_below(_PLACES[None], merged), _RAREST, 1 - _RAREST))
-    wanted = ndtri(shares)
-    after = np.clip((z[:, None] < wanted[:, None]).sum(axis=2), 1, _PLACES.size - 1)
-    rows = np.arange(len(z))[:, None]
-    z0, z1 = z[rows, after - 1], z[rows, after]
-    slope = (_PLACES[after] - _PLACES[after - 1]) / np.maximum(z1 - z0, _RAREST)
-    at = _PLACES[after - 1] + np.clip((wanted - z0) * slope, *_BEYOND)
-    z = ndtri(np.clip(_below(at, merged), _RAREST, 1 - _RAREST))
-    at += np.clip((wanted - z) * slope, -_MENDED, _MENDED)
-    return np.asarray((middle[:, None] + spread[:, None] * np.sort(at, axis=1)).T)
+    hold, weight = mixture.hold, mixture.weight
+    middle = np.bincount(hold, weights=weight * mixture.forecast)
+    off = mixture.forecast - middle[hold]
+    spread = np.sqrt(np.bincount(hold, weights=weight * (mixture.deviation**2 + off**2)))
+    steep = _STEEPNESS / np.maximum(mixture.deviation, _TINY)
+    tilt = _PLACES[:, None] * (spread[hold] * steep)
+    tilt -= off * steep
+    np.tanh(tilt, out=tilt)
+    tilt *= weight
+    # Twice the probability below each place, less one; its arctanh is nearly a line.
+    every = np.arange(middle.size)
+    known = np.add.reduceat(tilt, np.searchsorted(hold, every), axis=1)
+    wanted = (2 * shares - 1)[:, None]
+    after = 1 + (known[1:-1, None] < wanted).sum(axis=0)
+    first, last = _line(known[after - 1, every]), _line(known[after, every])
+    slope = (_PLACES[after] - _PLACES[after - 1]) / np.maximum(last - first, _RAREST)
+    step = np.minimum(np.maximum((_line(wanted) - first) * slope, -_BEYOND), _BEYOND)
+    return np.asarray(middle + spread * (_PLACES[after - 1] + step))
 
 
-def _below(places: FloatArray, merged: FloatArray) -> FloatArray:
-    """Return the probability below places of each hold, in units of `_merge`."""
-    weight, mean, deviation = merged
-    z = (places[:, :, None] - mean[:, None]) / deviation[:, None]
-    return np.asarray((ndtr(z) @ weight[:, :, None])[:, :, 0])
-
-
-def _merge(mixture: Mixture) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the mixture with like forecasts merged, and the mean and spread that are its unit.
-
-    The first has shape (3, n_holds, n_merged): weights, means and deviations.
-    """
-    weight, middle = mixture.weight, mixture.sums(mixture.weight * mixture.forecast)
-    off = mixture.forecast - middle[mixture.hold]
-    spread = np.sqrt(mixture.sums(weight * (mixture.deviation**2 + off**2)))
-    unit = np.maximum(spread, _TINY)[mixture.hold]
-    off, variance = off / unit, (mixture.deviation / unit) ** 2
-    place = np.clip((off + _SPAN) * (_MERGED / (2 * _SPAN)), 0, _MERGED - 1).astype(np.intp)
-    place += mixture.hold * _MERGED
-    total, first, second = (
-        np.bincount(place, weights=terms, minlength=mixture.holds * _MERGED)
-        for terms in (weight, weight * off, weight * (variance + off**2))
-    )
-    share = np.maximum(total, _TINY)
-    mean = first / share
-    deviation = np.sqrt(np.maximum(second / share - mean**2, _RAREST))
-    merged = np.stack([total, mean, deviation]).reshape(3, mixture.holds, _MERGED)
-    return merged, middle, spread
+def _line(tilt: FloatArray) -> FloatArray:
+    return np.asarray(np.arctanh(np.minimum(np.maximum(tilt, _RAREST - 1), 1 - _RAREST)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,9 @@ from palpate.settling.result import FloatArray
 from palpate.signal.transient import peak_index
 
 #: A baseline stays within this share of the whole change for at least so long (s) and so many
-#: samples; the change then comes to the larger share within three quarters of that time, while a
-#: curve that relaxes from the start slows down and takes three times it.
-_FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 3
+#: samples; the change then comes to the larger share within three quarters of that time or one
+#: sample, while a curve that relaxes from the start slows down and takes three times it.
+_FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 2
 _GONE, _SUDDEN = 0.4, 0.75
 #: A change of a positive reading by a fifth within so long (s) is a contact; where zero is
 #: not known, so is a change that makes up nearly all there is. What rings is left out; time still
@@ -36,36 +37,30 @@ class Window:
         Times of the samples to use, seconds after the origin.
     origin, first : int
         Index of the origin, and of the first sample to use.
-    positive : bool
-        Whether the values are logarithms.
     """
 
     rows: NDArray[np.intp]
     since_s: FloatArray
     origin: int
     first: int
-    positive: bool
 
 
-def windows(
-    time_s: FloatArray, values: FloatArray, *, positive: NDArray[np.bool_]
-) -> Iterator[Window]:
+def windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterator[Window]:
     """Group holds by their origin and the samples to use; parameters as of `origins`."""
     origin, first = origins(time_s, values, positive=positive)
-    keys = (origin * time_s.size + first) * 2 + positive
+    keys = origin * time_s.size + first
     for key in dict.fromkeys(keys.tolist()):
-        at, start = divmod(key // 2, time_s.size)
+        at, start = divmod(key, time_s.size)
         yield Window(
             rows=np.flatnonzero(keys == key),
             since_s=time_s[start:] - time_s[at],
             origin=at,
             first=start,
-            positive=bool(key % 2),
         )
 
 
 def origins(
-    time_s: FloatArray, values: FloatArray, *, positive: NDArray[np.bool_]
+    time_s: FloatArray, values: FloatArray, *, positive: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the origin of time of each hold and the first sample that tells how it settles.
 
@@ -75,7 +70,7 @@ def origins(
         Sampling times, seconds.
     values : ndarray, shape (n_holds, n_times)
         Samples.
-    positive : ndarray of bool, shape (n_holds,)
+    positive : bool
         Whether they are logarithms of positive values: then the size of a fall shows a contact.
 
     Returns
@@ -89,36 +84,68 @@ def origins(
 
     >>> time_s = np.arange(0.0, 3.0, 0.05)
     >>> held = np.where(time_s < 1.0, 0.0, -2.0 - 0.1 * np.log(np.maximum(time_s - 0.95, 0.05)))
-    >>> origin, first = origins(time_s, held[None], positive=np.array([True]))
+    >>> origin, first = origins(time_s, held[None], positive=True)
     >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
     (0.95, 1.3)
     """
-    peak = peak_index(values)
-    rested = _baseline_end(time_s, values)
-    origin = np.maximum(peak, rested)
+    grid = _grid(time_s.tobytes())
+    rested = _baseline_end(time_s, values, could_end=grid.could_end)
+    origin = np.maximum(peak_index(values), rested)
     rows = np.arange(len(values))
-    soon = np.searchsorted(time_s, time_s[origin] + _CONTACT_S, side="right") - 1
-    jump = np.abs(values[rows, origin] - values[rows, soon])
-    whole = np.abs(values - values[rows, origin][:, None]).max(axis=1)
-    jumped = np.where(positive, jump > _CONTACT_LOG, jump > _CONTACT_SHARE * whole)
-    later = np.searchsorted(time_s, time_s[origin] + _RUNG_OUT_S - 1e-9)
+    start = values[rows, origin]
+    jump = np.abs(start - values[rows, grid.soon[origin]])
+    least = _CONTACT_LOG
+    if not positive:
+        least = _CONTACT_SHARE * np.abs(values - start[:, None]).max(axis=1)
+    contact = (jump > least) | (rested > 0)
+    return origin, np.where(contact, grid.later[origin], origin)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Grid:
+    """What each sample of a grid is as an origin, all shape (n_times,), and one more index.
+
+    Attributes
+    ----------
+    soon : ndarray of int
+        Last sample that may show a contact.
+    later : ndarray of int
+        Where the contact has rung out, or the origin itself where too few samples come after that.
+    could_end : int
+        First sample at which a baseline could end.
+    """
+
+    soon: NDArray[np.intp]
+    later: NDArray[np.intp]
+    could_end: int
+
+
+@lru_cache(maxsize=64)
+def _grid(time_bytes: bytes) -> _Grid:
+    time_s = np.frombuffer(time_bytes)
+    later = np.searchsorted(time_s, time_s + _RUNG_OUT_S - 1e-9)
     enough = (time_s.size - later >= _FEWEST_LEFT) & (
         time_s[-1] - time_s[np.minimum(later, time_s.size - 1)] >= _SHORTEST_LEFT_S
     )
-    contact = jumped | (rested > 0)
-    return origin, np.where(contact & enough, later, origin)
+    could_end = max(int(np.searchsorted(time_s - time_s[0], _FLAT_S)), _FLAT_SAMPLES - 1)
+    return _Grid(
+        soon=np.searchsorted(time_s, time_s + _CONTACT_S, side="right") - 1,
+        later=np.where(enough, later, np.arange(time_s.size)),
+        could_end=could_end,
+    )
 
 
-def _baseline_end(time_s: FloatArray, values: FloatArray) -> NDArray[np.intp]:
+def _baseline_end(time_s: FloatArray, values: FloatArray, *, could_end: int) -> NDArray[np.intp]:
     """Return the last sample of a flat stretch in front, 0 where there is none."""
     away = np.abs(values - values[:, :1])
     whole = away.max(axis=1, keepdims=True)
+    if could_end >= time_s.size or (away[:, could_end] > _FLAT * whole[:, 0]).all():
+        return np.zeros(len(values), dtype=np.intp)
     left = away > _FLAT * whole
     flat = left.argmax(axis=1) - 1
     gone = (away > _GONE * whole).argmax(axis=1)
     lasted_s = time_s[flat] - time_s[0]
-    sudden = time_s[gone] - time_s[flat] <= _SUDDEN * lasted_s
-    found = sudden & (lasted_s >= _FLAT_S) & (flat + 1 >= _FLAT_SAMPLES) & left.any(axis=1)
+    sudden = (time_s[gone] - time_s[flat] <= _SUDDEN * lasted_s) | (gone == flat + 1)
     # It must have stayed away: a hold that returns to where it began has no baseline there.
-    end: NDArray[np.intp] = np.where(found, flat, 0)
+    end: NDArray[np.intp] = np.where((flat >= could_end) & sudden & left.any(axis=1), flat, 0)
     return end

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from palpate.holds import Hold
 from palpate.settling.bins import noise_scatter
-from palpate.settling.conditionals import WALK_FROM_S, Conditionals, conditionals
+from palpate.settling.conditionals import conditionals
 from palpate.settling.intervals import UNCALIBRATED, WIDENING, IntervalScale
 from palpate.settling.mixture import LIGHTEST, Mixture, posterior, quantiles
 from palpate.settling.odds import LOG_ODDS
@@ -19,10 +19,9 @@ from palpate.settling.origin import Window, windows
 from palpate.settling.percent import without_percent
 from palpate.settling.result import FloatArray, SettledEstimate, Status
 from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
-from palpate.settling.shapes import CURVES, DEVIATIONS, WORST_NOISE
 
 #: Holds worked on at once; bounds the memory whatever the batch.
-CHUNK = 512
+CHUNK = 256
 #: A prediction from less than this after the origin has no basis but the prior.
 SHORTEST_S = 0.3
 #: And from fewer samples there is no telling noise from change.
@@ -42,9 +41,6 @@ FURTHEST = 10.0
 CALIBRATION_WINDOWS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
 
 _TINY = float(np.finfo(float).tiny)
-#: Which components describe a contact that bounces, and which call everything noise.
-_BOUNCING = np.repeat([d.bounce_s > 0 for d in DEVIATIONS], len(CURVES))
-_NOISY = np.repeat([d.noise >= WORST_NOISE for d in DEVIATIONS], len(CURVES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,16 +93,18 @@ class Relaxation:
         """
         if not 0 < level < 1:
             raise ValueError(f"level must lie between 0 and 1, not {level:g}")
-        positive = np.asarray((values > 0).all(axis=1))
-        # Logarithms of the share of the last sample, so that a constant hold stays exactly so.
-        unit = np.where(positive, values[:, -1], 1.0)
-        shares = values / unit[:, None]
-        seen = np.where(positive[:, None], np.log(np.where(positive[:, None], shares, 1.0)), values)
-        quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
-        ends, status, window_s = self._ends(
-            time_s, seen, positive=positive, horizon_s=horizon_s, quantile=quantile
-        )
-        low, value, high = np.where(positive, unit * np.exp(np.where(positive, ends, 0.0)), ends)
+        ends = np.empty((3, len(values)))
+        status = _each(len(values), Status.OK)
+        window_s = np.full(len(values), time_s[-1] - time_s[0])
+        for rows, seen, positive in _by_sign(values):
+            for part, since_s, found in self._ends(
+                time_s, seen, positive=positive, horizon_s=horizon_s, level=level
+            ):
+                at = rows[part]
+                last = values[at, -1]
+                ends[:, at] = last * np.exp(found[0]) if positive else last + found[0]
+                status[at], window_s[at] = found[1], since_s
+        low, value, high = ends
         return SettledEstimate(
             value=value,
             low=low,
@@ -123,52 +121,68 @@ class Relaxation:
         time_s: FloatArray,
         seen: FloatArray,
         *,
-        positive: NDArray[np.bool_],
+        positive: bool,
         horizon_s: float,
-        quantile: FloatArray,
-    ) -> tuple[FloatArray, NDArray[np.object_], FloatArray]:
-        """Return low end, value and high end of all holds, their statuses and window lengths."""
-        ends = np.empty((3, len(seen)))
-        status = np.array([Status.OK] * len(seen), dtype=object)
-        window_s = np.full(len(seen), time_s[-1] - time_s[0])
+        level: float,
+    ) -> Iterator[tuple[NDArray[np.intp], float, tuple[FloatArray, NDArray[np.object_]]]]:
+        """Yield which holds, the length of their window, and their ends and statuses."""
+        quantile = np.array([(1 - level) / 2, 0.5, (1 + level) / 2])
         target_s = horizon_s - SETTLED_WINDOW_S / 2
         if time_s[-1] >= target_s:
-            status[np.ptp(seen, axis=1) == 0] = Status.NOT_SETTLING
             ends = _settled_already(time_s, seen, horizon_s=horizon_s, quantile=quantile)
-            return ends, status, window_s
+            status = _each(len(seen), Status.OK)
+            status[np.ptp(seen, axis=1) == 0] = Status.NOT_SETTLING
+            yield np.arange(len(seen)), float(time_s[-1] - time_s[0]), (ends, status)
+            return
         for window in windows(time_s, seen, positive=positive):
-            window_s[window.rows] = window.since_s[-1] - window.since_s[0]
             after_s = target_s - float(time_s[window.origin])
-            for rows in np.split(window.rows, range(CHUNK, window.rows.size, CHUNK)):
-                used = seen[rows, window.first :]
-                ends[:, rows], status[rows] = self._settled(
-                    window, used, after_s=after_s, quantile=quantile
+            length_s = float(window.since_s[-1] - window.since_s[0])
+            for start in range(0, window.rows.size, CHUNK):
+                part = window.rows[start : start + CHUNK]
+                used = seen[part, window.first :]
+                yield (
+                    part,
+                    length_s,
+                    self._settled(
+                        window, used, positive=positive, after_s=after_s, quantile=quantile
+                    ),
                 )
-        return ends, status, window_s
 
     def _settled(
-        self, window: Window, used: FloatArray, *, after_s: float, quantile: FloatArray
+        self,
+        window: Window,
+        used: FloatArray,
+        *,
+        positive: bool,
+        after_s: float,
+        quantile: FloatArray,
     ) -> tuple[FloatArray, NDArray[np.object_]]:
         """Return low end, value and high end of holds of one window, and their statuses."""
-        since_s, reach = window.since_s, np.ptp(used, axis=1)
+        since_s, reach = window.since_s, used.max(axis=1) - used.min(axis=1)
         if since_s.size < 2:
             sides = np.array([-1.0, 0.0, 1.0])[:, None]
-            return used[:, -1] + sides * reach, np.array([Status.TOO_SHORT] * len(used), object)
-        found, binned = _weighed(window, used, after_s=after_s, log_odds=self.log_odds)
+            return used[:, -1] + sides * reach, _each(len(used), Status.TOO_SHORT)
+        found, binned = _weighed(
+            since_s, used, positive=positive, after_s=after_s, log_odds=self.log_odds
+        )
         ahead = quantiles(found, quantile)
         widening = self.scale.widening(
             float(since_s[-1] - since_s[0]), level=float(quantile[2] - quantile[0])
         )
         ahead = ahead[1] + widening * (ahead - ahead[1])
-        ahead += self.further * (binned[:, -1] - binned[:, 0])
-        turned = _turned_back(binned)
+        if self.further:
+            ahead += self.further * (binned[:, -1] - binned[:, 0])
+        gone = np.abs(binned - binned[:, :1])
+        furthest = gone.max(axis=1)
+        turned = furthest - gone[:, -1] > TURNED_BACK * furthest
         ahead[0] -= turned * reach
         ahead[2] += turned * reach
-        possible = np.clip(ahead, -FURTHEST * reach, FURTHEST * reach)
+        possible = np.minimum(np.maximum(ahead, -FURTHEST * reach), FURTHEST * reach)
         ends = binned[:, -1] + possible
-        status = _statuses(window, ends, reach=reach, found=found)
-        fine = status == Status.OK
-        status[fine & (possible[1] != ahead[1])] = Status.FELL_BACK
+        status = _statuses(window, ends, reach=reach, positive=positive)
+        limited = possible[1] != ahead[1]
+        if limited.any():
+            status[limited & (status == Status.OK)] = Status.FELL_BACK
         status[turned | (reach == 0)] = Status.NOT_SETTLING
         return ends, status
 
@@ -199,12 +213,13 @@ class Relaxation:
         """
         positive = bool((values > 0).all())
         seen = (np.log(values) if positive else values)[None]
-        [window] = windows(time_s, seen, positive=np.array([positive]))
+        [window] = windows(time_s, seen, positive=positive)
         if window.since_s.size < FEWEST_SAMPLES:
             return None
         found, binned = _weighed(
-            window,
+            window.since_s,
             seen[:, window.first :],
+            positive=positive,
             after_s=horizon_s - SETTLED_WINDOW_S / 2 - float(time_s[window.origin]),
             log_odds=self.log_odds,
             lightest=lightest,
@@ -246,10 +261,25 @@ class Relaxation:
         return replace(self, scale=scale)
 
 
+def _by_sign(values: FloatArray) -> Iterator[tuple[NDArray[np.intp], FloatArray, bool]]:
+    """Yield which holds, what is seen of them, and whether those are logarithms.
+
+    Counted from the last sample, so that a constant hold stays exactly so.
+    """
+    above_zero = (values > 0).all(axis=1)
+    for positive in (True, False):
+        rows = np.flatnonzero(above_zero == positive)
+        if rows.size:
+            alike = values[rows]
+            last = alike[:, -1:]
+            yield rows, np.log(alike / last) if positive else alike - last, positive
+
+
 def _weighed(
-    window: Window,
+    since_s: FloatArray,
     used: FloatArray,
     *,
+    positive: bool,
     after_s: float,
     log_odds: FloatArray,
     lightest: float = LIGHTEST,
@@ -258,61 +288,50 @@ def _weighed(
 
     Parameters
     ----------
-    window : Window
-        Grid of the holds.
+    since_s : ndarray, shape (n_used,)
+        Times of the samples, seconds after the origin.
     used : ndarray, shape (n_holds, n_used)
-        Samples on it.
+        Samples.
+    positive : bool
+        Whether they are logarithms.
     after_s : float
         Time of the value to predict, seconds after the origin.
     log_odds, lightest : ndarray and float
         As of `posterior`.
     """
-    forms = conditionals(window.since_s, after_s=after_s)
+    forms = conditionals(since_s, after_s=after_s)
     binned = used @ forms.bins.averaging.T
     found = posterior(
         forms,
-        binned,
+        binned[:, :-1] - binned[:, -1:],
         log_odds=log_odds,
-        scatter=noise_scatter(window.since_s, used),
-        scaled=window.positive,
+        scatter=noise_scatter(since_s, used),
+        scaled=positive,
         lightest=lightest,
     )
-    return found.doubted(_recent_pace(forms, binned)), binned
+    return found, binned
 
 
-def _recent_pace(forms: Conditionals, binned: FloatArray) -> FloatArray:
-    """Return the change to come if time went on by e-folds as it did over the last one."""
-    time_s = forms.bins.time_s
-    first = min(int(np.searchsorted(time_s, time_s[-1] / np.e)), time_s.size - 2)
-    folds = np.log((time_s[-1] + WALK_FROM_S) / (time_s[first] + WALK_FROM_S))
-    return np.asarray(np.abs(binned[:, first] - binned[:, -1]) / folds * forms.e_folds)
-
-
-def _turned_back(binned: FloatArray) -> NDArray[np.bool_]:
-    """Return which holds have come back by much of how far they had gone."""
-    gone = np.abs(binned - binned[:, :1])
-    furthest = gone.max(axis=1)
-    return np.asarray(furthest - gone[:, -1] > TURNED_BACK * furthest)
+def _each(holds: int, status: Status) -> NDArray[np.object_]:
+    return np.array([status] * holds, dtype=object)
 
 
 def _statuses(
-    window: Window, ends: FloatArray, *, reach: FloatArray, found: Mixture
+    window: Window, ends: FloatArray, *, reach: FloatArray, positive: bool
 ) -> NDArray[np.object_]:
     """Return whether the interval can be believed and is worth it, or why not."""
     low, value, high = ends
-    # Half of the width as a share of the value; where zero is not known, of the change seen.
-    half = np.expm1(high - value) - np.expm1(low - value) if window.positive else high - low
-    half = half / 2 if window.positive else WIDEST * half / np.maximum(2 * reach, _TINY)
     lasted_s = float(window.since_s[-1])
-    ringing = found.sums(found.weight * _BOUNCING[found.component]) > 0.5
-    noisy = found.sums(found.weight * _NOISY[found.component]) > 0.5
-    status = np.array([Status.OK] * ends.shape[1], dtype=object)
-    status[(half > WIDEST) | noisy] = Status.MISFIT if lasted_s > EARLY_S else Status.TOO_SHORT
-    contact = ringing | (window.first > window.origin)
-    if lasted_s < RINGING_S:
-        status[contact] = Status.TOO_SHORT
     if window.since_s.size < FEWEST_SAMPLES or lasted_s < SHORTEST_S:
-        status[:] = Status.TOO_SHORT
+        return _each(value.size, Status.TOO_SHORT)
+    if lasted_s < RINGING_S and window.first > window.origin:
+        return _each(value.size, Status.TOO_SHORT)
+    # As a share of the value; where zero is not known, no more than the change seen.
+    half = (np.exp(high - value) - np.exp(low - value) if positive else high - low) / 2
+    status = _each(value.size, Status.OK)
+    status[half > (WIDEST if positive else reach)] = (
+        Status.MISFIT if lasted_s > EARLY_S else Status.TOO_SHORT
+    )
     return status
 
 

@@ -94,6 +94,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.staircases",
         "Force now during staircases of closing and opening, simulated",
     ),
+    "settling-families": (
+        "palpate_studies.settling_grid",
+        "Settled values on every kind of hold, real and drawn, beside every simpler rule",
+    ),
     "settling-limits": (
         "palpate_studies.settling_limits",
         "How well any predictor could do, real and drawn",

@@ -1,90 +1,266 @@
-"""Ours compared with every simpler rule on drawn families and on real recordings.
-
-python -m palpate_studies.settling_grid FOLDER [SEED [HOLDS]]
-"""
+"""Ours next to every simpler rule on drawn families and real recordings, seen and left out."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
-from rich.console import Console
+import typer
 
+from palpate.commands.options import JsonOption
+from palpate.errors import InputError
 from palpate.holds import Hold, read_holds
-from palpate.settling.predict import predict_settled
+from palpate.settling.predict import METHODS, predict_settled
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray, SettlingMethod
+from palpate.settling.result import FloatArray, SettlingMethod, Status
 from palpate.settling.scoring import settled_value
-from palpate_studies.settling_families import FAMILIES, draw
+from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.settling_families import FAMILIES, after_baseline, draw
+from palpate_studies.settling_odds import (
+    CUTOFFS_S,
+    HORIZON_S,
+    learn,
+    lessons_of,
+    log_odds,
+    source,
+    units_of,
+)
 
-CUTOFFS_S = (1.0, 2.5, 5.0)
-REAL = ("holds_cbsilicone", "holds_velostat", "holds_force_relaxation")
-#: a + b ln(u + t0), fitted from so long after the peak: t0 and that, s.
-LOG_LAWS = {"log law 0.2 s": (0.2, 0.5), "log law 0.4 s": (0.4, 0.1)}
-SIMPLE = ("recorded", "exponential", *LOG_LAWS)
-
-
-def log_law(hold: Hold, cutoff_s: float, *, from_s: float, wait_s: float) -> float:
-    """Return the log law of one hold at 20 s, or the last sample where it has too few."""
-    seen = hold.time_s <= cutoff_s
-    time_s, values = hold.time_s[seen], hold.values[seen]
-    since_s = time_s - time_s[values.argmax()]
-    used = since_s >= wait_s - 1e-9
-    if used.sum() < 3:
-        return float(values[-1])
-    slope, level = np.polyfit(np.log(since_s[used] + from_s), values[used], 1)
-    return float(level + slope * np.log(20.0 - (time_s[-1] - since_s[-1]) + from_s))
+OURS, BEST = "relaxation", "best simple"
+SIMPLE = tuple(name for name in METHODS if name != OURS)
 
 
-def errors(holds: Sequence[Hold], cutoff_s: float) -> dict[str, FloatArray]:
-    """Return |error| in % of every rule on each hold, and of ours whether it is covered and ok."""
-    found: dict[str, list[float]] = {name: [] for name in (*SIMPLE, "ours", "covered", "ok")}
-    ours: SettlingMethod = Relaxation()
-    for hold in holds:
-        settled = settled_value(hold.time_s, hold.values, horizon_s=20.0)
-        for name in SIMPLE[:2]:
-            guess = predict_settled(hold.time_s, hold.values, cutoff_s=cutoff_s, method=name)
-            found[name].append(100 * abs(float(guess.value) / settled - 1))
-        for name, (from_s, wait_s) in LOG_LAWS.items():
-            guessed = log_law(hold, cutoff_s, from_s=from_s, wait_s=wait_s)
-            found[name].append(100 * abs(guessed / settled - 1))
-        one = predict_settled(hold.time_s, hold.values, cutoff_s=cutoff_s, method=ours)
-        found["ours"].append(100 * abs(float(one.value) / settled - 1))
-        found["covered"].append(float(one.low <= settled <= one.high))
-        found["ok"].append(float(str(one.status) == "ok"))
-    return {name: np.array(values) for name, values in found.items()}
+def command(
+    holds: Annotated[
+        list[Path] | None,
+        typer.Option(help="Real holds; may be repeated.", metavar="FILE"),
+    ] = None,
+    count: Annotated[int, typer.Option(help="Holds drawn of each family.", min=2)] = 300,
+    seed: Annotated[int, typer.Option(help="Of the drawn holds; best one not used before.")] = 0,
+    odds: Annotated[
+        Path | None,
+        typer.Option(help="Write the odds learned on all of these here, and stop.", metavar="FILE"),
+    ] = None,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Compare ours with simpler rules, family by family.
+
+    Example: palpate study settling-families --holds silicone.csv.gz --holds velostat.csv.gz
+    """
+    if not holds:
+        raise InputError("name at least one recording with --holds FILE")
+    real = {file.name.removesuffix(".csv.gz"): settled_holds(file) for file in holds}
+    if odds is not None:
+        odds.write_text(source(learn(lessons_of(real).values())), encoding="utf-8")
+        return
+    report(real, count=count, seed=seed).emit(as_json=as_json, out=out)
 
 
-def line(family: str, holds: Sequence[Hold]) -> str:
-    """Return one row: medians of all rules; p90, worst, coverage (all, ok) and share ok of ours."""
-    scored = [errors(holds, cutoff_s) for cutoff_s in CUTOFFS_S]
-    cells = [" / ".join(f"{np.median(s[name]):.2g}" for s in scored) for name in (*SIMPLE, "ours")]
-    cells.append(" / ".join(f"{np.quantile(s['ours'], 0.9):.2g}" for s in scored))
-    cells.append(" / ".join(f"{s['ours'].max():.2g}" for s in scored))
-    cells.append(" / ".join(f"{s['covered'].mean():.2f}" for s in scored))
-    cells.append(
-        " / ".join(
-            f"{s['covered'][s['ok'] == 1].mean():.2f}" if s["ok"].any() else "-" for s in scored
-        )
+def settled_holds(file: Path) -> list[Hold]:
+    """Return the holds of a file that reach the horizon.
+
+    Raises
+    ------
+    InputError
+        If none does.
+    """
+    known = [
+        hold
+        for hold in read_holds(file, until_s=HORIZON_S)
+        if np.isfinite(settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S))
+    ]
+    if not known:
+        raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
+    return known
+
+
+def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> StudyReport:
+    """Score everything and put it into one report."""
+    drawn = {family: draw(family, count, seed=seed) for family in FAMILIES}
+    seen = {name: scores(holds) for name, holds in {**real, **drawn}.items()}
+    left_out = _left_out(real, drawn)
+    rng = np.random.default_rng(seed)
+    rested = {name: _rested(holds, rng=rng) for name, holds in {**real, **drawn}.items()}
+    return StudyReport(
+        name="settling-families",
+        title="The settled value of recordings of every kind",
+        provenance=(
+            f"Real: {', '.join(f'{name} ({len(holds)} holds)' for name, holds in real.items())}. "
+            "The odds that ship were learned on recordings of these names: their rows of the first "
+            "two tables are not unseen, those of the next two are.",
+            f"Drawn from formulas (no sensor, no twin): {count} holds of each family, seed {seed}; "
+            "the odds were learned on others.",
+            f"{BEST}: the rule with the smallest median on the real holds that are not left out.",
+        ),
+        tables=[
+            _rivals(f"Median |error|, % of the settled value, {_AT}", seen),
+            _ours(f"Ours alone, {_AT}", seen),
+            _rivals(f"Median |error|, left out of the odds, {_AT}", left_out),
+            _ours(f"Ours alone, left out of the odds, {_AT}", left_out),
+            _ours(
+                f"Ours with 0.5 to 3 s of the unloaded sensor in front, {_AT} of contact", rested
+            ),
+        ],
+        payload={
+            "seed": seed,
+            "count": count,
+            "cutoffs_s": list(CUTOFFS_S),
+            "seen": {name: _payload(found) for name, found in seen.items()},
+            "left_out": {name: _payload(found) for name, found in left_out.items()},
+            "with_baseline": {name: _payload(found) for name, found in rested.items()},
+        },
     )
-    cells.append(" / ".join(f"{s['ok'].mean():.2f}" for s in scored))
-    return f"| {family} ({len(holds)}) | " + " | ".join(cells) + " |"
 
 
-def main(data: Path, *, seed: int, count: int) -> None:
-    """Write the table, in Markdown."""
-    console = Console(soft_wrap=True)
-    for name in REAL:
-        console.print(line(name, list(read_holds(data / f"{name}.csv.gz"))))
-    for family in FAMILIES:
-        console.print(line(family, draw(family, count, seed=seed)))
+_AT = f"at {' / '.join(f'{cutoff_s:g}' for cutoff_s in CUTOFFS_S)} s"
 
 
-if __name__ == "__main__":
-    main(
-        Path(sys.argv[1]),
-        seed=int(sys.argv[2]) if len(sys.argv) > 2 else 20_262,
-        count=int(sys.argv[3]) if len(sys.argv) > 3 else 300,
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scores:
+    """How rules do on the same holds, one row for each cut-off.
+
+    Attributes
+    ----------
+    errors : mapping of str to ndarray, shape (n_cutoffs, n_holds)
+        |error| by rule, % of the settled value.
+    covered, ok : ndarray, shape (n_cutoffs, n_holds)
+        Whether the interval of ours covers the settled value, and whether its status is `ok`.
+    """
+
+    errors: Mapping[str, FloatArray]
+    covered: FloatArray
+    ok: FloatArray
+
+
+def scores(
+    holds: Sequence[Hold],
+    *,
+    ours: SettlingMethod | None = None,
+    rivals: Sequence[str] = SIMPLE,
+    starts_s: Sequence[float] | None = None,
+) -> Scores:
+    """Return how ours and its rivals do on holds; cut-offs count from `starts_s`, 0 by default."""
+    methods: dict[str, SettlingMethod | str] = {name: name for name in rivals}
+    methods[OURS] = ours or Relaxation()
+    shape = (len(CUTOFFS_S), len(holds))
+    errors = {name: np.empty(shape) for name in methods}
+    covered, ok = np.empty(shape), np.empty(shape)
+    for column, hold in enumerate(holds):
+        start_s = starts_s[column] if starts_s else 0.0
+        settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S + start_s)
+        for row, cutoff_s in enumerate(CUTOFFS_S):
+            for name, method in methods.items():
+                found = predict_settled(
+                    hold.time_s,
+                    hold.values,
+                    cutoff_s=cutoff_s + start_s,
+                    horizon_s=HORIZON_S + start_s,
+                    method=method,
+                )
+                errors[name][row, column] = 100 * abs(float(found.value) / settled - 1)
+            covered[row, column] = found.low <= settled <= found.high
+            ok[row, column] = found.status == Status.OK
+    return Scores(errors=errors, covered=covered, ok=ok)
+
+
+def _rested(holds: Sequence[Hold], *, rng: np.random.Generator) -> Scores:
+    """Return how ours does with a baseline in front of every hold."""
+    rested = [after_baseline(hold, rng=rng) for hold in holds]
+    starts_s = [
+        float(long.time_s[len(long.time_s) - len(hold.time_s)] - hold.time_s[0])
+        for long, hold in zip(rested, holds, strict=True)
+    ]
+    return scores(rested, rivals=(), starts_s=starts_s)
+
+
+def _left_out(
+    real: Mapping[str, Sequence[Hold]], drawn: Mapping[str, Sequence[Hold]]
+) -> dict[str, Scores]:
+    """Return scores of every family and specimen under odds learned without it."""
+    lessons = lessons_of(real)
+    units = {name: unit.holds for name, unit in units_of(real).items()}
+    found = {}
+    for name, holds in {**units, **drawn}.items():
+        odds = learn([one for other, one in lessons.items() if other != name])
+        found[name] = scores(holds, ours=Relaxation(log_odds=log_odds(odds)))
+    best = {
+        name: _with_best(found[name], [found[other].errors for other in units if other != name])
+        for name in units
+        if len(units) > 1
+    }
+    return found | best
+
+
+def _with_best(one: Scores, others: Sequence[Mapping[str, FloatArray]]) -> Scores:
+    """Return scores with those of the simple rule that is best on others, at each cut-off."""
+    best = []
+    for row in range(len(CUTOFFS_S)):
+        medians = {
+            name: np.median(np.concatenate([errors[name][row] for errors in others]))
+            for name in SIMPLE
+        }
+        best.append(one.errors[min(medians, key=medians.__getitem__)][row])
+    return Scores(errors={**one.errors, BEST: np.array(best)}, covered=one.covered, ok=one.ok)
+
+
+def _rivals(title: str, found: Mapping[str, Scores]) -> Table:
+    rules = [
+        rule for rule in (*SIMPLE, BEST, OURS) if any(rule in s.errors for s in found.values())
+    ]
+    return Table(
+        title=title,
+        columns=("holds", "n", *rules),
+        rows=[
+            (
+                name,
+                str(one.ok.shape[1]),
+                *(
+                    _cell(np.median(one.errors[rule], axis=1)) if rule in one.errors else "-"
+                    for rule in rules
+                ),
+            )
+            for name, one in found.items()
+        ],
     )
+
+
+#: What is said of ours alone, by cut-off.
+_OURS: Mapping[str, Callable[[Scores], FloatArray]] = {
+    "median": lambda one: np.median(one.errors[OURS], axis=1),
+    "p90": lambda one: np.quantile(one.errors[OURS], 0.9, axis=1),
+    "worst": lambda one: one.errors[OURS].max(axis=1),
+    "coverage": lambda one: one.covered.mean(axis=1),
+    "coverage of ok": lambda one: (
+        (one.covered * one.ok).sum(axis=1)
+        / np.where(one.ok.any(axis=1), one.ok.sum(axis=1), np.nan)
+    ),
+    "share ok": lambda one: one.ok.mean(axis=1),
+}
+
+
+def _ours(title: str, found: Mapping[str, Scores]) -> Table:
+    return Table(
+        title=title,
+        columns=("holds", "n", *_OURS),
+        rows=[
+            (name, str(one.ok.shape[1]), *(_cell(figure(one)) for figure in _OURS.values()))
+            for name, one in found.items()
+        ],
+    )
+
+
+def _cell(values: FloatArray) -> str:
+    return " / ".join("-" if np.isnan(value) else f"{value:.2g}" for value in values)
+
+
+def _payload(one: Scores) -> dict[str, Any]:
+    medians = {rule: np.median(errors, axis=1).tolist() for rule, errors in one.errors.items()}
+    ours = {
+        name: [None if np.isnan(value) else float(value) for value in figure(one)]
+        for name, figure in _OURS.items()
+    }
+    return {"holds": int(one.ok.shape[1]), "median_abs_error_percent": medians, OURS: ours}

@@ -94,7 +94,7 @@ def _errors(holds: Sequence[Hold], *, method: str) -> list[FloatArray]:
 def _percent(hold: Hold, cutoff_s: float, *, method: str) -> float:
     settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
     found = predict_settled(hold.time_s, hold.values, cutoff_s=cutoff_s, method=method)
-    return float(100 * abs(found.value / settled - 1))
+    return 100 * abs(float(found.value) / settled - 1)
 
 
 def _since_peak(hold: Hold, cutoff_s: float) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,6 @@
 """Learn the prior odds of the settling predictor; the shipped ones come from this file.
 
-    python -m palpate_studies.settling_odds FOLDER src/palpate/settling/odds.py
+    palpate study settling-families --holds A --holds B --odds src/palpate/settling/odds.py
 
 The log odds of a component are the sum of one number for its curve and one for its deviation. They
 maximise, by gradient, the mean log score of the settled values plus the mean -ln |relative error|
@@ -10,25 +10,24 @@ the real ones more. A ridge keeps what the data don't care about near even odds.
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from palpate.holds import Hold, read_holds
+from palpate.holds import Hold
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray
 from palpate.settling.scoring import settled_value
-from palpate.settling.shapes import CURVES, DEVIATIONS
+from palpate.settling.shapes import DEVIATIONS, N_CURVES
 from palpate_studies.settling_families import FAMILIES, draw
+from palpate_studies.specimens import FEWEST_SPECIMENS, specimen_of
 
 #: Seed and size of the drawn families to learn from; reports use other seeds.
 SEED, DRAWN = 11, 60
 CUTOFFS_S = (1.0, 2.5, 5.0)
 HORIZON_S = 20.0
-#: Real recordings count so many times as much as a drawn family.
+#: Real recordings count so many times as much as a drawn family; those not named here count once.
 REAL = {"holds_cbsilicone": 4.0, "holds_velostat": 4.0, "holds_force_relaxation": 1.0}
 #: Gradient ascent (Adam): steps, their size, and the ridge that draws log odds towards even.
 STEPS, STEP, RIDGE = 60, 0.15, 0.002
@@ -36,21 +35,44 @@ STEPS, STEP, RIDGE = 60, 0.15, 0.002
 FLOOR = 0.003
 #: The score's density has heavy tails, so that one hold that no shape fits can't rule the odds.
 _TAIL = 4.0
-N_CURVES, N_DEVIATIONS = len(CURVES), len(DEVIATIONS)
+N_DEVIATIONS = len(DEVIATIONS)
 EVEN = Relaxation(log_odds=np.zeros((N_DEVIATIONS, N_CURVES)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """Real holds that are left out together, and what they count for."""
+
+    holds: Sequence[Hold]
+    weight: float
+
+
+def units_of(real: Mapping[str, Sequence[Hold]]) -> dict[str, Unit]:
+    """Divide recordings into specimens; one of few specimens stays whole."""
+    found = {}
+    for name, holds in real.items():
+        specimens: dict[str, list[Hold]] = {}
+        for hold in holds:
+            specimens.setdefault(specimen_of(hold.hold_id), []).append(hold)
+        few = len(specimens) < FEWEST_SPECIMENS
+        parts = {name: holds} if few else {f"{name} {k}": part for k, part in specimens.items()}
+        for part, some in parts.items():
+            found[part] = Unit(holds=some, weight=REAL.get(name, 1.0) * len(some) / len(holds))
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Lesson:
-    """A family's holds at all cut-offs: evidence and forecasts, shape (n_rows, n_components)."""
+    """Holds at all cut-offs: evidence and forecasts, shape (n_rows, n_components); their weight."""
 
     log_evidence: FloatArray
     forecast: FloatArray
     deviation: FloatArray
     truth: FloatArray
+    weight: float
 
 
-def lesson(holds: Iterable[Hold]) -> Lesson:
+def lesson(holds: Sequence[Hold], *, weight: float = 1.0) -> Lesson:
     """Work out what every component makes of the holds, in ln R, or shares of the settled value."""
     rows = [row for hold in holds for cutoff_s in CUTOFFS_S if (row := _row(hold, cutoff_s))]
     evidence, forecast, deviation, truth = (np.array(part) for part in zip(*rows, strict=True))
@@ -59,6 +81,7 @@ def lesson(holds: Iterable[Hold]) -> Lesson:
         forecast=forecast.astype(np.float32),
         deviation=deviation.astype(np.float32),
         truth=truth.reshape(-1, 1),
+        weight=weight,
     )
 
 
@@ -78,15 +101,15 @@ def _row(hold: Hold, cutoff_s: float) -> tuple[FloatArray, FloatArray, FloatArra
     return dense[0], dense[1], dense[2], float(target - binned[-1]) / unit
 
 
-def learn(lessons: Mapping[str, Lesson], *, weights: Mapping[str, float] = REAL) -> FloatArray:
+def learn(lessons: Collection[Lesson]) -> FloatArray:
     """Return log odds, shape (n_deviations + n_curves,): those of deviations first."""
     odds = np.zeros(N_DEVIATIONS + N_CURVES)
     mean, square = np.zeros_like(odds), np.zeros_like(odds)
-    total = sum(weights.get(name, 1.0) for name in lessons)
+    total = sum(one.weight for one in lessons)
     for step in range(1, STEPS + 1):
         gradient = -RIDGE * odds
-        for name, one in lessons.items():
-            gradient += weights.get(name, 1.0) / total * _gradient(one, odds)
+        for one in lessons:
+            gradient += one.weight / total * _gradient(one, odds)
         mean, square = 0.9 * mean + 0.1 * gradient, 0.98 * square + 0.02 * gradient**2
         size = STEP if step <= 0.7 * STEPS else 0.3 * STEP
         odds += size * (mean / (1 - 0.9**step)) / (np.sqrt(square / (1 - 0.98**step)) + 1e-6)
@@ -115,11 +138,11 @@ def _gradient(one: Lesson, odds: FloatArray) -> FloatArray:
     return np.concatenate([pull.sum(axis=1), pull.sum(axis=0)]).astype(np.float64)
 
 
-def lessons_of(data: Path) -> dict[str, Lesson]:
-    """Return the lessons of all drawn families and real recordings."""
+def lessons_of(real: Mapping[str, Sequence[Hold]]) -> dict[str, Lesson]:
+    """Return the lessons of all drawn families and of real recordings, unit by unit."""
     found = {family: lesson(draw(family, DRAWN, seed=SEED)) for family in FAMILIES}
-    for name in REAL:
-        found[name] = lesson(read_holds(data / f"{name}.csv.gz"))
+    for name, unit in units_of(real).items():
+        found[name] = lesson(unit.holds, weight=unit.weight)
     return found
 
 
@@ -133,7 +156,7 @@ def source(odds: FloatArray) -> str:
 
     return f'''"""Prior log odds of deviations and curves, as ordered in `shapes`.
 
-Learned, not written: `palpate_studies.settling_odds` regenerates this file.
+Learned, not written: `palpate study settling-families --odds` regenerates this file.
 """
 
 from __future__ import annotations
@@ -152,12 +175,3 @@ _CURVES = np.array(
 LOG_ODDS = _DEVIATIONS[:, None] + _CURVES
 LOG_ODDS.setflags(write=False)
 '''
-
-
-def main(data: Path, out: Path) -> None:
-    """Learn the odds from a folder of recordings and write the module that ships them."""
-    out.write_text(source(learn(lessons_of(data))), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
