@@ -1,0 +1,59 @@
+"""`palpate live --force` at 250 frames/s from the real firmware over a pseudo-terminal."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from palpate.clock import ManualClock
+from palpate.commands.live_view import LiveView
+from palpate.commands.sensor_source import Source
+from palpate.grasp.planning import force_now
+from palpate.gripper.interface import GripperCommand
+from palpate.rig.simulated import calibrated
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.serial_array import SerialArray
+from palpate.twin.devices import TwinGripper
+from palpate.twin.firmware import FirmwareBoard
+from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+pytestmark = pytest.mark.usefixtures("firmware_built")
+
+RATE_HZ, HELD_S = 250.0, 4.0
+
+
+def test_newtons_with_an_interval_at_every_frame() -> None:
+    calibration = calibrated(seed=3, level="paper", apart_from="ball-44lbs")
+    clock = ManualClock(50.0)
+    ball = draw_object(np.random.default_rng(3), "ball-44lbs")
+    world = World(ball, seed=5, sheet_seed=3, clock=clock, layout=RIGID_LAYOUT)
+    stream = FirmwareStream(world, board=FirmwareBoard(seed=1))
+    array = SerialArray(stream, clock=clock, layout=RIGID_LAYOUT, rate_hz=RATE_HZ, oversampling=1)
+    source = Source(name="pad", array=array, calibration=calibration)
+    follower = force_now(calibration.force)
+    view = LiveView(source, rest_ohm=source.rest_ohm(), clock=clock, force=follower)
+    gripper = TwinGripper(world)
+    gripper.command(GripperCommand(target=ball.size_mm - 3.0, rate=40.0))
+    frames = []
+    end_s = clock.now_s() + 2.0 + HELD_S
+    while clock.now_s() < end_s:
+        frames.append(array.read(timeout_s=1.0))
+        view.add(frames[-1])
+    true_n, lost = world.force_n(clock.now_s()), array.counters.lost
+    array.close()
+    assert lost == 0
+    assert len(frames) == pytest.approx(RATE_HZ * (2.0 + HELD_S), abs=3)
+    console = Console(width=100)
+    with console.capture() as shown:
+        console.print(view.render())
+    found = re.search(r"force now (\S+) N \((\S+) to (\S+), 90%\)", shown.get())
+    assert found is not None
+    value, low, high = map(float, found.groups())
+    assert true_n > 1.0
+    assert low < true_n < high
+    assert value == pytest.approx(true_n, rel=0.3)
