@@ -35,12 +35,15 @@ class Mixture:
 
     Attributes
     ----------
+    first : ndarray of int, shape (n_holds,)
+        First entry of each hold.
     hold, component : ndarray of int, shape (n_kept,)
         Which hold each entry is of, increasing from 0, and which component.
     weight, forecast, deviation : ndarray, shape (n_kept,)
         Posterior probability, change from the last bin to the horizon and its standard deviation.
     """
 
+    first: NDArray[np.intp]
     hold: NDArray[np.intp]
     component: NDArray[np.intp]
     weight: FloatArray
@@ -86,17 +89,19 @@ def posterior(
     left = (squares[:, :, None] * weighing.handicap).reshape(along.shape)
     left -= np.square(along)
     least = np.maximum(left.min(axis=1), 1e-12 * squares.min(axis=1))
-    kept = np.flatnonzero(left <= (least * lightest ** (-2 / degrees))[:, None])
+    [kept] = (left <= (least * lightest ** (-2 / degrees))[:, None]).ravel().nonzero()
     hold, component = np.divmod(kept, along.shape[1])
+    first = hold.searchsorted(np.arange(len(seen)))
     least = least[hold]
     unexplained = np.maximum(left.ravel()[kept], least)
     weight = np.exp(-degrees / 2 * np.log(unexplained / least))
-    weight /= np.bincount(hold, weights=weight)[hold]
+    weight /= np.add.reduceat(weight, first)[hold]
     forecast = forms.ahead(products)[hold, DEVIATION_OF[component]]
     forecast += weighing.step[component] * along[hold, component]
     pace = forms.pace * seen[hold, forms.pace_from]
     doubt = SHAPE_DOUBT**2 * (forecast**2 + pace**2)
     return Mixture(
+        first=first,
         hold=hold,
         component=component,
         weight=weight,
@@ -161,31 +166,29 @@ def quantiles(mixture: Mixture, shares: FloatArray) -> FloatArray:
     Two components of equal weight:
 
     >>> two = Mixture(
-    ...     hold=np.array([0, 0]), component=np.array([0, 1]), weight=np.array([0.5, 0.5]),
-    ...     forecast=np.array([2.0, 4.0]), deviation=np.array([0.5, 0.5]),
+    ...     first=np.array([0]), hold=np.array([0, 0]), component=np.array([0, 1]),
+    ...     weight=np.array([0.5, 0.5]), forecast=np.array([2.0, 4.0]),
+    ...     deviation=np.array([0.5, 0.5]),
     ... )
     >>> quantiles(two, np.array([0.05, 0.5])).round(2).tolist()
     [[1.4], [3.0]]
     """
-    hold, weight = mixture.hold, mixture.weight
-    middle = np.bincount(hold, weights=weight * mixture.forecast)
+    first, hold, weight = mixture.first, mixture.hold, mixture.weight
+    middle = np.add.reduceat(weight * mixture.forecast, first)
     off = mixture.forecast - middle[hold]
-    spread = np.sqrt(np.bincount(hold, weights=weight * (mixture.deviation**2 + off**2)))
+    spread = np.sqrt(np.add.reduceat(weight * (mixture.deviation**2 + off**2), first))
     steep = _STEEPNESS / np.maximum(mixture.deviation, _TINY)
     tilt = _PLACES[:, None] * (spread[hold] * steep)
     tilt -= off * steep
     np.tanh(tilt, out=tilt)
     tilt *= weight
     # Twice the probability below each place, less one; its arctanh is nearly a line.
-    every = np.arange(middle.size)
-    known = np.add.reduceat(tilt, np.searchsorted(hold, every), axis=1)
-    wanted = (2 * shares - 1)[:, None]
+    known = np.add.reduceat(tilt, first, axis=1)
+    known = np.arctanh(np.minimum(np.maximum(known, _RAREST - 1), 1 - _RAREST))
+    wanted = np.arctanh(2 * shares - 1)[:, None]
     after = 1 + (known[1:-1, None] < wanted).sum(axis=0)
-    first, last = _line(known[after - 1, every]), _line(known[after, every])
-    slope = (_PLACES[after] - _PLACES[after - 1]) / np.maximum(last - first, _RAREST)
-    step = np.minimum(np.maximum((_line(wanted) - first) * slope, -_BEYOND), _BEYOND)
-    return np.asarray(middle + spread * (_PLACES[after - 1] + step))
-
-
-def _line(tilt: FloatArray) -> FloatArray:
-    return np.asarray(np.arctanh(np.minimum(np.maximum(tilt, _RAREST - 1), 1 - _RAREST)))
+    every, before = np.arange(middle.size), after - 1
+    low, start = known[before, every], _PLACES[before]
+    slope = (_PLACES[after] - start) / np.maximum(known[after, every] - low, _RAREST)
+    step = np.minimum(np.maximum((wanted - low) * slope, -_BEYOND), _BEYOND)
+    return np.asarray(middle + spread * (start + step))

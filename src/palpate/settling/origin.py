@@ -52,7 +52,7 @@ def windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterat
     for key in dict.fromkeys(keys.tolist()):
         at, start = divmod(key, time_s.size)
         yield Window(
-            rows=np.flatnonzero(keys == key),
+            rows=(keys == key).nonzero()[0],
             since_s=time_s[start:] - time_s[at],
             origin=at,
             first=start,

@@ -175,9 +175,11 @@ class Relaxation:
         gone = np.abs(binned - binned[:, :1])
         furthest = gone.max(axis=1)
         turned = furthest - gone[:, -1] > TURNED_BACK * furthest
-        ahead[0] -= turned * reach
-        ahead[2] += turned * reach
-        possible = np.minimum(np.maximum(ahead, -FURTHEST * reach), FURTHEST * reach)
+        if turned.any():
+            ahead[0] -= turned * reach
+            ahead[2] += turned * reach
+        furthest = FURTHEST * reach
+        possible = np.minimum(np.maximum(ahead, -furthest), furthest)
         ends = binned[:, -1] + possible
         status = _statuses(window, ends, reach=reach, positive=positive)
         limited = possible[1] != ahead[1]
@@ -267,12 +269,12 @@ def _by_sign(values: FloatArray) -> Iterator[tuple[NDArray[np.intp], FloatArray,
     Counted from the last sample, so that a constant hold stays exactly so.
     """
     above_zero = (values > 0).all(axis=1)
-    for positive in (True, False):
-        rows = np.flatnonzero(above_zero == positive)
+    for positive, alike in ((True, above_zero), (False, ~above_zero)):
+        [rows] = alike.nonzero()
         if rows.size:
-            alike = values[rows]
-            last = alike[:, -1:]
-            yield rows, np.log(alike / last) if positive else alike - last, positive
+            some = values[rows]
+            last = some[:, -1:]
+            yield rows, np.log(some / last) if positive else some - last, positive
 
 
 def _weighed(
