@@ -49,7 +49,15 @@ def test_every_method_at_every_cutoff(report: tuple[dict, Path]) -> None:
         ["a", "b", "c"],
         "specimen",
     )
-    methods = ["recorded", "exponential", "log_law", "relaxation", "calibrated"]
+    methods = [
+        "recorded",
+        "exponential",
+        "log_law",
+        "log_law_early",
+        "best simple",
+        "relaxation",
+        "calibrated",
+    ]
     assert list(dict.fromkeys(entry["method"] for entry in file["summary"])) == methods
     assert [e["cutoff_s"] for e in file["summary"][:8]] == [1, 2, 2.5, 3, 5, 8, 10, 15]
     assert all(entry["holds"] == 9 for entry in file["summary"])
@@ -58,7 +66,7 @@ def test_every_method_at_every_cutoff(report: tuple[dict, Path]) -> None:
         low, high = entry["median_abs_error_percent_interval"]
         assert low <= entry["median_abs_error_percent"] <= high
         assert 0 <= entry["coverage"] <= 1
-    assert len(file["per_specimen"]) == 3 * 5
+    assert len(file["per_specimen"]) == 3 * 7
     assert len(file["worst"]) == 9
     errors = [abs(entry["error_percent"]) for entry in file["worst"]]
     assert errors == sorted(errors, reverse=True)
@@ -68,7 +76,7 @@ def test_every_method_at_every_cutoff(report: tuple[dict, Path]) -> None:
 def test_report_says_what_is_real_and_shows_every_baseline(report: tuple[dict, Path]) -> None:
     text = (report[1] / "real-holds.md").read_text()
     assert "Real recordings, nothing simulated: holds.csv, 9 holds of 3 specimen(s)" in text
-    for method in ("recorded", "exponential", "log_law", "relaxation", "calibrated"):
+    for method in ("recorded", "log_law_early", "best simple", "relaxation", "calibrated"):
         assert f"| {method} |" in text
     for stem in ("errors_1", "worst_1"):
         assert (report[1] / f"{stem}.png").read_bytes().startswith(b"\x89PNG")

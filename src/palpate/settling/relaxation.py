@@ -178,8 +178,8 @@ class Relaxation:
         if turned.any():
             ahead[0] -= turned * reach
             ahead[2] += turned * reach
-        furthest = FURTHEST * reach
-        possible = np.minimum(np.maximum(ahead, -furthest), furthest)
+        limit = FURTHEST * reach
+        possible = np.minimum(np.maximum(ahead, -limit), limit)
         ends = binned[:, -1] + possible
         status = _statuses(window, ends, reach=reach, positive=positive)
         limited = possible[1] != ahead[1]
@@ -268,7 +268,7 @@ def _by_sign(values: FloatArray) -> Iterator[tuple[NDArray[np.intp], FloatArray,
 
     Counted from the last sample, so that a constant hold stays exactly so.
     """
-    above_zero = (values > 0).all(axis=1)
+    above_zero: NDArray[np.bool_] = (values > 0).all(axis=1)
     for positive, alike in ((True, above_zero), (False, ~above_zero)):
         [rows] = alike.nonzero()
         if rows.size:
