@@ -20,13 +20,7 @@ CASES = {
 }
 
 
-#: Of all cases one alone fails.
-LATE = pytest.mark.xfail(strict=False, reason="not yet brought in line with the approach at speed")
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=LATE if name == "frozen frames" else ()) for name in CASES]
-)
+@pytest.mark.parametrize("name", CASES)
 def test_no_fault_goes_on_unseen(name: str) -> None:
     fault, phase, thing, kind = CASES[name]
     assert kind in KINDS

@@ -26,7 +26,7 @@ _TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
 _TOLD_FROM = 0.3
 #: A reading below so many scatters of faint forces may be drift before the contact: such a step
 #: says only that the force was no larger.
-_FELT = 2.0
+FELT = 2.0
 #: Steps of a long closing that are looked at: neighbours say the same.
 _MOST_STEPS = 14
 
@@ -103,7 +103,7 @@ class ClosingCurve:
     @property
     def faint_n(self) -> float:
         """Force below which a reading tells no more than that it is small."""
-        return _FELT * self.floor_n
+        return FELT * self.floor_n
 
     @property
     def felt(self) -> NDArray[np.bool_]:

@@ -32,17 +32,15 @@ def short(belief: Belief, plan: Plan) -> bool:
 
 
 def limited(belief: Belief, plan: Plan) -> bool:
-    """Whether the damage limit forbids what is missing."""
+    """Whether the damage limit forbids some of what is missing."""
     force = belief.result.force_n
     if force is None or plan.damage is None:
         return False
     if math.isinf(belief.damage_low_n):
         # Nothing is known of it, and so nothing more is allowed.
         return True
-    if not belief.damage_low_n < plan.safety.force_ceiling_n:
-        return False
-    room_n = belief.damage_low_n - force.high
-    return missing_n(belief, plan) > room_n or belief.adjustments < plan.most_adjustments
+    lowest = belief.damage_low_n < plan.safety.force_ceiling_n
+    return lowest and missing_n(belief, plan) > belief.damage_low_n - force.high
 
 
 def over(belief: Belief, plan: Plan) -> bool:

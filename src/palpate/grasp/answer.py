@@ -282,7 +282,6 @@ def _closing_curve(
     read = belief.gain.applied(
         plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
     )
-    nothing = plan.early_law.force_n(0.0, level=plan.level)
     reach = float(ndtri(0.5 + plan.level / 2))
     firmest = int(np.argmax(read.value))
     return ClosingCurve(
@@ -291,5 +290,11 @@ def _closing_curve(
         force_n=np.where(felt, read.value, 0.0),
         gain_sd=float(np.log(read.high[firmest] / read.value[firmest])) / reach,
         law_sd=belief.gain.law_sd,
-        floor_n=float(nothing.high) / reach,
+        floor_n=floor_n(plan),
     )
+
+
+def floor_n(plan: Plan) -> float:
+    """Return the scatter of faint forces: how much there may be where the sheet reads nothing."""
+    nothing = plan.early_law.force_n(0.0, level=plan.level)
+    return float(nothing.high) / float(ndtri(0.5 + plan.level / 2))

@@ -78,6 +78,8 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
         stop = GripperCommand(target=here, rate=plan.gripper.fastest)
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), stop
     if belief.closure >= sweep.end - plan.smallest_step:
+        if sweep.end < plan.gripper.span:
+            return begun(belief, plan), None
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), None
     ahead = sweep.rate * (2.0 * _period_s(belief) + _AHEAD_S)
     target = whole(min(belief.closure + ahead, sweep.end), plan)
@@ -93,11 +95,8 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     if belief.still_s < QUIET_S or not belief.touches:
         return belief, None
     assert belief.sweep is not None
-    now, end = belief.now, belief.sweep.end
+    now = belief.now
     belief = replace(belief, sweep=None)
-    untouched = now.deepest_percent > plan.hint_percent
-    if untouched and belief.closure >= end - plan.smallest_step and end < plan.gripper.span:
-        return begun(belief, plan), None
     if now.shared_percent > FELT_PERCENT:
         # Nothing, or one finger alone, which pushes it to the middle: on in small steps.
         pushes = now.deepest_percent <= FELT_PERCENT

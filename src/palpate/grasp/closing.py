@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from palpate.estimate.closing_steps import FELT
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answer import stiffness_told
+from palpate.grasp.answer import floor_n, stiffness_told
 from palpate.grasp.belief import Belief, Closing
 from palpate.grasp.contact_gain import early_gain
 from palpate.grasp.plan import Plan
@@ -156,21 +157,29 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     way = belief.closure - gripped[0].closure if gripped else 0.0
     longest = _FURTHER * way + plan.fine_step
     wanted = max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
-    if plan.damage is None or math.isinf(belief.damage_low_n):
+    if plan.damage is None:
         return wanted
-    # The limit is told anew at every step: it is come near to in several.
+    if math.isinf(belief.damage_low_n):
+        # A limit needs two steps that are surely felt, and there is little room to take them in.
+        return min(wanted, plan.fine_step)
+    # The limit is measured again at every step: it is approached in several.
     room_n = belief.damage_low_n - belief.force_high_n
     return min(wanted, _SHARE_OF_ROOM * room_n / slope_high_n(belief, plan))
 
 
 def _unknown_step(belief: Belief, plan: Plan) -> float:
-    """Return how far closing may go on while nothing is known of the damage limit."""
-    gripped = _gripped(belief, plan)
-    if plan.damage is None or not math.isinf(belief.damage_low_n) or not gripped:
+    """Return how far closing may go on while nothing is known of the damage limit.
+
+    Counted from the first force that can't be drift: below it no step teaches anything of a limit.
+    """
+    if plan.damage is None or not math.isinf(belief.damage_low_n):
+        return math.inf
+    felt = _forces_n(belief.staircase, belief, plan) > FELT * floor_n(plan)
+    if not felt.any():
         return math.inf
     mm_per_unit = 1.0 if plan.bend is None else plan.bend.mm_per_kpa
     longest = _UNKNOWN_N * (1.0 / plan.steepest_n + 1.0 / (_SOFT_N_PER_MM * mm_per_unit))
-    return gripped[min(1, len(gripped) - 1)].closure + longest - belief.closure
+    return belief.staircase[int(np.argmax(felt))].closure + longest - belief.closure
 
 
 def slope_high_n(belief: Belief, plan: Plan) -> float:

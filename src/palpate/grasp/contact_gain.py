@@ -25,6 +25,10 @@ _FAINTEST_N = 0.05
 
 FloatArray = NDArray[np.float64]
 
+#: Less than this share of the strongest reading of the closing is another grip than the servo's
+#: current was read of.
+_LEFT_SHARE = 0.2
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pull:
@@ -54,7 +58,7 @@ def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
     force_n = _caught_up(plan.early_law.force_n(reading).value, plan)
     at = np.array([belief.closure, *(pull.closure for pull in belief.pulls)])
     sheet_n = _between(at, closure, force_n)
-    if not sheet_n[0] > 0:
+    if not sheet_n[0] > _LEFT_SHARE * sheet_n.max():
         return None
     return plan.current.measured(
         [pull.current_ma for pull in belief.pulls],

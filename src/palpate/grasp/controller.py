@@ -154,12 +154,14 @@ def _approach(belief: Belief, plan: Plan) -> Move:
 
 def _onward(belief: Belief, plan: Plan) -> Move:
     """Close on: finely while it may be that something presses, at speed where nothing was felt."""
-    if belief.proving_from is not None:
+    felt = bool(belief.touches) and belief.now.deepest_percent <= FELT_PERCENT
+    # A weak thing may not bear a whole step more; what it bears is not known yet.
+    if belief.proving_from is not None or (plan.damage is not None and felt):
         return belief, closed_by(belief, plan.fine_step, plan)
     if not belief.closure <= belief.swept_to + approach_step(plan):
         return begun(belief, plan), None
     # One finger alone pushes the object to the middle: the next touch is still to come.
-    share = 1.0 if belief.now.deepest_percent <= FELT_PERCENT else 0.5
+    share = 0.5 if felt else 1.0
     return belief, closed_by(belief, max(share * approach_step(plan), plan.fine_step), plan)
 
 
@@ -227,15 +229,17 @@ def _settle(belief: Belief, plan: Plan) -> Move:
 
 def _adjust(belief: Belief, plan: Plan) -> Move:
     """Correct the settled force, up or down, until it is near the target."""
+    limited = aim.limited(belief, plan)
     if belief.adjustments < plan.most_adjustments:
-        if aim.short(belief, plan):
+        # Up to a damage limit one correction goes as far as it may; more would only wait there.
+        if aim.short(belief, plan) and not (limited and belief.adjustments):
             moved, command = pressed_on(belief, plan, missing_n=aim.missing_n(belief, plan))
             if command is not None:
                 return moved.enter(Phase.SETTLE, note="adjusted"), command
         elif aim.over(belief, plan):
             moved, command = eased(belief, plan, goal_n=aim.goal_n(plan))
             return moved.enter(Phase.EASE, note="eased"), command
-    if aim.short(belief, plan) and aim.limited(belief, plan):
+    if limited and aim.short(belief, plan):
         belief = belief.noted("damage_limit")
     if not aim.lifts(belief, plan):
         return _release(belief, plan, Outcome.TOO_WEAK)

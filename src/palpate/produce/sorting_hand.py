@@ -4,8 +4,8 @@ A sheet remembers a load for seconds, a bad one for half a minute. What it still
 the fingers come near would hide the first touch, or look like one; so each grasp waits until the
 sheet stands still.
 
-The second grasp of an item knows about how large it is, so the fingers wait near it instead of
-opening fully. Another side of it may be thicker, so they stay well clear.
+The second grasp of an item knows about how large it is, so the fingers come near at full speed.
+Another side of it may be thicker, so they stay well clear.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
-from palpate.gripper.interface import Gripper, GripperCommand
+from palpate.gripper.interface import Gripper
 from palpate.produce.records import Grasp
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 
-#: How wide the fingers wait for an item whose size is known: more than produce is out of round.
-_CLEAR_SHARE, _CLEAR_MM = 0.15, 4.0
+#: An item may be so much thicker from another side than its known size: produce is not more out of
+#: round.
+_CLEAR_SHARE = 0.15
 #: The sheet stands still where two averages of so long differ by so little (as for re-zeroing); it
 #: is given so much time.
 _AVERAGE_S, _STILL_PERCENT, _LONGEST_S = 1.0, 0.3, 20.0
@@ -79,7 +80,9 @@ class SortingHand:
             If a device fails before the grasp begins; later failures are outcomes.
         """
         began_s, taken_at = self.clock.now_s(), self.now()
-        plan = self._near(expected)
+        plan = self.plan
+        if expected is not None:
+            plan = replace(plan, expect_size_mm=expected.high * (1.0 + _CLEAR_SHARE))
         self._wait_for_rest()
         result = run_grasp(plan, array=self.array, gripper=self.gripper, clock=self.clock)
         grasp = Grasp(
@@ -95,19 +98,6 @@ class SortingHand:
             calibration_id=self.calibration_id,
         )
         return TimedGrasp(grasp=grasp, lasted_s=self.clock.now_s() - began_s)
-
-    def _near(self, expected: Measurement | None) -> Plan:
-        """Bring the fingers near an item of known size; return the plan that starts from there."""
-        limits = self.plan.gripper
-        if expected is None or limits.drive != "width":
-            return self.plan
-        wait_mm = expected.high * (1.0 + _CLEAR_SHARE) + _CLEAR_MM
-        if wait_mm >= limits.highest:
-            return self.plan
-        way_mm = abs(limits.reported(self.gripper.state()) - wait_mm)
-        self.gripper.command(GripperCommand(target=wait_mm, rate=self.plan.rate))
-        self._mean_ohm(way_mm / self.plan.rate)
-        return replace(self.plan, gripper=replace(limits, highest=wait_mm))
 
     def _wait_for_rest(self) -> None:
         """Wait until the sheet no longer gives back what it remembers, or time is up."""

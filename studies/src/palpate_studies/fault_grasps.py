@@ -26,11 +26,11 @@ OBJECTS = ("rigid-block", "ball-44lbs", "strawberry")
 #: Phase that is struck -> phases of the controller that are it.
 STRUCK = {
     "start": (Phase.APPROACH,),
-    "approach": (Phase.SWEEP, Phase.FELT, Phase.APPROACH),
+    "approach": (Phase.SWEEP,),
     "squeeze": (Phase.CONTACT, Phase.SQUEEZE),
     "hold": (Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD),
 }
-#: Speeds against the plan's own.
+#: Speeds of the steps against the plan's own; the approach takes the speed that it works out.
 SPEEDS = (0.5, 1.0, 2.0)
 #: Sheet and gripper; the grasps of it are drawn from the seeds that follow.
 SHEET = 7300
@@ -38,6 +38,8 @@ _TARGET_N = 4.0
 #: The hand begins so far from the object, mm, and is looked at for so long afterwards, seconds.
 _GAP_MM, _AFTERWARDS_S = 8.0, 2.0
 _LONGEST_S = 40.0
+#: An approach is struck when the hand has been at speed for so long, seconds.
+_UNDERWAY_S = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +137,8 @@ def struck(cell: Cell, *, seed: int) -> Struck:
             requests.stop.set()
 
     def watch(belief: Belief) -> None:
-        late = cell.phase != "approach" or len(belief.staircase) >= 2
+        underway = belief.sweep is not None and belief.now_s - belief.sweep.since_s > _UNDERWAY_S
+        late = cell.phase != "approach" or underway
         if belief.phase in STRUCK[cell.phase] and late and not struck_s:
             strike()
 

@@ -101,7 +101,6 @@ def test_a_folder_that_is_not_there_is_named(
     assert message.count("\n") == 1
 
 
-@pytest.mark.xfail(strict=False, reason="not yet brought in line with the approach at speed")
 def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
     damage_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -147,7 +146,6 @@ def test_the_card_says_what_the_limit_did(
     assert "(unknown kind, 60 closings)" in card
 
 
-@pytest.mark.xfail(strict=False, reason="not yet brought in line with the approach at speed")
 def test_a_kind_that_bears_more_is_given_a_higher_limit(
     damage_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -76,15 +77,17 @@ def grasped(world: World, plan: Plan) -> Felt:
     return Felt(plan=plan, result=result, seen=seen, beliefs=beliefs, measured=measured)
 
 
-@pytest.fixture(scope="module")
-def by_size() -> dict[float, Felt]:
+@cache
+def on_sensor(seed: int) -> dict[float, Felt]:
     """Return one grasp each of a small and a large fruit that are alike in all else."""
-    calibration = calibrated(seed=6, level="paper", apart_from="avocado", kind="soft")
-    fruit = replace(draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4)))
+    calibration = calibrated(seed=seed, level="paper", apart_from="avocado", kind="soft")
+    fruit = draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4))
     found = {}
     for size_mm in SIZES_MM:
         obj = replace(fruit, size_mm=size_mm, force_at_1mm_n=2.5)
-        world = World(obj, seed=6, sheet_seed=6, level="paper", gripper="soft", frame_rate_hz=10.0)
+        world = World(
+            obj, seed=seed, sheet_seed=seed, level="paper", gripper="soft", frame_rate_hz=10.0
+        )
         plan = plan_grasp(
             calibration,
             gripper=TwinGripper(world),
@@ -96,14 +99,22 @@ def by_size() -> dict[float, Felt]:
     return found
 
 
-@pytest.mark.xfail(strict=False, reason="not yet brought in line with the approach at speed")
-def test_the_pressure_at_contact_tells_the_width(by_size: dict[float, Felt]) -> None:
-    widths = {size: felt.measured["contact_mm"] for size, felt in by_size.items()}
-    for size_mm, width in widths.items():
-        assert width.low < width.value < width.high
-        assert width.low <= size_mm <= width.high
-    small, large = (widths[size].value for size in SIZES_MM)
-    assert large - small == pytest.approx(SIZES_MM[1] - SIZES_MM[0], abs=1.5)
+@pytest.fixture(scope="module")
+def by_size() -> dict[float, Felt]:
+    return on_sensor(6)
+
+
+def test_the_pressure_at_contact_tells_the_width() -> None:
+    covered = list[bool]()
+    for seed in (6, 7, 8):
+        widths = {size: felt.measured["contact_mm"] for size, felt in on_sensor(seed).items()}
+        for size_mm, width in widths.items():
+            assert width.low < width.value < width.high
+            covered.append(width.low <= size_mm <= width.high)
+        small, large = (widths[size].value for size in SIZES_MM)
+        assert large - small == pytest.approx(SIZES_MM[1] - SIZES_MM[0], abs=1.5)
+    # Intervals of 90 %: one of six may miss.
+    assert sum(covered) >= 5
 
 
 def test_sharing_is_freed_of_size(by_size: dict[float, Felt]) -> None:
