@@ -17,7 +17,7 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
-from palpate.estimate.force_model import ForceModel
+from palpate_studies.force_model import ForceModel
 from palpate_studies.history_data import INPUTS, History, read_histories
 from palpate_studies.report import OutOption, StudyReport, Table
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from palpate.estimate.force import ForceEstimate
-from palpate.estimate.force_model import ForceModel
+from palpate_studies.force_model import ForceModel
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Predicted: TypeAlias = ForceEstimate

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.estimate.force_model import ForceModel
-from palpate.estimate.force_states import TIME_CONSTANTS_S, log_reading, states_of
+from palpate_studies.force_model import ForceModel
+from palpate_studies.force_states import TIME_CONSTANTS_S, log_reading, states_of
 from palpate_studies.press_data import Press
 
 LEVEL = 0.9

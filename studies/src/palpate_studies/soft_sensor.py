@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
-from palpate.estimate.force_model import ForceModel
-from palpate.estimate.force_states import states_of
 from palpate.tables import read_table
+from palpate_studies.force_model import ForceModel
+from palpate_studies.force_states import states_of
 from palpate_studies.report import OutOption, StudyReport, Table
 
 FloatArray: TypeAlias = NDArray[np.float64]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.estimate.force_states import log_reading, states_of
 from palpate.tables import read_table
+from palpate_studies.force_states import log_reading, states_of
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]

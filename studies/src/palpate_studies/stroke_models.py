@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.errors import needing
-from palpate.estimate.force_model import ForceModel
+from palpate_studies.force_model import ForceModel
 from palpate_studies.stroke_data import FloatArray, Touch
 
 TOLD = ("nothing", "place", "five_percent", "eighty_percent")

@@ -8,9 +8,9 @@ import numpy as np
 
 from palpate.estimate.closing import ClosingCurve
 from palpate.estimate.damage_learning import learn
-from palpate.estimate.force_model import ForceModel
 from palpate.estimate.fruit_closings import FruitClosing, follow
 from palpate.settling.predict import predict_settled
+from palpate_studies.force_model import ForceModel
 from palpate_studies.ladder_models import LANDMARKS
 from palpate_studies.protocol.method import Answer, Case, Question
 

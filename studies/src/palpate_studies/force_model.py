@@ -13,8 +13,8 @@ out, scaled so that the interval covers those errors at its level.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force_states import FloatArray
+from palpate_studies.force_states import FloatArray
 
 #: Candidates of bump width (in standard deviations of an input, times the root of their number)
 #: and of the ridge, from stiff to loose. The stiffest is taken whose error on groups left out is
@@ -280,33 +280,6 @@ class ForceModel:
         beyond = int(np.searchsorted(np.cumsum(share[order]), _LEVEL))
         tail = float(ratio[order[min(beyond, len(order) - 1)]])
         return replace(self, spread=spread, tail=max(tail, 1e-6))
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a file, to six digits."""
-        return {name: _listed(value) for name, value in asdict(self).items()}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> ForceModel:
-        """Return the model that `as_dict` wrote.
-
-        Raises
-        ------
-        CalibrationError
-            If a value is missing or unknown.
-        """
-        plain = {"length", "ridge", "tail", "gain_precision"}
-        values: dict[str, Any] = {
-            name: float(value) if name in plain else np.array(value, dtype=float)
-            for name, value in stored.items()
-        }
-        try:
-            return cls(**values)
-        except TypeError as error:
-            raise CalibrationError(f"force model: {error}; calibrate the force again") from error
-
-
-def _listed(value: Any) -> Any:
-    return [_listed(part) for part in value] if np.ndim(value) else float(f"{value:.6g}")
 
 
 def _folds(group: Sequence[object]) -> list[NDArray[np.bool_]]:
