@@ -268,7 +268,7 @@ def _by_sign(values: FloatArray) -> Iterator[tuple[NDArray[np.intp], FloatArray,
 
     Counted from the last sample, so that a constant hold stays exactly so.
     """
-    above_zero: NDArray[np.bool_] = (values > 0).all(axis=1)
+    above_zero = np.asarray((values > 0).all(axis=1))
     for positive, alike in ((True, above_zero), (False, ~above_zero)):
         [rows] = alike.nonzero()
         if rows.size:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,6 +13,7 @@ import typer
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.holds import Hold, read_holds
+from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import METHODS, predict_settled
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import FloatArray, SettlingMethod, Status
@@ -31,6 +32,8 @@ from palpate_studies.settling_odds import (
 
 OURS, BEST = "relaxation", "best simple"
 SIMPLE = tuple(name for name in METHODS if name != OURS)
+#: Past holds of the same sensor to learn from, and later ones that it takes to score that.
+OWN_HOLDS, FEWEST_LATER = (5, 10, 20, 40), 5
 
 
 def command(
@@ -83,6 +86,11 @@ def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> Stud
     drawn = {family: draw(family, count, seed=seed) for family in FAMILIES}
     seen = {name: scores(holds) for name, holds in {**real, **drawn}.items()}
     left_out = _left_out(real, drawn)
+    own = {
+        f"{name}, after {past}": found
+        for name, unit in units_of(real).items()
+        for past, found in _learning(unit.holds)
+    }
     rng = np.random.default_rng(seed)
     rested = {name: _rested(holds, rng=rng) for name, holds in {**real, **drawn}.items()}
     return StudyReport(
@@ -101,6 +109,7 @@ def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> Stud
             _ours(f"Ours alone, {_AT}", seen),
             _rivals(f"Median |error|, left out of the odds, {_AT}", left_out),
             _ours(f"Ours alone, left out of the odds, {_AT}", left_out),
+            _own("Median |error| and coverage with and without the sensor's own past holds", own),
             _ours(
                 f"Ours with 0.5 to 3 s of the unloaded sensor in front, {_AT} of contact", rested
             ),
@@ -111,6 +120,10 @@ def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> Stud
             "cutoffs_s": list(CUTOFFS_S),
             "seen": {name: _payload(found) for name, found in seen.items()},
             "left_out": {name: _payload(found) for name, found in left_out.items()},
+            "own_holds": {
+                name: {"without": _payload(without), "with": _payload(learned)}
+                for name, (without, learned) in own.items()
+            },
             "with_baseline": {name: _payload(found) for name, found in rested.items()},
         },
     )
@@ -177,6 +190,14 @@ def _rested(holds: Sequence[Hold], *, rng: np.random.Generator) -> Scores:
     return scores(rested, rivals=(), starts_s=starts_s)
 
 
+def _learning(holds: Sequence[Hold]) -> Iterator[tuple[int, tuple[Scores, Scores]]]:
+    """Yield how ours does without and with the first holds, on all that were recorded later."""
+    for past in OWN_HOLDS:
+        if len(holds) - past >= FEWEST_LATER:
+            later, learned = holds[past:], OwnRelaxation(holds=tuple(holds[:past]))
+            yield past, (scores(later, rivals=()), scores(later, rivals=(), ours=learned))
+
+
 def _left_out(
     real: Mapping[str, Sequence[Hold]], drawn: Mapping[str, Sequence[Hold]]
 ) -> dict[str, Scores]:
@@ -224,6 +245,23 @@ def _rivals(title: str, found: Mapping[str, Scores]) -> Table:
                 ),
             )
             for name, one in found.items()
+        ],
+    )
+
+
+def _own(title: str, found: Mapping[str, tuple[Scores, Scores]]) -> Table:
+    return Table(
+        title=title,
+        columns=("holds", "n later", "without", "with", "p90 without", "p90 with", "coverage with"),
+        rows=[
+            (
+                name,
+                str(without.ok.shape[1]),
+                *(_cell(_OURS["median"](one)) for one in (without, learned)),
+                *(_cell(_OURS["p90"](one)) for one in (without, learned)),
+                _cell(_OURS["coverage"](learned)),
+            )
+            for name, (without, learned) in found.items()
         ],
     )
 
