@@ -39,6 +39,13 @@ REAL = (
         "--holds=holds_cbsilicone.csv.gz",
     ),
     ("real-holds", "--holds=holds_cbsilicone.csv.gz", "--holds=holds_velostat.csv.gz"),
+    (
+        "settling-families",
+        "--holds=holds_cbsilicone.csv.gz",
+        "--holds=holds_velostat.csv.gz",
+        "--holds=holds_force_relaxation.csv.gz",
+        "--seed=41117",
+    ),
     ("settling-limits", "--holds=holds_cbsilicone.csv.gz"),
     ("force-ladders", "--ladders=velostat_force_ladders.csv"),
     (
