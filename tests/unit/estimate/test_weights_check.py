@@ -43,3 +43,26 @@ def test_a_force_that_was_not_reached_has_no_error() -> None:
 
 def test_two_placements_show_no_error() -> None:
     assert set(held_out_of_placements(placements(2))["early"].values()) == {None}
+
+
+def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
+    gains = np.array([1.0, 1.02, 1.4, 0.7, 1.35, 0.72])
+    rows = [
+        (run, early, n, gain * n * np.array([0.6, 0.4]))
+        for run, gain in enumerate(gains)
+        for n in np.geomspace(0.5, 10.0 if gain in (1.0, 1.02) else 4.0, 8)
+        for early in (True, False)
+    ]
+    run, early, force_n, pixel_excess = zip(*rows, strict=True)
+    found = held_out_of_placements(
+        Placements(
+            run=np.array(run, dtype=float),
+            pixel_excess=np.array(pixel_excess),
+            force_n=np.array(force_n),
+            early=np.array(early),
+        )
+    )
+    for kind in ("early", "settled"):
+        error = found[kind]["10_n"]
+        assert error is not None
+        assert 25 < error < 60
