@@ -105,9 +105,9 @@ class _Shown:
 
 def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
     """Read settled holds on the load cell and fit the laws of a grasp to them."""
-    from palpate.commands.calibrate_bench import begun, earlier_calibration, open_bench
+    from palpate.commands.calibrate_bench import begun, earlier_calibration, now_text, open_bench
     from palpate.grasp.calibrating import measure_force, measure_rest
-    from palpate.grasp.planning import DWELL_S, HORIZON_S
+    from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 
     shown = _Shown(len(_HOLDS_N))
     with open_bench(rig, seed=seed, ask=shown.ask, placements=len(_HOLDS_N)) as guided, shown:
@@ -127,36 +127,8 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
             horizon_s=HORIZON_S,
         )
         begin = earlier or begun(layout, rest=rest, simulated=guided.simulated)
-    return _fitted(replace(begin, rest=rest, force=pairs))
-
-
-def _fitted(recorded: Calibration) -> Calibration:
-    """Return the calibration with the settled law, and the errors of the laws of a grasp."""
-    import numpy as np
-
-    from palpate.commands.calibrate_bench import now_text
-    from palpate.estimate.force import choose_law
-    from palpate.estimate.weights_check import held_out_of_placements
-    from palpate.grasp.planning import HORIZON_S, placements_of
-
-    pairs = recorded.force
-    settled = np.isclose(pairs.since_move_s, HORIZON_S)
-    law = choose_law(
-        excess=np.array(pairs.excess)[settled],
-        relative_percent=np.array(pairs.relative_percent)[settled],
-        force_n=np.array(pairs.force_n)[settled],
-    ).law
-    errors = held_out_of_placements(placements_of(pairs))
-    return replace(
-        recorded,
-        force_law=law.as_dict(),
-        held_out={
-            "error_percent": errors["settled"],
-            "early_error_percent": errors["early"],
-            "of": "settled force",
-        },
-        made_at=now_text(),
-    )
+    made = with_force_law(replace(begin, rest=rest, force=pairs))
+    return replace(made, made_at=now_text())
 
 
 def _weighed(rig: str, *, seed: int, loads: Path | None, out: Path) -> Calibration:
@@ -164,8 +136,7 @@ def _weighed(rig: str, *, seed: int, loads: Path | None, out: Path) -> Calibrati
     from palpate.clock import RealClock
     from palpate.commands.calibrate_bench import earlier_calibration, now_text
     from palpate.commands.sensor_source import open_source
-    from palpate.estimate.force import choose_law
-    from palpate.estimate.weights_check import held_out_of_pairs
+    from palpate.grasp.planning import with_force_law
     from palpate.sensor.dead_weights import checked_loads, hysteresis_seen, read_loads, weigh
 
     if rig.startswith("sim-"):
@@ -191,21 +162,9 @@ def _weighed(rig: str, *, seed: int, loads: Path | None, out: Path) -> Calibrati
         weighing = weigh(source.array, loads_n=loads_n, place=place, clock=RealClock())
     for load_n in weighing.refused_n:
         print(f"refused: {load_n:g} N did not settle", file=sys.stderr)
-    pairs = weighing.pairs
-    law = choose_law(
-        excess=pairs.excess, relative_percent=pairs.relative_percent, force_n=pairs.force_n
-    ).law
-    return replace(
-        earlier,
-        force=pairs,
-        force_law=law.as_dict(),
-        held_out={
-            "error_percent": held_out_of_pairs(pairs.excess, force_n=pairs.force_n),
-            "of": "settled force",
-            "unloading_seen": hysteresis_seen(pairs.force_n),
-        },
-        made_at=now_text(),
-    )
+    made = with_force_law(replace(earlier, force=weighing.pairs))
+    seen = hysteresis_seen(weighing.pairs.force_n)
+    return replace(made, held_out={**made.held_out, "unloading_seen": seen}, made_at=now_text())
 
 
 def _typed_loads() -> list[float]:

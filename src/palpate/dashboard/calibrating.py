@@ -6,15 +6,11 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
 from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
 from palpate.dashboard.station import FRAME_TIMEOUT_S, CellBench, Station
 from palpate.errors import DeviceError
-from palpate.estimate.force import choose_law
-from palpate.estimate.weights_check import held_out_of_pairs
 from palpate.grasp.calibrating import Bench, measure_force, measure_rest
-from palpate.grasp.planning import DWELL_S, HORIZON_S
+from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 from palpate.sensor.calibration import Calibration, ForcePairs
 from palpate.sensor.dead_weights import checked_loads, weigh
 
@@ -68,23 +64,12 @@ def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
     """
     if order.loads_n:
         pairs = _weighed(checked_loads(order.loads_n, where="the loads"), station)
-        settled = np.ones(len(pairs.force_n), dtype=bool)
     elif station.open_bench is not None:
         pairs = _by_cell(station.open_bench(station.rig.name, station.seed), station)
-        settled = np.isclose(pairs.since_move_s, HORIZON_S)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
-    excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
-    relative = np.array(pairs.relative_percent)[settled]
-    law = choose_law(excess=excess, relative_percent=relative, force_n=force_n).law
-    held_out = held_out_of_pairs(excess, force_n=force_n)
-    made = replace(
-        station.rig.calibration,
-        force=pairs,
-        force_law=law.as_dict(),
-        held_out={"error_percent": held_out, "of": "settled force"},
-        made_at=_now(),
-    )
+    made = with_force_law(replace(station.rig.calibration, force=pairs))
+    made = replace(made, made_at=_now())
     return _renewed(made, file=order.file, station=station)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading, Placements, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.stiffness import Give
+from palpate.estimate.weights_check import held_out_of_pairs, held_out_of_placements
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import Gripper
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
@@ -104,6 +106,30 @@ def placements_of(pairs: ForcePairs) -> Placements:
         force_n=np.array(pairs.force_n)[used],
         early=np.isclose(since_s, DWELL_S)[used],
     )
+
+
+def with_force_law(recorded: Calibration) -> Calibration:
+    """Return the calibration with its settled law and the error to expect of the next placement.
+
+    Raises
+    ------
+    CalibrationError
+        If its force pairs can't carry a law.
+    """
+    pairs = recorded.force
+    settled = np.isclose(pairs.since_move_s, HORIZON_S)
+    excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
+    held_out: dict[str, Any] = {"of": "settled force"}
+    if settled.all():
+        held_out["error_percent"] = held_out_of_pairs(excess, force_n=force_n)
+    else:
+        errors = held_out_of_placements(placements_of(pairs))
+        held_out |= {
+            "error_percent": errors["settled"],
+            "early_error_percent": errors["early"],
+        }
+    law = PowerForceLaw.fit(excess, force_n=force_n)
+    return replace(recorded, force_law=law.as_dict(), held_out=held_out)
 
 
 def _creep(pairs: ForcePairs, reading: PixelReading) -> OwnCreep | None:

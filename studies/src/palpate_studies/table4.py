@@ -8,8 +8,9 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
-from palpate.estimate.force import LineForceLaw, PowerForceLaw
+from palpate.estimate.force import PowerForceLaw
 from palpate_studies.equal_width import SEED, r_squared
+from palpate_studies.line_law import LineForceLaw
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.table4_causes import Pairs, cause_rows, force_window, transfer_rows
 from palpate_studies.twin_session import LEVELS, Session, drawn, grasps

@@ -11,7 +11,6 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
-from palpate.estimate.line_law import LineForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -25,6 +24,7 @@ from palpate.signal.relative import mean_change, relative_change_percent, rest_b
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
+from palpate_studies.line_law import LineForceLaw
 from palpate_studies.report import OutOption, StudyReport, Table
 
 if TYPE_CHECKING:

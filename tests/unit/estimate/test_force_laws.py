@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force import LineForceLaw, PowerForceLaw, choose_law, law_from_dict
+from palpate.estimate.force import PowerForceLaw, law_from_dict
 
 LOADS_N = np.linspace(0.5, 10.0, 15)
 
@@ -63,35 +63,10 @@ def test_out_of_range_and_silent_readings_are_flagged() -> None:
     assert answer.high[0] > 0.0
 
 
-def test_line_interval_is_a_student_interval() -> None:
-    rng = np.random.default_rng(5)
-    inside = []
-    relative = -np.linspace(5, 60, 12)
-    for _ in range(200):
-        truth = -0.1 * relative + 1
-        law = LineForceLaw.fit(relative, force_n=truth + 0.2 * rng.standard_normal(12))
-        answer = law.force_n(relative)
-        new = truth + 0.2 * rng.standard_normal(12)
-        inside.append((answer.low <= new) & (new <= answer.high))
-    assert np.mean(inside) == pytest.approx(0.9, abs=0.03)
-
-
-def test_choice_takes_the_law_that_predicts_left_out_pairs() -> None:
-    excess, loads = scattered(6)
-    relative = (1 / (1 + excess) - 1) * 100
-    power = choose_law(excess=excess, relative_percent=relative, force_n=loads)
-    assert isinstance(power.law, PowerForceLaw)
-    assert power.held_out_log_error["power"] < power.held_out_log_error["line"]
-    straight = -10.0 * loads + 0.3 * np.sin(np.arange(15))
-    bent = np.where(loads < 5, loads, 5 + 0.01 * loads)
-    line = choose_law(excess=bent, relative_percent=straight, force_n=loads, groups=[0, 1, 2] * 5)
-    assert isinstance(line.law, LineForceLaw)
-
-
-def test_laws_survive_a_file() -> None:
+def test_a_law_survives_a_file() -> None:
     excess, loads = scattered(7)
-    for law in (PowerForceLaw.fit(excess, force_n=loads), LineForceLaw.fit(-excess, force_n=loads)):
-        assert law_from_dict(json.loads(json.dumps(law.as_dict()))) == law
+    law = PowerForceLaw.fit(excess, force_n=loads)
+    assert law_from_dict(json.loads(json.dumps(law.as_dict()))) == law
 
 
 @pytest.mark.parametrize(
@@ -111,13 +86,11 @@ def test_bad_pairs_are_refused_in_words(
         PowerForceLaw.fit(excess, force_n=force_n)
 
 
-def test_saturated_line_and_unknown_law_are_refused() -> None:
-    with pytest.raises(CalibrationError, match="saturated"):
-        LineForceLaw.fit([-99.0] * 5, force_n=[1.0, 2, 3, 4, 5])
+def test_unknown_law_is_refused() -> None:
     with pytest.raises(CalibrationError, match="unknown"):
         law_from_dict({"law": "cubic"})
     with pytest.raises(CalibrationError, match="covariance"):
-        law_from_dict({"law": "line", "coefficients": [1, 2]})
+        law_from_dict({"law": "power", "coefficients": [1, 2]})
 
 
 def test_faint_scatter_does_not_widen_firm_forces() -> None:

@@ -15,7 +15,6 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.line_law import LineForceLaw
 from palpate.settling.exponential import Exponential
 from palpate.settling.recorded import Recorded
 from palpate.settling.result import SettlingMethod
@@ -31,6 +30,7 @@ from palpate_studies.force_control_baselines import (
 )
 from palpate_studies.force_control_grasps import Gripped, calibration_of
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task
+from palpate_studies.line_law import LineForceLaw
 
 #: Steps of the approach, as of the fixed closing; corrections go by no more than one such step, and
 #: by no less than what a servo or regulator resolves.

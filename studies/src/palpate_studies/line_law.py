@@ -93,5 +93,5 @@ class LineForceLaw:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for a calibration file; `law_from_dict` reads them back."""
+        """Return plain values for a calibration file; as it is read back."""
         return law_as_dict(self)
