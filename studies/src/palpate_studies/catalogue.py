@@ -16,6 +16,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.force_control",
         "Random things gripped to a force and lifted, simulated",
     ),
+    "grasp-cycle": (
+        "palpate_studies.grasp_cycle",
+        "Seconds to touch and answer, what they risk and what is learned, simulated",
+    ),
     "faults": ("palpate_studies.faults", "Single faults in every phase of a grasp, simulated"),
     "hybrid": ("palpate_studies.hybrid", "Recorded fruit and sheets through the real firmware"),
     "noise": (

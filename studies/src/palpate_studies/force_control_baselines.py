@@ -75,7 +75,7 @@ def by_current(task: Task) -> Gripped:
     """Close in fine steps until the servo's current says the target; rigid fingers only."""
     world = task.world()
     gripper = TwinGripper(world)
-    zero_ma, ma_per_n = _current_line(task.seed // GRASPS_PER_SHEET, task.level)
+    zero_ma, ma_per_n = current_line(task.seed // GRASPS_PER_SHEET, task.level)
 
     def reached() -> bool:
         world.clock.sleep_s(_DWELL_S)
@@ -86,7 +86,7 @@ def by_current(task: Task) -> Gripped:
 
 
 @lru_cache(maxsize=2)
-def _current_line(sheet: int, level: str) -> tuple[float, float]:
+def current_line(sheet: int, level: str) -> tuple[float, float]:
     """Calibrate current against a load cell, in another session: zero (mA) and slope (mA/N)."""
     world = World(None, seed=sheet + 1_000_003, sheet_seed=sheet, level=level)
     world.place(draw_object(np.random.default_rng([sheet, 35]), "ball-44lbs"))

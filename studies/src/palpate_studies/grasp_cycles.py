@@ -1,0 +1,232 @@
+"""One object grasped as a packhouse would, by ours and by two plain ways, and what it took."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.estimate.stiffness import Give
+from palpate.grasp.belief import Belief
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.interface import GripperCommand
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import TwinObject
+from palpate.twin.world import GripperKind, World
+from palpate_studies.force_control_baselines import close_until, current_line, read_ohm, touched_by
+from palpate_studies.force_control_grasps import calibration_of
+from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, thing
+from palpate_studies.stoppable import uninterrupted
+
+#: An expected size is off by up to so much, mm.
+EXPECTED_WITHIN_MM = 5.0
+#: The paper's steps, mm or kPa, and its time from contact to the prediction.
+_PAPER_STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
+_PAPER_PREDICTS_S = 2.5
+#: Closing on the servo's current: speed, time from reading to reading, force to stop at.
+_CURRENT_MM_PER_S, _CURRENT_EVERY_S, _CURRENT_N = 10.0, 0.02, 2.0
+#: Readings averaged: of the empty hand, and while it closes on.
+_EMPTY_READINGS, _READINGS = 20, 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """One object in one world."""
+
+    seed: int
+    level: str
+    kind: GripperKind
+    frame_rate_hz: float = 15.0
+
+    @property
+    def sheet(self) -> int:
+        """Seed of the sensor and gripper."""
+        return self.seed // GRASPS_PER_SHEET
+
+    def obj(self) -> TwinObject:
+        """Draw the object: any stiffness, shape and strength."""
+        return thing(np.random.default_rng([self.seed, 41]), size_mm=SIZES_MM[self.kind])
+
+    def world(self) -> World:
+        """Return the world of one grasp of it."""
+        return World(
+            self.obj(),
+            seed=self.seed,
+            sheet_seed=self.sheet,
+            level=self.level,
+            gripper=self.kind,
+            frame_rate_hz=self.frame_rate_hz,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cycle:
+    """What one way made of one object; NaN for what it does not tell.
+
+    Attributes
+    ----------
+    way, outcome : str
+        How it was grasped and how that ended.
+    touch_s, answer_s : float
+        From the open hand to the touch, and to the answer.
+    touch_peak_n, peak_n : float
+        True largest force until the touch was confirmed, and of all.
+    damaged : bool
+        Whether the object was pressed beyond its yield.
+    size_error_mm, force_error : float
+        Size less the true one, and settled force over the true one less 1.
+    stiffness, stiffness_low, stiffness_high, true_stiffness : float
+        N/mm, secant at the settled force; infinite or NaN ends are open.
+    stiffness_status : str
+        Of the measurement, or ``"none"``.
+    """
+
+    sample: Sample
+    way: str
+    outcome: str
+    touch_s: float
+    answer_s: float
+    touch_peak_n: float
+    peak_n: float
+    damaged: bool
+    size_error_mm: float = np.nan
+    force_error: float = np.nan
+    stiffness: float = np.nan
+    stiffness_low: float = np.nan
+    stiffness_high: float = np.nan
+    true_stiffness: float = np.nan
+    stiffness_status: str = "none"
+
+
+def ours(sample: Sample, *, expected: bool = False) -> Cycle:
+    """Grasp gently with the controller as shipped, its size expected or not."""
+    world, at = sample.world(), dict[str, float]()
+    gripper, size_mm = TwinGripper(world), sample.obj().size_mm
+    off_mm = np.random.default_rng([sample.seed, 42]).uniform(-1.0, 1.0) * EXPECTED_WITHIN_MM
+    plan = plan_grasp(
+        calibration_of(sample.sheet, sample.level, sample.kind),
+        gripper=gripper,
+        expect_size_mm=size_mm + off_mm if expected else None,
+        hold_s=0.0,
+    )
+
+    def watch(belief: Belief) -> None:
+        for moment in belief.result.moments:
+            if moment.finger is None and moment.name not in at:
+                at[moment.name] = belief.now_s
+                at[f"{moment.name} peak"] = world.truth().peak_force_n
+
+    result = uninterrupted(
+        run_grasp(
+            plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch]
+        )
+    )
+    force, size, stiffness = result.force_n, result.size_mm, result.stiffness_n_per_mm
+    truth = world.truth()
+    low, high = (None, None) if stiffness is None else stiffness.known_ends
+    return Cycle(
+        sample=sample,
+        way="ours, size expected" if expected else "ours",
+        outcome=str(result.outcome),
+        touch_s=at.get("contact", np.nan),
+        answer_s=at.get("answer", np.nan),
+        touch_peak_n=at.get("contact peak", np.nan),
+        peak_n=truth.peak_force_n,
+        damaged=truth.peak_force_n >= sample.obj().yield_n,
+        size_error_mm=np.nan if size is None else size.value - size_mm,
+        force_error=force.value / truth.force_n - 1.0 if force and truth.force_n > 0 else np.nan,
+        stiffness=stiffness.value if stiffness is not None and stiffness.number else np.nan,
+        stiffness_low=np.nan if low is None else low,
+        stiffness_high=np.nan if high is None else high,
+        true_stiffness=truth.stiffness_n_per_mm or np.nan,
+        stiffness_status="none" if stiffness is None else str(stiffness.status),
+    )
+
+
+def paper(sample: Sample) -> Cycle:
+    """Close in the paper's steps until both fingers pass its threshold, then predict at 2.5 s."""
+    world = sample.world()
+    array, gripper = TwinArray(world), TwinGripper(world)
+    touched = touched_by(array, world, read_ohm(array, seconds=0.5))
+    step = _PAPER_STEP[sample.kind]
+    closed = close_until(world, gripper, touched, step=step, kind=sample.kind)
+    size_mm = np.nan
+    if sample.kind == "rigid":
+        size_mm = gripper.limits.target(closed - step) - _give(sample, gripper).zero_mm
+    return _plain(sample, world, way="paper's 1 mm steps", size_mm=size_mm)
+
+
+def by_current(sample: Sample) -> Cycle:
+    """Close at speed until the servo's current shows 2 N; rigid fingers only."""
+    world = sample.world()
+    gripper = TwinGripper(world)
+    _, ma_per_n = current_line(sample.sheet, sample.level)
+    world.clock.sleep_s(0.5)
+    gripper.command(GripperCommand(target=gripper.limits.lowest, rate=_CURRENT_MM_PER_S))
+    # The motor gathers speed; then the empty hand shows what its gears take.
+    world.clock.sleep_s(0.3)
+    empty_ma = _currents_ma(gripper, world, count=_EMPTY_READINGS)
+    while gripper.state().moving:
+        pull_ma = _currents_ma(gripper, world, count=_READINGS) - empty_ma
+        if pull_ma >= ma_per_n * _CURRENT_N:
+            break
+    gripper.stop()
+    give = _give(sample, gripper)
+    size_mm = gripper.state().width_mm - give.zero_mm + float(give.give_mm(_CURRENT_N))
+    return _plain(sample, world, way="close until current", size_mm=size_mm, predicts_s=0.0)
+
+
+def _give(sample: Sample, gripper: TwinGripper) -> Give:
+    """Return how the calibrated rigid fingers give way."""
+    calibration = calibration_of(sample.sheet, sample.level, sample.kind)
+    give = plan_grasp(calibration, gripper=gripper).give
+    assert give is not None
+    return give
+
+
+def _currents_ma(gripper: TwinGripper, world: World, *, count: int) -> float:
+    """Return the mean of the next readings of the current."""
+    readings = list[float]()
+    for _ in range(count):
+        world.clock.sleep_s(_CURRENT_EVERY_S)
+        readings.append(gripper.state().current_ma)
+    return float(np.mean(readings))
+
+
+def _plain(
+    sample: Sample,
+    world: World,
+    *,
+    way: str,
+    size_mm: float,
+    predicts_s: float = _PAPER_PREDICTS_S,
+) -> Cycle:
+    """Return what a way without a controller made of it, the hand standing where it touched."""
+    touch_s, touch_peak_n = world.clock.now_s(), world.truth().peak_force_n
+    world.clock.sleep_s(predicts_s)
+    truth = world.truth()
+    return Cycle(
+        sample=sample,
+        way=way,
+        outcome="held" if truth.force_n > 0 else "nothing_there",
+        touch_s=touch_s,
+        answer_s=touch_s + predicts_s,
+        touch_peak_n=touch_peak_n,
+        peak_n=truth.peak_force_n,
+        damaged=truth.peak_force_n >= sample.obj().yield_n,
+        size_error_mm=size_mm - sample.obj().size_mm,
+    )
+
+
+def cycles(sample: Sample) -> list[Cycle]:
+    """Grasp one object in every way that its hand can do."""
+    ways: list[Callable[[], Cycle]] = [
+        lambda: ours(sample),
+        lambda: ours(sample, expected=True),
+        lambda: paper(sample),
+    ]
+    if sample.kind == "rigid":
+        ways.append(lambda: by_current(sample))
+    return [way() for way in ways]

@@ -1,0 +1,72 @@
+"""The study of whole grasps: what is counted, and one object grasped in every way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate_studies.grasp_cycle import reported, scores
+from palpate_studies.grasp_cycles import Cycle, Sample, cycles
+
+SAMPLE = Sample(seed=31_000, level="paper", kind="rigid")
+CYCLE = Cycle(
+    sample=SAMPLE,
+    way="ours",
+    outcome="held",
+    touch_s=4.0,
+    answer_s=8.0,
+    touch_peak_n=1.0,
+    peak_n=3.0,
+    damaged=False,
+    size_error_mm=0.3,
+    force_error=-0.1,
+    stiffness=2.0,
+    stiffness_low=1.5,
+    stiffness_high=3.0,
+    true_stiffness=2.5,
+    stiffness_status="ok",
+)
+
+
+def test_numbers_and_bounds_are_scored_apart() -> None:
+    bound = replace(
+        CYCLE,
+        answer_s=12.0,
+        size_error_mm=-0.4,
+        stiffness=np.nan,
+        stiffness_low=3.0,
+        stiffness_high=np.nan,
+        stiffness_status="at_least",
+    )
+    found = scores([CYCLE, bound, replace(bound, true_stiffness=9.0)])
+    assert found["stiffness_numbers"] == 1
+    assert found["stiffness_median_error"] == pytest.approx(0.2)
+    assert found["stiffness_median_ratio"] == 2.0
+    assert found["stiffness_coverage"] == 1.0
+    assert (found["stiffness_bounds"], found["stiffness_bounds_right"]) == (2, 0.5)
+    assert found["answer_s_median"] == 12.0
+    assert found["size_rms_mm"] == pytest.approx(np.sqrt((0.09 + 0.16 + 0.16) / 3))
+
+
+def test_what_a_way_does_not_measure_is_null() -> None:
+    plain = replace(CYCLE, way="plain", stiffness_status="none", stiffness=np.nan)
+    plain = replace(plain, stiffness_low=np.nan, stiffness_high=np.nan, force_error=np.nan)
+    payload = reported([plain], frame_rate_hz=15.0).payload
+    (row,), (grasp,) = payload["summary"], payload["grasps"]
+    assert row["stiffness_median_error"] is None
+    assert row["force_median_error"] is None
+    assert grasp["stiffness"] is None
+    assert grasp["size_error_mm"] == 0.3
+
+
+def test_one_object_is_grasped_in_every_way() -> None:
+    ours, expected, paper, current = cycles(SAMPLE)
+    assert [one.outcome for one in (ours, expected, paper, current)] == ["held"] * 4
+    assert ours.touch_s < paper.touch_s
+    assert ours.touch_s < ours.answer_s
+    assert ours.touch_peak_n <= ours.peak_n
+    assert abs(ours.size_error_mm) < 1.0
+    assert abs(expected.size_error_mm) < 1.0
+    assert current.peak_n > 1.0
