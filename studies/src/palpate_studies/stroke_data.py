@@ -25,6 +25,9 @@ LEAST_RISE = 5.0
 #: The rest reading is the median over this long, until so long before the touch; a touch is
 #: followed from there.
 _REST_S, _BEFORE_S = 1.0, 0.1
+#: A touch begins where the reading, as `log_reading` gives it, is above this: a rise of 20 %. The
+#: time since is counted in logarithms, from about a sample on.
+_CONTACT, _TICK_S = float(log_reading(0.2)), 0.01
 #: Shares of the touch's 80th percentile at which the force is measured once.
 TOLD_SHARES = {"five_percent": 0.05, "eighty_percent": 0.8}
 
@@ -42,7 +45,7 @@ class Touch:
     time_s : ndarray, shape (n_times,)
         Since contact.
     inputs : ndarray, shape (n_times, n_inputs)
-        See `force_states`.
+        See `force_states`; then the highest reading so far and the time since contact.
     log_force : ndarray, shape (n_times,)
         Of the load cell; forces below 0.1 N count as that.
     phase : ndarray of str, shape (n_times,)
@@ -155,7 +158,7 @@ def _touch(
             attempt=attempt,
             touch=number,
             time_s=since_s,
-            inputs=states_of(since_s, log_reading(rest_ohm / ohm - 1)),
+            inputs=_inputs(since_s, log_reading(rest_ohm / ohm - 1)),
             log_force=np.log(np.maximum(force_n, 0.1)),
             phase=phase,
             scored=(phase != "rest") & (force_n >= SMALLEST_N),
@@ -165,3 +168,15 @@ def _touch(
             },
         )
     ]
+
+
+def _inputs(time_s: FloatArray, reading: FloatArray) -> FloatArray:
+    """Return the states, and what a touch as a whole shows: how high it rose, since when it lasts.
+
+    Contact is where the reading shows it, not the load cell.
+    """
+    shown = np.flatnonzero(reading > _CONTACT)
+    contact_s = time_s[shown[0]] if len(shown) else time_s[-1]
+    lasting = np.log(np.maximum(time_s - contact_s, 0.0) + _TICK_S)
+    states = states_of(time_s, reading)
+    return np.column_stack([states, np.maximum.accumulate(reading), lasting])
