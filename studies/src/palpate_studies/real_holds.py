@@ -86,6 +86,11 @@ def report(results: Sequence[FileResult]) -> StudyReport:
         for file in files
     ]
     provenance.append(
+        "The odds of relaxation that ship were learned on public silicone and Velostat holds: "
+        "where these are the same, its rows are not unseen. `palpate study settling-families` leaves "
+        "specimens out of the odds, too."
+    )
+    provenance.append(
         "No published entry was an input. The paper's rows are of its own sensor and in % of a "
         "relative change: compare ratios between methods, not percentages."
     )
