@@ -87,8 +87,8 @@ def report(results: Sequence[FileResult]) -> StudyReport:
     ]
     provenance.append(
         "The odds of relaxation that ship were learned on public silicone and Velostat holds: "
-        "where these are the same, its rows are not unseen. `palpate study settling-families` leaves "
-        "specimens out of the odds, too."
+        "where these are the same, its rows are not unseen. `palpate study settling-families` "
+        "leaves specimens out of the odds, too."
     )
     provenance.append(
         "No published entry was an input. The paper's rows are of its own sensor and in % of a "

@@ -67,7 +67,8 @@ def report(file: Path) -> StudyReport:
         provenance=(
             f"Real recordings: {file.name}, {len(known)} holds. Learners are tested on tenths of "
             "the holds that they were not trained on, but know the specimens. The odds of "
-            "relaxation were learned on recordings of this kind, where they are public on these very holds.",
+            "relaxation were learned on recordings of this kind, where they are public "
+            "on these very holds.",
             f"Drawn from a formula (not a sensor): {TESTED} holds of the family that meets the "
             "recorded row of Table 1. The Bayes estimator knows the family; to relaxation it is "
             "one of several.",
