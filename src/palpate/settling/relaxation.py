@@ -94,8 +94,7 @@ class Relaxation:
         if not 0 < level < 1:
             raise ValueError(f"level must lie between 0 and 1, not {level:g}")
         ends = np.empty((3, len(values)))
-        status = _each(len(values), Status.OK)
-        window_s = np.full(len(values), time_s[-1] - time_s[0])
+        status, window_s = np.empty(len(values), dtype=object), np.empty(len(values))
         for rows, seen, positive in _by_sign(values):
             for part, since_s, found in self._ends(
                 time_s, seen, positive=positive, horizon_s=horizon_s, level=level
