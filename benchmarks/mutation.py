@@ -69,7 +69,7 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, str, ast.A
     """Yield every change with its parent, field and index; text for people is left alone."""
     for parent in ast.walk(tree):
         # The wording of errors, documentation and annotations decide nothing.
-        if isinstance(parent, ast.JoinedStr | ast.Raise | ast.AnnAssign | ast.arg):
+        if isinstance(parent, ast.JoinedStr | ast.Raise | ast.AnnAssign | ast.arg | ast.Expr):
             continue
         for field, value in ast.iter_fields(parent):
             if field in ("annotation", "returns"):

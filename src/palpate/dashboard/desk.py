@@ -16,6 +16,7 @@ from palpate.dashboard.ledger import Ledger
 from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Urgent
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.station import BenchOpener
+from palpate.dashboard.wishes import Wishes
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig.file import stated_in
 
@@ -64,6 +65,7 @@ class Desk:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.ledger = Ledger(settings.store)
+        self.wishes = Wishes()
         self.session = Session(
             send=self._send, on_grasped=self._keep, silent_s=lambda: self.silent_s
         )

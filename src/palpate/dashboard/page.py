@@ -9,7 +9,7 @@ from nicegui import Client, ui
 from palpate.dashboard.desk import Desk
 from palpate.dashboard.panel_calibrate import calibrate_panel
 from palpate.dashboard.panel_doctor import doctor_panel
-from palpate.dashboard.panel_grasp import Wishes, grasp_buttons, set_up_panel
+from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
 from palpate.dashboard.panel_items import items_panel
 from palpate.dashboard.panel_recordings import recordings_panel
 from palpate.dashboard.pressing import Hands
@@ -18,37 +18,60 @@ from palpate.dashboard.session import Action
 _STATIC = Path(__file__).parent / "static"
 _STAGE = (_STATIC / "stage.html").read_text(encoding="utf-8")
 _STOP = (_STATIC / "stop.html").read_text(encoding="utf-8")
-_PANELS = {
-    "Calibrate": calibrate_panel,
-    "Doctor": doctor_panel,
-    "Recordings": recordings_panel,
-    "Items": items_panel,
+_OPERATE = (_STATIC / "operate.html").read_text(encoding="utf-8")
+#: What tabs are called, and the address of each.
+TABS = {
+    "Set up": "/",
+    "Calibrate": "/calibrate",
+    "Doctor": "/doctor",
+    "Recordings": "/recordings",
+    "Items": "/items",
 }
 _REFRESH_S = 0.2
 _PREFERS_DARK = "(prefers-color-scheme: dark)"
 
 
-def build_page(desk: Desk, client: Client) -> None:
-    """Fill the page of one viewer."""
-    ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
-    # Apart from all that the framework draws, moves and takes away.
-    ui.add_body_html(_STOP)
-    ui.add_body_html('<script type="module" src="/static/live.js"></script>')
-    hands = Hands(desk.session, viewer=client.id)
-    # Not before its browser is there: what only fetched the page must not drive.
-    client.on_connect(lambda: desk.session.join(client.id))
-    client.on_delete(lambda: desk.session.leave(client.id))
-    _header(desk, hands)
-    with ui.element("main").classes("page"):
+def build_page(desk: Desk, client: Client, *, tab: str, item_id: str | None = None) -> None:
+    """Fill the page of one viewer, with a tab of `TABS` open, and an item on the tab of items."""
+    hands = _begin(desk, client, script="live.js")
+    _header(desk, hands, other=("/operate", "Operate"))
+    with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
             _alerts(desk, hands)
             ui.html(_STAGE, sanitize=False).classes("stage")
         with ui.element("aside").classes("card panel"):
-            _panel(desk, hands)
+            _panel(desk, hands, tab=tab, item_id=item_id)
     ui.timer(_REFRESH_S, hands.refresh)
 
 
-def _header(desk: Desk, hands: Hands) -> None:
+def build_operator_page(desk: Desk, client: Client) -> None:
+    """Fill the page that is read from two metres: verdict, what to do, force, three buttons."""
+    hands = _begin(desk, client, script="operate.js")
+    ui.query("body").classes("operate")
+    _header(desk, hands, other=("/", "Full page"))
+    with ui.element("div").classes("operator"):
+        _alerts(desk, hands)
+        ui.html(_OPERATE, sanitize=False).classes("contents")
+        with ui.element("div").classes("item"):
+            item_field(desk, hands, label="Next item")
+    with ui.element("div").classes("panel-foot"):
+        grasp_buttons(desk, hands)
+    ui.timer(_REFRESH_S, hands.refresh)
+
+
+def _begin(desk: Desk, client: Client, *, script: str) -> Hands:
+    """Add what every view has, and let the viewer in."""
+    ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
+    # Apart from all that the framework draws, moves and takes away.
+    ui.add_body_html(_STOP)
+    ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
+    # Not before its browser is there: what only fetched the page must not drive.
+    client.on_connect(lambda: desk.session.join(client.id))
+    client.on_delete(lambda: desk.session.leave(client.id))
+    return Hands(desk.session, viewer=client.id)
+
+
+def _header(desk: Desk, hands: Hands, *, other: tuple[str, str]) -> None:
     dark = ui.dark_mode(None)
 
     async def turn() -> None:
@@ -59,17 +82,19 @@ def _header(desk: Desk, hands: Hands) -> None:
         dark.set_value(not is_dark)
 
     with ui.element("header").classes("bar"):
-        ui.html('<span class="brand">palpate<small id="rig-name"></small></span>', sanitize=False)
+        ui.html('<h1 class="brand">palpate<small id="rig-name"></small></h1>', sanitize=False)
         ui.html('<span id="simulated" class="badge-sim hidden">SIMULATED</span>', sanitize=False)
         ui.element("div").classes("grow")
         ui.html(
-            '<span id="link" class="pill num" role="status" data-state="waiting">'
-            '<span class="dot"></span><span id="link-text">connecting</span></span>',
+            '<span id="link" class="pill num" data-state="waiting"><span class="dot"></span>'
+            '<span id="link-text">connecting</span></span>'
+            '<span id="link-state" class="heard" role="status"></span>',
             sanitize=False,
         )
         who = ui.label().classes("pill").props("id=who")
         take = ui.button("Take over", on_click=hands.take_over, color=None)
         take.classes("btn plain small").props("flat no-caps id=take-over")
+        ui.link(other[1], other[0]).classes("pill")
         shade = ui.button(icon="contrast", on_click=turn, color=None)
         shade.classes("btn plain small").props('flat id=shade aria-label="Light or dark"')
 
@@ -112,15 +137,21 @@ def _alerts(desk: Desk, hands: Hands) -> None:
     hands.gate(done, Action.CONFIRM)
 
 
-def _panel(desk: Desk, hands: Hands) -> None:
+def _panel(desk: Desk, hands: Hands, *, tab: str, item_id: str | None) -> None:
     with ui.tabs().classes("w-full").props("dense no-caps align=justify") as tabs:
-        pages = {name: ui.tab(name) for name in ("Set up", *_PANELS)}
-    wishes = Wishes()
-    with ui.tab_panels(tabs, value="Set up", animated=False).classes("panel-body"):
-        with ui.tab_panel(pages["Set up"]):
-            set_up_panel(desk, hands, wishes)
-        for name, build in _PANELS.items():
-            with ui.tab_panel(pages[name]):
-                build(desk, hands)
+        for name in TABS:
+            ui.tab(name)
+    with ui.tab_panels(tabs, value=tab, animated=False).classes("panel-body"):
+        with ui.tab_panel("Set up"):
+            set_up_panel(desk, hands)
+        with ui.tab_panel("Calibrate"):
+            calibrate_panel(desk, hands)
+        with ui.tab_panel("Doctor"):
+            doctor_panel(desk, hands)
+        with ui.tab_panel("Recordings"):
+            recordings_panel(desk, hands)
+        with ui.tab_panel("Items"):
+            items_panel(desk, hands, item_id=item_id)
+    tabs.on_value_change(lambda event: ui.navigate.history.replace(TABS[event.value]))
     with ui.element("div").classes("panel-foot"):
-        grasp_buttons(desk, hands, wishes)
+        grasp_buttons(desk, hands)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from nicegui import ui
 
 from palpate.dashboard.desk import Desk
 from palpate.dashboard.messages import Grasp, OpenRig, Record
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
+from palpate.dashboard.wishes import Wishes
 from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.safety import FORCE_CEILING_N
 
@@ -17,46 +16,56 @@ SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 _DRAWN = "drawn by the seed"
 
 
-@dataclass(slots=True)
-class Wishes:
-    """What one viewer wants of the next grasp, as it stands in the form."""
-
-    target_force_n: float | None = None
-    item_id: str | None = None
-    kind: str = ""
-
-
-def set_up_panel(desk: Desk, hands: Hands, wishes: Wishes) -> None:
+def set_up_panel(desk: Desk, hands: Hands) -> None:
     """Fill the panel."""
+    wishes = desk.wishes
     with ui.element("div").classes("form"):
 
         def want(force_n: float | None) -> None:
             wishes.target_force_n = force_n
 
-        def name(item_id: str | None) -> None:
-            wishes.item_id = item_id
-
-        ui.number(
+        force = ui.number(
             "Target force, N (empty: a gentle squeeze)",
+            value=wishes.target_force_n,
             min=0.1,
             step=0.5,
             on_change=lambda event: want(event.value),
         ).props("outlined dense clearable")
-        ui.input("Item (empty: not remembered)", on_change=lambda event: name(event.value)).props(
-            "outlined dense clearable maxlength=80 autocomplete=off"
-        )
+
+        def show() -> None:
+            force.set_value(wishes.target_force_n)
+
+        hands.on_refresh(show)
+        item_field(desk, hands, label="Item (empty: not remembered)")
         ui.label("Grasps of an item are kept in the store; the page Items shows them.").classes(
             "muted"
         )
         if desk.settings.damage is not None:
-            _kind(desk.settings.damage, wishes)
+            _kind(desk.settings.damage, wishes, hands)
         ui.separator()
         _rig(desk, hands)
         ui.separator()
         _recording(desk, hands)
 
 
-def _kind(damage: DamageFile, wishes: Wishes) -> None:
+def item_field(desk: Desk, hands: Hands, *, label: str) -> None:
+    """Ask for the name of the item that is grasped next."""
+    wishes = desk.wishes
+
+    def name(item_id: str | None) -> None:
+        wishes.item_id = item_id or ""
+
+    item = ui.input(label, value=wishes.item_id, on_change=lambda event: name(event.value))
+    item.props("outlined dense clearable maxlength=80 autocomplete=off")
+
+    def show() -> None:
+        if (item.value or "") != wishes.item_id:
+            item.set_value(wishes.item_id)
+
+    hands.on_refresh(show)
+
+
+def _kind(damage: DamageFile, wishes: Wishes, hands: Hands) -> None:
     """Ask what is grasped, of the kinds whose limits were learned."""
 
     def tell(kind: str) -> None:
@@ -67,11 +76,18 @@ def _kind(damage: DamageFile, wishes: Wishes) -> None:
     kind.props('outlined dense behavior=dialog label="Kind (for its damage limit)"').classes(
         "w-full"
     )
+
+    def show() -> None:
+        kind.set_value(wishes.kind)
+
+    hands.on_refresh(show)
     ui.label("Grasps stay below what such produce bears, as far as they feel it.").classes("muted")
 
 
-def grasp_buttons(desk: Desk, hands: Hands, wishes: Wishes) -> None:
+def grasp_buttons(desk: Desk, hands: Hands) -> None:
     """Add the two buttons that are always in reach."""
+
+    wishes = desk.wishes
 
     def grasp() -> None:
         wanted = wishes.target_force_n
@@ -82,7 +98,7 @@ def grasp_buttons(desk: Desk, hands: Hands, wishes: Wishes) -> None:
         order = Grasp(
             target_force_n=wanted,
             recording=desk.new_recording("grasp"),
-            item_id=(wishes.item_id or "").strip(),
+            item_id=wishes.item_id.strip(),
             damage=None if damage is None else damage.as_text(),
             kind=wishes.kind,
         )

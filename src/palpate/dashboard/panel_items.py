@@ -6,6 +6,7 @@ import html
 from collections.abc import Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from nicegui import run, ui
 
@@ -20,11 +21,14 @@ if TYPE_CHECKING:
 _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
 
-def items_panel(desk: Desk, hands: Hands) -> None:
-    """Fill the panel."""
+def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> None:
+    """Fill the panel; `item_id` is shown first."""
     with ui.element("div").classes("form"):
         ui.html("<h3>Items and how they ripen</h3>", sanitize=False)
-        choice = ui.select([], on_change=lambda event: show(event.value)).classes("w-full")
+        known = [item_id] if item_id else []
+        choice = ui.select(known, value=item_id, on_change=lambda event: show(event.value)).classes(
+            "w-full"
+        )
         choice.props('outlined dense use-input clearable behavior=dialog label="Item"')
         box = ui.html("", sanitize=False).props("id=item-page")
 
@@ -32,6 +36,7 @@ def items_panel(desk: Desk, hands: Hands) -> None:
         if not item_id:
             box.set_content("")
             return
+        ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}")
         try:
             found = await run.io_bound(desk.ledger.page, item_id)
         except PalpateError as error:
@@ -48,6 +53,8 @@ def items_panel(desk: Desk, hands: Hands) -> None:
             return
         if box.is_deleted:
             return
+        if choice.value and choice.value not in names:
+            names = [choice.value, *names]
         if names != choice.options:
             choice.set_options(names, value=choice.value)
         if desk.ledger.trouble:

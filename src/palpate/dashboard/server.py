@@ -62,6 +62,7 @@ def serve(
     ui.run_with(
         app,
         title="palpate",
+        language="en-US",
         favicon="🤏",
         dark=None,
         binding_refresh_interval=None,
@@ -83,22 +84,31 @@ def serve(
 
 
 def _routes(desk: Desk) -> None:
-    """Add the page and its two addresses."""
+    """Add the pages, what they poll, and where they stop."""
     from fastapi.responses import JSONResponse
     from nicegui import Client, app, ui
 
-    from palpate.dashboard.page import build_page
+    from palpate.dashboard.page import TABS, build_operator_page, build_page
 
     # Asked for anew each time: a page must not outlive an update.
     app.add_static_files("/static", _STATIC, max_cache_age=0)
 
-    @ui.page("/")
-    def page(client: Client) -> None:
-        build_page(desk, client)
+    for name, path in TABS.items():
+        ui.page(path)(lambda client, tab=name: build_page(desk, client, tab=tab))
+
+    @ui.page("/items/{item_id:path}")
+    def item(client: Client, item_id: str) -> None:
+        build_page(desk, client, tab="Items", item_id=item_id)
+
+    @ui.page("/operate")
+    def operate(client: Client) -> None:
+        build_operator_page(desk, client)
 
     @app.get("/live")
     async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
-        found: dict[str, Any] = document(desk.session, generation=generation, after_s=after_s)
+        found: dict[str, Any] = document(
+            desk.session, desk.wishes, generation=generation, after_s=after_s
+        )
         return JSONResponse(found)
 
     @app.post("/stop")

@@ -10,7 +10,9 @@ import numpy as np
 
 from palpate.dashboard.live import Live, finite
 from palpate.dashboard.messages import Grasped
+from palpate.dashboard.operating import operator_view
 from palpate.dashboard.session import Activity, Session
+from palpate.dashboard.wishes import Wishes
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
@@ -18,17 +20,22 @@ from palpate.grasp.verdict import outcome_text, verdict
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
-def document(session: Session, *, generation: int, after_s: float) -> dict[str, Any]:
+def document(
+    session: Session, wishes: Wishes, *, generation: int, after_s: float
+) -> dict[str, Any]:
     """Return what a page needs to draw.
 
     Parameters
     ----------
     session : Session
         As it is now.
+    wishes : Wishes
+        What is wanted of the next grasp.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
     """
     live, link = session.live, _link(session)
+    said = _verdict(session, stale=link["stale"])
     after_s = after_s if generation == live.generation else -math.inf
     source = live.source
     return {
@@ -57,7 +64,8 @@ def document(session: Session, *, generation: int, after_s: float) -> dict[str, 
         ],
         "began_s": None if live.thought is None else live.thought.began_s,
         "phase": None if live.thought is None else live.thought.phase,
-        "verdict": _verdict(session, stale=link["stale"]),
+        "verdict": said,
+        "operator": operator_view(session, said=said, target_force_n=wishes.target_force_n),
         "measured": _measured(session),
         "stopped_after_s": session.stopped_after_s,
         "recording": None if session.recording is None else session.recording.name,
@@ -126,14 +134,19 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     if session.activity is Activity.WATCHING and (broken := _broken(session.live, stale=stale)):
         text, why = broken
         return {**_WORDLESS, "text": text, "why": why, "kind": "bad"}
+    if session.activity in _OF_THEIR_OWN:
+        # Not the verdict of the grasp before.
+        return {**_WORDLESS, "text": session.activity.value, "kind": "busy"}
     grasped, thought = session.grasped, session.live.thought
     if grasped is not None:
         said = verdict(grasped.result, target_force_n=session.target_force_n)
         return {**said, "kind": _kind_of(grasped, on_target=said["on_target"])}
     if thought is None:
         text = "ready" if session.activity is Activity.WATCHING else session.activity.value
-        return {**_WORDLESS, "text": text, "kind": "idle"}
-    text = _PHASES.get(thought.phase, thought.phase)
+        begins = session.activity is Activity.GRASPING
+        return {**_WORDLESS, "text": text, "kind": "busy" if begins else "idle"}
+    # In its last phase, for a moment, the grasp has ended.
+    text = _PHASES.get(thought.phase) or outcome_text(thought.answer.outcome)
     if not thought.decided:
         return {**_WORDLESS, "text": text, "kind": "busy"}
     said = verdict(thought.answer, target_force_n=session.target_force_n)
@@ -141,6 +154,7 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     return {**said, "text": text, "kind": kind}
 
 
+_OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activity.RELEASING)
 _WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
 
 
@@ -162,6 +176,7 @@ def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
 
 
 _PHASES = {
+    "wait": "waiting for the sheet to forget a touch",
     "sweep": "closing in",
     "felt": "touched?",
     "approach": "touching finely",
@@ -169,9 +184,9 @@ _PHASES = {
     "squeeze": "squeezing gently",
     "settle": "waiting for the sheet",
     "adjust": "adjusting",
+    "ease": "easing off",
     "hold": "holding",
     "release": "giving it back",
-    "stopped": outcome_text(Outcome.STOPPED),
 }
 
 

@@ -25,6 +25,7 @@ TOKEN = "correct-horse"
 class Answer:
     def __init__(self, messages: list[dict[str, Any]]) -> None:
         start = messages[0]
+        self.kind = start["type"]
         self.status = start.get("status", start.get("code"))
         self.headers = {key.decode(): value.decode() for key, value in start.get("headers", [])}
         self.body = b"".join(message.get("body", b"") for message in messages[1:]).decode()
@@ -83,6 +84,9 @@ def test_the_loopback_needs_none_and_a_short_one_is_refused_anywhere() -> None:
     check_token("::1", None)
     with pytest.raises(InputError, match="has 3 characters; give at least 8"):
         check_token("127.0.0.1", "abc")
+    check_token("127.0.0.1", "8letters")
+    with pytest.raises(InputError, match="has 7 characters"):
+        check_token("127.0.0.1", "7letter")
 
 
 def test_a_visitor_without_the_token_is_asked_for_it() -> None:
@@ -111,6 +115,7 @@ def test_the_right_token_is_remembered_by_a_cookie_that_scripts_cannot_read(
 ) -> None:
     answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)
     assert answer.status == 303
+    assert answer.headers["location"] == "/"
     cookie = answer.headers["set-cookie"]
     assert TOKEN not in cookie
     assert "HttpOnly" in cookie
@@ -209,7 +214,8 @@ def test_a_page_of_another_site_gets_nothing() -> None:
 
 def test_a_socket_from_another_site_is_closed() -> None:
     assert ask(kind="websocket", origin="https://evil.example").status == 1008
-    assert ask(kind="websocket", token=TOKEN, loopback=False).status == 1008
+    refused = ask(kind="websocket", token=TOKEN, loopback=False)
+    assert (refused.kind, refused.status) == ("websocket.close", 1008)
     assert ask(kind="websocket", origin="http://127.0.0.1:8080").status is None
 
 

@@ -13,6 +13,7 @@ from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import Frames, Grasped, Lost, Pulse, Source, Thought
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.view import document
+from palpate.dashboard.wishes import Wishes
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
@@ -118,8 +119,8 @@ def test_the_document_sends_what_the_page_lacks() -> None:
     session.live.begin(SOURCE)
     session.live.add(frames(40, rate_hz=40.0))
     generation = session.live.generation
-    whole = document(session, generation=-1, after_s=0.5)
-    rest = document(session, generation=generation, after_s=0.5)
+    whole = document(session, Wishes(), generation=-1, after_s=0.5)
+    rest = document(session, Wishes(), generation=generation, after_s=0.5)
     assert len(whole["curve"]) == 40
     assert [point[0] for point in rest["curve"]] == pytest.approx(np.arange(21, 40) / 40)
     assert whole["source"]["simulated"] is True
@@ -129,7 +130,7 @@ def test_an_open_pixel_is_null_in_the_document() -> None:
     session = Session(send=lambda message: None)
     session.live.begin(SOURCE)
     session.live.add(frames(1, counts=0))
-    pixels = document(session, generation=-1, after_s=0.0)["pixels"]
+    pixels = document(session, Wishes(), generation=-1, after_s=0.0)["pixels"]
     assert pixels["percent"][0] == [None, None]
     assert pixels["ohm"][0] == [None, None]
 
@@ -141,7 +142,7 @@ def watched(*, stale: bool = False, counts: int = 300) -> dict:
     session.live.begin(SOURCE)
     session.live.add(frames(1, counts=counts))
     session.live.pulse = Pulse(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
-    return document(session, generation=-1, after_s=0.0)["verdict"]
+    return document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]
 
 
 def test_a_broken_sensor_is_not_called_ready() -> None:
@@ -158,10 +159,10 @@ def test_a_process_that_hangs_turns_the_link_red() -> None:
     session = Session(send=lambda message: None, silent_s=lambda: silent_s[0])
     session.live.begin(SOURCE)
     session.live.pulse = Pulse(frames=9, rate_hz=15.0, age_s=0.03, stale=False)
-    link = document(session, generation=-1, after_s=0.0)["link"]
+    link = document(session, Wishes(), generation=-1, after_s=0.0)["link"]
     assert (link["stale"], link["hung_s"]) == (False, None)
     silent_s[0] = 3.0
-    hung = document(session, generation=-1, after_s=0.0)["link"]
+    hung = document(session, Wishes(), generation=-1, after_s=0.0)["link"]
     assert (hung["stale"], hung["hung_s"], hung["age_s"]) == (True, 3.0, pytest.approx(3.03))
 
 
@@ -169,7 +170,7 @@ def test_devices_that_are_gone_are_not_called_holding() -> None:
     session = Session(send=lambda message: None)
     session.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
     session.take(Lost("the process with the devices has ended"))
-    card = document(session, generation=-1, after_s=0.0)["verdict"]
+    card = document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]
     assert (card["text"], card["kind"]) == ("the devices are gone", "bad")
 
 
@@ -197,7 +198,7 @@ def test_only_what_went_well_ends_on_a_green_card(
     session = Session(send=lambda message: None)
     session.target_force_n = target_n
     session.grasped = Grasped(result=result, truth=ended.get("truth"))
-    assert document(session, generation=-1, after_s=0.0)["verdict"]["kind"] == kind
+    assert document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]["kind"] == kind
 
 
 def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
@@ -217,5 +218,5 @@ def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
     )
     for target_n, kind in ((2.0, "good"), (3.0, "warn")):
         session.target_force_n = target_n
-        card = document(session, generation=-1, after_s=0.0)["verdict"]
+        card = document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]
         assert (card["text"], card["kind"]) == ("holding", kind)

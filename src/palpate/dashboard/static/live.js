@@ -1,14 +1,12 @@
-// Asks for what is new, draws it, and asks again: a slow screen asks less often and holds up nobody.
-const PERIOD_MS = 66, SILENT_MS = 1000, LOST_MS = 1000, LOOK_MS = 100, WINDOW_S = 30, DEEPEST = 80;
+// The whole page: both fingers, the curve, the verdict and what was measured.
+import { $, esc, fixed, follow, say, seen, whys } from "/static/follow.js";
+
+const WINDOW_S = 30, DEEPEST = 80;
 // A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
 const HIGHEST = 100;
 const RAMP = [[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39], [252, 255, 164]];
 const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20 s", "%", 1] };
 const STATUS = { too_short: "short hold", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
-const $ = (id) => document.getElementById(id);
-const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
-const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−"));
-const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0 };
 
 function color(percent) {
   const place = Math.min(Math.max(-percent / DEEPEST, 0), 1) * (RAMP.length - 1);
@@ -147,68 +145,12 @@ function drawMeasures(measured) {
 function drawVerdict(doc) {
   const card = $("verdict");
   if (!card) return;
-  const said = doc.verdict, parts = [];
+  const said = doc.verdict, parts = whys(doc);
   card.dataset.kind = said.kind;
-  if (said.why) parts.push(said.why);
-  if (said.on_target === true) parts.push(`target ${said.target_force_n} N within the interval`);
-  if (said.on_target === false) parts.push(`off the target of ${said.target_force_n} N`);
-  if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(`answer ${fixed(doc.measured.decision_time_s, 1)} s after contact`);
-  if (doc.stopped_after_s !== null) parts.push(`stopped ${fixed(1000 * doc.stopped_after_s, 0)} ms after the request`);
-  if (doc.measured.limited) parts.push("the damage limit keeps it below its target");
-  parts.push(...doc.measured.faults);
-  if (doc.measured.damaged) parts.unshift("the object was damaged");
   if (doc.phase && said.kind === "busy" && doc.measured.force_now_n >= 0.05) parts.push(`about ${fixed(doc.measured.force_now_n, 1)} N`);
-  card.innerHTML = `<b id="verdict-text">${esc(said.text)}</b>${said.firmness ? `<span class="firm">${esc(said.firmness)}</span>` : ""}<span class="why">${esc(parts.join(" · "))}</span>`;
+  say($("verdict-text"), said.text);
+  say($("verdict-firm"), said.firmness ?? "");
+  say($("verdict-why"), parts.join(" · "));
 }
 
-function drawHead(doc) {
-  const pill = $("link"), link = doc.link, replayed = doc.source && doc.source.replayed;
-  const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
-  const age = link.age_s === null ? "no frame yet" : link.age_s < 1 ? `${fixed(1000 * link.age_s, 0)} ms ago` : `${fixed(link.age_s, 1)} s ago`;
-  pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
-  $("link-text").textContent = replayed ? "replay" : link.waiting ? doc.activity : `${link.stale ? "NO FRAMES · " : ""}${rate} · ${link.lost} lost${link.corrupt ? ` · ${link.corrupt} corrupt` : ""} · last frame ${age}`;
-  pill.title = `${link.frames} frames, ${link.lost} lost, ${link.corrupt} corrupt, ${link.late} late; 99 % within ${fixed(1000 * link.period_p99_s, 1)} ms of the one before`;
-  $("rig-name").textContent = doc.source ? `${replayed ? "replay of " : ""}${doc.source.name}` : "no rig";
-  $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
-  $("trouble").classList.toggle("hidden", !doc.trouble);
-  $("trouble-text").textContent = doc.trouble;
-}
-
-// Everything on the stage is old once the server, or the process behind it, says nothing more.
-function drawLoss() {
-  const pill = $("link"), box = $("lost");
-  if (!pill || !box) return;
-  const silentMs = performance.now() - seen.at, server = silentMs > LOST_MS, devices = seen.hungS !== null;
-  const lost = server || devices, agoS = (server ? silentMs / 1000 : 0) + (seen.hungS ?? 0);
-  document.body.classList.toggle("lost", lost);
-  box.classList.toggle("hidden", !lost);
-  if (!lost) return;
-  const ago = `last seen ${agoS < 60 ? `${Math.floor(agoS)} s` : `${Math.floor(agoS / 60)} min`} ago`;
-  $("lost-title").textContent = server ? "No connection" : "The devices are silent";
-  $("lost-why").textContent = `${ago}. ${server ? "palpate serve does not answer. " : ""}What is shown is old; the hand may still move or hold.`;
-  pill.dataset.state = "stale";
-  $("link-text").textContent = `${server ? "NO CONNECTION" : "DEVICES SILENT"} · ${ago}`;
-}
-
-async function tick() {
-  const began = performance.now();
-  try {
-    const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : -1e9;
-    const reply = await fetch(`/live?generation=${seen.generation}&after_s=${last}`, { cache: "no-store", signal: AbortSignal.timeout(SILENT_MS) });
-    const doc = await reply.json();
-    if (doc.generation !== seen.generation) Object.assign(seen, { generation: doc.generation, curve: [], band: [] });
-    seen.curve.push(...doc.curve);
-    const newest = seen.band.length ? seen.band[seen.band.length - 1][0] : -1e9;
-    seen.band.push(...doc.band.filter((b) => b[0] > newest));
-    if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
-    if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
-    Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s });
-    if ($("link") && $("verdict")) { drawHead(doc); drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); document.body.dataset.activity = doc.activity; document.body.dataset.recording = doc.recording ?? ""; document.body.dataset.drawn = seen.drawn += 1; drawLoss(); }
-  } catch {
-    // drawLoss says how long nothing came.
-  }
-  setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)));
-}
-
-setInterval(drawLoss, LOOK_MS);
-tick();
+follow((doc) => { drawVerdict(doc); drawFingers(doc); drawCurve(doc); drawMeasures(doc.measured); });
