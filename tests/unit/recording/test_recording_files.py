@@ -284,7 +284,8 @@ def test_a_finished_recording_is_on_the_disk_and_carries_its_checksums(
     with RecordingWriter(path, info=info) as writer:
         for message in messages:
             writer.add(message)
-    assert synced[-1] == path.stat().st_size
+    # The syncing at the side may be the last to be heard of.
+    assert path.stat().st_size in synced
     assert -1 in synced
     with path.open("rb") as stream:
         records = list(StreamReader(stream, emit_chunks=True).records)
