@@ -26,6 +26,8 @@ _AHEAD_S = 0.02
 _IDLE_S = 0.7
 #: A hand that comes back goes so many steps at most.
 _FURTHER_BACK_STEPS = 4.0
+#: A sheet remembers less than this share of a touch once the fingers have left the object.
+_STUCK_SHARE = 0.7
 #: What a sheet remembers is waited for until it reads as less than this share of the force that is
 #: lost before a pixel feels any (a size doubts that anyway), or for so long.
 _REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 3.0
@@ -112,6 +114,23 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     return belief.enter(Phase.APPROACH), GripperCommand(target=target, rate=plan.rate)
 
 
+def unreleased(belief: Belief, plan: Plan) -> bool:
+    """Whether a hand that went back as far as it may still reads most of the touch.
+
+    No sheet remembers that much: what it reads has nothing to do with the fingers.
+    """
+    if belief.still_s < plan.dwell_s or belief.now.shared_percent > plan.hint_percent:
+        return False
+    left_n = float(plan.early_law.force_n(belief.now.reading).value)
+    return not _may_go_back(belief, plan) and left_n > _STUCK_SHARE * belief.force_n
+
+
+def _may_go_back(belief: Belief, plan: Plan) -> bool:
+    """Whether a hand that still feels the touch goes back further."""
+    back = _FURTHER_BACK_STEPS * plan.step
+    return belief.closure > max(belief.swept_to - back, plan.step)
+
+
 def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Where the hand came back to nothing is held: what is read there is the sheet's memory.
 
@@ -120,9 +139,7 @@ def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | Non
     """
     if belief.still_s < plan.dwell_s:
         return belief, None
-    back = _FURTHER_BACK_STEPS * plan.step
-    further = belief.closure > max(belief.swept_to - back, plan.step)
-    if belief.now.shared_percent <= plan.hint_percent and further:
+    if belief.now.shared_percent <= plan.hint_percent and _may_go_back(belief, plan):
         target = whole(max(belief.closure - plan.step, 0.0), plan)
         return belief, GripperCommand(target=target, rate=plan.rate)
     nothing = plan.early_law.force_n(0.0, level=plan.level)

@@ -220,6 +220,10 @@ class Belief:
         belief = self if note is None else self.noted(note)
         return replace(belief, phase=phase, since_s=self.now_s)
 
+    def with_fault(self, words: str) -> Belief:
+        """Add a line to what went wrong."""
+        return replace(self, result=replace(self.result, faults=(*self.result.faults, words)))
+
     def noted(self, name: str, *, finger: int | None = None) -> Belief:
         """Note a moment in the result."""
         moment = Moment(time_s=self.now_s, name=name, finger=finger)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from palpate.grasp import aim
 from palpate.grasp.answer import FELT_PERCENT, answered, examined, forecast, sure_enough
-from palpate.grasp.approaching import begun, remembered, stood, swept
+from palpate.grasp.approaching import begun, remembered, stood, swept, unreleased
 from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.closing import (
     approach_step,
@@ -124,7 +124,7 @@ def _approach(belief: Belief, plan: Plan) -> Move:
     if belief.still_s < plan.dwell_s or not belief.touches:
         return belief, None
     if belief.released_s is not None and belief.memory is None:
-        return remembered(belief, plan)
+        return _stuck(belief, plan) if unreleased(belief, plan) else remembered(belief, plan)
     if belief.proving_from is not None:
         belief = proved(belief, plan=plan)
         if not belief.touches:
@@ -171,8 +171,16 @@ def _blind(belief: Belief, plan: Plan) -> Move:
         f"by this calibration a faint touch could be {belief.force_high_n:.1f} N, and "
         f"{plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the force again"
     )
-    result = replace(belief.result, faults=(*belief.result.faults, fault))
-    return _release(replace(belief, result=result), plan, Outcome.FORCE_LIMIT)
+    return _release(belief.with_fault(fault), plan, Outcome.FORCE_LIMIT)
+
+
+def _stuck(belief: Belief, plan: Plan) -> Move:
+    """Open: what the sheet reads does not follow the fingers."""
+    fault = (
+        "the sheet reads as much after the fingers went back as while they touched; see what "
+        "`palpate doctor` reports"
+    )
+    return _release(belief.with_fault(fault), plan, Outcome.SENSOR_LOST)
 
 
 def _contact(belief: Belief, plan: Plan) -> Move:

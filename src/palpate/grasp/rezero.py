@@ -101,11 +101,9 @@ def proved(belief: Belief, *, plan: Plan) -> Belief:
         "rest values are far below the calibration's, yet nothing presses: weather or wear moved "
         "the sheet; `palpate calibrate rest --empty` keeps the new ones"
     )
-    result = replace(belief.result, faults=(*belief.result.faults, note))
-    return replace(belief, proving_from=None, result=result)
+    return replace(belief.with_fault(note), proving_from=None)
 
 
 def _with_old_values(belief: Belief, why: str, *, plan: Plan) -> Belief:
-    faults = (*belief.result.faults, f"rest values of the calibration used: {why}")
-    result = replace(belief.result, faults=faults)
-    return replace(belief, rest_ohm=plan.rest_ohm, rest_frames=(), result=result)
+    belief = belief.with_fault(f"rest values of the calibration used: {why}")
+    return replace(belief, rest_ohm=plan.rest_ohm, rest_frames=())

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
+from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
 
 
@@ -40,3 +41,21 @@ def test_a_sheet_that_remembers_is_waited_for(plan: Plan, bench: Any) -> None:
     assert plan.dwell_s < memories[0].still_s < 3.0
     assert result.size_mm is not None
     assert result.size_mm.low <= bench.size_mm <= result.size_mm.high
+
+
+def test_a_sheet_that_keeps_the_whole_touch_is_lost(plan: Plan, bench: Any) -> None:
+    """From the first touch on every pixel flickers about one value, whatever the fingers do."""
+    read, stuck = type(bench).read, list[np.ndarray]()
+
+    def sticking(*, timeout_s: float) -> Any:
+        frame = read(bench, timeout_s=timeout_s)
+        if not stuck and bench.force_n < 1.0:
+            return frame
+        stuck.append(np.array(frame.counts) if not stuck else stuck[0])
+        return replace(frame, counts=stuck[0] + frame.sequence % 3)
+
+    bench.read = sticking
+    result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "reads as much after the fingers went back" in " ".join(result.faults)
+    assert bench.force_n == 0.0
