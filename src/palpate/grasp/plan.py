@@ -155,7 +155,7 @@ class Plan:
     decide_after_s: float = 0.8
     decide_by_s: float = 2.5
     correct_after_s: float = 0.5
-    decide_half_width: float = 0.05
+    decide_half_width: float = 0.08
     target_tolerance: float = 0.05
     most_adjustments: int = 6
     hold_s: float = 0.5
