@@ -136,7 +136,7 @@ def test_too_much_is_eased_from_below(plan: Plan, slow: Any) -> None:
     assert min(eased_n) < 0.8 * 4.0
 
 
-@pytest.mark.parametrize("ceiling_n", [15.0, 10.0])
+@pytest.mark.parametrize("ceiling_n", [15.0, 7.0])
 def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
     plan: Plan, slow: Any, ceiling_n: float
 ) -> None:
