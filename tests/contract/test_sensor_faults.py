@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,11 +15,12 @@ from tests.contract.faulty import FailingArray, NoisyLine, Witness, reading
 from tests.contract.hands import object_of, world_of
 
 from palpate.clock import ManualClock
-from palpate.grasp.belief import Observation
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
-from palpate.grasp.runner import run_grasp
+from palpate.grasp.runner import Watcher, run_grasp
 from palpate.recording import RecordingInfo, RecordingWriter, load_recording
 from palpate.rig.simulated import calibrated
 from palpate.sensor.array import PressureArray
@@ -49,12 +50,11 @@ class Struck:
     struck_s: float = math.nan
     strike: Callable[[Struck], None]
 
-    def watch(self, _: Observation) -> None:
+    def watch(self, belief: Belief) -> None:
         now_s = self.world.clock.now_s()
         if math.isfinite(self.struck_s):
             return
-        waited_s = now_s - self.hand.told[-1][0] if self.hand.told else 0.0
-        held = self.world.force_n(now_s) > 1.0 and waited_s > 0.9
+        held = belief.phase in (Phase.SETTLE, Phase.HOLD) and belief.still_s > 0.5
         if (now_s > BEGINS_S + 1.0) if self.early else held:
             self.struck_s = now_s
             self.strike(self)
@@ -144,7 +144,13 @@ def plan_for(kind: str) -> Plan:
 
 
 def run(
-    kind: str, world: World, path: Path, array: PressureArray, hand: Witness, *others: object
+    kind: str,
+    world: World,
+    path: Path,
+    array: PressureArray,
+    hand: Witness,
+    *others: object,
+    watchers: Sequence[Watcher] = (),
 ) -> GraspResult:
     """Run a grasp and record it; others subscribe after the recorder."""
     with RecordingWriter(path, info=RecordingInfo(layout=world.layout, origin="twin")) as writer:
@@ -158,6 +164,7 @@ def run(
             gripper=hand,
             clock=world.clock,
             subscribers=[recorder, *others],
+            watchers=watchers,
         )
 
 
@@ -167,7 +174,7 @@ def struck(kind: str, row: Row, path: Path) -> tuple[Struck, GraspResult]:
     grasp = Struck(
         world=world, array=FailingArray(world), hand=hand, early=row.early, strike=row.strike
     )
-    return grasp, run(kind, world, path, grasp.array, hand, grasp.watch)
+    return grasp, run(kind, world, path, grasp.array, hand, watchers=[grasp.watch])
 
 
 @pytest.mark.parametrize("kind", OBJECTS)

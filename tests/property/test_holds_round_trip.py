@@ -20,7 +20,8 @@ from palpate.tables import strict, text
 #: Not the sign that stands for lost bytes, which is refused.
 SIGNS = st.characters(codec="utf-8", exclude_categories=("C", "Z"), exclude_characters="\ufffd")
 NAMES = st.text(SIGNS, min_size=1, max_size=6)
-NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+#: Larger ones are refused.
+NUMBERS = st.floats(-1e150, 1e150)
 SAMPLES = st.dictionaries(NUMBERS.map(lambda number: number + 0.0), NUMBERS, min_size=1, max_size=8)
 #: hold -> channel -> time -> value
 FILES = st.dictionaries(

@@ -161,7 +161,7 @@ def _onward(belief: Belief, plan: Plan) -> Move:
     if not belief.closure <= belief.swept_to + approach_step(plan):
         return begun(belief, plan), None
     # One finger alone pushes the object to the middle: the next touch is still to come.
-    share = 0.5 if felt else 1.0
+    share = 1.0 if felt else 0.5
     return belief, closed_by(belief, max(share * approach_step(plan), plan.fine_step), plan)
 
 

@@ -36,6 +36,8 @@ def outcome_text(outcome: Outcome) -> str:
 def firmness(stiffness: Measurement) -> str:
     """Return how firm an object is: one word, two where the interval spans more, or a bound.
 
+    A bound that every object meets is none.
+
     Examples
     --------
     >>> firmness(Measurement(value=2.0, low=1.2, high=2.9, unit="n_per_mm"))
@@ -45,12 +47,14 @@ def firmness(stiffness: Measurement) -> str:
     >>> wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
     >>> firmness(wide.or_bound("it gave way too little", least=0.02, most=500.0))
     'medium or firmer'
+    >>> firmness(Measurement(value=9.0, low=0.4, high=90.0, unit="n_per_mm"))
+    'firmness not measured'
     """
     low, high = stiffness.known_ends
-    if low is None and high is None:
-        return "firmness not measured"
     softest, firmest = _FIRMNESS[0][1], _FIRMNESS[-1][1]
     words = softest if low is None else _word(low), firmest if high is None else _word(high)
+    if words == (softest, firmest):
+        return "firmness not measured"
     if words[0] == words[1]:
         return words[0]
     if high is None:
