@@ -105,7 +105,7 @@ def test_a_method_must_answer_with_a_positive_number() -> None:
 
 
 def test_the_table_pairs_everyone_with_ours() -> None:
-    rows = report([made_up()]).payload["summary"]
+    rows = report([made_up()]).payload["settled"]
     assert [row["method"] for row in rows] == [method.name for method in METHODS["settled"]]
     assert rows[0]["ours_less_this"] is None
     constant = next(row for row in rows if row["method"].startswith("best constant"))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.session import Activity, Session
 from palpate.grasp.result import Outcome
+from palpate.grasp.verdict import UNKNOWN_FIRMNESS
 
 _PHASES = {
     "wait": "Measuring",
@@ -32,7 +33,6 @@ _OUTCOMES = {
     Outcome.GRIPPER_FAULT: ("Hand fault", "Check the hand before you go on"),
     Outcome.STOPPED: ("Stopped", "Look at the hand, then press Grasp again"),
 }
-_UNKNOWN = "firmness not measured"
 
 
 def operator_view(
@@ -63,7 +63,7 @@ def _word(session: Session, said: Mapping[str, object]) -> str:
         return _capital(str(said["text"]))
     if session.activity not in (Activity.WATCHING, Activity.GRASPING, Activity.REPLAYING):
         return _capital(str(session.activity))
-    firmness = said["firmness"] if said["firmness"] != _UNKNOWN else None
+    firmness = said["firmness"] if said["firmness"] != UNKNOWN_FIRMNESS else None
     if grasped is not None:
         if _damaged(grasped):
             return "Damaged"

@@ -24,8 +24,8 @@ from palpate.gripper.interface import GripperCommand
 _STIFFENING = 1.3
 #: Share of the way pressed so far that a step may add, beyond a fine one.
 _FURTHER = 1.2
-#: While nothing is known of the damage limit, all steps since the first touch together may add so
-#: much, newtons, on a thing as soft as ripe fruit.
+#: While nothing is known of the damage limit, all steps after the first force that can't be drift
+#: may together add this much, newtons, on an object as soft as ripe fruit.
 _UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 #: Share of the room to the damage limit that one step may take.
 _SHARE_OF_ROOM = 0.8

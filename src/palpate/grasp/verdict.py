@@ -15,6 +15,9 @@ _FIRMNESS = (
     (float("inf"), "hard"),
 )
 
+#: What is reported of a stiffness that may be anything.
+UNKNOWN_FIRMNESS = "firmness not measured"
+
 _OUTCOMES = {
     Outcome.HELD: "held and given back",
     Outcome.NOTHING_THERE: "nothing there: the hand closed without touching anything",
@@ -54,7 +57,7 @@ def firmness(stiffness: Measurement) -> str:
     softest, firmest = _FIRMNESS[0][1], _FIRMNESS[-1][1]
     words = softest if low is None else _word(low), firmest if high is None else _word(high)
     if words == (softest, firmest):
-        return "firmness not measured"
+        return UNKNOWN_FIRMNESS
     if words[0] == words[1]:
         return words[0]
     if high is None:

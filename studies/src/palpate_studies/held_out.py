@@ -10,17 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError
-from palpate.holds import Hold, read_holds
+from palpate.holds import Hold
 from palpate.settling.evaluate import Prediction, predict_holds
 from palpate.settling.predict import METHODS, method_named
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scoring import median, settled_value
-from palpate_studies.specimens import FEWEST_SPECIMENS, predict_held_out, specimen_of
+from palpate.settling.scoring import median
+from palpate_studies.specimens import (
+    FEWEST_SPECIMENS,
+    HORIZON_S,
+    predict_held_out,
+    settled_holds,
+    specimen_of,
+)
 
 CUTOFFS_S = (1.0, 2.0, 2.5, 3.0, 5.0, 8.0, 10.0, 15.0)
-HORIZON_S = 20.0
 LEVEL = 0.9
 
 #: The paper's choice of cut-off: the tables of specimens and of the worst holds are made there.
@@ -76,13 +80,7 @@ def analyse(file: Path, *, pattern: re.Pattern[str] | None = None) -> FileResult
     InputError
         If no hold of the file reaches the horizon.
     """
-    holds = [
-        hold
-        for hold in read_holds(file, until_s=HORIZON_S)
-        if np.isfinite(settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S))
-    ]
-    if not holds:
-        raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
+    holds = settled_holds(file)
     specimens = {hold.hold_id: specimen_of(hold.hold_id, pattern=pattern) for hold in holds}
     enough = len(set(specimens.values())) >= FEWEST_SPECIMENS
     unit_of = {name: specimens[name] if enough else name for name in specimens}

@@ -14,7 +14,6 @@ from palpate.errors import InputError
 from palpate.settling.relaxation import Relaxation
 from palpate_studies.held_out import (
     CUTOFFS_S,
-    HORIZON_S,
     LEVEL,
     MAIN_CUTOFF_S,
     OURS,
@@ -25,6 +24,7 @@ from palpate_studies.held_out import (
 from palpate_studies.real_holds_scores import limits, per_specimen, summary_of, worst_holds
 from palpate_studies.real_holds_tables import tables_of
 from palpate_studies.report import OutOption, StudyReport
+from palpate_studies.specimens import HORIZON_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

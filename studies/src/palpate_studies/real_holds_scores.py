@@ -9,7 +9,8 @@ import numpy as np
 from palpate.holds import Hold
 from palpate.settling.evaluate import score_predictions
 from palpate.settling.scoring import bootstrap_interval, mean, settled_value, summarise
-from palpate_studies.held_out import CUTOFFS_S, HORIZON_S, MAIN_CUTOFF_S, OURS, FileResult
+from palpate_studies.held_out import CUTOFFS_S, MAIN_CUTOFF_S, OURS, FileResult
+from palpate_studies.specimens import HORIZON_S
 
 #: How many of the worst holds are shown.
 WORST = 10

@@ -12,7 +12,7 @@ import typer
 
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
-from palpate.holds import Hold, read_holds
+from palpate.holds import Hold
 from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import METHODS, predict_settled
 from palpate.settling.relaxation import Relaxation
@@ -22,13 +22,13 @@ from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.settling_families import FAMILIES, after_baseline, draw
 from palpate_studies.settling_odds import (
     CUTOFFS_S,
-    HORIZON_S,
     learn,
     lessons_of,
     log_odds,
     source,
     units_of,
 )
+from palpate_studies.specimens import HORIZON_S, settled_holds
 
 OURS, BEST = "relaxation", "best simple"
 SIMPLE = tuple(name for name in METHODS if name != OURS)
@@ -61,24 +61,6 @@ def command(
         odds.write_text(source(learn(lessons_of(real).values())), encoding="utf-8")
         return
     report(real, count=count, seed=seed).emit(as_json=as_json, out=out)
-
-
-def settled_holds(file: Path) -> list[Hold]:
-    """Return the holds of a file that reach the horizon.
-
-    Raises
-    ------
-    InputError
-        If none does.
-    """
-    known = [
-        hold
-        for hold in read_holds(file, until_s=HORIZON_S)
-        if np.isfinite(settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S))
-    ]
-    if not known:
-        raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
-    return known
 
 
 def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> StudyReport:

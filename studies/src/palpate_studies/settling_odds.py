@@ -21,12 +21,11 @@ from palpate.settling.result import FloatArray
 from palpate.settling.scoring import settled_value
 from palpate.settling.shapes import DEVIATIONS, N_CURVES
 from palpate_studies.settling_families import FAMILIES, draw
-from palpate_studies.specimens import FEWEST_SPECIMENS, specimen_of
+from palpate_studies.specimens import FEWEST_SPECIMENS, HORIZON_S, specimen_of
 
 #: Seed and size of the drawn families to learn from; reports use other seeds.
 SEED, DRAWN = 11, 60
 CUTOFFS_S = (1.0, 2.5, 5.0)
-HORIZON_S = 20.0
 #: Real recordings count so many times as much as a drawn family; those not named here count once.
 REAL = {"holds_cbsilicone": 4.0, "holds_velostat": 4.0, "holds_force_relaxation": 1.0}
 #: Gradient ascent (Adam): steps, their size, and the ridge that draws log odds towards even.

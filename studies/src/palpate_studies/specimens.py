@@ -4,17 +4,41 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
 
 from palpate.errors import InputError
-from palpate.holds import Hold
+from palpate.holds import Hold, read_holds
 from palpate.settling.evaluate import Prediction, predict_holds
 from palpate.settling.result import SettlingMethod
+from palpate.settling.scoring import settled_value
 
+#: When a hold counts as settled (paper, section 2.2).
+HORIZON_S = 20.0
 #: A part of a name that tells runs of one specimen apart: `20mm`, `0.3Strain`, `v4`, `h00`.
 _RUN_PART = re.compile(r"\d+(\.\d+)?[A-Za-z]+|[vh]\d+")
 
 #: Below this many specimens, leaving one out says little: single holds are left out instead.
 FEWEST_SPECIMENS = 3
+
+
+def settled_holds(file: Path) -> list[Hold]:
+    """Return the holds of a file that reach the horizon.
+
+    Raises
+    ------
+    InputError
+        If none does.
+    """
+    known = [
+        hold
+        for hold in read_holds(file, until_s=HORIZON_S)
+        if np.isfinite(settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S))
+    ]
+    if not known:
+        raise InputError(f"{file}: no hold reaches {HORIZON_S:g} s, so none can be scored")
+    return known
 
 
 def specimen_of(hold_id: str, *, pattern: re.Pattern[str] | None = None) -> str:
