@@ -1,6 +1,6 @@
 """Mutation score of a module: how many small faults, drawn by chance, its tests notice.
 
-    python benchmarks/mutation.py src/palpate/produce/spool.py tests/unit/produce/test_spool.py
+    python benchmarks/mutation.py src/palpate/sensor/wire.py tests/unit/sensor/test_wire.py
 
 Each fault is made in a copy of the package; the tests run against it until the first failure.
 """

@@ -21,10 +21,10 @@ import numpy as np
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.export import export_grasps
-from palpate.produce.pages import item_page, item_pages
 from palpate.produce.records import MEASURED, About, Grasp, Verdict
 from palpate.produce.store import Store
+from palpate.produce.store.export import export_grasps
+from palpate.produce.store.item_history import item_page, item_pages
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 PER_ITEM = 20

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from palpate.demo.packhouse import write_packhouse
-from palpate.produce.ripeness_stages import RIPE, STAGES
-from palpate.produce.ripeness_store import drift_of, history_of, judge, learn_rule
+from palpate.produce.ripeness.items import drift_of, history_of, judge, learn_rule
+from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate.produce.store import Store
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.bruise_model import default_model
-from palpate.produce.bruise_store import SOUND, examine_item
+from palpate.produce.bruise.items import SOUND, examine_item
+from palpate.produce.bruise.model import default_model
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
 from palpate.twin.apple import Apple, draw_apple, draw_bruise

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.produce.bruise_model import BruiseModel
+from palpate.produce.bruise.model import BruiseModel
 from palpate.twin.produce_ranges import BRUISES
 from palpate_studies import bruise, bruise_data
 from palpate_studies.bruise_data import Examined, examine

@@ -19,7 +19,7 @@ from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import Grasp
-from palpate.produce.sorting_hand import TimedGrasp
+from palpate.produce.sorting.hand import TimedGrasp
 from palpate_studies import identify, identify_data, sorting
 from palpate_studies.identify_data import (
     CrateItemGrasps,

@@ -17,9 +17,9 @@ from palpate.commands.outcome import run
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.firmness import firmness_of
 from palpate.produce.records import Grasp
-from palpate.produce.ripeness_stages import STAGES
+from palpate.produce.ripeness.firmness import firmness_of
+from palpate.produce.ripeness.stages import STAGES
 from palpate.twin.avocado import Avocado, draw_avocado
 from palpate_studies import ripeness_station
 from palpate_studies.ripeness import CONDITIONS, chosen, report

@@ -14,10 +14,10 @@ import sqlalchemy as sa
 from palpate.errors import InputError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce import store_migrations
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
-from palpate.produce.store_engine import make_engine, store_url
+from palpate.produce.store import schema as store_migrations
+from palpate.produce.store.engine import make_engine, store_url
 from palpate.settling.result import Status
 
 MORNING = datetime(2026, 5, 1, 8, 30, 0, 123456, tzinfo=UTC)
@@ -196,7 +196,7 @@ def test_a_day_is_a_day_of_the_time_zone(store: Store) -> None:
 
 
 def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.produce.store_reader._BATCH", 3)
+    monkeypatch.setattr("palpate.produce.store.reading._BATCH", 3)
     taken = [grasp(f"i{n % 4}", hours=n) for n in range(10)]
     store.add_grasps(taken)
     store.add_item(Item(item_id="i1", kind="lime"))
@@ -209,7 +209,7 @@ def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.Monk
 def test_histories_of_many_come_in_the_order_of_the_names(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.produce.store_reader._ITEMS", 2)
+    monkeypatch.setattr("palpate.produce.store.reading._ITEMS", 2)
     store.add_grasps([grasp(f"i{n % 3}", hours=-n) for n in range(9)])
     said = verdict("i1")
     store.add_verdict(said)

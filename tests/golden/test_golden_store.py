@@ -14,7 +14,7 @@ import pytest
 
 from palpate.produce.records import About, Source
 from palpate.produce.store import Store
-from palpate.produce.store_migrations import STEPS
+from palpate.produce.store.schema import STEPS
 from palpate.settling.result import Status
 
 FOLDER = Path(__file__).parent / "store"

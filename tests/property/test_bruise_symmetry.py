@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from palpate.produce.bruise_shape import contrast, finger_contrast, pixel_contrast, shape_of
+from palpate.produce.bruise.shape import contrast, finger_contrast, pixel_contrast, shape_of
 
 CHANGES = arrays(np.float64, (4, 2), elements=st.floats(-99.0, 5.0))
 #: Name -> what is done to the pixels, and the sign that it gives to what tells the fingers apart.

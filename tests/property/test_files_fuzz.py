@@ -18,9 +18,9 @@ from tests.closings import write_damage_file
 from palpate.errors import PalpateError
 from palpate.estimate.damage_file import DamageFile
 from palpate.holds import read_holds
-from palpate.produce import bruise_model
-from palpate.produce.bruise_model import BruiseModel
-from palpate.produce.rules_file import read_rules
+from palpate.produce.bruise import model as bruise_model
+from palpate.produce.bruise.model import BruiseModel
+from palpate.produce.sorting.rules_file import read_rules
 from palpate.rig.file import open_file, read_rig_file
 from palpate.sensor.calibration import Calibration
 
@@ -129,7 +129,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 @pytest.fixture(scope="module")
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    model = Path(bruise_model.__file__).with_name("bruise_model.json").read_text()
+    model = Path(bruise_model.__file__).with_name("model.json").read_text()
     damage = write_damage_file(tmp_path_factory.mktemp("damage")).read_text()
     return {
         "calibration.json": calibration_text(),

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify import Identifier, TaughtItem
-from palpate.produce.identify_features import Touch
-from palpate.produce.identify_result import UNKNOWN, Identity
-from palpate.produce.rules import Evidence, Rule, RuleBook, Span
-from palpate.produce.sorting import decide
+from palpate.produce.identify.features import Touch
+from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.sorting.decide import decide
+from palpate.produce.sorting.rules import Evidence, Rule, RuleBook, Span
 
 LN = st.floats(-3.0, 6.0)
 SD = st.floats(0.001, 3.0)

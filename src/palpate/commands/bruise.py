@@ -12,9 +12,9 @@ import typer
 from palpate.commands.options import JsonOption, StoreOption
 
 if TYPE_CHECKING:
-    from palpate.produce.bruise import SideVerdict
-    from palpate.produce.bruise_model import BruiseModel
-    from palpate.produce.bruise_store import ItemBruise
+    from palpate.produce.bruise.items import ItemBruise
+    from palpate.produce.bruise.judge import SideVerdict
+    from palpate.produce.bruise.model import BruiseModel
     from palpate.produce.store import Store
 
 
@@ -52,7 +52,7 @@ def bruise(
     Example: palpate bruise A17 --bruised-share 0.05
     """
     from palpate.commands.items import opened
-    from palpate.produce.bruise_store import examine_item
+    from palpate.produce.bruise.items import examine_item
 
     with opened(store) as kept:
         found = examine_item(
@@ -72,8 +72,8 @@ def bruise(
 
 def _model(store: Store, item: str, *, learn: bool, file: Path | None) -> BruiseModel:
     from palpate.errors import InputError
-    from palpate.produce.bruise_model import BruiseModel, default_model
-    from palpate.produce.bruise_store import learn_from
+    from palpate.produce.bruise.items import learn_from
+    from palpate.produce.bruise.model import BruiseModel, default_model
 
     if learn and file is not None:
         raise InputError(f"--learn and --model {file}: give one of them")

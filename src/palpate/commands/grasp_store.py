@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from palpate.grasp.plan import Plan
     from palpate.grasp.result import GraspResult
     from palpate.grasp.runner import Watcher
-    from palpate.produce.closing_firmness import ClosingWatch
-    from palpate.produce.keeping import Keeper
     from palpate.produce.records_json import Record
+    from palpate.produce.ripeness.closing import ClosingWatch
+    from palpate.produce.store.outbox import Keeper
     from palpate.rig import Rig
 
 
@@ -33,7 +33,7 @@ class Memory:
 
     def watch(self, plan: Plan) -> Watcher:
         """Return what is to watch the controller's beliefs of a grasp with this plan."""
-        from palpate.produce.closing_firmness import ClosingWatch
+        from palpate.produce.ripeness.closing import ClosingWatch
 
         self._closing = ClosingWatch(plan)
         return self._closing.see
@@ -44,7 +44,7 @@ class Memory:
 
     def take(self, result: GraspResult, *, rig: Rig, recording: Path | None) -> dict[str, str]:
         """Take how the grasp ended; return what the JSON says of it."""
-        from palpate.produce.of_grasp import records_of
+        from palpate.produce.grasp_record import records_of
 
         calibration, grasp = records_of(
             result,
@@ -98,8 +98,8 @@ def open_memory(
             if value is not None:
                 raise InputError(f"{option} {value}: say which item this is with --item NAME")
         return None
-    from palpate.produce.keeping import Keeper
     from palpate.produce.records import Item
+    from palpate.produce.store.outbox import Keeper
 
     Item(item_id=item_id)
     keeper = stack.enter_context(Keeper(store))

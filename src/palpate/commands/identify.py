@@ -12,8 +12,7 @@ from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.produce.identify import Identifier
-    from palpate.produce.identify_result import Identity
+    from palpate.produce.identify.identifier import Identifier, Identity
 
 
 def identify(
@@ -32,7 +31,7 @@ def identify(
 
     Example: palpate identify A17
     """
-    from palpate.produce.identify_store import drive_of, identity_verdict, learn, touches_of
+    from palpate.produce.identify.items import drive_of, identity_verdict, learn, touches_of
     from palpate.produce.store import Store
 
     with Store.open(store, create=False) as kept:
@@ -73,7 +72,7 @@ def _show(item: str, identity: Identity, known: Identifier, *, why: str, simulat
     from rich.console import Console
     from rich.table import Table
 
-    from palpate.produce.identify_result import UNKNOWN
+    from palpate.produce.identify.identifier import UNKNOWN
 
     console = Console()
     note = " (simulated)" if simulated else ""

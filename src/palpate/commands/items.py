@@ -17,9 +17,9 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from palpate.produce.pages import ItemPage
     from palpate.produce.records import Item
     from palpate.produce.store import Store
+    from palpate.produce.store.item_history import ItemPage
 
 _SETTABLE = ("kind", "batch", "label")
 
@@ -83,8 +83,8 @@ def items(
 def opened(where: str | None, *, create: bool = False) -> Iterator[Store]:
     """Yield the store; grasps that waited for it are written first."""
     from palpate.errors import StoreError
-    from palpate.produce.keeping import drain, spool_of
     from palpate.produce.store import Store
+    from palpate.produce.store.outbox import drain, spool_of
 
     with Store.open(where, create=create) as store:
         spool = spool_of(where)
@@ -126,7 +126,7 @@ def _find(
     limit: int,
 ) -> tuple[tuple[ItemPage, ...], bool]:
     """Return the pages asked for, and whether there are more items than the limit."""
-    from palpate.produce.pages import item_page, item_pages
+    from palpate.produce.store.item_history import item_page, item_pages
 
     if item is not None:
         return (item_page(store, item),), False
@@ -185,8 +185,8 @@ def _export(
     batch: str | None,
     day: str | None,
 ) -> None:
-    from palpate.produce.export import export_grasps, export_verdicts, require_parquet
     from palpate.produce.records import About
+    from palpate.produce.store.export import export_grasps, export_verdicts, require_parquet
 
     if path.suffix != ".parquet":
         raise InputError(f"--export {path}: the file must end in .parquet")

@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.pages import ItemPage
 from palpate.produce.records import About, Source
+from palpate.produce.store.item_history import ItemPage
 
 #: Grasps and verdicts shown on a page: the last ones.
 _SHOWN = 20

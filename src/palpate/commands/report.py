@@ -46,7 +46,7 @@ def report(
     from palpate.commands.report_item import item_report
     from palpate.commands.report_many import batch_report, day_report
     from palpate.files import atomic_path
-    from palpate.produce.pages import item_page, item_pages
+    from palpate.produce.store.item_history import item_page, item_pages
 
     with opened(store) as known:
         if item is not None:

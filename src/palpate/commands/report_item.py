@@ -8,8 +8,8 @@ from palpate.commands.report_html import Tile, document, figures, table, tiles
 from palpate.estimate.measurement import Measurement
 from palpate.plots.inline_svg import inline_svg
 from palpate.plots.item_history import history_figure, pixels_figure
-from palpate.produce.pages import ItemPage
 from palpate.produce.records import About, Grasp, Source, Verdict
+from palpate.produce.store.item_history import ItemPage
 from palpate.settling.result import Status
 
 #: Name, caption, axis, unit in text, digits.

@@ -19,8 +19,8 @@ from palpate.plots.many_items import (
     size_stiffness_figure,
     softening_figure,
 )
-from palpate.produce.pages import ItemPage
 from palpate.produce.records import About, Grasp
+from palpate.produce.store.item_history import ItemPage
 
 _MOST_ROWS = 500
 _FOOT = (

@@ -15,8 +15,8 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from palpate.commands.ripeness_report import Judged
     from palpate.produce.records import Drive, Item
-    from palpate.produce.reference_object import Drift
-    from palpate.produce.ripeness import RipenessRule
+    from palpate.produce.ripeness.reference_object import Drift
+    from palpate.produce.ripeness.rule import RipenessRule
     from palpate.produce.store import Store
 
 _DEFAULT_STAGES = "hard,conditioned,ripe,overripe"
@@ -55,7 +55,7 @@ def ripeness(
     """
     from palpate.commands.ripeness_report import document, print_report
     from palpate.plots.style import check_plot_path, require_plots
-    from palpate.produce.ripeness_store import assumed, verdict_of
+    from palpate.produce.ripeness.items import assumed, verdict_of
     from palpate.produce.store import Store
 
     names = _names(stages, ripe=ripe)
@@ -119,8 +119,8 @@ class _Judge:
     def judged(self, item: Item) -> Judged:
         """Judge one item by what it was taught on the same kind of fingers."""
         from palpate.commands.ripeness_report import Judged
-        from palpate.produce.identify_store import drive_of
-        from palpate.produce.ripeness_store import history_of, judge
+        from palpate.produce.identify.items import drive_of
+        from palpate.produce.ripeness.items import history_of, judge
 
         grasps = self._store.grasps_of(item.item_id)
         drive = drive_of(grasps, item_id=item.item_id)
@@ -136,7 +136,7 @@ class _Judge:
         )
 
     def _drift(self, drive: Drive) -> Drift | None:
-        from palpate.produce.ripeness_store import drift_of
+        from palpate.produce.ripeness.items import drift_of
 
         if drive not in self._drifts:
             self._drifts[drive] = (
@@ -165,7 +165,7 @@ class _Judge:
         return None
 
     def _learned(self, kind: str, drive: Drive) -> RipenessRule | InputError:
-        from palpate.produce.ripeness_store import learn_rule
+        from palpate.produce.ripeness.items import learn_rule
 
         try:
             return learn_rule(

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.produce.ripeness import SURE, Days
-from palpate.produce.ripeness_store import ItemHistory, assumed, explanation
+from palpate.produce.ripeness.items import ItemHistory, assumed, explanation
+from palpate.produce.ripeness.rule import SURE, Days
 
 if TYPE_CHECKING:
     from palpate.produce.records import Item
-    from palpate.produce.reference_object import Drift
-    from palpate.produce.ripeness import Ripeness, RipenessRule
+    from palpate.produce.ripeness.reference_object import Drift
+    from palpate.produce.ripeness.rule import Ripeness, RipenessRule
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

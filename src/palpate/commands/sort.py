@@ -56,7 +56,7 @@ def sort(
     from palpate.commands.sort_run import sort_from_store, sort_with_rig
     from palpate.commands.sort_supply import open_supply
     from palpate.estimate.damage_file import DamageFile
-    from palpate.produce.rules_file import read_rules
+    from palpate.produce.sorting.rules_file import read_rules
 
     book = read_rules(rules)
     limit = None if damage is None else DamageFile.load(damage).model

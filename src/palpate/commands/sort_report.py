@@ -6,11 +6,11 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from palpate.produce.rules import RuleBook
-from palpate.produce.sorting_score import CARRY_S, TURN_S, Placed, Score, score
+from palpate.produce.sorting.rules import RuleBook
+from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, Score, score
 
 if TYPE_CHECKING:
-    from palpate.produce.sorting_run import Sorted
+    from palpate.produce.sorting.run import Sorted
 
 
 @dataclass(kw_only=True)

@@ -16,11 +16,11 @@ from palpate.errors import DeviceError, InputError
 if TYPE_CHECKING:
     from palpate.commands.sort_report import SortReport
     from palpate.estimate.measurement import Measurement
-    from palpate.produce.identify import Identifier
+    from palpate.produce.identify.identifier import Identifier
     from palpate.produce.records_json import Record
-    from palpate.produce.rules import RuleBook
-    from palpate.produce.sorting_hand import TimedGrasp
-    from palpate.produce.sorting_run import Sorted
+    from palpate.produce.sorting.hand import TimedGrasp
+    from palpate.produce.sorting.rules import RuleBook
+    from palpate.produce.sorting.run import Sorted
     from palpate.produce.store import Store
 
 #: Grasps of each item that teaches: two tell how far grasps of one item differ.
@@ -40,8 +40,8 @@ def sort_from_store(
     InputError
         If there is no such batch, or no item with a grasp.
     """
-    from palpate.produce.sorting import decide
-    from palpate.produce.sorting_run import Sorted, evidence_of
+    from palpate.produce.sorting.decide import decide
+    from palpate.produce.sorting.run import Sorted, evidence_of
     from palpate.produce.store import Store
 
     with Store.open(store, create=False) as kept:
@@ -81,8 +81,8 @@ def sort_with_rig(
         If a device fails.
     """
     from palpate.produce.records import Item
-    from palpate.produce.rules_file import check_kinds
-    from palpate.produce.sorting_run import sort_item
+    from palpate.produce.sorting.rules_file import check_kinds
+    from palpate.produce.sorting.run import sort_item
 
     simulated = isinstance(supply, SimulatedCrate)
     _refuse_blind(report.book, supply, rules=rules)
@@ -113,8 +113,8 @@ def sort_with_rig(
 
 def _opened(stack: ExitStack, store: str | None, *, simulated: bool) -> tuple[Store | None, Keep]:
     """Open the store to learn from, and what writes to it even while it is away for a moment."""
-    from palpate.produce.keeping import Keeper
     from palpate.produce.store import Store
+    from palpate.produce.store.outbox import Keeper
 
     if simulated and store is None:
         return None, lambda *records: None
@@ -131,8 +131,8 @@ def _learned(
     guess: bool = True,
 ) -> Identifier | None:
     """Learn from the store what the rules ask for, where there is anything to guess."""
-    from palpate.produce.identify_store import learn
-    from palpate.produce.rules_file import check_kinds
+    from palpate.produce.identify.items import learn
+    from palpate.produce.sorting.rules_file import check_kinds
 
     if all(rule.kinds is None for rule in book.rules):
         return None
@@ -156,8 +156,8 @@ def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
 
 def _taught(supply: SimulatedCrate, keep: Keep) -> Identifier:
     """Grasp labelled items of each kind, so that there is something to go by."""
-    from palpate.produce.identify import Identifier, TaughtItem
-    from palpate.produce.identify_store import touches_of
+    from palpate.produce.identify.identifier import Identifier, TaughtItem
+    from palpate.produce.identify.items import touches_of
 
     count = len(supply.teaching)
     print(f"teaching with {count} labelled items (simulated) ...", file=sys.stderr)
@@ -184,8 +184,8 @@ def _kept_grasp(
 
 
 def _keep_verdicts(done: Sorted, keep: Keep, *, now: datetime) -> None:
-    from palpate.produce.identify_store import identity_verdict
-    from palpate.produce.sorting_run import bin_verdict
+    from palpate.produce.identify.items import identity_verdict
+    from palpate.produce.sorting.run import bin_verdict
 
     if done.identity is not None and done.identity.grasps:
         keep(identity_verdict(done.item_id, done.identity, given_at=now))

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from palpate.estimate.damage import DamageModel
     from palpate.produce.records import Item
-    from palpate.produce.rules import RuleBook
-    from palpate.produce.sorting_hand import SortingHand
+    from palpate.produce.sorting.hand import SortingHand
+    from palpate.produce.sorting.rules import RuleBook
     from palpate.rig import Rig
     from palpate.twin.crate import CrateItem, CrateTable
 
@@ -122,7 +122,7 @@ class SimulatedCrate:
 
     def belongs(self, name: str, *, book: RuleBook) -> str | None:
         """Return where the rules would send the item if all of it were known."""
-        from palpate.produce.sorting_score import where_it_belongs
+        from palpate.produce.sorting.score import where_it_belongs
 
         item = self.crate[name]
         return where_it_belongs(book, kind=item.kind, taught=item.taught, size_mm=item.mean.size_mm)
@@ -192,8 +192,8 @@ def open_supply(
 
 def _hand(rig: Rig, damage: DamageModel | None) -> SortingHand:
     from palpate.grasp.planning import plan_grasp
-    from palpate.produce.sorting_hand import SortingHand
-    from palpate.produce.store_writing import calibration_id_of
+    from palpate.produce.sorting.hand import SortingHand
+    from palpate.produce.store.writing import calibration_id_of
 
     return SortingHand(
         array=rig.array,

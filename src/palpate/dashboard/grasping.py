@@ -12,7 +12,7 @@ from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.phases import Phase
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
-from palpate.produce.closing_firmness import ClosingWatch
+from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.rig.recorded import open_grasp_recording
 
 #: The object is held until its release is asked for, but not for longer than this: sheet, object

@@ -18,8 +18,8 @@ from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 
 if TYPE_CHECKING:
-    from palpate.produce.pages import ItemPage
     from palpate.produce.records_json import Record
+    from palpate.produce.store.item_history import ItemPage
 
 MISSING = "items need the store: pip install 'palpate[produce]'"
 
@@ -56,7 +56,7 @@ class Ledger:
         """
         if self.trouble == MISSING:
             return
-        from palpate.produce.keeping import Keeper
+        from palpate.produce.store.outbox import Keeper
 
         try:
             records = _records(result, recording=recording, item_id=item_id, closing=closing)
@@ -94,8 +94,8 @@ class Ledger:
         PalpateError
             If there is no such item, or the store can't be used.
         """
-        from palpate.produce.pages import item_page
         from palpate.produce.store import Store
+        from palpate.produce.store.item_history import item_page
 
         with Store.open(self._where, create=False) as store:
             return item_page(store, item_id)
@@ -105,7 +105,7 @@ def _records(
     result: GraspResult, *, recording: Path, item_id: str, closing: Mapping[str, Measurement]
 ) -> tuple[Record, ...]:
     """Return the grasp, and the calibration it rests on, as the store takes them."""
-    from palpate.produce.of_grasp import records_of
+    from palpate.produce.grasp_record import records_of
 
     with RecordingReader(recording) as reader:
         info = reader.info

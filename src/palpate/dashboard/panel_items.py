@@ -15,8 +15,8 @@ from palpate.dashboard.pressing import Hands
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
-    from palpate.produce.pages import ItemPage
     from palpate.produce.records import Grasp
+    from palpate.produce.store.item_history import ItemPage
 
 _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 

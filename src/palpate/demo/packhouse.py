@@ -12,7 +12,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.files import atomic_path
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.ripeness_stages import STAGES
+from palpate.produce.ripeness.stages import STAGES
 from palpate.produce.store import Store
 
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)

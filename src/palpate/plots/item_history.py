@@ -10,8 +10,8 @@ import numpy as np
 
 from palpate.plots.inline_svg import page_figure
 from palpate.plots.style import BLUE, GREY, INK, ORANGE
-from palpate.produce.pages import ItemPage
 from palpate.produce.records import About, Grasp, Source
+from palpate.produce.store.item_history import ItemPage
 from palpate.settling.result import Status
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from palpate.grasp.result import Outcome
 from palpate.plots.inline_svg import page_figure
 from palpate.plots.item_history import date_axis, local
 from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY
-from palpate.produce.pages import ItemPage
 from palpate.produce.records import About, Grasp
+from palpate.produce.store.item_history import ItemPage
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,8 +12,8 @@ from palpate.plots.style import BLUE, GREY, ORANGE, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.produce.ripeness import Ripeness, RipenessRule
-    from palpate.produce.ripeness_store import ItemHistory
+    from palpate.produce.ripeness.items import ItemHistory
+    from palpate.produce.ripeness.rule import Ripeness, RipenessRule
 
 #: Days drawn beyond the last grasp.
 _AHEAD_DAYS = 3.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.commands.options import JsonOption
-from palpate.produce.bruise_model import BruiseModel
+from palpate.produce.bruise.model import BruiseModel
 from palpate_studies.bruise_data import (
     EARLY_S,
     PLACED_WITHIN_MM,

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.produce.bruise_model import Example, Place
-from palpate.produce.bruise_shape import Shape, middle_of
+from palpate.produce.bruise.model import Example, Place
+from palpate.produce.bruise.shape import Shape, middle_of
 from palpate.twin.apple import Apple, draw_apple
 from palpate.twin.produce_ranges import (
     BRUISES,

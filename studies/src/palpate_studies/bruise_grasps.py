@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.produce.bruise_shape import Shape, shape_of
+from palpate.produce.bruise.shape import Shape, shape_of
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import (
     CONTACT_PERCENT,

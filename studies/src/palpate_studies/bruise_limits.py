@@ -20,9 +20,9 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import needing
-from palpate.produce.bruise_learning import learn
-from palpate.produce.bruise_model import Example, usable
-from palpate.produce.bruise_shape import Shape, contrast, middle_of, shape_of
+from palpate.produce.bruise.learning import learn
+from palpate.produce.bruise.model import Example, usable
+from palpate.produce.bruise.shape import Shape, contrast, middle_of, shape_of
 from palpate.twin.apple import Apple, draw_apple
 from palpate.twin.mechanics import Compliance, series_force_n
 from palpate.twin.objects import TwinObject

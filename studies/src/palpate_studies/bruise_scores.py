@@ -11,9 +11,9 @@ import numpy as np
 from scipy.stats import rankdata
 
 from palpate.arrays import FloatArray
-from palpate.produce.bruise_learning import learn
-from palpate.produce.bruise_model import REFERENCES, BruiseModel, at_share
-from palpate.produce.bruise_shape import contrast, finger_contrast, slopes
+from palpate.produce.bruise.learning import learn
+from palpate.produce.bruise.model import REFERENCES, BruiseModel, at_share
+from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
 from palpate.settling.scoring import bootstrap_interval
 from palpate_studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from palpate.produce.bruise_model import BruiseModel
+from palpate.produce.bruise.model import BruiseModel
 from palpate_studies.bruise_data import EARLY_S, SIDES_AROUND, Examined
 from palpate_studies.bruise_scores import (
     EARLIER,

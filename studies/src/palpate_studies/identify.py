@@ -10,9 +10,8 @@ import numpy as np
 import typer
 
 from palpate.commands.options import JsonOption
-from palpate.produce.identify import FALSE_REJECT, Identifier, TaughtItem
-from palpate.produce.identify_result import UNKNOWN
-from palpate.produce.identify_store import touches_of
+from palpate.produce.identify.identifier import FALSE_REJECT, UNKNOWN, Identifier, TaughtItem
+from palpate.produce.identify.items import touches_of
 from palpate_studies.baselines.lda_background import LdaBackground
 from palpate_studies.identify_baselines import guesses
 from palpate_studies.identify_data import (

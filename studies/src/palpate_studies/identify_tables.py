@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.produce.identify_result import UNKNOWN, Identity
+from palpate.produce.identify.identifier import UNKNOWN, Identity
 from palpate_studies.identify_data import SORTED_GRASPS, CrateItemGrasps
 from palpate_studies.report import Table
 

@@ -10,7 +10,7 @@ import typer
 
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
-from palpate.produce.ripeness import SURE
+from palpate.produce.ripeness.rule import SURE
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies.report import OutOption, StudyReport

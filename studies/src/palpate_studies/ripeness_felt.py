@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from palpate.estimate.stiffness import Give
-from palpate.produce.firmness import DayFelt
 from palpate.produce.records import Grasp
-from palpate.produce.reference_object import Drift
-from palpate.produce.ripeness import RipenessRule
-from palpate.produce.ripeness_stages import STAGES
-from palpate.produce.ripeness_store import history_of
+from palpate.produce.ripeness.firmness import DayFelt
+from palpate.produce.ripeness.items import history_of
+from palpate.produce.ripeness.reference_object import Drift
+from palpate.produce.ripeness.rule import RipenessRule
+from palpate.produce.ripeness.stages import STAGES
 from palpate.sensor.calibration import Calibration
 from palpate.twin.avocado import Avocado
 

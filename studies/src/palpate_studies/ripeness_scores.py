@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from palpate.errors import InputError
-from palpate.produce.reference_object import Drift
-from palpate.produce.ripeness import judge_by_first_day
-from palpate.produce.ripeness_stages import RIPE, STAGES, Boundaries
+from palpate.produce.ripeness.reference_object import Drift
+from palpate.produce.ripeness.rule import judge_by_first_day
+from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
 from palpate.twin.avocado import Avocado
 from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N
 from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of

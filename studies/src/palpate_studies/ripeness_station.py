@@ -22,13 +22,13 @@ from palpate.grasp.calibrating import measure_rest
 from palpate.grasp.planning import HORIZON_S, plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
-from palpate.produce.closing_firmness import ClosingWatch
 from palpate.produce.felt_pixels import felt_pixels
-from palpate.produce.firmness import RIPENESS_N
-from palpate.produce.held_at import held_at
+from palpate.produce.grasp_record import held_at
 from palpate.produce.records import Drive, Grasp
-from palpate.produce.ripeness import RipenessRule
-from palpate.produce.shared_load import shared_pixels
+from palpate.produce.ripeness.closing import ClosingWatch
+from palpate.produce.ripeness.firmness import RIPENESS_N
+from palpate.produce.ripeness.rule import RipenessRule
+from palpate.produce.ripeness.shared_load import shared_pixels
 from palpate.rig.simulated import calibrated
 from palpate.rig.twin_bench import twin_bench
 from palpate.sensor.calibration import RestValues

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from palpate.produce.ripeness_stages import STAGES
+from palpate.produce.ripeness.stages import STAGES
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies.report import Table

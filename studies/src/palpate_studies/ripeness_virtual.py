@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.produce.firmness import DayFelt
-from palpate.produce.ripeness import RipenessRule
-from palpate.produce.ripeness_stages import RIPE, STAGES, Boundaries
+from palpate.produce.ripeness.firmness import DayFelt
+from palpate.produce.ripeness.rule import RipenessRule
+from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
 from palpate.twin.avocado import Avocado, draw_avocado
 
 #: Mornings, labelled fruits and grasps of each on a day, and grasps of those that are judged.

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from palpate.commands.options import JsonOption
-from palpate.produce.bruise_model import default_model
+from palpate.produce.bruise.model import default_model
 from palpate.twin.apple import Apple
 from palpate.twin.avocado import Avocado
 from palpate_studies.bruise_data import Examined, as_drawn, examine

@@ -11,14 +11,13 @@ import typer
 
 from palpate.commands.options import JsonOption
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify import Identifier
-from palpate.produce.identify_result import as_labelled
-from palpate.produce.rules import Evidence, Rule, RuleBook, Span
-from palpate.produce.rules_file import check_kinds, read_rules
-from palpate.produce.sorting import decide
-from palpate.produce.sorting_hand import TimedGrasp
-from palpate.produce.sorting_run import sort_item
-from palpate.produce.sorting_score import (
+from palpate.produce.identify.identifier import Identifier, as_labelled
+from palpate.produce.sorting.decide import decide
+from palpate.produce.sorting.hand import TimedGrasp
+from palpate.produce.sorting.rules import Evidence, Rule, RuleBook, Span
+from palpate.produce.sorting.rules_file import check_kinds, read_rules
+from palpate.produce.sorting.run import sort_item
+from palpate.produce.sorting.score import (
     CARRY_S,
     TURN_S,
     Placed,

@@ -12,9 +12,9 @@ from palpate.cli import build_app, run
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.spool import Spool, spool_path
 from palpate.produce.store import Store
-from palpate.produce.store_engine import lasting_name, store_url
+from palpate.produce.store.engine import lasting_name, store_url
+from palpate.produce.store.outbox import Spool, spool_path
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 

@@ -18,8 +18,8 @@ from palpate.plots.many_items import (
     softening_figure,
 )
 from palpate.plots.style import GREY, INK
-from palpate.produce.pages import ItemPage
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
+from palpate.produce.store.item_history import ItemPage
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.keeping import Keeper
 from palpate.produce.records import Grasp
+from palpate.produce.store.outbox import Keeper
 
 
 def write(where: str, count: int) -> None:

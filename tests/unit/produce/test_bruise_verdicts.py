@@ -13,10 +13,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.bruise_learning import learn
-from palpate.produce.bruise_model import BruiseModel, Example, Place, default_model
-from palpate.produce.bruise_shape import shape_of
-from palpate.produce.bruise_store import (
+from palpate.produce.bruise.items import (
     BRUISED,
     SOUND,
     ItemBruise,
@@ -25,6 +22,9 @@ from palpate.produce.bruise_store import (
     learn_from,
     telling,
 )
+from palpate.produce.bruise.learning import learn
+from palpate.produce.bruise.model import BruiseModel, Example, Place, default_model
+from palpate.produce.bruise.shape import shape_of
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
 

@@ -14,9 +14,13 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperState
-from palpate.produce.closing_firmness import ClosingWatch, closing_firmness, round_softness
-from palpate.produce.held_at import held_at
-from palpate.produce.sheet_gain import sheet_gain
+from palpate.produce.grasp_record import held_at
+from palpate.produce.ripeness.closing import (
+    ClosingWatch,
+    closing_firmness,
+    round_softness,
+    sheet_gain,
+)
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object

@@ -18,11 +18,10 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.files import atomic_path
-from palpate.produce.keeping import Keeper
 from palpate.produce.records import About, Item, Verdict
-from palpate.produce.spool import Spool
 from palpate.produce.store import Store
-from palpate.produce.store_engine import make_engine, store_url
+from palpate.produce.store.engine import make_engine, store_url
+from palpate.produce.store.outbox import Keeper, Spool
 
 TIME = datetime(2026, 5, 1, 8, tzinfo=UTC)
 
@@ -197,7 +196,7 @@ def test_a_frozen_server_loses_no_grasp_and_hangs_nobody(
 ) -> None:
     import psycopg
 
-    from palpate.produce import store_postgresql
+    from palpate.produce.store import postgresql as store_postgresql
 
     monkeypatch.setattr(store_postgresql, "ANSWER_S", 0.3)
     url, spool = f"{postgresql_url}&connect_timeout=2", Spool(tmp_path / "waiting.jsonl")

@@ -13,13 +13,12 @@ import pytest
 
 from palpate.errors import InputError, StoreError
 from palpate.grasp.result import Outcome
-from palpate.produce import store_engine
-from palpate.produce.keeping import Keeper
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.records_json import CalibrationText
-from palpate.produce.spool import Spool
 from palpate.produce.store import Store
-from palpate.produce.store_writing import calibration_id_of
+from palpate.produce.store import engine as store_engine
+from palpate.produce.store.outbox import Keeper, Spool
+from palpate.produce.store.writing import calibration_id_of
 
 TIME = datetime(2026, 5, 1, 8, tzinfo=UTC)
 

@@ -14,13 +14,13 @@ from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.stiffness import Give
 from palpate.grasp.result import Outcome
-from palpate.produce.firmness import DayFelt, by_day, firmness_of
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.reference_object import Drift
-from palpate.produce.ripeness import RipenessRule, judge_by_first_day
-from palpate.produce.ripeness_course import Course
-from palpate.produce.ripeness_stages import STAGES, Boundaries
-from palpate.produce.ripeness_store import drift_of, history_of, judge, learn_rule, verdict_of
+from palpate.produce.ripeness.course import Course
+from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
+from palpate.produce.ripeness.items import drift_of, history_of, judge, learn_rule, verdict_of
+from palpate.produce.ripeness.reference_object import Drift
+from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day
+from palpate.produce.ripeness.stages import STAGES, Boundaries
 from palpate.produce.store import Store
 
 FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)

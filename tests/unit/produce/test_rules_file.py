@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import InputError
-from palpate.produce.rules import Span
-from palpate.produce.rules_file import check_kinds, read_rules
+from palpate.produce.sorting.rules import Span
+from palpate.produce.sorting.rules_file import check_kinds, read_rules
 
 ROOT = Path(__file__).resolve().parents[3]
 GOOD = """\

@@ -17,11 +17,10 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult
 from palpate.grasp.runner import run_grasp
-from palpate.produce.closing_firmness import ClosingWatch
-from palpate.produce.contact_width import contact_width, width_at_contact
 from palpate.produce.felt_pixels import MEAN_S, felt_pixels
-from palpate.produce.firmness import RIPENESS_N, minus_log_sharing
-from palpate.produce.shared_load import shared_pixels
+from palpate.produce.ripeness.closing import ClosingWatch, contact_width, width_at_contact
+from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
+from palpate.produce.ripeness.shared_load import shared_pixels
 from palpate.rig.simulated import calibrated
 from palpate.twin.avocado import draw_avocado
 from palpate.twin.devices import TwinArray, TwinGripper

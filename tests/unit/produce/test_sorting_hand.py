@@ -12,7 +12,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
-from palpate.produce.sorting_hand import SortingHand
+from palpate.produce.sorting.hand import SortingHand
 from palpate.rig.simulated import calibrated
 from palpate.twin.crate import CrateTable, draw_crate
 

@@ -9,15 +9,14 @@ import pytest
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify import Identifier, TaughtItem
-from palpate.produce.identify_features import Touch
-from palpate.produce.identify_result import UNKNOWN, Identity
+from palpate.produce.identify.features import Touch
+from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
 from palpate.produce.records import About, Grasp, Verdict
-from palpate.produce.rules import Evidence, Rule, RuleBook, Span
-from palpate.produce.sorting import decide
-from palpate.produce.sorting_hand import TimedGrasp
-from palpate.produce.sorting_run import bin_verdict, evidence_of, sort_item
-from palpate.produce.sorting_score import Placed, score, where_it_belongs
+from palpate.produce.sorting.decide import decide
+from palpate.produce.sorting.hand import TimedGrasp
+from palpate.produce.sorting.rules import Evidence, Rule, RuleBook, Span
+from palpate.produce.sorting.run import bin_verdict, evidence_of, sort_item
+from palpate.produce.sorting.score import Placed, score, where_it_belongs
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KIWI = Rule(bin="kiwi", kinds=frozenset({"kiwi"}), line=3)

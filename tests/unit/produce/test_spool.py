@@ -14,7 +14,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.records_json import CalibrationText, Record
-from palpate.produce.spool import Spool, spool_path
+from palpate.produce.store.outbox import Spool, spool_path
 
 TIME = datetime(2026, 5, 1, 8, tzinfo=UTC)
 RECORDS: tuple[Record, ...] = (

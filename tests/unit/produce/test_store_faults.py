@@ -25,11 +25,11 @@ from palpate.errors import (
     StoreAwayError,
     StoreError,
 )
-from palpate.produce import store_engine
-from palpate.produce.export import require_parquet
 from palpate.produce.records import Item
 from palpate.produce.store import Store
-from palpate.produce.store_engine import faults_of, make_engine, shown, store_url
+from palpate.produce.store import engine as store_engine
+from palpate.produce.store.engine import faults_of, make_engine, shown, store_url
+from palpate.produce.store.export import require_parquet
 
 SEEN = datetime(2026, 5, 1, tzinfo=UTC)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.produce.keeping import Keeper
 from palpate.produce.store import Store
+from palpate.produce.store.outbox import Keeper
 
 WRITER = Path(__file__).with_name("store_writer.py")
 KILLS = 20

@@ -13,9 +13,14 @@ import numpy as np
 from scipy.stats import multivariate_normal
 
 from palpate.arrays import FloatArray
-from palpate.produce.identify import FALSE_REJECT, Identifier, TaughtItem
-from palpate.produce.identify_features import Touch
-from palpate.produce.identify_result import UNKNOWN, Identity
+from palpate.produce.identify.features import Touch
+from palpate.produce.identify.identifier import (
+    FALSE_REJECT,
+    UNKNOWN,
+    Identifier,
+    Identity,
+    TaughtItem,
+)
 
 #: Covariance of the background, in those of all taught items together.
 _WIDE = 2.0

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.produce.identify import FALSE_REJECT
-from palpate.produce.identify_result import UNKNOWN
+from palpate.produce.identify.identifier import FALSE_REJECT, UNKNOWN
 
 
 class NearestMean:

@@ -1,0 +1,1 @@
+"""Is an item bruised, and where: against its own record, its other sides, sound items."""

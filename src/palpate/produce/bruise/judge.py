@@ -1,0 +1,229 @@
+"""Is an item bruised, how sure is that, on which pixels, and where on the fruit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.produce.bruise.model import BruiseModel, Locator, at_share, usable
+from palpate.produce.bruise.shape import Shape, finger_contrast, pixel_contrast, slopes
+
+#: Sides closer than this are one side, laid anew; and sides that face other flesh are at least so
+#: far apart, degrees.
+SAME_SIDE_DEG, OTHER_SIDE_DEG = 15.0, 45.0
+#: A pixel that carries at least a fifth less than the one that it faces lies on the bruise.
+_LESS = math.log(1.25)
+#: No bruise is felt further than this from the middle of a finger's pixels, mm.
+_FARTHEST_MM = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spot:
+    """Where a bruise may be.
+
+    Attributes
+    ----------
+    probability : float
+        That it is this one, if the side is bruised at all.
+    finger : int
+        Which finger touches it, 0 or 1.
+    angle_deg : float or None
+        Where around the fruit, as the side's angle is counted; None if its size is not known.
+    height_mm : float
+        Above the height at which it was held, along the surface.
+    pixels : tuple of (row, column)
+        Pixels that carry at least a fifth less than the ones that they face.
+    mean_percent : float or None
+        Mean relative change of these pixels: the third column of the paper's Table 6.
+    """
+
+    probability: float
+    finger: int
+    angle_deg: float | None
+    height_mm: float
+    pixels: tuple[tuple[int, int], ...]
+    mean_percent: float | None
+
+    @property
+    def in_words(self) -> str:
+        """Say where, and how likely."""
+        around = "" if self.angle_deg is None else f"{self.angle_deg:.0f}°, "
+        place = f"{around}{round(self.height_mm):+d} mm"
+        return f"{place} (finger {self.finger + 1}: {100 * self.probability:.0f} %)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FeltSide:
+    """One grasp of one side, and what it may be held against.
+
+    Attributes
+    ----------
+    angle_deg : float
+        Which side faced the first finger.
+    shape : Shape
+        How it loaded the pixels.
+    change_percent : ndarray, shape (rows, cols)
+        Relative change of each pixel.
+    against : mapping of str to Shape
+        References, by their names in `bruise_model.REFERENCES`.
+    """
+
+    angle_deg: float
+    shape: Shape
+    change_percent: FloatArray
+    against: Mapping[str, Shape]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SideVerdict:
+    """What is said of one side.
+
+    Attributes
+    ----------
+    angle_deg : float
+        Which side.
+    probability : float
+        That it is bruised.
+    grasps : int
+        How many grasps say so: the mean of their log odds is taken, which promises no more than
+        one grasp does.
+    against : tuple of str
+        What it was held against.
+    mean_percent : float
+        Mean relative change over all pixels.
+    spots : tuple of Spot
+        Where, the likelier first; empty where the model knows no places.
+    """
+
+    angle_deg: float
+    probability: float
+    grasps: int
+    against: tuple[str, ...]
+    mean_percent: float
+    spots: tuple[Spot, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the form that the command prints."""
+        return {
+            "angle_deg": self.angle_deg,
+            "probability": self.probability,
+            "grasps": self.grasps,
+            "against": list(self.against),
+            "mean_percent": self.mean_percent,
+            "spots": [
+                {
+                    "probability": spot.probability,
+                    "finger": spot.finger,
+                    "angle_deg": spot.angle_deg,
+                    "height_mm": spot.height_mm,
+                    "pixels": [list(pixel) for pixel in spot.pixels],
+                    "mean_percent": spot.mean_percent,
+                }
+                for spot in self.spots
+            ],
+        }
+
+
+def judge(
+    felt: Sequence[FeltSide], *, model: BruiseModel, bruised_share: float = 0.5
+) -> tuple[SideVerdict, ...]:
+    """Judge every side that was felt, the most suspicious first.
+
+    Parameters
+    ----------
+    felt : sequence of FeltSide
+        Grasps; those of one side count together.
+    model : BruiseModel
+        What was learned.
+    bruised_share : float
+        Share of sides that are expected to be bruised before anything is felt.
+
+    Raises
+    ------
+    InputError
+        If a side has no reference that the model knows.
+    """
+    sides: list[list[FeltSide]] = []
+    for one in felt:
+        known = next((side for side in sides if _same_side(side[0], one)), None)
+        if known is None:
+            sides.append([one])
+        else:
+            known.append(one)
+    verdicts = [_judge_side(side, model=model, bruised_share=bruised_share) for side in sides]
+    return tuple(sorted(verdicts, key=lambda verdict: -verdict.probability))
+
+
+def apart_deg(one_deg: float, other_deg: float) -> float:
+    """Return the angle between two sides that a pair of fingers touches, 0 to 90 degrees.
+
+    Examples
+    --------
+    >>> apart_deg(10.0, 200.0), apart_deg(0.0, 90.0)
+    (10.0, 90.0)
+    """
+    return abs(math.remainder(one_deg - other_deg, 180.0))
+
+
+def _same_side(one: FeltSide, other: FeltSide) -> bool:
+    # Turned by half a turn, the fingers change places: that is another record.
+    return abs(math.remainder(one.angle_deg - other.angle_deg, 360.0)) <= SAME_SIDE_DEG
+
+
+def _judge_side(
+    side: Sequence[FeltSide], *, model: BruiseModel, bruised_share: float
+) -> SideVerdict:
+    log_odds = float(np.mean([model.log_odds(one.shape, one.against) for one in side]))
+    last = side[-1]
+    name = next((name for name in usable(last.against) if name in model.locators), None)
+    spots = () if name is None else _spots(side, model.locators[name], name)
+    return SideVerdict(
+        angle_deg=last.angle_deg,
+        probability=at_share(log_odds, bruised_share=bruised_share),
+        grasps=len(side),
+        against=usable(last.against),
+        mean_percent=float(np.nanmean([one.change_percent for one in side])),
+        spots=spots,
+    )
+
+
+def _spots(side: Sequence[FeltSide], locator: Locator, name: str) -> tuple[Spot, ...]:
+    """Return both places that would explain what was felt, the likelier first."""
+    pairs = [(one.shape, one.against[name]) for one in side if name in one.against]
+    odds = locator.finger.log_odds(np.array([finger_contrast(*pair) for pair in pairs]))
+    second = at_share(float(odds.mean()), bruised_share=0.5)
+    slope = np.mean([slopes(*pair) for pair in pairs], axis=0)
+    change = np.nanmean([one.change_percent for one in side], axis=0)
+    rows, cols = change.shape
+    less = np.mean([pixel_contrast(*pair, rows=rows, cols=cols) for pair in pairs], axis=0)
+    width_mm = side[-1].shape.width_mm
+    found = []
+    for finger, probability in enumerate((1.0 - second, second)):
+        sign = 1 - 2 * finger
+        along_mm, across_mm = np.clip(
+            sign * slope * np.array(locator.mm_per_slope), -_FARTHEST_MM, _FARTHEST_MM
+        )
+        mine = np.zeros((rows, cols), dtype=bool)
+        mine[finger * rows // 2 : (finger + 1) * rows // 2] = True
+        marked = mine & (less <= -_LESS)
+        angle_deg = None
+        if width_mm is not None:
+            # Columns run the other way round the fruit on the second finger.
+            beside_deg = math.degrees(sign * across_mm / (width_mm / 2.0))
+            angle_deg = (side[-1].angle_deg + 180.0 * finger + beside_deg) % 360.0
+        found.append(
+            Spot(
+                probability=probability,
+                finger=finger,
+                angle_deg=angle_deg,
+                height_mm=float(along_mm),
+                pixels=tuple((int(row), int(col)) for row, col in np.argwhere(marked)),
+                mean_percent=float(np.nanmean(change[marked])) if marked.any() else None,
+            )
+        )
+    return tuple(sorted(found, key=lambda spot: -spot.probability))

@@ -1,0 +1,225 @@
+"""The probability of a bruise, learned from sides known to be sound or bruised (`bruise_learning`).
+
+A logistic regression on `bruise_shape.contrast`, one for each set of references that there may be:
+the class (sound items of the kind, on the same sensor), the item's other sides, and its own earlier
+record. Its probabilities are for as many bruised as sound sides, and are moved to the share of
+bruised ones that the user expects.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.errors import InputError
+from palpate.files import atomic_path
+from palpate.produce.bruise.shape import Shape, contrast
+
+#: What a side may be held against, the most telling first.
+REFERENCES = ("history", "class", "item")
+FORMAT, VERSION = "palpate-bruise-model", 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where the middle of a bruise lies.
+
+    Attributes
+    ----------
+    finger : int
+        Which finger touches it, 0 or 1.
+    along_mm, across_mm : float
+        On the surface, from the middle of the side that this finger faces.
+    """
+
+    finger: int
+    along_mm: float
+    across_mm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Example:
+    """One side of which the truth is known.
+
+    Attributes
+    ----------
+    shape : Shape
+        How it loaded the pixels.
+    against : mapping of str to Shape
+        References by name in `REFERENCES`: those that there are.
+    bruised : bool
+        The truth.
+    place : Place or None
+        Where the bruise was, if known.
+    """
+
+    shape: Shape
+    against: Mapping[str, Shape]
+    bruised: bool
+    place: Place | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Logistic:
+    """A logistic regression on standardised numbers."""
+
+    centre: tuple[float, ...]
+    scale: tuple[float, ...]
+    weight: tuple[float, ...]
+    intercept: float
+
+    def log_odds(self, values: FloatArray) -> FloatArray:
+        """Return the log odds of sets of numbers, shape (..., numbers) to (...)."""
+        standard = (values - np.array(self.centre)) / np.array(self.scale)
+        return np.asarray(standard @ np.array(self.weight) + self.intercept)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Locator:
+    """Which finger touches a bruise, and where on it, against one reference."""
+
+    finger: Logistic
+    mm_per_slope: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BruiseModel:
+    """What was learned.
+
+    Attributes
+    ----------
+    judges : mapping of str to Logistic
+        For each set of references, its names joined by ``+`` in the order of `REFERENCES`.
+    locators : mapping of str to Locator
+        By the name of one reference; empty where no places were known.
+    learned_on : str
+        From what, in words; simulated where it was.
+    bruised, sound : int
+        How many sides it was learned from.
+    """
+
+    judges: Mapping[str, Logistic]
+    learned_on: str
+    bruised: int
+    sound: int
+    locators: Mapping[str, Locator] = field(default_factory=dict)
+
+    def log_odds(self, shape: Shape, against: Mapping[str, Shape]) -> float:
+        """Return the log odds that a side is bruised, as many being bruised as sound.
+
+        Raises
+        ------
+        InputError
+            If there is no reference, or the model knows no such set of them.
+        """
+        names = usable(against)
+        judge = self.judges.get("+".join(names))
+        if judge is None:
+            raise InputError(
+                f"no reference among {', '.join(REFERENCES)} that this model knows "
+                f"({', '.join(self.judges)}); grasp another side, or sound items of the class"
+            )
+        values = [contrast(shape, against[name]) for name in names]
+        return float(judge.log_odds(np.concatenate(values)))
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON, whole or not at all."""
+        document = {
+            "format": FORMAT,
+            "version": VERSION,
+            "learned_on": self.learned_on,
+            "bruised": self.bruised,
+            "sound": self.sound,
+            "judges": {name: _as_dict(judge) for name, judge in self.judges.items()},
+            "locators": {
+                name: {"finger": _as_dict(one.finger), "mm_per_slope": list(one.mm_per_slope)}
+                for name, one in self.locators.items()
+            },
+        }
+        with atomic_path(path) as partial:
+            partial.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: Path) -> BruiseModel:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If it is something else.
+        """
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            if found["format"] != FORMAT or found["version"] != VERSION:
+                raise InputError(f"{path}: not a bruise model of version {VERSION}")
+            return cls(
+                judges={name: _logistic(one) for name, one in found["judges"].items()},
+                learned_on=found["learned_on"],
+                bruised=found["bruised"],
+                sound=found["sound"],
+                locators={
+                    name: Locator(
+                        finger=_logistic(one["finger"]),
+                        mm_per_slope=(one["mm_per_slope"][0], one["mm_per_slope"][1]),
+                    )
+                    for name, one in found["locators"].items()
+                },
+            )
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror}") from error
+        except (
+            ValueError,
+            LookupError,
+            TypeError,
+            AttributeError,
+            ArithmeticError,
+            RecursionError,
+        ) as error:
+            raise InputError(f"{path}: not a bruise model ({error}); learn one anew") from error
+
+
+def default_model() -> BruiseModel:
+    """Return the model that comes with palpate; `learned_on` says from what."""
+    return BruiseModel.load(Path(__file__).with_name("model.json"))
+
+
+def at_share(log_odds: float, *, bruised_share: float) -> float:
+    """Return a probability for a share of bruised sides other than one half.
+
+    Examples
+    --------
+    >>> round(at_share(0.0, bruised_share=0.5), 3), round(at_share(2.0, bruised_share=0.05), 3)
+    (0.5, 0.28)
+    """
+    moved = log_odds + math.log(bruised_share / (1.0 - bruised_share))
+    return 1.0 / (1.0 + math.exp(-min(max(moved, -500.0), 500.0)))
+
+
+def usable(against: Mapping[str, Shape]) -> tuple[str, ...]:
+    """Return the names of the references that there are, in their order."""
+    return tuple(name for name in REFERENCES if name in against)
+
+
+def _as_dict(judge: Logistic) -> dict[str, Any]:
+    return {
+        "centre": list(judge.centre),
+        "scale": list(judge.scale),
+        "weight": list(judge.weight),
+        "intercept": judge.intercept,
+    }
+
+
+def _logistic(found: Mapping[str, Any]) -> Logistic:
+    return Logistic(
+        centre=tuple(found["centre"]),
+        scale=tuple(found["scale"]),
+        weight=tuple(found["weight"]),
+        intercept=float(found["intercept"]),
+    )

@@ -1,0 +1,125 @@
+"""What the store keeps of a grasp: result, what each pixel felt, the calibration behind both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.belief import Observation
+from palpate.grasp.result import GraspResult
+from palpate.produce.felt_pixels import MEAN_S, answered_s, felt_pixels
+from palpate.produce.records import MEASURED, Drive, Grasp
+from palpate.produce.records_json import CalibrationText
+from palpate.produce.ripeness.shared_load import shared_pixels
+from palpate.produce.store.writing import calibration_id_of
+from palpate.recording import Origin
+from palpate.sensor.array import ArrayLayout
+
+#: What a grasp answers; where the hand stood then is read off the gripper.
+_ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
+
+#: Name of the measurement by what drives the hand.
+HELD_AT: dict[Drive, str] = {"width": "width_mm", "pressure": "pressure_kpa"}
+
+
+def records_of(
+    result: GraspResult,
+    *,
+    item_id: str,
+    seen: Sequence[Observation],
+    layout: ArrayLayout,
+    rig: str,
+    drive: Drive,
+    origin: Origin,
+    calibration: str,
+    recording: Path | None,
+    angle_deg: float | None = None,
+    closing: Mapping[str, Measurement] = MappingProxyType({}),
+) -> tuple[CalibrationText, Grasp]:
+    """Return the calibration and the grasp, in the order in which a store takes them.
+
+    Parameters
+    ----------
+    result : GraspResult
+        What the grasp came to, now.
+    item_id : str
+        What was grasped.
+    seen : sequence of Observation
+        All that was observed.
+    layout : ArrayLayout
+        Of the sensor.
+    rig, drive, origin : str
+        What it was grasped with, and whether that was real.
+    calibration : str
+        The whole text of the calibration file.
+    recording : Path or None
+        Where the frames are.
+    angle_deg : float, optional
+        Side of the item that the first finger touched.
+    closing : mapping of str to Measurement, optional
+        What was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
+    """
+    answers = ((name, getattr(result, name)) for name in _ANSWERED)
+    # The store keeps numbers: a bound is none.
+    measured = {name: value for name, value in answers if value is not None and value.number}
+    measured |= {**held_at(seen, result=result, drive=drive), **closing}
+    grasp = Grasp(
+        item_id=item_id,
+        taken_at=datetime.now(UTC),
+        rig=rig,
+        drive=drive,
+        origin=origin,
+        outcome=result.outcome,
+        measurements=measured
+        | shared_pixels(seen, result=result, layout=layout, measured=measured),
+        pixel_settled_percent=felt_pixels(seen, result=result, layout=layout),
+        decision_time_s=result.decision_time_s,
+        peak_force_n=result.peak_force_n,
+        angle_deg=angle_deg,
+        calibration_id=calibration_id_of(calibration),
+        recording=None if recording is None else str(recording.resolve()),
+    )
+    return CalibrationText(content=calibration), grasp
+
+
+def held_at(
+    observations: Sequence[Observation], *, result: GraspResult, drive: Drive
+) -> dict[str, Measurement]:
+    """Return width (mm) or pressure (kPa) at the answer, by its name; nothing if there was none.
+
+    It is what the gripper reports, with its own zero, over the same moments as the pixels; the
+    interval holds all of these reports. One hand meets one object at one place of its way, so the
+    place tells how much force there is, whatever the sheet says of it.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        Of the whole grasp, as `run_grasp` tells its subscribers.
+    result : GraspResult
+        Of that grasp.
+    drive : {"width", "pressure"}
+        What the gripper is driven by.
+    """
+    name, until_s = HELD_AT[drive], answered_s(result)
+    if until_s is None:
+        return {}
+    reported = [
+        getattr(one.gripper, name)
+        for one in observations
+        if until_s - MEAN_S < one.frame.time_s <= until_s
+    ]
+    if not reported or not np.isfinite(reported).all():
+        return {}
+    return {
+        name: Measurement(
+            value=float(np.mean(reported)),
+            low=min(reported),
+            high=max(reported),
+            unit=MEASURED[name],
+        )
+    }

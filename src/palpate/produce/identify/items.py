@@ -1,0 +1,146 @@
+"""Kinds learned from the store, and what is said of an item kept there."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from palpate.errors import InputError
+from palpate.grasp.result import Outcome
+from palpate.produce.identify.features import (
+    PRESSURE_FEATURES,
+    WIDTH_FEATURES,
+    Touch,
+    touch_of,
+)
+from palpate.produce.identify.identifier import (
+    FALSE_REJECT,
+    FEWEST_ITEMS,
+    UNKNOWN,
+    Identifier,
+    Identity,
+    TaughtItem,
+)
+from palpate.produce.records import About, Drive, Grasp, Source, Verdict
+
+if TYPE_CHECKING:
+    from palpate.produce.store import Store
+
+
+#: Items looked at, the last met first, and items of one kind that are learned from: what is taught
+#: today should not depend on how much was taught years ago.
+_MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
+
+
+def learn(
+    store: Store,
+    *,
+    drive: Drive = "width",
+    false_reject: float = FALSE_REJECT,
+    without: str | None = None,
+) -> Identifier:
+    """Learn every kind that enough items of the store are labelled with.
+
+    Parameters
+    ----------
+    store : Store
+        Items whose `kind`, or identity, a person gave, with their grasps.
+    drive : {"width", "pressure"}
+        Kind of gripper: grasps by the other one tell nothing of these features.
+    false_reject : float
+        Share of items of the taught kinds that may be called unknown.
+    without : str, optional
+        Item that is to be identified: it must not teach what it is itself.
+
+    Raises
+    ------
+    InputError
+        If no kind has enough labelled items.
+    """
+    taught: dict[str, list[TaughtItem]] = defaultdict(list)
+    said = {
+        verdict.item_id: verdict.text
+        for verdict in store.verdicts(About.IDENTITY, source=Source.PERSON)
+    }
+    for item in store.items(limit=_MOST_ITEMS):
+        kind = said.get(item.item_id, item.kind)
+        if kind is None or item.item_id == without or len(taught[kind]) >= _MOST_OF_A_KIND:
+            continue
+        touches = touches_of(store.grasps_of(item.item_id), drive=drive)
+        if touches:
+            taught[kind].append(TaughtItem(kind=kind, touches=touches))
+    enough = [kind for kind in taught.values() if len(kind) >= FEWEST_ITEMS]
+    return Identifier([one for kind in enough for one in kind], false_reject=false_reject)
+
+
+def touches_of(grasps: Iterable[Grasp], *, drive: Drive) -> tuple[Touch, ...]:
+    """Return those grasps that measured what kinds are told by, as points."""
+    found = [touch_of_grasp(grasp) for grasp in grasps if grasp.drive == drive]
+    return tuple(touch for touch in found if touch is not None)
+
+
+def touch_of_grasp(grasp: Grasp) -> Touch | None:
+    """Return a grasp as a point; None if it did not hold the item or did not measure enough."""
+    if grasp.outcome is not Outcome.HELD:
+        return None
+    return touch_of(
+        grasp.measurements,
+        features=WIDTH_FEATURES if grasp.drive == "width" else PRESSURE_FEATURES,
+        calibration=grasp.calibration_id or f"rig {grasp.rig}",
+    )
+
+
+def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
+    """Return the kind of gripper that grasped an item last.
+
+    Raises
+    ------
+    InputError
+        If it was never grasped.
+    """
+    if not grasps:
+        raise InputError(f"item {item_id!r} was never grasped; grasp it first")
+    return grasps[-1].drive
+
+
+def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) -> Verdict:
+    """Put what an item is into the form that the store keeps."""
+    return Verdict(
+        item_id=item_id,
+        about=About.IDENTITY,
+        text=identity.kind,
+        given_at=given_at,
+        probability=identity.confidence,
+        explanation=explained(identity),
+        details={
+            "probabilities": {kind: round(p, 6) for kind, p in identity.probability.items()},
+            "usual": identity.usual,
+            "rejected": identity.rejected,
+            "grasps": identity.grasps,
+        },
+    )
+
+
+def explained(identity: Identity) -> str:
+    """Say in a sentence what an item is and how sure that is.
+
+    Examples
+    --------
+    >>> probability = {"kiwi": 0.9, "tomato": 0.1}
+    >>> one = Identity(kind="kiwi", probability=probability, usual=0.4, rejected=False, grasps=1)
+    >>> explained(one)
+    'kiwi with 90 %, tomato with 10 %, from 1 grasp; 40 % of the taught items are as unusual.'
+    """
+    count = f"{identity.grasps} grasp{'s' if identity.grasps != 1 else ''}"
+    unusual = f"{100 * identity.usual:.2g} % of the taught items are as unusual"
+    if identity.rejected:
+        return f"Like no kind that was taught: {unusual}; most like {identity.best_guess}; {count}."
+    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
+    named = ", ".join(
+        f"{'something else' if kind == UNKNOWN else kind} with {100 * p:.0f} %"
+        for kind, p in ranked[:3]
+        if p >= 0.01
+    )
+    return f"{named}, from {count}; {unusual}."

@@ -1,0 +1,1 @@
+"""How firm grasps found an item, how its kind softens, and when it will be ripe."""

@@ -1,0 +1,280 @@
+"""What a closing tells of an item: firmness, width at contact, and the gain of the sheet.
+
+**Firmness**, by fingers driven by width. The stiffness that a grasp answers leaves open how the
+object's force rises, for it knows nothing of the object. Fruit is round: its force goes with the
+3/2th power of its deformation (Hertz). Then the width of every step, with the gripper's own give at
+that force put back, lies on a line over F^(2/3), whose slope is the fruit's softness, and where
+contact began drops out:
+
+    width + give(F) = size - softness F^(2/3).
+
+What was read at the last step before the force rose is no load but what the sheet remembers.
+
+**Width at contact**, by fingers driven by pressure. The pressure at which they meet an item gives
+its width, once rigid blocks have shown how far they close per pressure and how far they give way
+under a force (`palpate.estimate.bend`). Early on the sheet reads faint forces badly, later on the
+fingers have given way by centimetres; at one newton both leave a few tenths of a millimetre open.
+
+**Gain**: the force believed over what the sheet alone reads. A servo's current seconds the sheet
+(`palpate.grasp.contact_gain`). It makes one force truer; but it errs alike in all grasps of one
+morning, for the servo is as warm as it is. Kept with the force, it can be weighed again when days
+are compared.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
+from palpate.estimate.bend import Bend
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.stiffness import Give
+from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.normal import normal_half_width
+from palpate.produce.records import MEASURED, Grasp
+from palpate.produce.ripeness.firmness import RIPENESS_N
+from palpate.settling.result import Status
+
+#: Names of these measurements.
+FIRMNESS, CONTACT_WIDTH, SHEET_GAIN = "firmness_n_per_mm", "contact_mm", "sheet_gain"
+#: Hertz: deformation goes with this power of the force.
+_POWER = 2.0 / 3.0
+#: Scatter of ln force from step to step, and of the settled force against them.
+_STEP_SD, _SETTLED_SD = 0.05, 0.04
+#: While it is held, fruit relaxes by so much (ln force) against what its closing showed.
+_RELAXED, _RELAXED_SD = 0.10, 0.07
+#: A width is never known better, mm.
+_SHARPEST_MM = 0.03
+#: No body is harder than this, mm per N^(2/3): what scatter makes harder is put here.
+_HARDEST = 0.05
+#: A load below so many scatters of faint forces tells nothing; nor does one below a newton, where a
+#: sheet's law is at its poorest: closings that began with less scattered up to twice as much.
+_FELT, _LEAST_N = 2.0, 1.0
+_ROUNDS = 3
+
+#: Grip force at which the width is taken, newtons.
+CONTACT_N = 1.0
+
+
+class ClosingWatch:
+    """Watches one grasp for what its closing tells: firmness or width at contact, and the gain.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the grasp.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._held: Belief | None = None
+
+    def see(self, belief: Belief) -> None:
+        """Take what the controller makes of the next observation."""
+        if belief.phase is Phase.HOLD:
+            self._held = belief
+
+    def measured(self) -> dict[str, Measurement]:
+        """Return what was told, by its name; nothing where the item was not held."""
+        if self._held is None:
+            return {}
+        found = {
+            FIRMNESS: closing_firmness(self._held, plan=self.plan),
+            CONTACT_WIDTH: contact_width(self._held, plan=self.plan),
+            SHEET_GAIN: sheet_gain(self._held, plan=self.plan),
+        }
+        return {name: told for name, told in found.items() if told is not None}
+
+
+def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
+    """Return the secant stiffness at 5 N of the round body that fits a closing; None if none does.
+
+    Parameters
+    ----------
+    belief : Belief
+        What the controller knew when it gave its answer.
+    plan : Plan
+        Of that grasp.
+    """
+    force = belief.result.force_n
+    if plan.give is None or force is None or force.value <= 0 or not belief.staircase:
+        return None
+    readings = [step.touch.reading for step in belief.staircase]
+    read_n = np.exp(belief.gain.log_mean) * plan.early_law.force_n(readings).value
+    reach = normal_half_width(plan.level)
+    floor_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
+    load_n, loaded = _load(read_n, floor_n=floor_n)
+    if not loaded.any():
+        return None
+    width_mm = np.array([plan.gripper.target(step.closure) for step in belief.staircase])
+    held_mm = plan.gripper.target(belief.closure)
+    softness, sd = round_softness(
+        np.append(width_mm[loaded], held_mm) - plan.give.zero_mm,
+        force_n=np.append(load_n[loaded], force.value),
+        floor_n=floor_n,
+        give=plan.give,
+    )
+    low, value, high = (
+        RIPENESS_N ** (1.0 - _POWER) / max(softness + off * reach * sd, _HARDEST)
+        for off in (1.0, 0.0, -1.0)
+    )
+    return Measurement(
+        value=value,
+        low=low,
+        high=high,
+        unit=MEASURED[FIRMNESS],
+        level=plan.level,
+        status=force.status if softness > _HARDEST else Status.SATURATED,
+    )
+
+
+def round_softness(
+    width_mm: FloatArray, *, force_n: FloatArray, floor_n: float, give: Give
+) -> tuple[float, float]:
+    """Fit the line; return its slope, mm per N^(2/3), and the slope's standard deviation.
+
+    Parameters
+    ----------
+    width_mm : ndarray, shape (n,)
+        Steps of a closing, zero taken out; the last is where the object was held.
+    force_n : ndarray, shape (n,)
+        Force read at each of them, newtons; the last is the settled one.
+    floor_n : float
+        Scatter of faint forces, newtons.
+    give : Give
+        Of pads, fingers and servo.
+
+    Examples
+    --------
+    A fruit of 60 mm that takes 4 N at 1 mm and has relaxed by a tenth when it is held:
+
+    >>> give = Give(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
+    ...     largest_force_n=15.0)
+    >>> force_n = np.array([1.0, 2.5, 4.0, 5.0])
+    >>> read_n = force_n * [1.0, 1.0, 1.0, np.exp(-0.1)]
+    >>> width_mm = 60.0 - (force_n / 4.0) ** (2 / 3) - 0.2 * read_n
+    >>> softness, _ = round_softness(width_mm, force_n=read_n, floor_n=0.05, give=give)
+    >>> round(softness**-1.5, 1)
+    4.0
+    """
+    elastic_n = force_n * np.exp([0.0] * (force_n.size - 1) + [_RELAXED])
+    touch_mm = width_mm + give.give_mm(force_n)
+    give_slope_mm = (give.give_mm(1.01 * force_n) - give.give_mm(force_n)) / 0.01
+    doubt = np.hypot(_STEP_SD, floor_n / force_n)
+    doubt[-1] = _SETTLED_SD
+    relaxed = np.array([0.0] * (force_n.size - 1) + [_RELAXED_SD])
+    design = np.column_stack([np.ones_like(elastic_n), -(elastic_n**_POWER)])
+    softness = 0.5
+    for _ in range(_ROUNDS):
+        slope_mm = _POWER * softness * elastic_n**_POWER
+        sd_mm = np.sqrt(
+            _SHARPEST_MM**2 + ((give_slope_mm + slope_mm) * doubt) ** 2 + (slope_mm * relaxed) ** 2
+        )
+        weighed = design / sd_mm[:, None]
+        found = np.linalg.lstsq(weighed, touch_mm / sd_mm, rcond=None)[0]
+        softness = max(float(found[1]), _HARDEST)
+    return float(found[1]), float(np.sqrt(np.linalg.pinv(weighed.T @ weighed)[1, 1]))
+
+
+def _load(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the load at each step, and at which steps there surely is one."""
+    before = int(np.argmin(read_n[: int(np.argmax(read_n)) + 1]))
+    load_n = np.asarray(read_n - read_n[before])
+    felt = load_n > max(_FELT * floor_n, _LEAST_N)
+    return load_n, (np.arange(read_n.size) > before) & felt
+
+
+def contact_width(belief: Belief, *, plan: Plan) -> Measurement | None:
+    """Return the item's width under a newton; None by a hand that tells no millimetres.
+
+    Parameters
+    ----------
+    belief : Belief
+        What the controller knew when it gave its answer.
+    plan : Plan
+        Of that grasp.
+    """
+    if plan.bend is None or not belief.staircase:
+        return None
+    readings = [step.touch.reading for step in belief.staircase]
+    read = belief.gain.applied(plan.early_law.force_n(readings, level=plan.level))
+    if read.value.max() < CONTACT_N:
+        return None
+    pressure_kpa = np.array([plan.gripper.target(step.closure) for step in belief.staircase])
+    value, *ends = (
+        width_at_contact(pressure_kpa, force_n=force_n, bend=plan.bend)
+        for force_n in (read.value, read.low, read.high)
+    )
+    doubt_mm = plan.bend.give.residual_mm * normal_half_width(plan.level)
+    return Measurement(
+        value=value,
+        low=value - float(np.hypot(max(value - min(ends), 0.0), doubt_mm)),
+        high=value + float(np.hypot(max(max(ends) - value, 0.0), doubt_mm)),
+        unit=MEASURED[CONTACT_WIDTH],
+        level=plan.level,
+    )
+
+
+def width_at_contact(pressure_kpa: FloatArray, *, force_n: FloatArray, bend: Bend) -> float:
+    """Return the width, mm, at which the force last rose above a newton, between steps in a line.
+
+    Parameters
+    ----------
+    pressure_kpa : ndarray, shape (n,)
+        Steps of a closing.
+    force_n : ndarray, shape (n,)
+        Force read at each of them.
+    bend : Bend
+        How the fingers close and give way.
+
+    Examples
+    --------
+    Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and give way by 3.5 mm per newton:
+
+    >>> from palpate.estimate.stiffness import Give
+    >>> give = Give(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0, residual_mm=0.1,
+    ...     largest_force_n=12.0)
+    >>> force_n = np.array([0.0, 0.4, 2.4])
+    >>> pressure_kpa = 10.0 + 3.5 * force_n / 1.4
+    >>> bend = Bend(mm_per_kpa=1.4, give=give)
+    >>> round(width_at_contact(pressure_kpa, force_n=force_n, bend=bend), 6)
+    60.0
+    """
+    width_mm = bend.give.give_mm(force_n) - bend.mm_per_kpa * pressure_kpa - bend.give.zero_mm
+    last = int(np.argmax(force_n))
+    below = np.flatnonzero(force_n[: last + 1] < CONTACT_N)
+    first = int(below[-1]) if below.size else 0
+    around = slice(first, min(first + 2, last + 1))
+    return float(np.interp(CONTACT_N, force_n[around], width_mm[around]))
+
+
+def sheet_gain(belief: Belief, *, plan: Plan) -> Measurement:
+    """Return the gain of a contact: 1 where nothing but the sheet was asked.
+
+    Parameters
+    ----------
+    belief : Belief
+        What the controller knew when it gave its answer.
+    plan : Plan
+        Of that grasp.
+    """
+    gain = belief.gain
+    reach = normal_half_width(plan.level) * gain.log_sd
+    return Measurement(
+        value=math.exp(gain.log_mean),
+        low=math.exp(gain.log_mean - reach),
+        high=math.exp(gain.log_mean + reach),
+        unit=MEASURED[SHEET_GAIN],
+        level=plan.level,
+    )
+
+
+def log_gain(grasp: Grasp) -> float | None:
+    """Return the logarithm of the gain that was kept of a grasp; None where none was."""
+    kept = grasp.measurements.get(SHEET_GAIN)
+    return None if kept is None else math.log(kept.value)

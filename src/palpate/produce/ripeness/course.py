@@ -1,0 +1,239 @@
+"""How items of one kind soften over days, and where on that course one item is.
+
+Firmness (a logarithm, see `palpate.produce.ripeness.firmness`) falls along a logistic curve from a
+hard to a soft level. Items differ in when they are halfway, how fast they go and how firm they
+began; what a day's grasps say scatters about the curve. Nothing is fitted to one item: all its
+possible courses are weighed by how well they agree with what was felt so far (Bayes over a grid),
+so one day is enough to begin with, and an early day tells of a later one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+
+from palpate.arrays import FloatArray
+from palpate.errors import InputError
+from palpate.produce.ripeness.firmness import DayFelt
+
+#: Fewest items and days that a course can be learned from.
+FEWEST_ITEMS, FEWEST_DAYS = 4, 3
+#: Grid of possible courses: halfway days about their mean and paces about theirs, in standard
+#: deviations; and how much firmer an item began (Gauss-Hermite).
+_HALFWAY = np.linspace(-2.6, 2.6, 81)
+_PACE = np.linspace(-2.0, 2.0, 7)
+_START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(3)
+#: Degrees of freedom of a day's scatter, and rounds of reweighting.
+_FREEDOM, _ROUNDS = 5.0, 3
+#: A day's own scatter from grasp to grasp is believed as if the usual one had been seen so often.
+_USUAL_GRASPS = 6
+#: A course that would begin softer than it ends is held to this fall.
+_LEAST_FALL = 1e-3
+#: Paces of one kind differ by about this (log sd). A few items can't tell it.
+_PACE_LOG_SD = 0.3
+#: Weak beliefs before any item was felt: halfway after a few days (give or take a week), at a pace
+#: of a day (e-fold), scatter of a tenth of the whole fall.
+_USUAL_PACE_DAYS, _USUAL_NOISE_SHARE = 1.0, 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """How one kind softens, as felt by one rig.
+
+    Attributes
+    ----------
+    hard, soft : float
+        Mean levels of firmness between which it falls.
+    start_sd : float
+        By how much items differ in firmness before they soften.
+    halfway_day, halfway_sd : float
+        When items are halfway, in days from their first grasp.
+    pace_days : float
+        Median time scale of the logistic curve.
+    noise_sd : float
+        Scatter of one day's firmness about an item's course, however often it was grasped.
+    grasp_sd : float
+        Usual scatter from grasp to grasp of one day, which more grasps average out.
+    items : int
+        How many it was learned from.
+    """
+
+    hard: float
+    soft: float
+    start_sd: float
+    halfway_day: float
+    halfway_sd: float
+    pace_days: float
+    noise_sd: float
+    grasp_sd: float
+    items: int
+
+    @classmethod
+    def learn(cls, items: Sequence[Sequence[DayFelt]]) -> Course:
+        """Learn from items that were felt on several days (maximum of the marginal likelihood).
+
+        Raises
+        ------
+        InputError
+            If there are too few, or none of them softened.
+        """
+        useful = [item for item in items if len(item) >= FEWEST_DAYS]
+        if len(useful) < FEWEST_ITEMS:
+            raise InputError(
+                f"the course of ripening: {len(useful)} items were felt on {FEWEST_DAYS} days or "
+                f"more, {FEWEST_ITEMS} are needed; grasp some items every day until they are soft"
+            )
+        felt = np.concatenate([[day.firmness for day in item] for item in useful])
+        last_day = max(day.day for item in useful for day in item)
+        begin = _beginning(felt, last_day) | {"grasp_sd": _grasp_sd(useful)}
+
+        def loss(offset: FloatArray) -> float:
+            course = _course(begin, offset, items=len(useful))
+            gained = sum(course.courses_of(item).log_evidence for item in useful)
+            return float(0.5 * offset @ offset - gained)
+
+        best = minimize(loss, np.zeros(7), method="L-BFGS-B", options={"maxiter": 60, "eps": 1e-4})
+        found = _course(begin, best.x, items=len(useful))
+        if found.hard - found.soft < 2 * found.noise_sd:
+            raise InputError(
+                "the course of ripening: no item softened by more than the scatter of its grasps; "
+                "grasp on more days, or more often on each"
+            )
+        return found
+
+    def courses_of(self, days: Sequence[DayFelt]) -> Courses:
+        """Return the possible courses of an item, weighed by what was felt of it.
+
+        When and how fast stand on a grid. How much firmer the item began enters in a line, so for
+        each node it is solved for (reweighted least squares), and its doubt is Laplace's.
+        """
+        halfway, pace = (
+            one.ravel()
+            for one in np.meshgrid(
+                self.halfway_day + self.halfway_sd * _HALFWAY,
+                self.pace_days * np.exp(_PACE_LOG_SD * _PACE),
+                indexing="ij",
+            )
+        )
+        at = np.array([day.day for day in days])
+        felt = np.array([day.firmness for day in days])
+        noise_sd = np.hypot(self.noise_sd, [self._mean_sd(day) for day in days])
+        left = _left(at, halfway, pace)
+        off = felt - self.soft - (self.hard - self.soft) * left
+        start = np.zeros(halfway.size)
+        variance = np.full(halfway.size, self.start_sd**2)
+        for _ in range(_ROUNDS):
+            squared = ((off - start[:, None] * left) / noise_sd) ** 2
+            trust = (_FREEDOM + 1.0) / (_FREEDOM + squared) / noise_sd**2
+            variance = 1.0 / (1.0 / self.start_sd**2 + (trust * left**2).sum(axis=1))
+            start = variance * (trust * left * off).sum(axis=1)
+        squared = ((off - start[:, None] * left) / noise_sd) ** 2
+        # Tails of a t distribution: a bad grasp must not outweigh all the others.
+        log_like = -0.5 * (_FREEDOM + 1.0) * np.log1p(squared / _FREEDOM).sum(axis=1)
+        log_like += 0.5 * np.log(variance / self.start_sd**2) - 0.5 * (start / self.start_sd) ** 2
+        prior = (_normal_weights(_HALFWAY)[:, None] * _normal_weights(_PACE)).ravel()
+        log_weight = np.log(prior) + log_like - np.log(noise_sd).sum()
+        top = float(log_weight.max())
+        weight = np.exp(log_weight - top)
+        each = np.repeat(weight / weight.sum(), _START.size) * np.tile(_START_WEIGHT, weight.size)
+        hard = self.hard + start[:, None] + np.sqrt(variance)[:, None] * _START
+        return Courses(
+            halfway_day=np.repeat(halfway, _START.size),
+            pace_days=np.repeat(pace, _START.size),
+            hard=np.maximum(hard.ravel(), self.soft + _LEAST_FALL),
+            soft=self.soft,
+            weight=each / each.sum(),
+            log_evidence=top + float(np.log(weight.sum())),
+        )
+
+    def _mean_sd(self, day: DayFelt) -> float:
+        """Return the doubt of a day's mean that comes from the scatter of its grasps."""
+        seen = day.grasps - 1
+        own = seen * day.spread**2 if seen else 0.0
+        variance = (_USUAL_GRASPS * self.grasp_sd**2 + own) / (_USUAL_GRASPS + seen)
+        return math.sqrt(variance / day.grasps)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Courses:
+    """Possible courses of one item with their probabilities; arrays of shape (courses,)."""
+
+    halfway_day: FloatArray
+    pace_days: FloatArray
+    hard: FloatArray
+    soft: float
+    weight: FloatArray
+    log_evidence: float
+
+    def firmness(self, day: ArrayLike) -> FloatArray:
+        """Return the firmness of every course on days, shape (courses, days)."""
+        left = _left(np.atleast_1d(day), self.halfway_day, self.pace_days)
+        return np.asarray(self.soft + (self.hard[:, None] - self.soft) * left)
+
+    def mean_firmness(self, day: float) -> float:
+        """Return the expected firmness on a day."""
+        return float(self.weight @ self.firmness(day)[:, 0])
+
+    def day_below(self, firmness: float) -> FloatArray:
+        """Return for every course the day on which it falls below a firmness, shape (courses,).
+
+        Infinite where it never does, minus infinity where it was never above.
+        """
+        share = (firmness - self.soft) / (self.hard - self.soft)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            day = self.halfway_day + self.pace_days * np.log(1.0 / share - 1.0)
+        return np.where(share <= 0, np.inf, np.where(share >= 1, -np.inf, day))
+
+    def quantile(self, values: FloatArray, q: ArrayLike) -> FloatArray:
+        """Return weighted quantiles of one value per course."""
+        order = np.argsort(values)
+        reached = np.cumsum(self.weight[order])
+        index = np.searchsorted(reached, np.asarray(q) * reached[-1])
+        return np.asarray(values[order][np.minimum(index, values.size - 1)])
+
+
+def _left(day: FloatArray, halfway_day: FloatArray, pace_days: FloatArray) -> FloatArray:
+    """Return what is left of the fall on each day of each course, shape (courses, days)."""
+    since = np.asarray(day, dtype=float) - halfway_day[:, None]
+    return np.asarray(0.5 * (1.0 - np.tanh(0.5 * since / pace_days[:, None])))
+
+
+def _normal_weights(steps: FloatArray) -> FloatArray:
+    density = np.exp(-0.5 * steps**2)
+    return np.asarray(density / density.sum())
+
+
+def _beginning(felt: FloatArray, last_day: float) -> dict[str, float]:
+    """Return beliefs before learning, from the range of all that was felt."""
+    low, high = (float(level) for level in np.quantile(felt, [0.05, 0.95]))
+    fall = max(high - low, 1e-3)
+    return {"low": low, "high": high, "fall": fall, "last_day": max(last_day, 1.0)}
+
+
+def _grasp_sd(items: Sequence[Sequence[DayFelt]]) -> float:
+    """Return the pooled scatter from grasp to grasp of one day; 0 where none was grasped twice."""
+    days = [day for item in items for day in item if day.grasps > 1]
+    freedom = sum(day.grasps - 1 for day in days)
+    squared = sum((day.grasps - 1) * day.spread**2 for day in days)
+    return math.sqrt(squared / freedom) if freedom else 0.0
+
+
+def _course(begin: dict[str, float], offset: FloatArray, *, items: int) -> Course:
+    """Return the course at offsets, in standard deviations, from the beliefs before learning."""
+    fall, days = begin["fall"], begin["last_day"]
+    return Course(
+        hard=begin["high"] + 0.25 * fall * float(offset[0]),
+        soft=begin["low"] + 0.25 * fall * float(offset[1]),
+        start_sd=0.1 * fall * float(np.exp(0.5 * offset[2])),
+        halfway_day=days * (0.5 + 0.5 * float(offset[3])),
+        halfway_sd=0.4 * days * float(np.exp(0.4 * offset[4])),
+        pace_days=_USUAL_PACE_DAYS * float(np.exp(0.5 * offset[5])),
+        noise_sd=_USUAL_NOISE_SHARE * fall * float(np.exp(0.7 * offset[6])),
+        grasp_sd=begin["grasp_sd"],
+        items=items,
+    )

@@ -1,0 +1,216 @@
+"""Ripeness of items that the store remembers: learned from what people said of some of them."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from palpate.errors import CalibrationError, InputError
+from palpate.estimate.stiffness import Give
+from palpate.produce.records import About, Drive, Grasp, Source, Verdict
+from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
+from palpate.produce.ripeness.reference_object import Drift
+from palpate.produce.ripeness.rule import Ripeness, RipenessRule, judge_by_first_day
+
+if TYPE_CHECKING:
+    from palpate.produce.store import Store
+
+
+_DAY_S = 86_400.0
+#: A label is of a day on which the item was felt if it was given so near to it, days.
+_SAME_DAY = 0.5
+#: So many labelled items, the last ones labelled, are learned from.
+_MOST_ITEMS = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemHistory:
+    """What one kind of gripper felt of an item, freed of drift where that is known.
+
+    Attributes
+    ----------
+    item_id : str
+        Which item.
+    drive : {"width", "pressure"}
+        The gripper.
+    grasps : tuple of Grasp
+        Those that measured its firmness, oldest first.
+    firmness : tuple of float
+        Of each grasp.
+    days : tuple of DayFelt
+        The same by day.
+    """
+
+    item_id: str
+    drive: Drive
+    grasps: tuple[Grasp, ...]
+    firmness: tuple[float, ...]
+    days: tuple[DayFelt, ...]
+
+    def day_of(self, when: datetime) -> float:
+        """Return a time in days since the first grasp."""
+        return (when - self.grasps[0].taken_at).total_seconds() / _DAY_S
+
+    def nearest_day(self, when: datetime) -> int:
+        """Return the number of the day felt nearest to a time."""
+        at = self.day_of(when)
+        return min(range(len(self.days)), key=lambda k: abs(self.days[k].day - at))
+
+
+def history_of(
+    grasps: Sequence[Grasp], *, item_id: str, drive: Drive, drift: Drift | None = None
+) -> ItemHistory:
+    """Return what a kind of gripper felt of an item; without any day where it felt nothing."""
+    felt: list[tuple[Grasp, float]] = []
+    for grasp in grasps:
+        firmness = firmness_of(grasp) if grasp.drive == drive else None
+        if firmness is not None:
+            felt.append((grasp, firmness if drift is None else drift.freed(firmness, grasp=grasp)))
+    return ItemHistory(
+        item_id=item_id,
+        drive=drive,
+        grasps=tuple(grasp for grasp, _ in felt),
+        firmness=tuple(firmness for _, firmness in felt),
+        days=by_day((grasp.taken_at, firmness) for grasp, firmness in felt),
+    )
+
+
+def drift_of(store: Store, reference_id: str, *, drive: Drive) -> Drift:
+    """Return the drift that the reference object shows.
+
+    Raises
+    ------
+    InputError
+        If it is not in the store, or was felt on fewer than two days.
+    """
+    store.item(reference_id)
+    grasps = store.grasps_of(reference_id)
+    return Drift.learn(grasps, drive=drive, give=_give(store, grasps, drive=drive))
+
+
+def learn_rule(
+    store: Store,
+    *,
+    kind: str,
+    drive: Drive,
+    stages: Sequence[str],
+    drift: Drift | None = None,
+) -> RipenessRule:
+    """Learn from the items of a kind of which a person said how ripe they were.
+
+    Raises
+    ------
+    InputError
+        If there are too few, or a stage was never said.
+    """
+    said = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
+    items = list(dict.fromkeys(verdict.item_id for verdict in reversed(said)))[:_MOST_ITEMS]
+    days, labels = [], []
+    for item_id in items:
+        history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive, drift=drift)
+        if history.days:
+            days.append(history.days)
+            labels.append(_labels(history, (one for one in said if one.item_id == item_id)))
+    if not days:
+        raise InputError(
+            f"no {kind} that a gripper driven by {drive} felt was labelled; say of some how ripe "
+            f"they are: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
+        )
+    return RipenessRule.learn(days, labels=labels, stages=stages)
+
+
+def judge(history: ItemHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
+    """Judge an item by a rule, or by its own first day where there is none.
+
+    Raises
+    ------
+    InputError
+        If it was never felt, or there is no rule and the gripper is driven by pressure.
+    """
+    if not history.days:
+        raise InputError(
+            f"item {history.item_id!r}: no grasp measured its firmness; grasp it with "
+            "`palpate grasp --item`"
+        )
+    if rule is not None:
+        return rule.judge(history.days, ripe=ripe)
+    if history.drive == "pressure":
+        raise InputError(
+            f"item {history.item_id!r}: fingers driven by pressure need labelled items to tell "
+            "stages; say of some how ripe they are (palpate items ITEM --say ripeness=ripe)"
+        )
+    return judge_by_first_day(history.days)
+
+
+def verdict_of(ripeness: Ripeness, history: ItemHistory) -> Verdict:
+    """Return what the store remembers of a judgement; the same one again is the same verdict."""
+    last, days = history.grasps[-1], ripeness.days_to_ripe
+    details: dict[str, object] = {
+        "probabilities": dict(ripeness.probabilities),
+        "firmness": ripeness.firmness,
+        "basis": ripeness.basis,
+    }
+    if days is not None:
+        details |= {
+            "days_to_ripe": days.value,
+            "days_to_ripe_low": days.low,
+            "days_to_ripe_high": days.high,
+        }
+    name = f"ripeness {last.grasp_id} {ripeness.stage} {ripeness.basis} {ripeness.firmness:.9f}"
+    return Verdict(
+        item_id=history.item_id,
+        about=About.RIPENESS,
+        text=ripeness.stage,
+        given_at=last.taken_at,
+        probability=ripeness.probabilities[ripeness.stage],
+        explanation=explanation(ripeness, history),
+        details=details,
+        grasp_id=last.grasp_id,
+        verdict_id=str(uuid.uuid5(uuid.NAMESPACE_OID, name)),
+    )
+
+
+def assumed(ripeness: Ripeness, history: ItemHistory) -> bool:
+    """Whether a judgement is no finding: without labels the first day is hard by assumption."""
+    return ripeness.basis == "first day" and len(history.days) == 1
+
+
+def explanation(ripeness: Ripeness, history: ItemHistory) -> str:
+    """Return why, in a sentence that a person can check."""
+    count, days = len(history.grasps), len(history.days)
+    felt = f"felt {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
+    if assumed(ripeness, history):
+        return f"{felt}: its first day is taken as hard, there is nothing yet to compare it with"
+    chance = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"
+    basis = {
+        "labels": "by items that people labelled",
+        "first day": "by how it softened since its own first day, taken as hard",
+    }[ripeness.basis]
+    return f"{felt}: {chance} {basis}"
+
+
+def _labels(history: ItemHistory, said: Iterable[Verdict]) -> list[str | None]:
+    """Return the label of each day of an item: the last one given near it."""
+    labels: list[str | None] = [None] * len(history.days)
+    for verdict in said:
+        nearest = history.nearest_day(verdict.given_at)
+        if abs(history.days[nearest].day - history.day_of(verdict.given_at)) <= _SAME_DAY:
+            labels[nearest] = verdict.text
+    return labels
+
+
+def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Give | None:
+    """Return how far the gripper gives way, where the store has a calibration that says so."""
+    known = [grasp.calibration_id for grasp in grasps if grasp.calibration_id is not None]
+    if drive != "width" or not known:
+        return None
+    block = json.loads(store.calibration(known[0])).get("block", {})
+    try:
+        return Give.fit(block["force_n"], width_mm=block["width_mm"], block_mm=block["block_mm"])
+    except (CalibrationError, KeyError, ValueError):
+        # Made without a block: then drift is taken to reach every fruit alike.
+        return None

@@ -1,0 +1,128 @@
+"""How many pixels share the load of an item, freed of its size and of how hard it was pressed.
+
+Under the same force a soft item lies against more of the pad than a hard one does; but so does a
+larger one, and one that is pressed harder. All three reach the radius of contact through one number
+(Hertz): it goes with the cube root of F R^1.5 / c, where c is the force at 1 mm. So an item is as
+soft as one of the usual size under the usual force would be whose F R^1.5 / c is the same, and what
+size and force did to the sharing is put back by as much as it rises with the force.
+
+How much that is, each grasp shows itself while it closes. Where few pixels are reached it is
+nothing, and never more than the cube root, for the pixels of a finger lie in a row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.belief import Observation
+from palpate.grasp.result import GraspResult
+from palpate.produce.felt_pixels import MEAN_S, answered_s, percent_until
+from palpate.produce.records import MEASURED
+from palpate.produce.ripeness.closing import CONTACT_WIDTH
+from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
+from palpate.sensor.array import ArrayLayout
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import relative_change_percent, total_excess
+
+#: Name of this measurement.
+NAME = "shared_pixels"
+#: Sharing is told as of an item so wide, mm.
+_USUAL_MM = 60.0
+#: Hertz, see above: the power of R beside that of F, and that of both in the radius.
+_SIZE_POWER, _RADIUS_POWER = 1.5, 1.0 / 3.0
+#: Excess conductance of Velostat goes with about this power of the force.
+_EXCESS_POWER = 1.3
+#: The rise of the sharing is taken from where this share of the last load was felt.
+_EARLIER = 0.5
+#: A pixel's resistance does not fall to less than this.
+_LEAST_LEFT_PERCENT = 0.1
+
+
+def shared_pixels(
+    observations: Sequence[Observation],
+    *,
+    result: GraspResult,
+    layout: ArrayLayout,
+    measured: Mapping[str, Measurement],
+) -> dict[str, Measurement]:
+    """Return the number of pixels by its name; nothing where the width at contact is not known.
+
+    Its interval reaches from what was read to the whole cube root.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        Of the whole grasp, as `run_grasp` tells its subscribers.
+    result : GraspResult
+        Of that grasp.
+    layout : ArrayLayout
+        Of its frames.
+    measured : mapping of str to Measurement
+        What was measured: `force_n` and `contact_mm` are used.
+    """
+    until_s = answered_s(result)
+    width, force = measured.get(CONTACT_WIDTH), measured.get("force_n")
+    if until_s is None or width is None or force is None or min(width.value, force.value) <= 0:
+        return {}
+    held = percent_until(until_s, observations=observations, layout=layout)
+    sharing = minus_log_sharing(held)
+    if sharing is None:
+        return {}
+    beyond = math.log(force.value / RIPENESS_N) + _SIZE_POWER * math.log(width.value / _USUAL_MM)
+    closing = _closing(observations, until_s=until_s)
+    rise = _rise(closing, held=held, layout=layout)
+    value, read, most = (
+        math.exp(-sharing - power * beyond) for power in (rise, 0.0, _RADIUS_POWER)
+    )
+    return {
+        NAME: Measurement(
+            value=value, low=min(read, most), high=max(read, most), unit=MEASURED[NAME]
+        )
+    }
+
+
+def _closing(observations: Sequence[Observation], *, until_s: float) -> Sequence[Observation]:
+    """Return what was seen until the fingers had their largest pressure."""
+    pressure_kpa = [one.gripper.pressure_kpa for one in observations if one.frame.time_s <= until_s]
+    return observations[: int(np.nanargmax(pressure_kpa)) + 1]
+
+
+def _rise(closing: Sequence[Observation], *, held: FloatArray, layout: ArrayLayout) -> float:
+    """Return the power of the force with which sharing rose over the last half of the load.
+
+    It is 0 where none of the load, or no less of it, was felt in the mean up to that moment.
+    """
+    light = np.flatnonzero(_load(_percent(closing, layout=layout)) < _EARLIER * _load(held))
+    if not light.size:
+        return 0.0
+    at_s = closing[int(light[-1])].frame.time_s
+    earlier = percent_until(at_s, observations=closing, layout=layout)
+    before, after = minus_log_sharing(earlier), minus_log_sharing(held)
+    light_load, load = float(_load(earlier)), float(_load(held))
+    if before is None or after is None or not 0.0 < light_load < load:
+        return 0.0
+    rise = _EXCESS_POWER * (before - after) / math.log(load / light_load)
+    return min(max(rise, 0.0), _RADIUS_POWER)
+
+
+def _percent(observations: Sequence[Observation], *, layout: ArrayLayout) -> FloatArray:
+    """Return the relative change in every frame, shape (frames, rows, cols)."""
+    first = observations[0].frame
+    ohm = pixel_resistance_ohm(
+        np.stack([one.frame.counts for one in observations]),
+        layout=layout,
+        oversampling=first.oversampling,
+    )
+    rested = [one.frame.time_s < first.time_s + MEAN_S for one in observations]
+    return relative_change_percent(ohm, rest_ohm=ohm[rested].mean(axis=0))
+
+
+def _load(percent: FloatArray) -> FloatArray:
+    """Return the excess conductance summed over pixels."""
+    left = np.maximum(100.0 + percent, _LEAST_LEFT_PERCENT) / 100.0
+    return total_excess(1.0 / left - 1.0)

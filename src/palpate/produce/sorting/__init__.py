@@ -1,0 +1,1 @@
+"""Readable rules, and what bin they send an item to."""

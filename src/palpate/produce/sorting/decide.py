@@ -1,0 +1,173 @@
+"""Which bin: the rules applied to what is known of an item, and the reason in a sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from palpate.produce.identify.identifier import UNKNOWN
+from palpate.produce.sorting.rules import Evidence, Rule, RuleBook
+
+Says = Literal["yes", "no", "unsure"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """Where an item goes.
+
+    Attributes
+    ----------
+    bin : str
+        The bin; the default one where no rule is sure.
+    rule : Rule or None
+        The rule that says so; None for the default.
+    probability : float or None
+        That all the rule's conditions hold; None for the default.
+    again : bool
+        Whether another grasp may settle what is unsure; the bin then is only for now.
+    why : str
+        The reason, for people.
+    """
+
+    bin: str
+    rule: Rule | None
+    probability: float | None
+    again: bool
+    why: str
+
+
+def decide(book: RuleBook, evidence: Evidence) -> Decision:
+    """Apply the rules: the first that is sure of all its conditions wins.
+
+    Where an earlier rule can't tell yet, or none is sure, another grasp is asked for, as long as
+    it can help and there are grasps left. What looks unknown at its first grasp is grasped again
+    too: one bad grasp is no stranger.
+
+    Parameters
+    ----------
+    book : RuleBook
+        The rules.
+    evidence : Evidence
+        All that is known, every grasp so far together.
+
+    Examples
+    --------
+    >>> from palpate.estimate.measurement import Measurement
+    >>> from palpate.produce.sorting.rules import Span
+    >>> small = Rule(bin="small", size_mm=Span(low=0, high=45), line=2)
+    >>> book = RuleBook(rules=(small,), default_bin="by hand", most_grasps=2)
+    >>> size = Measurement(value=44.0, low=43.5, high=44.5, unit="mm")
+    >>> decide(book, Evidence(size_mm=size, grasps=1)).why
+    'small: 44.0 mm (43.5 to 44.5) within 0 to 45, together 100 % (rule of line 2); 1 grasp'
+    >>> size = Measurement(value=45.0, low=44.0, high=46.0, unit="mm")
+    >>> decide(book, Evidence(size_mm=size, grasps=1)).again
+    True
+    """
+    left = evidence.grasps < book.most_grasps
+    open_before, sure = False, None
+    for rule in book.rules:
+        says, helps = _verdict(rule, evidence)
+        if says == "yes":
+            sure = rule
+            break
+        open_before = open_before or helps
+    rejected = evidence.identity is not None and evidence.identity.rejected
+    doubted = rejected and evidence.grasps < 2
+    again = left and (open_before or doubted or evidence.grasps == 0)
+    count = f"{evidence.grasps} grasp{'s' if evidence.grasps != 1 else ''}"
+    if sure is None:
+        why = f"{book.default_bin} (default): {_no_rule(book, evidence)}; {count}"
+        return Decision(bin=book.default_bin, rule=None, probability=None, again=again, why=why)
+    probability = sure.probability(evidence)[0]
+    why = (
+        f"{sure.bin}: {_reasons(sure, evidence)}, together {_percent(probability)} "
+        f"(rule of line {sure.line}); {count}"
+    )
+    return Decision(bin=sure.bin, rule=sure, probability=probability, again=again, why=why)
+
+
+def _verdict(rule: Rule, evidence: Evidence) -> tuple[Says, bool]:
+    """Return what a rule says, and whether another grasp may change a doubt of it."""
+    low, high = rule.probability(evidence)
+    if low >= rule.confidence:
+        return "yes", False
+    if high <= 1.0 - rule.confidence:
+        return "no", False
+    # A grasp tells kind and size. A verdict that was never given stays unknown.
+    by_touch = rule.kinds is not None or rule.size_mm is not None
+    missing = (rule.ripeness is not None and not evidence.ripeness) or (
+        rule.bruised is not None and evidence.bruised is None
+    )
+    return "unsure", by_touch and not missing
+
+
+def _reasons(rule: Rule, evidence: Evidence) -> str:
+    parts = []
+    if rule.kinds is not None:
+        parts.append(_kind_words(evidence))
+    if rule.size_mm is not None and evidence.size_mm is not None:
+        size = evidence.size_mm
+        parts.append(
+            f"{size.value:.1f} mm ({size.low:.1f} to {size.high:.1f}) within "
+            f"{rule.size_mm.low:g} to {rule.size_mm.high:g}"
+        )
+    if rule.ripeness is not None:
+        best = max(rule.ripeness, key=lambda stage: evidence.ripeness.get(stage, 0.0))
+        parts.append(f"{best} {_percent(evidence.ripeness.get(best, 0.0))}")
+    if rule.bruised is not None and evidence.bruised is not None:
+        parts.append(f"bruised {_percent(evidence.bruised)}")
+    return ", ".join(parts)
+
+
+def _all_words(book: RuleBook, evidence: Evidence) -> str:
+    """Name all that is known of what any rule asks for."""
+    parts = [_kind_words(evidence)]
+    if evidence.ripeness and any(rule.ripeness is not None for rule in book.rules):
+        best = max(evidence.ripeness, key=lambda stage: evidence.ripeness[stage])
+        parts.append(f"{best} {_percent(evidence.ripeness[best])}")
+    if evidence.bruised is not None and any(rule.bruised is not None for rule in book.rules):
+        parts.append(f"bruised {_percent(evidence.bruised)}")
+    return ", ".join(parts)
+
+
+def _kind_words(evidence: Evidence) -> str:
+    identity = evidence.identity
+    if identity is None:
+        return "not measured"
+    if identity.rejected:
+        return f"like no kind taught ({_percent(identity.usual)} of those taught are as unusual)"
+    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
+    named = [
+        (f"something else {_percent(p)}" if kind == UNKNOWN else f"{kind} {_percent(p)}")
+        for kind, p in ranked[:2]
+        if p >= 0.05
+    ]
+    return " or ".join(named)
+
+
+def _no_rule(book: RuleBook, evidence: Evidence) -> str:
+    """Say why no rule is sure: the one that came nearest, and what it lacked."""
+    nearest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
+    low, high = nearest.probability(evidence)
+    known = _all_words(book, evidence)
+    if high <= 1.0 - nearest.confidence:
+        return f"{known}, which no rule takes"
+    lacking = _lacking(nearest, evidence)
+    if lacking:
+        return f"{known}; the rule of line {nearest.line} asks {lacking}, which is not known"
+    return (
+        f"{known}; the rule of line {nearest.line} ({nearest.bin}) comes nearest with "
+        f"{_percent(low)} of {_percent(nearest.confidence)}"
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 0.01 else f"{100 * share:.0f} %"
+
+
+def _lacking(rule: Rule, evidence: Evidence) -> str:
+    if rule.ripeness is not None and not evidence.ripeness:
+        return "how ripe it is"
+    if rule.bruised is not None and evidence.bruised is None:
+        return "whether it is bruised"
+    return ""

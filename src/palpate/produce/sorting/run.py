@@ -1,0 +1,161 @@
+"""One item from the first grasp to its bin, grasped again while that helps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.identify.features import put_together
+from palpate.produce.identify.identifier import Identifier, Identity, as_labelled
+from palpate.produce.identify.items import touches_of
+from palpate.produce.records import About, Drive, Grasp, Verdict
+from palpate.produce.sorting.decide import Decision, decide
+from palpate.produce.sorting.hand import TimedGrasp
+from palpate.produce.sorting.rules import Evidence, RuleBook
+
+#: Until repeated grasps of taught items tell how much of a size's error differs between grasps.
+_OWN_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sorted:
+    """One item, sorted.
+
+    Attributes
+    ----------
+    item_id : str
+        Which item.
+    decision : Decision
+        Its bin and the reason.
+    identity : Identity or None
+        What it is; None if no grasp told.
+    size_mm : Measurement or None
+        Its size, from all grasps.
+    grasps : tuple of Grasp
+        In order, those that failed included.
+    grasping_s : float
+        Time that the hand spent on it.
+    """
+
+    item_id: str
+    decision: Decision
+    identity: Identity | None
+    size_mm: Measurement | None
+    grasps: tuple[Grasp, ...]
+    grasping_s: float
+
+
+def sort_item(
+    item_id: str,
+    *,
+    book: RuleBook,
+    identifier: Identifier | None,
+    grasp: Callable[[int, Measurement | None], TimedGrasp],
+    kind: str | None = None,
+    verdicts: Sequence[Verdict] = (),
+) -> Sorted:
+    """Grasp an item until the rules are sure, or grasps are used up.
+
+    Parameters
+    ----------
+    item_id : str
+        Which item.
+    book : RuleBook
+        The rules.
+    identifier : Identifier or None
+        What was taught; None for rules that ask for no class.
+    grasp : callable
+        Given the number of the grasp and the size known so far, turns the item, grasps it and
+        returns the grasp.
+    kind : str or None
+        What it is, where a person said so: then nothing is guessed.
+    verdicts : sequence of Verdict
+        What is known already: the last ones on ripeness and bruises count.
+    """
+    done: list[TimedGrasp] = []
+    while True:
+        grasps = [one.grasp for one in done]
+        evidence = evidence_of(grasps, identifier=identifier, kind=kind, verdicts=verdicts)
+        decision = decide(book, evidence)
+        if not decision.again:
+            return Sorted(
+                item_id=item_id,
+                decision=decision,
+                identity=evidence.identity,
+                size_mm=evidence.size_mm,
+                grasps=tuple(grasps),
+                grasping_s=sum(one.lasted_s for one in done),
+            )
+        done.append(grasp(len(done), evidence.size_mm))
+
+
+def evidence_of(
+    grasps: Sequence[Grasp],
+    *,
+    identifier: Identifier | None,
+    kind: str | None = None,
+    verdicts: Sequence[Verdict] = (),
+) -> Evidence:
+    """Put together what grasps and verdicts tell of an item."""
+    held = [one for one in grasps if one.outcome is Outcome.HELD]
+    drive: Drive = held[-1].drive if held else "width"
+    touches = touches_of(held, drive=drive)
+    identity = None if kind is None else as_labelled(kind)
+    if identity is None and identifier is not None and touches:
+        identity = identifier.identify(touches)
+    sizes = [one.measurements["size_mm"] for one in held if "size_mm" in one.measurements]
+    own_share = _OWN_SHARE if identifier is None else float(identifier.own_share[0])
+    return Evidence(
+        identity=identity,
+        size_mm=put_together(sizes, own_share=own_share) if sizes else None,
+        ripeness=_ripeness(verdicts),
+        bruised=_bruised(verdicts),
+        grasps=len(grasps),
+    )
+
+
+def _last(verdicts: Sequence[Verdict], about: About) -> Verdict | None:
+    return max(
+        (one for one in verdicts if one.about is about),
+        key=lambda verdict: verdict.given_at,
+        default=None,
+    )
+
+
+def _ripeness(verdicts: Sequence[Verdict]) -> dict[str, float]:
+    """Return the probability of each stage; of one only, where no more was said."""
+    said = _last(verdicts, About.RIPENESS)
+    if said is None:
+        return {}
+    stages = said.details.get("probabilities")
+    if isinstance(stages, Mapping):
+        return {str(stage): float(p) for stage, p in stages.items()}
+    return {said.text: 1.0 if said.probability is None else said.probability}
+
+
+def _bruised(verdicts: Sequence[Verdict]) -> float | None:
+    """Return the probability of a bruise, whichever way the verdict was put."""
+    said = _last(verdicts, About.BRUISE)
+    if said is None:
+        return None
+    sure = 1.0 if said.probability is None else said.probability
+    return sure if said.text == "bruised" else 1.0 - sure
+
+
+def bin_verdict(done: Sorted, *, given_at: datetime) -> Verdict:
+    """Put a decision into the form that the store keeps."""
+    return Verdict(
+        item_id=done.item_id,
+        about=About.BIN,
+        text=done.decision.bin,
+        given_at=given_at,
+        probability=done.decision.probability,
+        explanation=done.decision.why,
+        details={
+            "rule_line": None if done.decision.rule is None else done.decision.rule.line,
+            "grasps": len(done.grasps),
+        },
+    )

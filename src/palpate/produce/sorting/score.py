@@ -1,0 +1,118 @@
+"""How well a crate was sorted: purity of each bin, and items per hour."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.estimate.measurement import Measurement
+from palpate.produce.identify.identifier import UNKNOWN, as_labelled
+from palpate.produce.sorting.decide import decide
+from palpate.produce.sorting.rules import Evidence, RuleBook
+
+#: What no grasp measures, and is taken for granted in items per hour: bringing an item and carrying
+#: it to its bin, and turning it for another grasp.
+CARRY_S, TURN_S = 4.0, 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """One item that went to a bin.
+
+    Attributes
+    ----------
+    bin : str
+        Where it went.
+    belongs : str or None
+        Where it belongs; None where nobody knows.
+    grasps : int
+        How often it was grasped.
+    grasping_s : float
+        Time in the hand.
+    """
+
+    bin: str
+    belongs: str | None
+    grasps: int
+    grasping_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """A crate that was sorted.
+
+    Attributes
+    ----------
+    items : int
+        In all.
+    left_over : float
+        Share that went to the default bin.
+    purity : float or None
+        Of what went to a bin by a rule and whose place is known, the share that belongs there.
+    bins : dict of str to (int, int)
+        Items in each bin, and how many of them belong there.
+    grasps_per_item, items_per_hour : float
+        `CARRY_S` and `TURN_S` included; they are assumed, not measured.
+    """
+
+    items: int
+    left_over: float
+    purity: float | None
+    bins: dict[str, tuple[int, int]]
+    grasps_per_item: float
+    items_per_hour: float
+
+
+def score(placed: Sequence[Placed], *, book: RuleBook) -> Score:
+    """Return how well a crate was sorted.
+
+    Raises
+    ------
+    ValueError
+        If there is no item.
+
+    Examples
+    --------
+    >>> from palpate.produce.sorting.rules import Rule
+    >>> book = RuleBook(rules=(Rule(bin="kiwi"),), default_bin="by hand")
+    >>> done = [Placed(bin="kiwi", belongs=b, grasps=1, grasping_s=14.0) for b in ("kiwi", "egg")]
+    >>> found = score(done, book=book)
+    >>> found.purity, found.items_per_hour
+    (0.5, 200.0)
+    """
+    if not placed:
+        raise ValueError("there is no sorted item to score")
+    by_rule = [one for one in placed if one.bin != book.default_bin]
+    known = [one for one in by_rule if one.belongs is not None]
+    bins = {
+        name: (
+            sum(one.bin == name for one in placed),
+            sum(one.bin == name == one.belongs for one in placed),
+        )
+        for name in book.bins
+    }
+    busy_s = sum(one.grasping_s + CARRY_S + TURN_S * max(one.grasps - 1, 0) for one in placed)
+    return Score(
+        items=len(placed),
+        left_over=1.0 - len(by_rule) / len(placed),
+        purity=sum(o.bin == o.belongs for o in known) / len(known) if known else None,
+        bins={name: counts for name, counts in bins.items() if counts[0]},
+        grasps_per_item=sum(one.grasps for one in placed) / len(placed),
+        items_per_hour=3600.0 * len(placed) / busy_s,
+    )
+
+
+def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
+    """Return the bin of an item of which everything is known; ripeness and bruises apart.
+
+    Examples
+    --------
+    >>> from palpate.produce.sorting.rules import Rule
+    >>> book = RuleBook(rules=(Rule(bin="a", kinds=frozenset({"egg"})),), default_bin="rest")
+    >>> where_it_belongs(book, kind="egg", taught=True, size_mm=44.0)
+    'a'
+    """
+    identity = as_labelled(kind if taught else UNKNOWN)
+    size = Measurement(value=size_mm, low=size_mm, high=size_mm, unit="mm")
+    known = Evidence(identity=identity, size_mm=size, grasps=book.most_grasps)
+    return decide(book, known).bin

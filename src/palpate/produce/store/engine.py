@@ -1,0 +1,222 @@
+"""From what a user calls a store to an open database, and its faults in one line each."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from palpate.errors import InputError, StoreAwayError, StoreError, needing
+from palpate.produce.store.sql import sa
+
+#: Environment variable and file name of the store, where none is named.
+STORE_VARIABLE = "PALPATE_STORE"
+DEFAULT_STORE = "palpate-items.sqlite"
+#: How long a writer waits for the others, seconds. A write takes milliseconds.
+LOCK_TIMEOUT_S = 10.0
+_CONNECT_TIMEOUT_S = 5
+
+#: Start of SQLite's error name -> whether trying later may help, what it means, what to do.
+_SQLITE_FAULTS: Mapping[str, tuple[bool, str]] = {
+    "SQLITE_BUSY": (True, "locked by another program for {wait:g} s; close it and try again"),
+    "SQLITE_LOCKED": (True, "locked by another program for {wait:g} s; close it and try again"),
+    "SQLITE_FULL": (True, "the disk is full; make room and try again"),
+    "SQLITE_IOERR": (True, "the disk failed to read or write; check it and try again"),
+    "SQLITE_READONLY": (False, "read-only; change the rights of the file and its folder"),
+    "SQLITE_PERM": (False, "no right to it; change the rights of the file and its folder"),
+    "SQLITE_NOTADB": (False, "not a store (no SQLite database); name another file"),
+    "SQLITE_CORRUPT": (False, "damaged; take it from a backup, or try `sqlite3 FILE .recover`"),
+    "SQLITE_CANTOPEN": (False, "can't be opened; check the folder and its rights"),
+}
+#: Start of PostgreSQL's SQLSTATE (appendix A of its manual) -> the same.
+_POSTGRESQL_FAULTS: Mapping[str, tuple[bool, str]] = {
+    "53100": (True, "the server's disk is full; make room and try again"),
+    "55P03": (True, "locked by another program for {wait:g} s; close it and try again"),
+    "57P": (True, "the server is shutting down or starting; try again"),
+    "53": (True, "the server is out of connections or memory; try again later"),
+    "40": (True, "two writers got in each other's way; try again"),
+    "08": (True, "the connection was lost; check the server and try again"),
+    "25006": (False, "read-only; name the primary server"),
+    "28": (False, "the server refused the user or password; check the URL"),
+    "3D000": (False, "no such database on the server; make it with `createdb`"),
+    "42501": (False, "the user lacks rights to it; ask for CREATE, SELECT, INSERT and UPDATE"),
+}
+
+
+def store_url(where: str | Path | None) -> sa.URL:
+    """Return the URL of a store.
+
+    Parameters
+    ----------
+    where : str, path or None
+        A file, a ``sqlite:`` or ``postgresql:`` URL; None for ``$PALPATE_STORE``, else
+        ``palpate-items.sqlite`` in the current folder.
+
+    Raises
+    ------
+    InputError
+        If it is a URL of another database, or none.
+
+    Examples
+    --------
+    >>> str(store_url("monday.sqlite"))
+    'sqlite:///monday.sqlite'
+    >>> str(store_url("postgresql://hall3/palpate"))
+    'postgresql+psycopg://hall3/palpate'
+    """
+    named = str(where or os.environ.get(STORE_VARIABLE) or DEFAULT_STORE)
+    if "://" not in named:
+        return sa.URL.create("sqlite", database=named)
+    try:
+        url = sa.make_url(named)
+    except (sa.exc.ArgumentError, ValueError) as error:
+        raise InputError(f"store {named.split('@')[-1]!r}: not a URL ({error})") from error
+    driver = url.get_backend_name()
+    if driver in ("postgresql", "postgres"):
+        return url.set(drivername="postgresql+psycopg")
+    if driver == "sqlite":
+        return url
+    raise InputError(
+        f"store {driver}://...: must be a file, or a URL that begins with sqlite:/// or "
+        "postgresql://"
+    )
+
+
+def url_to_read(url: sa.URL) -> sa.URL:
+    """Return the URL of an SQLite file for reading, which may lie on a medium without writing.
+
+    SQLite wants to put helper files into the folder, and refuses one where it can't, unless it is
+    told that nobody writes. Where a helper file lies there, somebody did: then nothing is changed.
+    """
+    path = Path(url.database or "")
+    helper = Path(f"{path}-wal")
+    if helper.exists() or os.access(path.parent, os.W_OK, effective_ids=True):
+        return url
+    unchanging = {"mode": "ro", "immutable": "1", "uri": "true"}
+    return url.set(database=f"file:{quote(str(path))}", query=unchanging)
+
+
+def shown(url: sa.URL) -> str:
+    """Return what to call a store in messages: its file, or its URL without the password."""
+    if url.get_backend_name() == "sqlite":
+        return f"store {url.database or 'in memory'}"
+    return f"store {url.set(drivername='postgresql').render_as_string(hide_password=True)}"
+
+
+def lasting_name(url: sa.URL) -> str:
+    """Return a name of a store that is the same from whatever folder it is named.
+
+    Examples
+    --------
+    >>> lasting_name(store_url("/data/monday.sqlite"))
+    'store /data/monday.sqlite'
+    """
+    if url.get_backend_name() == "sqlite" and url.database:
+        return shown(url.set(database=str(Path(url.database).resolve())))
+    return shown(url)
+
+
+def make_engine(url: sa.URL) -> sa.Engine:
+    """Return an engine with safe settings for several processes; nothing is opened yet.
+
+    Raises
+    ------
+    MissingExtraError
+        If PostgreSQL is asked for without its driver.
+    """
+    if url.get_backend_name() == "sqlite":
+        engine = sa.create_engine(url, connect_args={"timeout": LOCK_TIMEOUT_S})
+        sa.event.listen(engine, "connect", _prepare_sqlite)
+        sa.event.listen(engine, "begin", _begin_sqlite)
+        return engine
+    settings = f"-c lock_timeout={LOCK_TIMEOUT_S:g}s"
+    if "options" in url.query:
+        settings = f"{url.query['options']} {settings}"
+    url = url.update_query_dict({"options": settings})
+    if "connect_timeout" not in url.query:
+        url = url.update_query_dict({"connect_timeout": str(_CONNECT_TIMEOUT_S)})
+    with needing("a store on PostgreSQL", extra="postgresql"):
+        from palpate.produce.store.postgresql import AnsweringConnection
+
+        engine = sa.create_engine(url, pool_pre_ping=True)
+
+    def connect(dialect: object, record: object, arguments: Any, options: Any) -> Any:
+        return AnsweringConnection.connect(*arguments, **options)
+
+    sa.event.listen(engine, "do_connect", connect)
+    return engine
+
+
+@contextmanager
+def faults_of(where: str) -> Iterator[None]:
+    """Turn what a database raises into one line.
+
+    Raises
+    ------
+    StoreAwayError
+        If it does not answer now: trying later may help.
+    StoreError
+        If it can't be used as it is.
+    InputError
+        If a record refers to one that the store does not have.
+    """
+    try:
+        yield
+    except sa.exc.IntegrityError as error:
+        raise InputError(
+            f"{where}: refers to an item, grasp or calibration that it does not have; "
+            "add that one first"
+        ) from error
+    except sa.exc.DBAPIError as error:
+        raise _explained(error, where=where) from error
+    except sa.exc.TimeoutError as error:
+        raise StoreAwayError(f"{where}: all its connections are in use; try again") from error
+
+
+def _explained(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
+    origin = error.orig
+    if isinstance(origin, sqlite3.Error):
+        code, known = getattr(origin, "sqlite_errorname", None), _SQLITE_FAULTS
+    else:
+        code, known = getattr(origin, "sqlstate", None), _POSTGRESQL_FAULTS
+    for start, (passing, text) in known.items():
+        if code is not None and code.startswith(start):
+            message = f"{where}: {text.format(wait=LOCK_TIMEOUT_S)}"
+            return StoreAwayError(message) if passing else StoreError(message)
+    said = " ".join(str(origin).split())
+    # A driver that never reached the server has no state to report.
+    if code is None and isinstance(error, sa.exc.OperationalError):
+        return _unreached(said, where=where)
+    return StoreError(f"{where}: {said}")
+
+
+def _unreached(said: str, *, where: str) -> StoreError:
+    """Tell a server that is away from one that answered and refused."""
+    for words, state in (
+        ("authentication failed", "28"),
+        ("no password supplied", "28"),
+        ('role "', "28"),
+        ("does not exist", "3D000"),
+    ):
+        if words in said:
+            return StoreError(f"{where}: {_POSTGRESQL_FAULTS[state][1]}")
+    return StoreAwayError(f"{where}: no answer; check the server and the network ({said})")
+
+
+def _prepare_sqlite(connection: Any, record: object) -> None:
+    del record
+    # The driver's own idea of when a transaction begins is off: `_begin_sqlite` says it.
+    connection.isolation_level = None
+    # WAL: readers and a writer side by side; FULL: what is acknowledged survives a power cut.
+    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _begin_sqlite(connection: sa.Connection) -> None:
+    # A writer asks for its lock at once: one that began as a reader could be refused it later.
+    writes = connection.get_execution_options().get("writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

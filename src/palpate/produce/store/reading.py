@@ -1,0 +1,325 @@
+"""Rows to records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from typing import Any
+
+from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
+from palpate.produce.records import MEASURED, About, Grasp, Item, Reading, Source, Verdict
+from palpate.produce.store.engine import faults_of
+from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
+from palpate.produce.store.sql import sa
+from palpate.settling.result import Status
+
+_READING_COLUMNS = tuple(f.name for f in fields(Reading) if f.name != "measurement")
+#: Numbers in one IN list: below SQLite's bound on parameters in every build.
+_MOST_NUMBERS = 500
+
+#: Grasps fetched at a time where all are asked for.
+_BATCH = 5000
+#: Items whose histories are fetched at a time.
+_ITEMS = 500
+_IN_TIME = (GRASPS.c.taken_at, GRASPS.c.number)
+
+
+def read_items(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Item, ...]:
+    """Return the items that a query over `ITEMS` finds."""
+    return tuple(Item(**row) for row in connection.execute(query).mappings())
+
+
+def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Grasp, ...]:
+    """Return the grasps that a query over `GRASPS` finds, with their measurements."""
+    rows = [dict(row) for row in connection.execute(query).mappings()]
+    numbers = [row.pop("number") for row in rows]
+    measured = _measurements(connection, numbers)
+    return tuple(
+        Grasp(**_grasp_values(row), measurements=measured.get(number, {}))
+        for number, row in zip(numbers, rows, strict=True)
+    )
+
+
+def read_history(connection: sa.Connection, item_id: str, name: str) -> tuple[Reading, ...]:
+    """Return one measurement of an item over its grasps, oldest first."""
+    query = (
+        sa.select(*(GRASPS.c[column] for column in _READING_COLUMNS), MEASUREMENTS)
+        .join(MEASUREMENTS, MEASUREMENTS.c.grasp_number == GRASPS.c.number)
+        .where(GRASPS.c.item_id == item_id, MEASUREMENTS.c.name == name)
+        .order_by(GRASPS.c.taken_at, GRASPS.c.number)
+    )
+    return tuple(
+        Reading(measurement=_measurement(row), **{c: row[c] for c in _READING_COLUMNS})
+        for row in connection.execute(query).mappings()
+    )
+
+
+def read_verdicts(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Verdict, ...]:
+    """Return the verdicts that a query over `VERDICTS` finds."""
+    return tuple(Verdict(**row) for row in connection.execute(query).mappings())
+
+
+def narrowed(
+    query: sa.Select[Any], *, kind: str | None = None, batch: str | None = None
+) -> sa.Select[Any]:
+    """Keep the rows of items of one kind, of one batch."""
+    if kind is not None:
+        query = query.where(ITEMS.c.kind == kind)
+    if batch is not None:
+        query = query.where(ITEMS.c.batch == batch)
+    return query
+
+
+def verdict_query() -> sa.Select[Any]:
+    """Return a query over all verdicts, oldest first."""
+    return sa.select(VERDICTS).order_by(VERDICTS.c.given_at, VERDICTS.c.verdict_id)
+
+
+def _measurements(
+    connection: sa.Connection, numbers: Sequence[int]
+) -> dict[int, dict[str, Measurement]]:
+    found: dict[int, dict[str, Measurement]] = {}
+    for start in range(0, len(numbers), _MOST_NUMBERS):
+        wanted = MEASUREMENTS.c.grasp_number.in_(numbers[start : start + _MOST_NUMBERS])
+        query = sa.select(MEASUREMENTS).where(wanted)
+        for row in connection.execute(query).mappings():
+            found.setdefault(row["grasp_number"], {})[row["name"]] = _measurement(row)
+    return found
+
+
+def _measurement(row: sa.RowMapping) -> Measurement:
+    return Measurement(
+        value=row["value"],
+        low=row["low"],
+        high=row["high"],
+        unit=MEASURED[row["name"]],
+        level=row["level"],
+        status=Status(row["status"]),
+    )
+
+
+def _grasp_values(row: dict[str, Any]) -> dict[str, Any]:
+    pixels = row["pixel_settled_percent"]
+    # JSON has lists where a record has tuples.
+    return row if pixels is None else row | {"pixel_settled_percent": tuple(map(tuple, pixels))}
+
+
+class StoreReader:
+    """The reading half of `Store`.
+
+    Every method raises `StoreAwayError` where the database does not answer now, and `StoreError`
+    where it can't be used as it is.
+
+    Attributes
+    ----------
+    name : str
+        What to call the store in messages.
+    """
+
+    def __init__(self, engine: sa.Engine, *, name: str) -> None:
+        self._reading = engine
+        self.name = name
+
+    def calibration(self, calibration_id: str) -> str:
+        """Return the text of a calibration.
+
+        Raises
+        ------
+        InputError
+            If there is none with this id.
+        """
+        query = sa.select(CALIBRATIONS.c.content).where(
+            CALIBRATIONS.c.calibration_id == calibration_id
+        )
+        with self._read() as connection:
+            text: str | None = connection.scalar(query)
+        if text is None:
+            raise InputError(f"{self.name}: no calibration {calibration_id!r}")
+        return text
+
+    def item(self, item_id: str) -> Item:
+        """Return one item.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        """
+        found = self.items_named([item_id])
+        if not found:
+            raise InputError(f"{self.name}: no item {item_id!r}; `palpate items` lists them")
+        return found[0]
+
+    def items(
+        self,
+        *,
+        kind: str | None = None,
+        batch: str | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+        limit: int | None = None,
+    ) -> tuple[Item, ...]:
+        """Return items, the last met first.
+
+        Parameters
+        ----------
+        kind, batch : str, optional
+            Only those.
+        since, until : datetime, optional
+            Only items first seen at or after `since`, and before `until`.
+        limit : int, optional
+            At most this many.
+        """
+        query = narrowed(sa.select(ITEMS), kind=kind, batch=batch)
+        query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
+        with self._read() as connection:
+            return read_items(connection, _within(query, ITEMS.c.first_seen, since, until))
+
+    def items_named(self, item_ids: Sequence[str]) -> tuple[Item, ...]:
+        """Return several items in the order of the names; those that are not known are left out."""
+        found: dict[str, Item] = {}
+        with self._read() as connection:
+            for start in range(0, len(item_ids), _ITEMS):
+                wanted = ITEMS.c.item_id.in_(item_ids[start : start + _ITEMS])
+                for item in read_items(connection, sa.select(ITEMS).where(wanted)):
+                    found[item.item_id] = item
+        return tuple(found[name] for name in item_ids if name in found)
+
+    def grasps_of(self, item_id: str) -> tuple[Grasp, ...]:
+        """Return the grasps of an item, oldest first; none for an item that is not known."""
+        query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id)
+        with self._read() as connection:
+            return read_grasps(connection, query.order_by(*_IN_TIME))
+
+    def histories(
+        self, item_ids: Sequence[str]
+    ) -> Iterator[tuple[tuple[Grasp, ...], tuple[Verdict, ...]]]:
+        """Yield the grasps and the verdicts of each item, in the order of the names."""
+        for start in range(0, len(item_ids), _ITEMS):
+            names = item_ids[start : start + _ITEMS]
+            grasps: dict[str, list[Grasp]] = {name: [] for name in names}
+            verdicts: dict[str, list[Verdict]] = {name: [] for name in names}
+            felt = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names))
+            said = verdict_query().where(VERDICTS.c.item_id.in_(names))
+            with self._read() as connection:
+                for grasp in read_grasps(connection, felt.order_by(*_IN_TIME)):
+                    grasps[grasp.item_id].append(grasp)
+                for verdict in read_verdicts(connection, said):
+                    verdicts[verdict.item_id].append(verdict)
+            for name in names:
+                yield tuple(grasps[name]), tuple(verdicts[name])
+
+    def grasps(
+        self,
+        *,
+        kind: str | None = None,
+        batch: str | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+    ) -> Iterator[Grasp]:
+        """Yield grasps in the order they were written, in bounded memory.
+
+        Parameters
+        ----------
+        kind, batch : str, optional
+            Only of such items.
+        since, until : datetime, optional
+            Only grasps taken at or after `since`, and before `until`.
+        """
+        query = _within(sa.select(GRASPS), GRASPS.c.taken_at, since, until)
+        if kind is not None or batch is not None:
+            query = narrowed(query.join(ITEMS), kind=kind, batch=batch)
+        query = query.order_by(GRASPS.c.number).limit(_BATCH)
+        last = -1
+        while True:
+            with self._read() as connection:
+                numbers = query.with_only_columns(GRASPS.c.number).where(GRASPS.c.number > last)
+                found = list(connection.scalars(numbers))
+                if not found:
+                    return
+                batch_of = sa.select(GRASPS).where(GRASPS.c.number.in_(found))
+                rows = read_grasps(connection, batch_of.order_by(GRASPS.c.number))
+            yield from rows
+            last = found[-1]
+
+    def history(self, item_id: str, name: str) -> tuple[Reading, ...]:
+        """Return one measurement of an item over its grasps, oldest first.
+
+        Parameters
+        ----------
+        item_id : str
+            Which item.
+        name : str
+            One of `MEASURED`: ``"stiffness_n_per_mm"``, ...
+
+        Raises
+        ------
+        InputError
+            If there is no such measurement.
+        """
+        if name not in MEASURED:
+            raise InputError(f"measurement {name!r}: must be one of {', '.join(MEASURED)}")
+        with self._read() as connection:
+            return read_history(connection, item_id, name)
+
+    def verdicts_of(
+        self, item_id: str, *, about: About | None = None, source: Source | None = None
+    ) -> tuple[Verdict, ...]:
+        """Return what was said of an item, oldest first."""
+        query = verdict_query().where(VERDICTS.c.item_id == item_id)
+        if about is not None:
+            query = query.where(VERDICTS.c.about == str(about))
+        return self._verdicts(query, source)
+
+    def verdicts(
+        self, about: About, *, source: Source | None = None, kind: str | None = None
+    ) -> tuple[Verdict, ...]:
+        """Return what was said of all items, or of those of a kind: labels to learn from."""
+        query = verdict_query().where(VERDICTS.c.about == str(about))
+        if kind is not None:
+            query = narrowed(query.join(ITEMS), kind=kind)
+        return self._verdicts(query, source)
+
+    def of_batch(self, batch: str) -> tuple[Item, ...]:
+        """Return the items of a batch, the first met first."""
+        return self.items(batch=batch)[::-1]
+
+    def of_day(self, day: date, *, zone: tzinfo = UTC) -> tuple[Grasp, ...]:
+        """Return the grasps of one day of a time zone, oldest first."""
+        since, until = (
+            datetime.combine(midnight, time.min, tzinfo=zone)
+            for midnight in (day, day + timedelta(days=1))
+        )
+        query = _within(sa.select(GRASPS), GRASPS.c.taken_at, since, until)
+        with self._read() as connection:
+            return read_grasps(connection, query.order_by(*_IN_TIME))
+
+    def _verdicts(
+        self, query: sa.Select[tuple[object, ...]], source: Source | None
+    ) -> tuple[Verdict, ...]:
+        if source is not None:
+            query = query.where(VERDICTS.c.source == str(source))
+        with self._read() as connection:
+            return read_verdicts(connection, query)
+
+    @contextmanager
+    def _read(self) -> Iterator[sa.Connection]:
+        with faults_of(self.name), self._reading.connect() as connection:
+            yield connection
+
+
+def _within(
+    query: sa.Select[tuple[object, ...]],
+    column: sa.Column[datetime],
+    since: datetime | None,
+    until: datetime | None,
+) -> sa.Select[tuple[object, ...]]:
+    for moment in (since, until):
+        if moment is not None and moment.tzinfo is None:
+            raise InputError(f"{moment.isoformat()}: has no time zone; give one, as in 08:00Z")
+    if since is not None:
+        query = query.where(column >= since)
+    return query if until is None else query.where(column < until)
