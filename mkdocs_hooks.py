@@ -1,17 +1,41 @@
-"""Brings `hardware/` into the site, and turns links that lead there so that they work in both.
+"""Brings `hardware/` and generated tables into the site.
 
 In the repository pages link to `../hardware/README.md` and it links to `../docs/...`; on the site
-the folder lies below the pages.
+the folder lies below the pages. What the tables are made of is in `mkdocs_tables.py`.
 """
 
 from __future__ import annotations
 
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
+import griffe
 from mkdocs.structure.files import File, Files
 
-HARDWARE = Path(__file__).resolve().parent / "hardware"
+ROOT = Path(__file__).resolve().parent
+HARDWARE = ROOT / "hardware"
+
+sys.path.insert(0, str(ROOT))
+from mkdocs_tables import TABLES  # noqa: E402
+
+
+class AsWritten(griffe.Extension):
+    """Lets docstrings through as they are written, where griffe would read something else."""
+
+    def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
+        """Keep `array_like, shape (n,)`, which griffe takes for Python."""
+        if obj.docstring is not None:
+            obj.docstring.value = obj.docstring.value.replace(", shape (", " of shape (")
+
+    def on_function(self, *, func: griffe.Function, **_: Any) -> None:
+        """Give parameters described together each its own default; griffe repeats the first's."""
+        for section in [] if func.docstring is None else func.docstring.parsed:
+            if section.kind is griffe.DocstringSectionKind.parameters:
+                for parameter in section.value:
+                    if parameter.name in func.parameters:
+                        parameter.value = func.parameters[parameter.name].default
 
 
 def on_files(files: Files, *, config: Any) -> Files:
@@ -26,5 +50,6 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Turn links to `hardware/` into links within the site."""
-    return markdown.replace("](../hardware/", "](hardware/")
+    """Turn links to `hardware/` into links within the site, and put the tables in."""
+    markdown = markdown.replace("](../hardware/", "](hardware/")
+    return re.sub(r"<!-- table: ([\w-]+) -->", lambda found: TABLES[found[1]](), markdown)

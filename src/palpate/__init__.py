@@ -1,15 +1,17 @@
 """palpate: examine produce by touch.
 
 Settled values
-    `predict_settled` says where holds settle to, `SettlingStream` does so sample by sample; methods
-    are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`. `read_holds` yields
-    each `Hold` of a file; `read_recording` and `cut_holds` find them in any table, as `Readings`.
+    `predict_settled` predicts where holds settle to, `SettlingStream` does so sample by sample;
+    methods are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`.
+    `read_holds` yields each `Hold` of a file; `read_recording` and `cut_holds` find them in any
+    table, as `Readings`.
 Grasps
-    `open_rig`, `plan_grasp`, `run_grasp`; what is measured is a `Measurement`.
+    `open_rig` opens a `Rig`, `plan_grasp` makes a `Plan`, `run_grasp` returns a `GraspResult` with
+    an `Outcome`; each quantity measured is a `Measurement`.
 Recordings
     `load_recording`.
 Shared
-    `Status` tells how an estimate came about; `PalpateError` is the root of what is raised.
+    `Status` is how an estimate came about; `PalpateError` is the root of what is raised.
 
 Names are loaded on first use, so that ``import palpate`` costs nothing.
 """
@@ -22,12 +24,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from palpate.errors import PalpateError
     from palpate.estimate.measurement import Measurement
+    from palpate.grasp.plan import Plan
     from palpate.grasp.planning import plan_grasp
+    from palpate.grasp.result import GraspResult, Outcome
     from palpate.grasp.runner import run_grasp
     from palpate.holds import Hold, read_holds
     from palpate.readings import Readings, cut_holds, read_recording
     from palpate.recording import load_recording
-    from palpate.rig import open_rig
+    from palpate.rig import Rig, open_rig
     from palpate.settling.exponential import Exponential
     from palpate.settling.predict import predict_settled
     from palpate.settling.recorded import Recorded
@@ -39,12 +43,16 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Exponential",
+    "GraspResult",
     "Hold",
     "Measurement",
+    "Outcome",
     "PalpateError",
+    "Plan",
     "Readings",
     "Recorded",
     "Relaxation",
+    "Rig",
     "SettledEstimate",
     "SettlingStream",
     "Status",
@@ -60,12 +68,16 @@ __all__ = [
 
 _HOMES = {
     "Exponential": "palpate.settling.exponential",
+    "GraspResult": "palpate.grasp.result",
     "Hold": "palpate.holds",
     "Measurement": "palpate.estimate.measurement",
+    "Outcome": "palpate.grasp.result",
     "PalpateError": "palpate.errors",
+    "Plan": "palpate.grasp.plan",
     "Readings": "palpate.readings",
     "Recorded": "palpate.settling.recorded",
     "Relaxation": "palpate.settling.relaxation",
+    "Rig": "palpate.rig",
     "SettledEstimate": "palpate.settling.result",
     "SettlingStream": "palpate.settling.streaming",
     "Status": "palpate.settling.result",
@@ -89,4 +101,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, "__version__"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,25 @@ import palpate
 @pytest.mark.parametrize("name", palpate.__all__)
 def test_every_public_name_exists(name: str) -> None:
     assert getattr(palpate, name).__name__ == name
-    assert name in dir(palpate)
+
+
+def test_the_package_lists_its_public_names_and_nothing_else() -> None:
+    assert dir(palpate) == sorted([*palpate.__all__, "__version__"])
+
+
+def test_every_public_name_has_its_type_where_it_is_loaded_from() -> None:
+    """Type checkers read the imports that never run; they must be the ones that do."""
+    tree = ast.parse(Path(palpate.__file__).read_text(encoding="utf-8"))
+    typed = {
+        name.name: node.module
+        for block in tree.body
+        if isinstance(block, ast.If)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for name in node.names
+    }
+    assert typed == palpate._HOMES
+    assert sorted(typed) == palpate.__all__
 
 
 @pytest.mark.parametrize("name", palpate.__all__)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from palpate.rig import Rig
 
 #: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
-_EXIT_STATUS = {
+EXIT_STATUS = {
     "held": 0,
     "nothing_there": 1,
     "slipped": 1,
@@ -141,7 +141,7 @@ def grasp(
             sys.stdout.flush()
         # After the answer: the store may not give one.
         unkept = memory is not None and not memory.keep()
-    status = _EXIT_STATUS[result.outcome]
+    status = EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
         print(f"palpate grasp: {why}", file=sys.stderr)

@@ -46,7 +46,7 @@ def fault_in(options: Mapping[str, Any], opener: Callable[..., Any]) -> str | No
         if name not in named and not takes_all:
             return f"it knows no {name!r}; there are {', '.join(named)}"
         if not _fits(value, hints.get(name)):
-            return f"{name} = {value!r}: it must be {_in_words(hints[name])}"
+            return f"{name} = {value!r}: it must be {in_words(hints[name])}"
     return None
 
 
@@ -62,9 +62,10 @@ def _fits(value: object, wanted: Any) -> bool:
     return True
 
 
-def _in_words(wanted: Any) -> str:
+def in_words(wanted: Any) -> str:
+    """Return what a value must be to fit a type hint, in words."""
     if get_origin(wanted) is Literal:
         return f"one of {', '.join(map(repr, get_args(wanted)))}"
     if get_origin(wanted) in (Union, UnionType):
-        return " or ".join(_in_words(one) for one in get_args(wanted) if one is not NoneType)
+        return " or ".join(in_words(one) for one in get_args(wanted) if one is not NoneType)
     return _WORDS[wanted]

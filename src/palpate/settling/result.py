@@ -13,9 +13,26 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 
 class Status(StrEnum):
-    """How an estimate came about. `ok` is the only one that carries the method's full promise.
+    """How an estimate came about.
 
-    `at_least` and `at_most`: only that end of the interval is known; `not_measured`: neither is.
+    Attributes
+    ----------
+    OK : "ok"
+        The interval can be believed.
+    TOO_SHORT : "too_short"
+        Too few samples or too little time.
+    NOT_SETTLING : "not_settling"
+        The reading comes back, wanders or does not move.
+    SATURATED : "saturated"
+        The readout is at an end of its range.
+    FELL_BACK : "fell_back"
+        A bound decided the value, or a simpler method did.
+    MISFIT : "misfit"
+        No shape fits.
+    AT_LEAST, AT_MOST : "at_least", "at_most"
+        Only that end of the interval is known.
+    NOT_MEASURED : "not_measured"
+        Neither end is known.
     """
 
     OK = "ok"

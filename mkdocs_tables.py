@@ -1,0 +1,144 @@
+"""Tables of the reference pages, made from the code so that they can't fall behind it.
+
+A page asks for one with a line `<!-- table: NAME -->`; `mkdocs_hooks.py` puts it there.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import griffe
+
+from palpate import errors
+from palpate.commands.grasp import EXIT_STATUS
+from palpate.grasp.result import Outcome
+from palpate.grasp.verdict import outcome_text
+from palpate.gripper import dynamixel, feetech, pneumatic
+from palpate.recording.channels import SCHEMAS
+from palpate.rig.stated_options import in_words
+from palpate.sensor.board_array import layout_named, open_board
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+def _errors() -> str:
+    """Return every error with what it means and the command's exit status."""
+    raised = [
+        kind
+        for _, kind in inspect.getmembers(errors, inspect.isclass)
+        if issubclass(kind, errors.PalpateError)
+    ]
+    raised.sort(key=lambda kind: (kind.exit_status, inspect.getsourcelines(kind)[1]))
+    return _table(
+        ("error", "exit status", "meaning"),
+        (
+            (
+                f"[`{kind.__name__}`](api/errors.md#palpate.errors.{kind.__name__})",
+                kind.exit_status,
+                inspect.getdoc(kind),
+            )
+            for kind in raised
+        ),
+    )
+
+
+def _outcomes() -> str:
+    """Return every outcome of a grasp with what it means and the command's exit status."""
+    return _table(
+        ("outcome", "meaning", "exit status of `palpate grasp`"),
+        ((f"`{one}`", outcome_text(one), EXIT_STATUS[one]) for one in Outcome),
+    )
+
+
+def _schema(path: Path) -> str:
+    """Return the fields of a JSON schema, nested ones by their path."""
+    schema = json.loads(path.read_text(encoding="utf-8"))
+    return _table(("field", "type", "meaning"), _fields(schema, where=""))
+
+
+def _fields(schema: dict[str, Any], *, where: str) -> Iterator[tuple[str, str, str]]:
+    for name, field in schema.get("properties", {}).items():
+        full, optional = where + name, name not in schema["required"]
+        kind = _type(field) + (", may be absent" if optional else "")
+        yield f"`{full}`", kind, field.get("description", "")
+        yield from _fields(field, where=f"{full}.")
+        yield from _fields(field.get("items", {}), where=f"{full}[].")
+
+
+def _type(field: dict[str, Any]) -> str:
+    if "$ref" in field:
+        return "[measurement](#measurement)"
+    if "anyOf" in field:
+        return " or ".join(map(_type, field["anyOf"]))
+    if "enum" in field:
+        return " or ".join("null" if one is None else f"`{one}`" for one in field["enum"])
+    kinds = field["type"] if isinstance(field["type"], list) else [field["type"]]
+    inner = field.get("items", {})
+    of = f" of {_type(inner)}" if inner and "properties" not in inner else ""
+    return " or ".join(kind + (of if kind == "array" else "") for kind in kinds)
+
+
+def _topics() -> str:
+    """Return the fields of a recording's messages, by topic."""
+    return _table(
+        ("topic", "field", "type", "meaning"),
+        (
+            (f"`{topic}`", *field)
+            for topic, schema in SCHEMAS.items()
+            for field in _fields(schema, where="")
+        ),
+    )
+
+
+def _keys(opener: Callable[..., object], *described: Callable[..., object], **other: str) -> str:
+    """Return what a table of a rig file takes: an opener's parameters, by their docstrings.
+
+    Where the opener's docstring refers to another ("as in"), that one's is used; `other` names
+    parameters that it calls otherwise.
+    """
+    meanings: dict[str, str] = {}
+    for source in (*described, opener):
+        for section in griffe.Docstring(inspect.getdoc(source) or "").parse("numpy"):
+            if section.kind is griffe.DocstringSectionKind.parameters:
+                for one in section.value:
+                    if not one.description.startswith("As in") or one.name not in meanings:
+                        meanings[one.name] = " ".join(one.description.split())
+    meanings |= {name: meanings[there] for name, there in other.items()}
+    parameters, hints = inspect.signature(opener).parameters, get_type_hints(opener)
+    return _table(
+        ("key", "value", "default", "meaning"),
+        (
+            (f"`{name}`", in_words(hints[name]), _default(one.default), meanings.get(name, ""))
+            for name, one in parameters.items()
+            # Not from the file: the open array is handed over.
+            if name != "array"
+        ),
+    )
+
+
+def _default(value: object) -> str:
+    if value is inspect.Parameter.empty:
+        return "required"
+    return "" if value is None else f"`{json.dumps(value)}`"
+
+
+_SCHEMAS = Path(__file__).resolve().parent / "docs" / "schemas"
+
+TABLES: dict[str, Callable[[], str]] = {
+    "errors": _errors,
+    "outcomes": _outcomes,
+    "topics": _topics,
+    "board": partial(_keys, open_board, layout_named, layout="name"),
+    "dynamixel": partial(_keys, dynamixel.open_gripper, dynamixel.DynamixelGripper),
+    "feetech": partial(_keys, feetech.open_gripper, feetech.FeetechGripper),
+    "pneumatic": partial(_keys, pneumatic.open_gripper),
+    **{path.stem: partial(_schema, path) for path in sorted(_SCHEMAS.glob("*.json"))},
+}

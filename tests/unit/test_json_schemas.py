@@ -1,0 +1,111 @@
+"""What `--json` prints is what the published schemas in `docs/schemas` describe, and no more."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+from referencing import Registry, Resource
+from tests.closings import write_damage_file
+
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+
+ROOT = Path(__file__).resolve().parents[2]
+SCHEMAS: dict[str, Any] = {
+    path.name: json.loads(path.read_text(encoding="utf-8"))
+    for path in sorted((ROOT / "docs" / "schemas").glob("*.json"))
+}
+REGISTRY: Registry[Any] = Registry().with_resources(
+    (name, Resource.from_contents(schema)) for name, schema in SCHEMAS.items()
+)
+#: What the commands below read.
+FILES = (
+    "demo recordings",
+    "demo packhouse",
+    "grasp --seed 3 --object strawberry --record g.mcap",
+    "grasp --seed 2 --item A1",
+)
+#: Schema and a command whose output it describes.
+COMMANDS = (
+    ("grasp", "grasp --object strawberry --seed 3"),
+    ("grasp", "grasp --object kiwi --damage damage.json --kind kiwi"),
+    ("grasp", "grasp --rig sim-soft --seed 2 --item A1"),
+    ("replay", "replay g.mcap"),
+    ("frames", "replay g.mcap --frames"),
+    ("inspect", "inspect g.mcap"),
+    ("doctor", "doctor --rig sim-rigid"),
+    ("ports", "ports"),
+    ("pattern", "pattern --preset paper-3x2 --out sensor"),
+    ("settle", "settle demo-recordings"),
+    ("settle", "settle demo-recordings/ohm.csv --until-half-width 9"),
+    ("items", "items"),
+    ("item", "items A1"),
+    ("items", "items --store demo-packhouse/palpate-items.sqlite"),
+    ("item", "items fruit-3 --store demo-packhouse/palpate-items.sqlite"),
+    ("ripeness", "ripeness --batch Monday --store demo-packhouse/palpate-items.sqlite"),
+    ("identify", "identify fruit-3 --store demo-packhouse/palpate-items.sqlite"),
+    (
+        "sort",
+        "sort --rules demo-packhouse/rules.toml --batch Monday "
+        "--store demo-packhouse/palpate-items.sqlite",
+    ),
+    ("sort", "sort --rules demo-packhouse/by-size.toml --rig sim-rigid --items 2 --taught 3"),
+    ("bruise", "bruise A17 --store apples.sqlite"),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what the commands read."""
+    path = tmp_path_factory.mktemp("json")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(path)
+        patch.delenv("PALPATE_STORE", raising=False)
+        for command in FILES:
+            assert run(build_app(), command.split(), name="palpate") == 0
+        write_damage_file(path)
+        example = ROOT / "examples" / "bruised_apple.py"
+        patch.setattr(sys, "argv", [example.name, "apples.sqlite"])
+        runpy.run_path(str(example), run_name="__main__")
+    return path
+
+
+def faults(name: str, document: object) -> list[str]:
+    checker = Draft202012Validator(SCHEMAS[f"{name}.json"], registry=REGISTRY)
+    return [f"{list(fault.path)}: {fault.message}" for fault in checker.iter_errors(document)]
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_each_schema_is_a_schema(name: str) -> None:
+    Draft202012Validator.check_schema(SCHEMAS[name])
+
+
+def test_each_schema_has_a_command_that_it_is_tested_on() -> None:
+    assert {name for name, _ in COMMANDS} | {"measurement"} == {
+        name.removesuffix(".json") for name in SCHEMAS
+    }
+
+
+@pytest.mark.parametrize(("name", "command"), COMMANDS)
+def test_the_output_is_as_the_schema_has_it(
+    name: str,
+    command: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.delenv("PALPATE_STORE", raising=False)
+    run(build_app(), [*command.split(), "--json"], name="palpate")
+    assert faults(name, json.loads(capsys.readouterr().out)) == []
+
+
+def test_a_field_that_the_schema_does_not_know_is_a_fault() -> None:
+    assert faults("ports", {"ports": [], "more": 1})
+    assert faults("ports", {"ports": [{"device": 1}]})
