@@ -29,15 +29,27 @@ def restored(schema: int, folder: Path) -> Path:
     return path
 
 
-def layout(path: Path) -> dict[str, str]:
+def layout(path: Path) -> dict[str, list[object]]:
+    """Return the columns of every table, what they refer to, and the columns of every index."""
     connection = sqlite3.connect(path)
-    found = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL")
-    tables = {name: " ".join(sql.split()) for name, sql in found}
+    found: dict[str, list[object]] = {}
+    for kind, name in connection.execute("SELECT type, name FROM sqlite_master ORDER BY name"):
+        if kind == "table":
+            # A key that may not be null says so twice, or once.
+            found[name] = [
+                (column, text, bool(present or key), default, key)
+                for _, column, text, present, default, key in connection.execute(
+                    f"PRAGMA table_info({name})"
+                )
+            ]
+            found[name] += sorted(connection.execute(f"PRAGMA foreign_key_list({name})"))
+        elif not name.startswith("sqlite_"):
+            found[name] = list(connection.execute(f"PRAGMA index_info({name})"))
     connection.close()
-    return tables
+    return found
 
 
-@pytest.mark.parametrize("schema", range(1, len(STEPS) + 1))
+@pytest.mark.parametrize("schema", range(1, len(STEPS) + 2))
 def test_an_older_store_opens_with_all_it_held(schema: int, tmp_path: Path) -> None:
     with Store.open(restored(schema, tmp_path), create=False) as store:
         (item,) = store.items()
@@ -56,7 +68,7 @@ def test_an_older_store_opens_with_all_it_held(schema: int, tmp_path: Path) -> N
         assert (label.text, label.source) == ("overripe", Source.PERSON)
 
 
-@pytest.mark.parametrize("schema", range(1, len(STEPS) + 1))
+@pytest.mark.parametrize("schema", range(1, len(STEPS) + 2))
 def test_an_older_store_ends_up_like_a_new_one(schema: int, tmp_path: Path) -> None:
     old, new = restored(schema, tmp_path), tmp_path / "new.sqlite"
     Store.open(old).close()

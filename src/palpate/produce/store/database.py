@@ -85,7 +85,7 @@ class Store(StoreReader):
         with self._reading.connect() as connection:
             before = found_version(connection, where=self.name)
         # One that needs nothing is not locked for it, and may be read-only.
-        if before < len(STEPS):
+        if before < 1 + len(STEPS):
             with self._writing.begin() as connection:
                 migrate(connection, where=self.name)
 
