@@ -16,17 +16,11 @@ _APART_MM = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bend:
-    """How pressure-driven fingers close, and how they give way.
+    """How pressure-driven fingers close, and how they give way."""
 
-    Attributes
-    ----------
-    mm_per_kpa : float
-        How far they close per pressure while nothing is in the way.
-    give : Give
-        How far less under a force.
-    """
-
+    #: How far they close per pressure while nothing is in the way.
     mm_per_kpa: float
+    #: How far less under a force.
     give: Give
 
     @classmethod

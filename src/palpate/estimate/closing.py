@@ -20,17 +20,11 @@ SHORTEST_MM = 1e-3
 
 
 class ClosingState(NamedTuple):
-    """What the curve up to `force_n` says.
+    """What the curve up to `force_n` says."""
 
-    Attributes
-    ----------
-    force_n : float
-        The force level just passed.
-    log_stiffness : float
-        ln of the secant stiffness (N/mm) over the upper half of the force.
-    """
-
+    #: The force level just passed.
     force_n: float
+    #: ln of the secant stiffness (N/mm) over the upper half of the force.
     log_stiffness: float
 
 

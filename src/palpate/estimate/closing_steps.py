@@ -58,46 +58,30 @@ def tilt_sd(law_sd: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looks:
-    """The felt steps that are looked at, arrays of shape (looks,).
+    """The felt steps that are looked at, arrays of shape (looks,)."""
 
-    Attributes
-    ----------
-    read_n, width_mm : ndarray
-        Force read, and opening.
-    above : ndarray
-        ln force, from where the gain was told.
-    lagging : ndarray
-        Its rise that is not yet forgotten, beyond that of the last step.
-    """
-
+    #: Force read, and opening.
     read_n: FloatArray
     width_mm: FloatArray
+    #: ln force, from where the gain was told.
     above: FloatArray
+    #: Its rise that is not yet forgotten, beyond that of the last step.
     lagging: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosingCurve:
-    """The steps of one closing, read as the grasp went.
+    """The steps of one closing, read as the grasp went."""
 
-    Attributes
-    ----------
-    width_mm : ndarray, shape (n_steps,)
-        Opening at each step, zero taken out.
-    force_n : ndarray, shape (n_steps,)
-        Force read there, newtons; 0 where nothing was felt.
-    gain_sd : float
-        Scatter of ln force from one contact to another.
-    law_sd : float
-        Scatter of ln force that the sheet's law shows from placement to placement.
-    floor_n : float
-        Scatter of faint forces, newtons.
-    """
-
+    #: Shape (n_steps,). Opening at each step, zero taken out.
     width_mm: FloatArray
+    #: Shape (n_steps,). Force read there, newtons; 0 where nothing was felt.
     force_n: FloatArray
+    #: Scatter of ln force from one contact to another.
     gain_sd: float
+    #: Scatter of ln force that the sheet's law shows from placement to placement.
     law_sd: float
+    #: Scatter of faint forces, newtons.
     floor_n: float
 
     @property

@@ -50,20 +50,14 @@ _SOLVED_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Weighed:
-    """The grid: gains x shapes x scales x scatters, and at each place what is solved for.
+    """The grid: gains x shapes x scales x scatters, and at each place what is solved for."""
 
-    Attributes
-    ----------
-    weight : ndarray, shape (gains, shapes, scales, scatters)
-        Probability of each place; sums to 1.
-    mean : ndarray, shape (gains, shapes, scales, scatters, 5)
-        Of size, further gain, exponent, lag and give there.
-    precision : ndarray, shape (gains, shapes, scales, scatters, 5, 5)
-        Inverse of their covariance.
-    """
-
+    #: Shape (gains, shapes, scales, scatters). Probability of each place; sums to 1.
     weight: FloatArray
+    #: Shape (gains, shapes, scales, scatters, 5). Of size, further gain, exponent, lag and give
+    #: there.
     mean: FloatArray
+    #: Shape (gains, shapes, scales, scatters, 5, 5). Inverse of their covariance.
     precision: FloatArray
 
 

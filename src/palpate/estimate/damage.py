@@ -35,45 +35,30 @@ LEAST_LOAD = -6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageLimit:
-    """What is known of the damage limit at one moment of a closing.
+    """What is known of the damage limit at one moment of a closing."""
 
-    Attributes
-    ----------
-    force_n : float
-        The force level just passed.
-    predicted_n, low_n : float
-        Likely rupture force, and the force that it exceeds with probability 0.95.
-    score : float
-        The load: how far the force has come, in standard deviations of the belief about the
-        rupture force, which mean the same for every kind of object.
-    stop : bool
-        Whether closing should stop here.
-    """
-
+    #: The force level just passed.
     force_n: float
+    #: Likely rupture force, and the force that it exceeds with probability 0.95.
     predicted_n: float
     low_n: float
+    #: The load: how far the force has come, in standard deviations of the belief about the rupture
+    #: force, which mean the same for every kind of object.
     score: float
+    #: Whether closing should stop here.
     stop: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageModel:
-    """What was learned from closings that ended in rupture, for one kind of object or for any.
+    """What was learned from closings that ended in rupture, for one kind of object or for any."""
 
-    Attributes
-    ----------
-    critical_scores : ndarray, shape (n_objects,)
-        The critical loads of all objects, ascending: the largest that each bore, by models fitted
-        without it.
-    strengths : mapping of str to Strength
-        Prediction of the rupture force, by kind; ``""`` serves the kinds that have none.
-    low_shares : mapping of str to float
-        Lower bound as a share of the prediction, by kind.
-    """
-
+    #: Shape (n_objects,). The critical loads of all objects, ascending: the largest that each bore,
+    #: by models fitted without it.
     critical_scores: NDArray[np.float64]
+    #: Prediction of the rupture force, by kind; ``""`` serves the kinds that have none.
     strengths: Mapping[str, Strength]
+    #: Lower bound as a share of the prediction, by kind.
     low_shares: Mapping[str, float]
 
     def stop_score(self, *, nominal_rate: float = NOMINAL_RATE) -> float:

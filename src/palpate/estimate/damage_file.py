@@ -33,29 +33,19 @@ _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageFile:
-    """A damage model and what it was learned from.
+    """A damage model and what it was learned from."""
 
-    Attributes
-    ----------
-    model : DamageModel
-        What a grasp uses.
-    closings : mapping of str to int
-        How many were learned from, by kind.
-    learned_from : mapping of str to str
-        SHA-256 of each file that they came from, by name.
-    made_at : str
-        ISO 8601 date and time.
-    left_out : mapping of str to str
-        Closings that were not learned from, and why.
-    held_out : mapping of str to HeldOut
-        What was said of closings left out in turn, by kind; ``""`` where the kind is not told.
-    """
-
+    #: What a grasp uses.
     model: DamageModel
+    #: How many were learned from, by kind.
     closings: Mapping[str, int]
+    #: SHA-256 of each file that they came from, by name.
     learned_from: Mapping[str, str]
+    #: ISO 8601 date and time.
     made_at: str
+    #: Closings that were not learned from, and why.
     left_out: Mapping[str, str] = field(default_factory=dict)
+    #: What was said of closings left out in turn, by kind; ``""`` where the kind is not told.
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)
 
     @property

@@ -14,23 +14,15 @@ from palpate.estimate.fruit_closings import FruitClosing, copies
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """What a model said of closings that it was not fitted to.
+    """What a model said of closings that it was not fitted to."""
 
-    Attributes
-    ----------
-    closings : int
-        How many it said something of.
-    error_percent : float
-        Mean error of the rupture force predicted at half load, percent of the true one.
-    median_error_percent : float
-        The same of the median rupture force of the kind alone: no stiffness needed.
-    above_low : float
-        Share that ruptured above the lower bound; 0.95 is meant.
-    """
-
+    #: How many it said something of.
     closings: int
+    #: Mean error of the rupture force predicted at half load, percent of the true one.
     error_percent: float
+    #: The same of the median rupture force of the kind alone: no stiffness needed.
     median_error_percent: float
+    #: Share that ruptured above the lower bound; 0.95 is meant.
     above_low: float
 
 

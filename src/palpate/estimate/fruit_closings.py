@@ -16,27 +16,19 @@ from palpate.tables import read_table
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FruitClosing:
-    """One recorded closing until rupture.
+    """One recorded closing until rupture."""
 
-    Attributes
-    ----------
-    grasp_id, fruit : str
-        As in the file.
-    rupture_force_n : float
-        Labelled rupture force.
-    force_n : ndarray, shape (n_states,)
-        Force of the sample at which each state became known: never below the state's own.
-    states : sequence of ClosingState, length n_states
-        What was known, strictly before the force first reached the label.
-    samples : ndarray, shape (n_samples, 2)
-        Closure (mm) and force (N) as recorded, up to there.
-    """
-
+    #: As in the file.
     grasp_id: str
     fruit: str
+    #: Labelled rupture force.
     rupture_force_n: float
+    #: Shape (n_states,). Force of the sample at which each state became known: never below the
+    #: state's own.
     force_n: NDArray[np.float64]
+    #: What was known, strictly before the force first reached the label.
     states: Sequence[ClosingState]
+    #: Shape (n_samples, 2). Closure (mm) and force (N) as recorded, up to there.
     samples: NDArray[np.float64]
 
 

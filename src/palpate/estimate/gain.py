@@ -15,35 +15,23 @@ _GRID = np.linspace(-4.0, 4.0, 81)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredForce:
-    """A force measured without the sheet.
+    """A force measured without the sheet."""
 
-    Attributes
-    ----------
-    force_n, sd_n : float
-        The force and its scatter.
-    log_sd : float
-        What may be wrong with it in proportion besides.
-    """
-
+    #: The force and its scatter.
     force_n: float
     sd_n: float
+    #: What may be wrong with it in proportion besides.
     log_sd: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gain:
-    """By how much the force of a contact differs from what the sheet's law says of it.
+    """By how much the force of a contact differs from what the sheet's law says of it."""
 
-    Attributes
-    ----------
-    log_mean, log_sd : float
-        Of ln (true force / force by the law).
-    law_sd : float
-        Scatter of ln force that the law's own intervals hold.
-    """
-
+    #: Of ln (true force / force by the law).
     log_mean: float
     log_sd: float
+    #: Scatter of ln force that the law's own intervals hold.
     law_sd: float
 
     @classmethod

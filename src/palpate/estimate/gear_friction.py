@@ -29,21 +29,14 @@ _FEWEST_MOVEMENTS, _USUAL_SHARE = 10, 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GearFriction:
-    """Servo current of an empty hand that closes.
+    """Servo current of an empty hand that closes."""
 
-    Attributes
-    ----------
-    mean_ma, mean_sd_ma : float
-        Over the way, and how well that is known.
-    movement_ma : float
-        Scatter from movement to movement.
-    along_mm, along_ma : tuple of float
-        By how much more at widths, rising; empty where no long movement showed it.
-    """
-
+    #: Over the way, and how well that is known.
     mean_ma: float
     mean_sd_ma: float
+    #: Scatter from movement to movement.
     movement_ma: float
+    #: By how much more at widths, rising; empty where no long movement showed it.
     along_mm: tuple[float, ...] = ()
     along_ma: tuple[float, ...] = ()
 

@@ -29,18 +29,12 @@ _MAD = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnCreep:
-    """Growth of the reading of one sheet from soon after a step until it counts as settled.
+    """Growth of the reading of one sheet from soon after a step until it counts as settled."""
 
-    Attributes
-    ----------
-    log_mean, log_sd : float
-        Of ln(settled reading / early reading) over the holds of the calibration.
-    early_s, settled_s : float
-        When the two were read, from the start of the step.
-    """
-
+    #: Of ln(settled reading / early reading) over the holds of the calibration.
     log_mean: float
     log_sd: float
+    #: When the two were read, from the start of the step.
     early_s: float
     settled_s: float
 

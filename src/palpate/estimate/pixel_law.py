@@ -43,13 +43,6 @@ _NOISE_EXCESS = 0.004
 class PixelReading:
     """From the excess of every pixel to one number that grows with the grip force.
 
-    Attributes
-    ----------
-    exponents, weights : tuple of float
-        A pixel's share is sum_k weights[k] * excess ** exponents[k].
-    gains : tuple of float, length pixels
-        Of each pixel; empty where all count alike.
-
     Examples
     --------
     Without a calibration that kept its pixels, the reading is the summed excess:
@@ -58,8 +51,10 @@ class PixelReading:
     3.5
     """
 
+    #: A pixel's share is sum_k weights[k] * excess ** exponents[k].
     exponents: tuple[float, ...]
     weights: tuple[float, ...]
+    #: One for each pixel; empty where all count alike.
     gains: tuple[float, ...] = ()
 
     @classmethod
@@ -126,25 +121,18 @@ class PixelReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelForceLaw:
-    """force = scale * reading ** exponent, with scatter in proportion and a floor in newtons.
-
-    Attributes
-    ----------
-    log_scale, exponent : float
-        Of the law.
-    residual_sd, floor_n : float
-        Standard deviations, of ln force and of a faint force, on placements left out of the fit.
-    range : tuple of float
-        Smallest and largest reading of the calibration.
-    """
+    """force = scale * reading ** exponent, with scatter in proportion and a floor in newtons."""
 
     name: ClassVar[str] = "pixels"
     reads: ClassVar[str] = "pixels"
 
+    #: Of the law.
     log_scale: float
     exponent: float
+    #: Standard deviations, of ln force and of a faint force, on placements left out of the fit.
     residual_sd: float
     floor_n: float
+    #: Smallest and largest reading of the calibration.
     range: tuple[float, float]
 
     @classmethod

@@ -41,20 +41,13 @@ _USUAL_SHARE = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentLaw:
-    """current = gears + slope * force, while closing.
+    """current = gears + slope * force, while closing."""
 
-    Attributes
-    ----------
-    gears : GearFriction
-        What is taken without load.
-    ma_per_n : float
-        The slope.
-    noise_ma : float
-        Scatter of a single reading.
-    """
-
+    #: What is taken without load.
     gears: GearFriction
+    #: The slope.
     ma_per_n: float
+    #: Scatter of a single reading.
     noise_ma: float
 
     @classmethod

@@ -33,17 +33,11 @@ _GRID_MM = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactPoint:
-    """Where contact began, as a distribution.
+    """Where contact began, as a distribution."""
 
-    Attributes
-    ----------
-    size_mm : ndarray, shape (n_grid,)
-        Candidates: the opening at which both fingers just touch.
-    weight : ndarray, shape (n_grid,)
-        Their probabilities.
-    """
-
+    #: Shape (n_grid,). Candidates: the opening at which both fingers just touch.
     size_mm: FloatArray
+    #: Shape (n_grid,). Their probabilities.
     weight: FloatArray
 
     @classmethod

@@ -21,25 +21,17 @@ class Give:
     """How far the gripper itself gives way under a force.
 
     give(F) = slope F + sum_i pad_i (1 - exp(-F / F_i)): a spring, and pads that bottom out.
-
-    Attributes
-    ----------
-    slope_mm_per_n : float
-        Fingers and servo.
-    pad_mm : tuple of float
-        Travel of each pad term.
-    zero_mm : float
-        Reported width minus the true opening, without force.
-    residual_mm : float
-        Scatter of the calibration about this curve.
-    largest_force_n : float
-        Largest force of the calibration.
     """
 
+    #: Fingers and servo.
     slope_mm_per_n: float
+    #: Travel of each pad term.
     pad_mm: tuple[float, ...]
+    #: Reported width minus the true opening, without force.
     zero_mm: float
+    #: Scatter of the calibration about this curve.
     residual_mm: float
+    #: Largest force of the calibration.
     largest_force_n: float
 
     @classmethod

@@ -33,25 +33,17 @@ LEAST_LOG_SD = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strength:
-    """A log-normal belief of the rupture force, given the stiffness.
+    """A log-normal belief of the rupture force, given the stiffness."""
 
-    Attributes
-    ----------
-    log_stiffness, stiffness_log_sd : float
-        Mean and scatter of ln(stiffness) of the objects learned from.
-    log_force, slope : float
-        ln(rupture force, N) there, and its rise with ln(stiffness).
-    log_sd : float
-        Scatter about the line.
-    objects : int
-        How many were learned from.
-    """
-
+    #: Mean and scatter of ln(stiffness) of the objects learned from.
     log_stiffness: float
     stiffness_log_sd: float
+    #: ln(rupture force, N) there, and its rise with ln(stiffness).
     log_force: float
     slope: float
+    #: Scatter about the line.
     log_sd: float
+    #: How many were learned from.
     objects: int
 
     def median_n(self, state: ClosingState) -> float:

@@ -26,51 +26,37 @@ class Cutter:
 class SensorDesign:
     """One sensor, for one finger.
 
-    Attributes
-    ----------
-    name : str
-        Stem of the files.
-    rows, cols : int
-        Pixels along y and x, 1 to 16 each. Rows are copper on the base, columns on the cover.
-    pixel_width_mm, pixel_height_mm : float
-        Size of a Velostat pixel.
-    corner_mm : float
-        Radius of its corners: 0 for a rectangle, half of its size for a circle.
-    gap_mm : float
-        Between neighbouring pixels.
-    overhang_mm : float
-        How far the Velostat stands out all round where two copper lines cross.
-    trace_mm : float
-        Width of the copper between pixels and pads.
-    pad_width_mm, pad_length_mm, pad_pitch_mm : float
-        Solder pads at the end of the tail; at 2.54 mm pitch a pin header or ribbon cable fits.
-    tail_mm : float
-        From the last pixels to the pads.
-    margin_mm : float
-        Base and cover stand out this far round pixels and copper.
-    substrate_width_mm : float or None
-        Width of base and cover beside the pixels, where the finger sets it; None for what fits.
-
     Examples
     --------
     >>> PRESETS["paper-3x2"].pitch_mm
     (10.0, 10.0)
     """
 
+    #: Stem of the files.
     name: str
+    #: Pixels along y and x, 1 to 16 each. Rows are copper on the base, columns on the cover.
     rows: int
     cols: int
+    #: Size of a Velostat pixel.
     pixel_width_mm: float
     pixel_height_mm: float
+    #: Between neighbouring pixels.
     gap_mm: float
+    #: Radius of its corners: 0 for a rectangle, half of its size for a circle.
     corner_mm: float = 0.0
+    #: How far the Velostat stands out all round where two copper lines cross.
     overhang_mm: float = 1.0
+    #: Width of the copper between pixels and pads.
     trace_mm: float = 1.2
+    #: Solder pads at the end of the tail; at 2.54 mm pitch a pin header or ribbon cable fits.
     pad_width_mm: float = 1.6
     pad_length_mm: float = 5.0
     pad_pitch_mm: float = 2.54
+    #: From the last pixels to the pads.
     tail_mm: float = 20.0
+    #: Base and cover stand out this far round pixels and copper.
     margin_mm: float = 3.0
+    #: Width of base and cover beside the pixels, where the finger sets it; None for what fits.
     substrate_width_mm: float | None = None
 
     @property

@@ -33,24 +33,16 @@ TAPE_CORNER_MM = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layer:
-    """One sheet of material and what is cut from it.
+    """One sheet of material and what is cut from it."""
 
-    Attributes
-    ----------
-    name, material : str
-        For file names and people.
-    parts : tuple of Outline
-        Cutting lines as seen from the cover of the finished sensor.
-    mirrored : bool
-        Whether the file must show it from the other side, because that side is up on the cutter.
-    why : str
-        Which side that is.
-    """
-
+    #: For file names and people.
     name: str
     material: str
+    #: Cutting lines as seen from the cover of the finished sensor.
     parts: tuple[Outline, ...]
+    #: Whether the file must show it from the other side, because that side is up on the cutter.
     mirrored: bool
+    #: Which side that is.
     why: str
 
 
@@ -71,33 +63,26 @@ class Pattern:
     Attributes
     ----------
     design : SensorDesign
-    width, height : float
-        Of the sheet.
-    rows, cols : tuple of Stroke
-        One piece of copper per row and column.
-    pixels : tuple of Pixel
-        Row by row.
-    body : Rect
-        Base and cover beside the pixels, without the tail.
-    base, cover : tuple of (float, float)
-        Their corners.
-    marks : tuple of (float, float)
-        Centres of the registration marks, the same in every layer; symmetric about the sheet's
-        vertical middle line, so that mirroring leaves them where they are.
-    needed_tail_mm : float
-        The shortest tail that the routing fits in.
     """
 
     design: SensorDesign
+    #: Of the sheet.
     width: float
     height: float
+    #: One piece of copper per row and column.
     rows: tuple[Stroke, ...]
     cols: tuple[Stroke, ...]
+    #: Row by row.
     pixels: tuple[Pixel, ...]
+    #: Base and cover beside the pixels, without the tail.
     body: Rect
+    #: Their corners.
     base: tuple[Point, ...]
     cover: tuple[Point, ...]
+    #: Centres of the registration marks, the same in every layer; symmetric about the sheet's
+    #: vertical middle line, so that mirroring leaves them where they are.
     marks: tuple[Point, ...]
+    #: The shortest tail that the routing fits in.
     needed_tail_mm: float
 
     @property

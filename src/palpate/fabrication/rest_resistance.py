@@ -15,17 +15,11 @@ SHEET_THICKNESS_MM = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestExpectation:
-    """How the rest resistance of a pixel follows from the area between its copper lines.
+    """How the rest resistance of a pixel follows from the area between its copper lines."""
 
-    Attributes
-    ----------
-    ohm_mm2 : float
-        Resistance times contact area.
-    basis : str
-        Where the number comes from and what it leaves out.
-    """
-
+    #: Resistance times contact area.
     ohm_mm2: float
+    #: Where the number comes from and what it leaves out.
     basis: str
 
     def rest_ohm(self, *, contact_mm2: float) -> float:

@@ -180,17 +180,11 @@ def circle(centre: Point, *, diameter: float) -> Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stroke:
-    """A line of right-angled bends whose width may change from leg to leg: one piece of copper.
+    """A line of right-angled bends whose width may change from leg to leg: one piece of copper."""
 
-    Attributes
-    ----------
-    points : tuple of (float, float)
-        Its middle line, mm; neighbours differ in x or in y, not in both.
-    widths : tuple of float
-        Width of each leg, mm; one fewer than points.
-    """
-
+    #: Its middle line, mm; neighbours differ in x or in y, not in both.
     points: tuple[Point, ...]
+    #: Width of each leg, mm; one fewer than points.
     widths: tuple[float, ...]
 
     @classmethod

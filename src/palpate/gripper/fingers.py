@@ -17,14 +17,6 @@ class CrankFingers:
     horn sin(theta) + sqrt(arm**2 - horn**2 cos(theta)**2) from the servo's axis, and the opening is
     twice that plus the offset. The default is the WidowX 250s.
 
-    Attributes
-    ----------
-    horn_mm, arm_mm : float
-        Radius of the horn, and length of the arms.
-    offset_mm : float
-        Opening between the pads minus that between the carriages: negative with pads on. Measure it
-        once; an error of it is taken out again by the compliance calibration.
-
     References
     ----------
     Interbotix X-series arms, gripper settings of wx250s: horn 14 mm, arm 24 mm.
@@ -36,8 +28,11 @@ class CrankFingers:
     (38.99, 0.0)
     """
 
+    #: Radius of the horn, and length of the arms.
     horn_mm: float = 14.0
     arm_mm: float = 24.0
+    #: Opening between the pads minus that between the carriages: negative with pads on. Measure it
+    #: once; an error of it is taken out again by the compliance calibration.
     offset_mm: float = 0.0
 
     def __post_init__(self) -> None:

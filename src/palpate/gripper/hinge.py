@@ -10,13 +10,6 @@ from dataclasses import dataclass
 class HingedJaw:
     """A jaw on the servo's horn. The opening is the chord between the middles of the two pads.
 
-    Attributes
-    ----------
-    jaw_mm : float
-        From the servo's axis to the middle of the pad, mm.
-    offset_mm : float
-        Opening at angle 0: 0 where the pads touch there.
-
     Examples
     --------
     >>> jaw = HingedJaw(jaw_mm=70.0)
@@ -24,7 +17,9 @@ class HingedJaw:
     (67.12, 1.0)
     """
 
+    #: From the servo's axis to the middle of the pad, mm.
     jaw_mm: float
+    #: Opening at angle 0: 0 where the pads touch there.
     offset_mm: float = 0.0
 
     def __post_init__(self) -> None:

@@ -10,32 +10,23 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packets:
-    """Where a packet keeps what.
+    """Where a packet keeps what."""
 
-    Attributes
-    ----------
-    version : float
-        As the SDK calls it.
-    number_at, length_at, instruction_at, error_at, data_at : int
-        Offsets, bytes. `error_at` and `data_at` are of a reply.
-    length_bytes, address_bytes, check_bytes : int
-        Sizes of the length, of an address or size in a request, and of the checksum.
-    model_bytes : int
-        What a ping is answered with: the model number in the first two, or nothing.
-    alert : int
-        Bits of a reply's error that tell of the servo's state; the others refuse the request.
-    """
-
+    #: As the SDK calls it.
     version: float
+    #: Offsets, bytes. `error_at` and `data_at` are of a reply.
     number_at: int
     length_at: int
     instruction_at: int
     error_at: int
     data_at: int
+    #: Sizes of the length, of an address or size in a request, and of the checksum.
     length_bytes: int
     address_bytes: int
     check_bytes: int
+    #: What a ping is answered with: the model number in the first two, or nothing.
     model_bytes: int
+    #: Bits of a reply's error that tell of the servo's state; the others refuse the request.
     alert: int
 
     def request(self, number: int, instruction: int, given: bytes) -> list[int]:

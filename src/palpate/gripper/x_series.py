@@ -93,18 +93,12 @@ ALERT = 0x80
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """One kind of servo.
+    """One kind of servo."""
 
-    Attributes
-    ----------
-    name : str
-        As printed on it.
-    ma_per_unit : float or None
-        Unit of current registers; None where the servo measures no current, and only its PWM can be
-        limited.
-    """
-
+    #: As printed on it.
     name: str
+    #: Unit of current registers; None where the servo measures no current, and only its PWM can be
+    #: limited.
     ma_per_unit: float | None
 
 

@@ -76,19 +76,6 @@ class Source(StrEnum):
 class Item:
     """One piece of produce.
 
-    Attributes
-    ----------
-    item_id : str
-        What its sticker or the user calls it; unique in the store.
-    kind : str or None
-        What it is, where a person said so: ``"avocado"``.
-    batch : str or None
-        What it came with: a delivery, a crate, a tree.
-    label : str or None
-        A note for people.
-    first_seen : datetime or None
-        When it was met first; None to let the store say.
-
     Raises
     ------
     InputError
@@ -100,10 +87,15 @@ class Item:
     'avocado'
     """
 
+    #: What its sticker or the user calls it; unique in the store.
     item_id: str
+    #: What it is, where a person said so: ``"avocado"``.
     kind: str | None = None
+    #: What it came with: a delivery, a crate, a tree.
     batch: str | None = None
+    #: A note for people.
     label: str | None = None
+    #: When it was met first; None to let the store say.
     first_seen: datetime | None = None
 
     def __post_init__(self) -> None:
@@ -118,39 +110,6 @@ class Item:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasp:
     """One grasp of one item, with what it measured.
-
-    Attributes
-    ----------
-    item_id : str
-        Which item; one that the store does not know is added with the grasp.
-    taken_at : datetime
-        When; aware.
-    rig : str
-        Name or file of the rig.
-    drive : {"width", "pressure"}
-        Kind of gripper: rigid fingers or soft ones.
-    origin : {"hardware", "firmware-simulated", "twin"}
-        Where the frames came from; anything but `hardware` is simulated.
-    outcome : Outcome
-        How it ended.
-    measurements : mapping of str to Measurement
-        By name, see `MEASURED`. What could not be measured is left out.
-    pixel_settled_percent : tuple of tuple or None
-        Relative change of each pixel when the answer was given, shape (rows, cols).
-    decision_time_s, peak_force_n : float or None
-        From first contact to the answer; largest grip force read.
-    angle_deg : float or None
-        Which side of the item faced the first finger: its turn about the vertical, degrees.
-    height_mm : float or None
-        Where along its vertical axis it was held, from the middle upwards.
-    temperature_c, humidity_percent : float or None
-        Surroundings, where known.
-    calibration_id : str or None
-        As `Store.add_calibration` gave it.
-    recording : str or None
-        Where the raw frames are.
-    grasp_id : str
-        A UUID. The same grasp written twice is kept once.
 
     Raises
     ------
@@ -174,22 +133,37 @@ class Grasp:
     (2.1, True)
     """
 
+    #: Which item; one that the store does not know is added with the grasp.
     item_id: str
+    #: When; aware.
     taken_at: datetime
+    #: Name or file of the rig.
     rig: str
+    #: Kind of gripper: rigid fingers or soft ones.
     drive: Drive
+    #: Where the frames came from; anything but `hardware` is simulated.
     origin: Origin
+    #: How it ended.
     outcome: Outcome
+    #: By name, see `MEASURED`. What could not be measured is left out.
     measurements: Mapping[str, Measurement] = field(default_factory=lambda: MappingProxyType({}))
+    #: Relative change of each pixel when the answer was given, shape (rows, cols).
     pixel_settled_percent: PixelPercent | None = None
+    #: From first contact to the answer; largest grip force read.
     decision_time_s: float | None = None
     peak_force_n: float | None = None
+    #: Which side of the item faced the first finger: its turn about the vertical, degrees.
     angle_deg: float | None = None
+    #: Where along its vertical axis it was held, from the middle upwards.
     height_mm: float | None = None
+    #: Surroundings, where known.
     temperature_c: float | None = None
     humidity_percent: float | None = None
+    #: As `Store.add_calibration` gave it.
     calibration_id: str | None = None
+    #: Where the raw frames are.
     recording: str | None = None
+    #: A UUID. The same grasp written twice is kept once.
     grasp_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
@@ -223,30 +197,6 @@ class Grasp:
 class Verdict:
     """Something said of an item, by palpate or by a person.
 
-    Attributes
-    ----------
-    item_id : str
-        Which item; it must be in the store.
-    about : About
-        Ripeness, bruise, identity or bin.
-    text : str
-        The verdict itself, short: ``"ripe"``, ``"bruised"``, ``"kiwi"``, ``"bin 2"``.
-    given_at : datetime
-        When; aware.
-    probability : float or None
-        That it is right, in [0, 1].
-    explanation : str
-        Why, in a sentence that a person can check.
-    details : mapping of str to JSON values
-        Numbers behind it: ``{"days_to_ripe": 2.1, "days_to_ripe_low": 1.2, ...}``,
-        ``{"probabilities": {"kiwi": 0.9, ...}}``.
-    grasp_id : str or None
-        The grasp that it rests on, where it is one.
-    source : Source
-        `person` for a label, which the others learn from.
-    verdict_id : str
-        A UUID. The same verdict written twice is kept once.
-
     Raises
     ------
     InputError
@@ -265,15 +215,26 @@ class Verdict:
     'ripeness'
     """
 
+    #: Which item; it must be in the store.
     item_id: str
+    #: Ripeness, bruise, identity or bin.
     about: About
+    #: The verdict itself, short: ``"ripe"``, ``"bruised"``, ``"kiwi"``, ``"bin 2"``.
     text: str
+    #: When; aware.
     given_at: datetime
+    #: That it is right, in [0, 1].
     probability: float | None = None
+    #: Why, in a sentence that a person can check.
     explanation: str = ""
+    #: Numbers behind it: ``{"days_to_ripe": 2.1, "days_to_ripe_low": 1.2, ...}``,
+    #: ``{"probabilities": {"kiwi": 0.9, ...}}``.
     details: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
+    #: The grasp that it rests on, where it is one.
     grasp_id: str | None = None
+    #: `person` for a label, which the others learn from.
     source: Source = Source.PALPATE
+    #: A UUID. The same verdict written twice is kept once.
     verdict_id: str = field(default_factory=lambda: str(uuid.uuid4()))
 
     def __post_init__(self) -> None:
@@ -294,24 +255,16 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """One measurement of an item's history, and how it was taken.
+    """One measurement of an item's history, and how it was taken."""
 
-    Attributes
-    ----------
-    taken_at : datetime
-        When.
-    measurement : Measurement
-        Value with its interval.
-    grasp_id, rig, drive, origin
-        Of the grasp it comes from.
-    angle_deg : float or None
-        Which side of the item was felt.
-    """
-
+    #: When.
     taken_at: datetime
+    #: Value with its interval.
     measurement: Measurement
+    #: Of the grasp it comes from.
     grasp_id: str
     rig: str
     drive: Drive
     origin: Origin
+    #: Which side of the item was felt.
     angle_deg: float | None = None

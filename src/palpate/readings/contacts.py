@@ -33,42 +33,29 @@ RATIO = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
-    """A stretch between two movements.
+    """A stretch between two movements."""
 
-    Attributes
-    ----------
-    onset_s, begin_s, end_s : float
-        Where the movement before it begins, where it ends, and where the next one begins. For the
-        first stretch `onset_s` is `begin_s`: how the recording came there is not known.
-    before, level : float
-        Height (see `heights`) before that movement, and of the stretch's later half.
-    """
-
+    #: Where the movement before it begins, where it ends, and where the next one begins. For the
+    #: first stretch `onset_s` is `begin_s`: how the recording came there is not known.
     onset_s: float
     begin_s: float
     end_s: float
+    #: Height (see `heights`) before that movement, and of the stretch's later half.
     before: float
     level: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """A recording reduced to what decides where contacts are.
+    """A recording reduced to what decides where contacts are."""
 
-    Attributes
-    ----------
-    time_s, height : ndarray, shape (n_cells,)
-        Middle of each cell, and the smoothed height there.
-    noise, step : float
-        Standard deviation of the heights' noise, and the change that counts as movement.
-    stretches : list of Stretch
-        In order of time.
-    """
-
+    #: Shape (n_cells,). Middle of each cell, and the smoothed height there.
     time_s: FloatArray
     height: FloatArray
+    #: Standard deviation of the heights' noise, and the change that counts as movement.
     noise: float
     step: float
+    #: In order of time.
     stretches: list[Stretch]
 
 

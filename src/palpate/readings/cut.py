@@ -43,43 +43,28 @@ _TOO_FEW = f"fewer than {FEWEST_READINGS} readings while it is held"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
-    """One contact, and whether a hold follows it.
+    """One contact, and whether a hold follows it."""
 
-    Attributes
-    ----------
-    onset_s : float
-        When the reading begins to move.
-    start_s, end_s : float
-        When loading ends and when the next movement begins: the hold, where there is one.
-    refused : str
-        Why it is no hold; empty where it is one.
-    """
-
+    #: When the reading begins to move.
     onset_s: float
+    #: When loading ends and when the next movement begins: the hold, where there is one.
     start_s: float
     end_s: float
+    #: Why it is no hold; empty where it is one.
     refused: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cut:
-    """The contacts of one column.
+    """The contacts of one column."""
 
-    Attributes
-    ----------
-    contacts : list of Contact
-        In order of time.
-    moves : bool
-        Whether there is any fast movement.
-    rises : bool
-        Whether contact raises the reading.
-    began_loaded : bool
-        Whether the recording begins in the middle of a hold, whose contact is not in it.
-    """
-
+    #: In order of time.
     contacts: list[Contact]
+    #: Whether there is any fast movement.
     moves: bool
+    #: Whether contact raises the reading.
     rises: bool
+    #: Whether the recording begins in the middle of a hold, whose contact is not in it.
     began_loaded: bool
 
     @property

@@ -28,30 +28,20 @@ _CONVERTER_ENDS = {0.0, *(2.0**bits - 1 for bits in range(8, 17))}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutColumn:
-    """One sensor of a recording, and where its holds are.
+    """One sensor of a recording, and where its holds are."""
 
-    Attributes
-    ----------
-    column : str
-        Its name.
-    time_s, values : ndarray, shape (n_times,)
-        Its readings, missing ones left out.
-    spans : list of tuple of float
-        Beginning and end of each hold, seconds of the recording; as many as `holds`.
-    holds : list of Hold
-        Time 0 is where the hold begins.
-    reason : str
-        Why there is none, where there is none.
-    remarks : list of str
-        What should be known about them.
-    """
-
+    #: Its name.
     column: str
+    #: Shape (n_times,). Its readings, missing ones left out.
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
+    #: Beginning and end of each hold, seconds of the recording; as many as `holds`.
     spans: list[tuple[float, float]]
+    #: Time 0 is where the hold begins.
     holds: list[Hold]
+    #: Why there is none, where there is none.
     reason: str = ""
+    #: What should be known about them.
     remarks: list[str] = field(default_factory=list)
 
 
@@ -198,17 +188,11 @@ def _spans(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Converter:
-    """What a column's readings are made into.
+    """What a column's readings are made into."""
 
-    Attributes
-    ----------
-    divider : Divider or None
-        Counts become ohm by it; without it readings stay as they are.
-    ends : tuple of float
-        Counts at the ends of the converter's range, which say nothing of the resistance.
-    """
-
+    #: Counts become ohm by it; without it readings stay as they are.
     divider: Divider | None
+    #: Counts at the ends of the converter's range, which say nothing of the resistance.
     ends: tuple[float, ...]
 
     @classmethod

@@ -50,20 +50,13 @@ Record = Schema | Channel | Metadata | RawMessage
 
 @dataclass(slots=True, kw_only=True)
 class FileState:
-    """How far a file could be read; complete once all of it was.
+    """How far a file could be read; complete once all of it was."""
 
-    Attributes
-    ----------
-    complete : bool
-        The file was finished: its footer is there.
-    damaged_chunks : int
-        Chunks left out because their content or checksum is wrong.
-    unread_bytes : int
-        Bytes at the end that belong to no whole record.
-    """
-
+    #: The file was finished: its footer is there.
     complete: bool = False
+    #: Chunks left out because their content or checksum is wrong.
     damaged_chunks: int = 0
+    #: Bytes at the end that belong to no whole record.
     unread_bytes: int = 0
 
     @property

@@ -81,20 +81,13 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadCells:
-    """One reading of the reference load cells.
+    """One reading of the reference load cells."""
 
-    Attributes
-    ----------
-    time_s : float
-        Device time mapped to the host's clock.
-    raw : tuple of int
-        Converter readings, one per cell; always kept.
-    force_n : tuple of float
-        The same in newton where the cells are calibrated, else empty.
-    """
-
+    #: Device time mapped to the host's clock.
     time_s: float
+    #: Converter readings, one per cell; always kept.
     raw: tuple[int, ...]
+    #: The same in newton where the cells are calibrated, else empty.
     force_n: tuple[float, ...] = ()
 
 

@@ -20,17 +20,11 @@ _POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardBench:
-    """Devices of a real rig, the hand open and the load cells at zero.
+    """Devices of a real rig, the hand open and the load cells at zero."""
 
-    Attributes
-    ----------
-    bench : Bench
-        The devices.
-    cell : BoardLoadCell
-        The bench's load cell, to be set to zero again where it is placed anew.
-    """
-
+    #: The devices.
     bench: Bench
+    #: The bench's load cell, to be set to zero again where it is placed anew.
     cell: BoardLoadCell
 
 

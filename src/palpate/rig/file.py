@@ -33,24 +33,16 @@ _CELLS = (1, 2)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFile:
-    """What a rig file states of a real rig, checked.
+    """What a rig file states of a real rig, checked."""
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    calibration : Path
-        Made with this sensor on this gripper, or to be made.
-    array, gripper : object
-        Their tables, as they stand in the file.
-    newtons_per_count : tuple of float or None
-        Of each load cell in use, cell 0 first; None where the rig has none.
-    """
-
+    #: The file.
     path: Path
+    #: Made with this sensor on this gripper, or to be made.
     calibration: Path
+    #: Their tables, as they stand in the file.
     array: Any
     gripper: Any
+    #: Of each load cell in use, cell 0 first; None where the rig has none.
     newtons_per_count: tuple[float, ...] | None
 
 

@@ -30,18 +30,12 @@ _BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Protocol:
-    """How one kind of hand is calibrated.
+    """How one kind of hand is calibrated."""
 
-    Attributes
-    ----------
-    start : float
-        Width or pressure at which no face is touched yet (none is larger than 51 mm).
-    holds_n : tuple of tuple of float
-        Forces to hold at in each placement of the cell: small ones and large ones mixed, within
-        what the hand can do.
-    """
-
+    #: Width or pressure at which no face is touched yet (none is larger than 51 mm).
     start: float
+    #: Forces to hold at in each placement of the cell: small ones and large ones mixed, within what
+    #: the hand can do.
     holds_n: tuple[tuple[float, ...], ...]
 
 

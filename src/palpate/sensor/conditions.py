@@ -41,19 +41,13 @@ class ConditionsCorrection:
 
     Two calibrations give its slope along the line between them and none across; three that are not
     in line give the plane.
-
-    Attributes
-    ----------
-    reference : Conditions
-        Where readings are corrected to: the first calibration.
-    slope : tuple of float
-        Of ln excess conductance, per scaled step of temperature and of humidity.
-    seen : tuple of Conditions
-        The calibrations.
     """
 
+    #: Where readings are corrected to: the first calibration.
     reference: Conditions
+    #: Of ln excess conductance, per scaled step of temperature and of humidity.
     slope: tuple[float, float]
+    #: The calibrations.
     seen: tuple[Conditions, ...]
 
     @classmethod

@@ -17,26 +17,19 @@ class CurrentPairs:
 
     At rest gears hold any part of their friction either way; in motion they take all of it.
 
-    Attributes
-    ----------
-    force_n : tuple of float
-        Reference: mean of the fingers' normal forces.
-    current_ma : tuple of float
-        What the servo reported at that moment.
-    width_mm : tuple of float
-        Opening at that moment; empty in older files.
-    movement : tuple of int
-        Number of the movement that the reading was taken in; empty in older files.
-
     Raises
     ------
     CalibrationError
         If the columns differ in length, or hold what is no finite number.
     """
 
+    #: Reference: mean of the fingers' normal forces.
     force_n: tuple[float, ...]
+    #: What the servo reported at that moment.
     current_ma: tuple[float, ...]
+    #: Opening at that moment; empty in older files.
     width_mm: tuple[float, ...] = ()
+    #: Number of the movement that the reading was taken in; empty in older files.
     movement: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:

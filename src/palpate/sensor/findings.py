@@ -58,17 +58,6 @@ CHECKS: dict[str, str] = {
 class Finding:
     """One thing that is wrong.
 
-    Attributes
-    ----------
-    code : str
-        A key of `CHECKS`.
-    severity : Severity
-        Fault or advice.
-    where : str
-        The pixel ("R0 C1"), line ("row R0") or part that it is about.
-    text : str
-        What was measured, with its numbers.
-
     Examples
     --------
     >>> found = Finding(code="late", severity=Severity.ADVICE, where="link", text="7 frames late")
@@ -76,9 +65,13 @@ class Finding:
     'the computer stalls: close what loads it, or lower the rate'
     """
 
+    #: A key of `CHECKS`.
     code: str
+    #: Fault or advice.
     severity: Severity
+    #: The pixel ("R0 C1"), line ("row R0") or part that it is about.
     where: str
+    #: What was measured, with its numbers.
     text: str
 
     def __post_init__(self) -> None:

@@ -34,23 +34,15 @@ _LOADED_FALL = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stretch:
-    """Frames in columns.
+    """Frames in columns."""
 
-    Attributes
-    ----------
-    time_s : ndarray, shape (frames,)
-        When each was scanned.
-    sequence : ndarray of int, shape (frames,)
-        Their numbers, without wrap.
-    counts : ndarray, shape (frames, rows, cols)
-        Sums of `oversampling` conversions.
-    oversampling : int
-        Conversions summed per pixel, the same in all frames.
-    """
-
+    #: Shape (frames,). When each was scanned.
     time_s: FloatArray
+    #: Shape (frames,). Their numbers, without wrap.
     sequence: NDArray[np.int64]
+    #: Shape (frames, rows, cols). Sums of `oversampling` conversions.
     counts: NDArray[np.int32]
+    #: Conversions summed per pixel, the same in all frames.
     oversampling: int = 1
 
     @classmethod
@@ -101,26 +93,17 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """What was measured, and what is wrong.
+    """What was measured, and what is wrong."""
 
-    Attributes
-    ----------
-    pixels : PixelReadings
-        Rest value, noise, drift and resolution of each pixel.
-    link : LinkReadings
-        Rate, losses, jitter.
-    resistor : ResistorFit or None
-        None where no pixel reads.
-    range_measured : bool
-        Whether the range behind `resistor` was seen under load.
-    findings : tuple of Finding
-        Faults first.
-    """
-
+    #: Rest value, noise, drift and resolution of each pixel.
     pixels: PixelReadings
+    #: Rate, losses, jitter.
     link: LinkReadings
+    #: None where no pixel reads.
     resistor: ResistorFit | None
+    #: Whether the range behind `resistor` was seen under load.
     range_measured: bool
+    #: Faults first.
     findings: tuple[Finding, ...]
 
     @property

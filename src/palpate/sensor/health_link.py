@@ -33,28 +33,19 @@ class LinkEvents:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkReadings:
-    """The stretch as frames in time.
+    """The stretch as frames in time."""
 
-    Attributes
-    ----------
-    frames, lost : int
-        Received, and missing in the numbering.
-    duration_s : float
-        From the first frame to the last.
-    rate_hz : float
-        Frames scanned per second, lost ones included.
-    jitter_percent : float
-        The interval between frames that 5 % of the intervals are further off than, percent of the
-        period.
-    events : LinkEvents
-        What the link counted.
-    """
-
+    #: Received, and missing in the numbering.
     frames: int
     lost: int
+    #: From the first frame to the last.
     duration_s: float
+    #: Frames scanned per second, lost ones included.
     rate_hz: float
+    #: The interval between frames that 5 % of the intervals are further off than, percent of the
+    #: period.
     jitter_percent: float
+    #: What the link counted.
     events: LinkEvents
 
 

@@ -40,23 +40,15 @@ _Q90_OF_DIFFERENCES = 1.6449 * math.sqrt(2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelReadings:
-    """What each pixel did over the stretch; arrays have shape (rows, cols).
+    """What each pixel did over the stretch; arrays have shape (rows, cols)."""
 
-    Attributes
-    ----------
-    rest_ohm : ndarray
-        Median resistance: inf for an open pixel, 0 for a short one.
-    noise_percent : ndarray
-        Standard deviation of one frame, slow changes left out; NaN for dead pixels.
-    drift_percent : ndarray
-        Change from the first to the last third of the stretch; NaN for dead pixels.
-    count_percent : ndarray
-        By how much one count changes the reading; NaN for dead pixels.
-    """
-
+    #: Median resistance: inf for an open pixel, 0 for a short one.
     rest_ohm: FloatArray
+    #: Standard deviation of one frame, slow changes left out; NaN for dead pixels.
     noise_percent: FloatArray
+    #: Change from the first to the last third of the stretch; NaN for dead pixels.
     drift_percent: FloatArray
+    #: By how much one count changes the reading; NaN for dead pixels.
     count_percent: FloatArray
 
 

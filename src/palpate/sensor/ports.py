@@ -26,26 +26,17 @@ _BRIDGES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Port:
-    """One serial port of this machine.
+    """One serial port of this machine."""
 
-    Attributes
-    ----------
-    device : str
-        What to open, e.g. ``"/dev/ttyACM0"``.
-    description : str
-        What the system calls it.
-    usb_id : tuple of int or None
-        Vendor and product.
-    serial_number : str or None
-        Of the USB device: tells two boards apart.
-    board : str or None
-        What is probably behind it; None if nothing speaks for a board.
-    """
-
+    #: What to open, e.g. ``"/dev/ttyACM0"``.
     device: str
+    #: What the system calls it.
     description: str
+    #: Vendor and product.
     usb_id: tuple[int, int] | None = None
+    #: Of the USB device: tells two boards apart.
     serial_number: str | None = None
+    #: What is probably behind it; None if nothing speaks for a board.
     board: str | None = None
 
 

@@ -16,22 +16,15 @@ _E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResistorFit:
-    """How the reference resistor in place compares with the best one of the E12 series.
+    """How the reference resistor in place compares with the best one of the E12 series."""
 
-    Attributes
-    ----------
-    low_ohm, high_ohm : float
-        Working range of the pixels.
-    present_ohm, recommended_ohm : float
-        In place, and advised.
-    step_percent, recommended_step_percent : float
-        By how much one count changes the reading at the worse end of the range, with either.
-    """
-
+    #: Working range of the pixels.
     low_ohm: float
     high_ohm: float
+    #: In place, and advised.
     present_ohm: float
     recommended_ohm: float
+    #: By how much one count changes the reading at the worse end of the range, with either.
     step_percent: float
     recommended_step_percent: float
 

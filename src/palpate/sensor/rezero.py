@@ -21,69 +21,47 @@ _WIDTH_NOISE_MM = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RezeroRule:
-    """When the rest values may be taken anew, and how far they may go.
+    """When the rest values may be taken anew, and how far they may go."""
 
-    Attributes
-    ----------
-    clear_mm : float
-        How far beyond the width of the contact the hand must be open. Contact is seen late, after
-        a frame of closing and the first give of a soft object.
-    still_s, average_s : float
-        How long it must stand still first (spike and creep fade), and how long is averaged then.
-    settled_percent : float
-        By how much two such averages, one after the other, may differ: while a sheet still forgets
-        its load its rest value is not there to be taken.
-    fall_percent, rise_percent : float
-        A rest value may change by so much at once; a load only ever lowers it.
-    total_percent : float
-        Further than this from the calibration it stays, and a new calibration is advised.
-    """
-
+    #: How far beyond the width of the contact the hand must be open. Contact is seen late, after a
+    #: frame of closing and the first give of a soft object.
     clear_mm: float = 5.0
+    #: How long it must stand still first (spike and creep fade), and how long is averaged then.
     still_s: float = 2.0
     average_s: float = 1.0
+    #: By how much two such averages, one after the other, may differ: while a sheet still forgets
+    #: its load its rest value is not there to be taken.
     settled_percent: float = 0.3
+    #: A rest value may change by so much at once; a load only ever lowers it.
     fall_percent: float = 3.0
     rise_percent: float = 10.0
+    #: Further than this from the calibration it stays, and a new calibration is advised.
     total_percent: float = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class RezeroState:
-    """What re-zeroing remembers. Arrays have shape (rows, cols).
+    """What re-zeroing remembers. Arrays have shape (rows, cols)."""
 
-    Attributes
-    ----------
-    rest_ohm, calibrated_ohm : ndarray
-        Rest values now, and those of the calibration.
-    touching : bool
-        Whether some pixel shows a contact.
-    contact_mm : float or None
-        Width at which the last contact began; None when re-zeroed since, or before the first one.
-    widest_mm : float
-        Widest opening since then.
-    width_mm : float or None
-        Opening at the last frame.
-    clear_since_s : float or None
-        Since when nothing can be held.
-    total_ohm, frames
-        Sum over the frames that are to be averaged, and their number.
-    averaged_ohm : ndarray or None
-        The average before.
-    advice : str
-        Empty, or why the sensor should be calibrated anew.
-    """
-
+    #: Rest values now, and those of the calibration.
     rest_ohm: FloatArray
     calibrated_ohm: FloatArray
+    #: Whether some pixel shows a contact.
     touching: bool = False
+    #: Width at which the last contact began; None when re-zeroed since, or before the first one.
     contact_mm: float | None = None
+    #: Widest opening since then.
     widest_mm: float = -np.inf
+    #: Opening at the last frame.
     width_mm: float | None = None
+    #: Since when nothing can be held.
     clear_since_s: float | None = None
+    #: Sum over the frames that are to be averaged, and their number.
     total_ohm: FloatArray | float = 0.0
     frames: int = 0
+    #: The average before.
     averaged_ohm: FloatArray | None = None
+    #: Empty, or why the sensor should be calibrated anew.
     advice: str = ""
 
     @classmethod

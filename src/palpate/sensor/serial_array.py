@@ -39,29 +39,19 @@ _SILENT_PERIODS, _SILENT_S = 10, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkCounters:
-    """What happened on the link so far.
+    """What happened on the link so far."""
 
-    Attributes
-    ----------
-    frames : int
-        Frames received.
-    lost : int
-        Frames that the numbering shows to be missing.
-    corrupt : int
-        Packets rejected.
-    late : int
-        Frames older than 5 periods and 100 ms when they were read: the host stalled.
-    restarts : int
-        Streams begun after the first: resets of the board, and resumptions.
-    reconnects : int
-        Times that the port was opened again.
-    """
-
+    #: Frames received.
     frames: int
+    #: Frames that the numbering shows to be missing.
     lost: int
+    #: Packets rejected.
     corrupt: int
+    #: Frames older than 5 periods and 100 ms when they were read: the host stalled.
     late: int
+    #: Streams begun after the first: resets of the board, and resumptions.
     restarts: int
+    #: Times that the port was opened again.
     reconnects: int
 
 

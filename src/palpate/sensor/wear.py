@@ -20,14 +20,6 @@ class WearTrack:
     straight line in ln(cycles + 1) between checks, and as constant after the last one: wear that
     nobody looked at is not guessed.
 
-    Attributes
-    ----------
-    cycles : tuple of int
-        Grasps made before each check, rising.
-    excess : tuple of float
-        Settled excess conductance of the reference load, the geometric mean of several grasps
-        where placing it scatters; the first is that of the calibration.
-
     Examples
     --------
     >>> track = WearTrack.started(cycles=0, excess=10.0).checked(cycles=500, excess=8.0)
@@ -37,7 +29,10 @@ class WearTrack:
     'the reference load reads -20 % since the calibration: calibrate force anew'
     """
 
+    #: Grasps made before each check, rising.
     cycles: tuple[int, ...]
+    #: Settled excess conductance of the reference load, the geometric mean of several grasps where
+    #: placing it scatters; the first is that of the calibration.
     excess: tuple[float, ...]
 
     @classmethod

@@ -130,29 +130,19 @@ def encode_message(message: Message) -> bytes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireCounters:
-    """What a decoder has seen so far.
+    """What a decoder has seen so far."""
 
-    Attributes
-    ----------
-    frames : int
-        Frames accepted.
-    lost : int
-        Frames that the numbering shows to be missing, on the link or on the board.
-    corrupt : int
-        Packets rejected (the cut-off piece before the very first zero is not one).
-    unknown : int
-        Sound packets of a type that this version doesn't know.
-    restarts : int
-        Streams begun after the first: a start command or a reset of the board.
-    rejected_bytes : int
-        Bytes in rejected packets and before the first zero.
-    """
-
+    #: Frames accepted.
     frames: int = 0
+    #: Frames that the numbering shows to be missing, on the link or on the board.
     lost: int = 0
+    #: Packets rejected (the cut-off piece before the very first zero is not one).
     corrupt: int = 0
+    #: Sound packets of a type that this version doesn't know.
     unknown: int = 0
+    #: Streams begun after the first: a start command or a reset of the board.
     restarts: int = 0
+    #: Bytes in rejected packets and before the first zero.
     rejected_bytes: int = 0
 
 

@@ -93,82 +93,54 @@ class ResetCause(IntFlag):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadCell:
-    """One load-cell amplifier's latest reading.
+    """One load-cell amplifier's latest reading."""
 
-    Attributes
-    ----------
-    raw : int
-        24-bit signed reading; `NO_READING` before the first.
-    sample : int
-        Readings so far, modulo 256: unchanged means the same reading as in the frame before.
-    """
-
+    #: 24-bit signed reading; `NO_READING` before the first.
     raw: int
+    #: Readings so far, modulo 256: unchanged means the same reading as in the frame before.
     sample: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameMessage:
-    """One scan of the pixels, as the board sent it.
+    """One scan of the pixels, as the board sent it."""
 
-    Attributes
-    ----------
-    sequence : int
-        Number of the scan in its stream, from 0, without the 32-bit wrap.
-    time_us : int
-        Board time at the start of the scan, microseconds, without the 32-bit wrap within a stream.
-    stream : int
-        1 to 255; changes at each start and each reset of the board.
-    oversampling : int
-        Conversions summed per pixel.
-    status : int
-        Bits of `Status`.
-    counts : ndarray of uint16, shape (rows, cols)
-        Sums of 10-bit readings: at most 1023 times `oversampling`; read-only.
-    load_cells : tuple of LoadCell
-        Empty unless asked for.
-    pressure_set_kpa, pressure_kpa : float or None
-        Regulator output now (after the slew limit) and its read-back.
-    """
-
+    #: Number of the scan in its stream, from 0, without the 32-bit wrap.
     sequence: int
+    #: Board time at the start of the scan, microseconds, without the 32-bit wrap within a stream.
     time_us: int
+    #: 1 to 255; changes at each start and each reset of the board.
     stream: int
+    #: Conversions summed per pixel.
     oversampling: int
+    #: Bits of `Status`.
     status: int
+    #: Shape (rows, cols). Sums of 10-bit readings: at most 1023 times `oversampling`; read-only.
     counts: NDArray[np.uint16]
+    #: Empty unless asked for.
     load_cells: tuple[LoadCell, ...] = ()
+    #: Regulator output now (after the slew limit) and its read-back.
     pressure_set_kpa: float | None = None
     pressure_kpa: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ack:
-    """The board's answer to a command.
+    """The board's answer to a command."""
 
-    Attributes
-    ----------
-    command : int
-        `CommandType` that is answered, as received.
-    tag : int
-        The command's own tag, 0 to 255.
-    result : Result
-        What came of it.
-    stream, next_sequence : int
-        Every frame of this stream below `next_sequence` was sent before this answer, or dropped;
-        stream 0 is none since the board started.
-    time_us : int
-        Board time, 32 bits.
-    highest_rate_hz : float
-        Highest frame rate of the layout, oversampling and contents now in force (or just refused).
-    """
-
+    #: `CommandType` that is answered, as received.
     command: int
+    #: The command's own tag, 0 to 255.
     tag: int
+    #: What came of it.
     result: Result
+    #: Every frame of this stream below `next_sequence` was sent before this answer, or dropped;
+    #: stream 0 is none since the board started.
     stream: int = 0
     next_sequence: int = 0
+    #: Board time, 32 bits.
     time_us: int = 0
+    #: Highest frame rate of the layout, oversampling and contents now in force (or just refused).
     highest_rate_hz: float = 0.0
 
 
@@ -178,50 +150,39 @@ class Identity:
 
     Attributes
     ----------
-    tag : int
-        Tag of the command; 0 when unasked.
-    protocol : int
-        `PROTOCOL_VERSION` of the board.
-    version : tuple of int
-        Firmware version.
-    features : int
-        Bits of `Contents` that the board can send.
     rows, cols, oversampling, settle_us : int
         Configuration in force.
-    max_rows, max_cols, max_oversampling : int
-        What it can be set to.
-    heartbeat_ms : int
-        Silence after which the pressure output is vented.
-    reset_cause : int
-        Bits of `ResetCause`.
-    streaming : bool
-        Whether frames are being sent.
-    conversion_us, baud : int
-        Nominal time of one conversion, and speed of the link.
-    rate_hz, highest_rate_hz : float
-        Frame rate set, and highest possible with this configuration.
-    board : str
-        Name of the hardware.
     """
 
+    #: Tag of the command; 0 when unasked.
     tag: int
+    #: `PROTOCOL_VERSION` of the board.
     protocol: int
+    #: Firmware version.
     version: tuple[int, int, int]
+    #: Bits of `Contents` that the board can send.
     features: int
     rows: int
     cols: int
     oversampling: int
+    #: What it can be set to.
     max_rows: int
     max_cols: int
     max_oversampling: int
     settle_us: int
+    #: Silence after which the pressure output is vented.
     heartbeat_ms: int
+    #: Bits of `ResetCause`.
     reset_cause: int
+    #: Whether frames are being sent.
     streaming: bool
+    #: Nominal time of one conversion, and speed of the link.
     conversion_us: int
     baud: int
+    #: Frame rate set, and highest possible with this configuration.
     rate_hz: float
     highest_rate_hz: float
+    #: Name of the hardware.
     board: str
 
 

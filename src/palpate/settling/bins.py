@@ -23,20 +23,13 @@ CONTACT_SCATTER = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bins:
-    """Stretches of a sampling grid.
+    """Stretches of a sampling grid."""
 
-    Attributes
-    ----------
-    averaging : ndarray, shape (n_bins, n_times)
-        Rows that average the samples of one stretch each.
-    time_s : ndarray, shape (n_bins,)
-        Time of each average, seconds after the peak.
-    count : ndarray, shape (n_bins,)
-        Samples in each.
-    """
-
+    #: Shape (n_bins, n_times). Rows that average the samples of one stretch each.
     averaging: FloatArray
+    #: Shape (n_bins,). Time of each average, seconds after the peak.
     time_s: FloatArray
+    #: Shape (n_bins,). Samples in each.
     count: FloatArray
 
 

@@ -44,31 +44,22 @@ _VARIANCE = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conditionals:
-    """What the components make of one grid; m is the number of differences.
+    """What the components make of one grid; m is the number of differences."""
 
-    Attributes
-    ----------
-    bins : Bins
-        How samples are averaged first.
-    products : ndarray, shape (m, n_deviations * (m + n_curves + 1))
-        What differences are multiplied with, all at once: whitened by each deviation; along each
-        whitened curve divided by sqrt(1 + its square); and forecast by each deviation.
-    step : ndarray, shape (n_components,)
-        Forecast per unit along such a curve, deviation by deviation.
-    log_weight : ndarray, shape (n_components,)
-        -ln|K + c c'| / 2.
-    variance : ndarray, shape (n_components,)
-        Variance of the forecast at unit scale.
-    pace_from, pace : int and float
-        The recent pace per e-fold of time would bring a change of `pace` times the difference of
-        the last bin to this one.
-    """
-
+    #: How samples are averaged first.
     bins: Bins
+    #: Shape (m, n_deviations * (m + n_curves + 1)). What differences are multiplied with, all at
+    #: once: whitened by each deviation; along each whitened curve divided by sqrt(1 + its square);
+    #: and forecast by each deviation.
     products: FloatArray
+    #: Shape (n_components,). Forecast per unit along such a curve, deviation by deviation.
     step: FloatArray
+    #: Shape (n_components,). -ln|K + c c'| / 2.
     log_weight: FloatArray
+    #: Shape (n_components,). Variance of the forecast at unit scale.
     variance: FloatArray
+    #: The recent pace per e-fold of time would bring a change of `pace` times the difference of the
+    #: last bin to this one.
     pace_from: int
     pace: float
 

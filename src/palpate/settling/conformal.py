@@ -26,23 +26,17 @@ CUTOFFS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
 class Conformal:
     """A method with intervals as wide as its errors on calibration holds were.
 
-    Attributes
-    ----------
-    method : SettlingMethod
-        What predicts.
-    cutoff_s : ndarray, shape (n_cutoffs,)
-        Cut-offs that calibration holds had samples for, increasing.
-    errors : tuple of ndarray
-        For each, the absolute errors as multiples of the change seen by then, sorted.
-
     References
     ----------
     V. Vovk, A. Gammerman and G. Shafer, "Algorithmic Learning in a Random World" (2005), section
     4.2.
     """
 
+    #: What predicts.
     method: SettlingMethod
+    #: Shape (n_cutoffs,). Cut-offs that calibration holds had samples for, increasing.
     cutoff_s: FloatArray
+    #: For each, the absolute errors as multiples of the change seen by then, sorted.
     errors: tuple[FloatArray, ...]
 
     @property

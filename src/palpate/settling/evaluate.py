@@ -30,37 +30,26 @@ class Calibrates(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """One hold, method and cut-off, beside what the hold settled to.
+    """One hold, method and cut-off, beside what the hold settled to."""
 
-    Attributes
-    ----------
-    source, hold_id, channel : str, str, str or None
-        Which hold of which file.
-    method : str
-        By the name that the caller gave it.
-    cutoff_s : float
-        The prediction rests on samples up to this time alone.
-    decided : bool or None
-        Whether the interval became narrow enough; None where the cut-off was given beforehand.
-    predicted, low, high : float
-        At the horizon; NaN where there is no sample before the cut-off or no interval.
-    settled, recorded : float
-        What it settled to (NaN where the hold ends before), and the last sample at the cut-off.
-    status : Status
-        Of the prediction.
-    """
-
+    #: Which hold of which file.
     source: str
     hold_id: str
     channel: str | None
+    #: By the name that the caller gave it.
     method: str
+    #: The prediction rests on samples up to this time alone.
     cutoff_s: float
+    #: Whether the interval became narrow enough; None where the cut-off was given beforehand.
     decided: bool | None
+    #: At the horizon; NaN where there is no sample before the cut-off or no interval.
     predicted: float
     low: float
     high: float
+    #: What it settled to (NaN where the hold ends before), and the last sample at the cut-off.
     settled: float
     recorded: float
+    #: Of the prediction.
     status: Status
 
 

@@ -41,29 +41,20 @@ _STATUS_IF_STANDS = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExponentialFit:
-    """Parameters of equation 3, each an array of shape (n_holds,).
+    """Parameters of equation 3, each an array of shape (n_holds,)."""
 
-    Attributes
-    ----------
-    settled : ndarray
-        C where the fit stands, the recorded value where it doesn't (see `status`).
-    amplitude : ndarray
-        A, at the peak; NaN without a fit.
-    rate_per_s : ndarray
-        lambda; NaN without a fit.
-    window_s : ndarray
-        Length of the fitted stretch; 0 where the recorded value stands in.
-    status : ndarray of Status
-        `ok`; `too_short` with fewer than four samples; `not_settling` where the rate is at an end
-        of its range (as in a constant window, which has none), or C runs away: it lies further from
-        the last sample than the signal has come since its peak, and the curvature that puts it
-        there does not stand clear of the residuals.
-    """
-
+    #: C where the fit stands, the recorded value where it doesn't (see `status`).
     settled: FloatArray
+    #: A, at the peak; NaN without a fit.
     amplitude: FloatArray
+    #: lambda; NaN without a fit.
     rate_per_s: FloatArray
+    #: Length of the fitted stretch; 0 where the recorded value stands in.
     window_s: FloatArray
+    #: `ok`; `too_short` with fewer than four samples; `not_settling` where the rate is at an end of
+    #: its range (as in a constant window, which has none), or C runs away: it lies further from the
+    #: last sample than the signal has come since its peak, and the curvature that puts it there
+    #: does not stand clear of the residuals.
     status: NDArray[np.object_]
 
 

@@ -18,17 +18,12 @@ PRIOR_RESIDUALS = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IntervalScale:
-    """Half-widths of intervals in units of the predictor's own standard deviation.
+    """Half-widths of intervals in units of the predictor's own standard deviation."""
 
-    Attributes
-    ----------
-    window_s : ndarray, shape (n_windows,)
-        Window lengths at which calibration residuals were taken, increasing; empty without.
-    residuals : tuple of ndarray
-        For each window, the absolute residuals over the standard deviations, sorted.
-    """
-
+    #: Shape (n_windows,). Window lengths at which calibration residuals were taken, increasing;
+    #: empty without.
     window_s: FloatArray
+    #: For each window, the absolute residuals over the standard deviations, sorted.
     residuals: tuple[FloatArray, ...]
 
     def widening(self, window_s: float, *, level: float) -> float:

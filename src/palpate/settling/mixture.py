@@ -31,21 +31,15 @@ _BEYOND = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mixture:
-    """Components that matter, hold by hold, and their forecasts.
+    """Components that matter, hold by hold, and their forecasts."""
 
-    Attributes
-    ----------
-    first : ndarray of int, shape (n_holds,)
-        First entry of each hold.
-    hold, component : ndarray of int, shape (n_kept,)
-        Which hold each entry is of, increasing from 0, and which component.
-    weight, forecast, deviation : ndarray, shape (n_kept,)
-        Posterior probability, change from the last bin to the horizon and its standard deviation.
-    """
-
+    #: Shape (n_holds,). First entry of each hold.
     first: NDArray[np.intp]
+    #: Shape (n_kept,). Which hold each entry is of, increasing from 0, and which component.
     hold: NDArray[np.intp]
     component: NDArray[np.intp]
+    #: Shape (n_kept,). Posterior probability, change from the last bin to the horizon and its
+    #: standard deviation.
     weight: FloatArray
     forecast: FloatArray
     deviation: FloatArray
@@ -112,21 +106,16 @@ def posterior(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Weighing:
-    """Conditionals of a grid under some odds.
+    """Conditionals of a grid under some odds."""
 
-    Attributes
-    ----------
-    handicap : ndarray, shape (n_deviations, n_curves)
-        What multiplies the unexplained squares of each component, for the odds, the noise and the
-        determinants: at least 1.
-    products : ndarray, shape as in `Conditionals`
-        Those of the conditionals, with the root of the handicap in what is along the curves.
-    step, variance : ndarray, shape (n_components,)
-        Forecast per unit along the curve, and its variance per unit left, both so multiplied.
-    """
-
+    #: Shape (n_deviations, n_curves). What multiplies the unexplained squares of each component,
+    #: for the odds, the noise and the determinants: at least 1.
     handicap: FloatArray
+    #: Shape as in `Conditionals`. Those of the conditionals, with the root of the handicap in what
+    #: is along the curves.
     products: FloatArray
+    #: Shape (n_components,). Forecast per unit along the curve, and its variance per unit left,
+    #: both so multiplied.
     step: FloatArray
     variance: FloatArray
 

@@ -27,20 +27,13 @@ _FEWEST_LEFT, _SHORTEST_LEFT_S = 4, 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Window:
-    """Holds that share an origin and the samples to use.
+    """Holds that share an origin and the samples to use."""
 
-    Attributes
-    ----------
-    rows : ndarray of int
-        Which holds.
-    since_s : ndarray, shape (n_used,)
-        Times of the samples to use, seconds after the origin.
-    origin, first : int
-        Index of the origin, and of the first sample to use.
-    """
-
+    #: Which holds.
     rows: NDArray[np.intp]
+    #: Shape (n_used,). Times of the samples to use, seconds after the origin.
     since_s: FloatArray
+    #: Index of the origin, and of the first sample to use.
     origin: int
     first: int
 
@@ -103,20 +96,13 @@ def origins(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Grid:
-    """What each sample of a grid is as an origin, all shape (n_times,), and one more index.
+    """What each sample of a grid is as an origin, all shape (n_times,), and one more index."""
 
-    Attributes
-    ----------
-    soon : ndarray of int
-        Last sample that may show a contact.
-    later : ndarray of int
-        Where the contact has rung out, or the origin itself where too few samples come after that.
-    could_end : int
-        First sample at which a baseline could end.
-    """
-
+    #: Last sample that may show a contact.
     soon: NDArray[np.intp]
+    #: Where the contact has rung out, or the origin itself where too few samples come after that.
     later: NDArray[np.intp]
+    #: First sample at which a baseline could end.
     could_end: int
 
 

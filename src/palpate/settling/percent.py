@@ -20,11 +20,6 @@ PERCENT = "percent"
 class InPercent:
     """A method for holds in percent, made of one for holds of any other unit.
 
-    Attributes
-    ----------
-    method : SettlingMethod
-        What predicts the ratio to the resistance at rest.
-
     Examples
     --------
     >>> import numpy as np
@@ -37,6 +32,7 @@ class InPercent:
     True
     """
 
+    #: What predicts the ratio to the resistance at rest.
     method: SettlingMethod
 
     @property

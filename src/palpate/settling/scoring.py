@@ -61,22 +61,18 @@ class Scores:
 
     Attributes
     ----------
-    error_percent : ndarray, shape (n_holds,)
-        (predicted - settled) / abs(settled).
-    of_remaining_percent : ndarray, shape (n_holds,)
-        abs(predicted - settled) / abs(settled - recorded at the cut-off): what is still missing of
-        the change that was still to come. It does not depend on unit or baseline.
-    half_width_percent : ndarray, shape (n_holds,)
-        Half of the interval, in percent of abs(settled).
-    covered : ndarray, shape (n_holds,)
-        1 where the interval holds the settled value, 0 where not, NaN where either is unknown.
-
     All are NaN where the hold has no settled value, or a percentage has nothing to be a share of.
     """
 
+    #: Shape (n_holds,). (predicted - settled) / abs(settled).
     error_percent: FloatArray
+    #: Shape (n_holds,). abs(predicted - settled) / abs(settled - recorded at the cut-off): what is
+    #: still missing of the change that was still to come. It does not depend on unit or baseline.
     of_remaining_percent: FloatArray
+    #: Shape (n_holds,). Half of the interval, in percent of abs(settled).
     half_width_percent: FloatArray
+    #: Shape (n_holds,). 1 where the interval holds the settled value, 0 where not, NaN where either
+    #: is unknown.
     covered: FloatArray
 
 

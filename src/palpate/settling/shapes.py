@@ -31,23 +31,15 @@ _SMALL, _USUAL_SHARE = 0.02, 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deviation:
-    """How a hold differs from its curve; all standard deviations are in units of its scale.
+    """How a hold differs from its curve; all standard deviations are in units of its scale."""
 
-    Attributes
-    ----------
-    noise : float
-        Of one sample.
-    walk : float
-        Gained per e-fold of time: waves and steps.
-    loose : float
-        Of the amplitude of decays of any time constant: another smooth shape.
-    fast : bool
-        Contact adds a decay that is over in 0.3 s.
-    """
-
+    #: Of one sample.
     noise: float
+    #: Gained per e-fold of time: waves and steps.
     walk: float
+    #: Of the amplitude of decays of any time constant: another smooth shape.
     loose: float
+    #: Contact adds a decay that is over in 0.3 s.
     fast: bool = False
 
 

@@ -58,26 +58,18 @@ def saturation(x: FloatArray, rate: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateFit(Generic[Number, Flag]):
-    """Least-squares parameters of a batch of fits, each of shape (n,), or of one, as numbers.
+    """Least-squares parameters of a batch of fits, each of shape (n,), or of one, as numbers."""
 
-    Attributes
-    ----------
-    rate, amplitude, offset : ndarray
-        Parameters of ``amplitude * basis(x, rate) + offset``; offset 0 where none was fitted.
-    unexplained : ndarray
-        Sum of squared residuals.
-    gained : ndarray
-        How much larger that sum is at the slowest rate of the grid, where a decay is a straight
-        line: what the data say about the rate at all.
-    at_end : ndarray of bool
-        The sum of squares is smallest at an end of the grid: the data don't determine the rate.
-    """
-
+    #: Parameters of ``amplitude * basis(x, rate) + offset``; offset 0 where none was fitted.
     rate: Number
     amplitude: Number
     offset: Number
+    #: Sum of squared residuals.
     unexplained: Number
+    #: How much larger that sum is at the slowest rate of the grid, where a decay is a straight
+    #: line: what the data say about the rate at all.
     gained: Number
+    #: The sum of squares is smallest at an end of the grid: the data don't determine the rate.
     at_end: Flag
 
 

@@ -34,22 +34,16 @@ _Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnmixedPixels:
-    """Pixel resistances solved back from the readings of a matrix.
+    """Pixel resistances solved back from the readings of a matrix."""
 
-    Attributes
-    ----------
-    resistance_ohm : ndarray, shape (..., rows, cols)
-        inf where the pixel is open, or so resistive that the detours hide it.
-    error_gain : ndarray, same shape
-        Relative error of the pixel per relative error of independent readings (root sum of
-        squares): 1 without leak, inf where the pixel is hidden.
-    solved : ndarray of bool, shape (...)
-        False where no resistances explain the frame's readings; the pixels concerned are NaN: all
-        with floating lines, those of one column with held ones.
-    """
-
+    #: Shape (..., rows, cols). inf where the pixel is open, or so resistive that the detours hide
+    #: it.
     resistance_ohm: _Array
+    #: Same shape. Relative error of the pixel per relative error of independent readings (root sum
+    #: of squares): 1 without leak, inf where the pixel is hidden.
     error_gain: _Array
+    #: Shape (...). False where no resistances explain the frame's readings; the pixels concerned
+    #: are NaN: all with floating lines, those of one column with held ones.
     solved: NDArray[np.bool_]
 
     @property

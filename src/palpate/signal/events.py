@@ -31,20 +31,13 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that happened.
+    """Something that happened."""
 
-    Attributes
-    ----------
-    kind : EventKind
-        What.
-    time_s : float
-        Time of the first sample that shows it.
-    finger : int or None
-        On which finger, where it is seen per finger.
-    """
-
+    #: What.
     kind: EventKind
+    #: Time of the first sample that shows it.
     time_s: float
+    #: On which finger, where it is seen per finger.
     finger: int | None = None
 
 

@@ -31,20 +31,13 @@ _MAD_TO_SD = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestBaseline:
-    """What each pixel reads with nothing on it.
+    """What each pixel reads with nothing on it."""
 
-    Attributes
-    ----------
-    rest_ohm : ndarray, shape (rows, cols)
-        Robust mean; NaN for pixels that read open or short.
-    spread_percent : ndarray, shape (rows, cols)
-        Robust standard deviation of one frame, percent of `rest_ohm`.
-    frames : int
-        How many frames it rests on.
-    """
-
+    #: Shape (rows, cols). Robust mean; NaN for pixels that read open or short.
     rest_ohm: FloatArray
+    #: Shape (rows, cols). Robust standard deviation of one frame, percent of `rest_ohm`.
     spread_percent: FloatArray
+    #: How many frames it rests on.
     frames: int
 
 

@@ -18,22 +18,16 @@ class HoldWindow:
 
     The samples of hold i are ``time_s[first[i]:stop]``. On shared sampling times they depend on the
     peak alone, so that holds with the same `peak` share one grid.
-
-    Attributes
-    ----------
-    peak : ndarray of int, shape (n_holds,)
-        Index of the peak sample.
-    peak_s : ndarray, shape (n_holds,)
-        Its time, t_p.
-    first : ndarray of int, shape (n_holds,)
-        Index of the first sample at or after t_p + t_a; equal to `stop` where there is none.
-    stop : int
-        Number of samples at or before the cut-off t_c.
     """
 
+    #: Shape (n_holds,). Index of the peak sample.
     peak: NDArray[np.intp]
+    #: Shape (n_holds,). Its time, t_p.
     peak_s: NDArray[np.float64]
+    #: Shape (n_holds,). Index of the first sample at or after t_p + t_a; equal to `stop` where
+    #: there is none.
     first: NDArray[np.intp]
+    #: Number of samples at or before the cut-off t_c.
     stop: int
 
     @property

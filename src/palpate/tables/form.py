@@ -23,23 +23,15 @@ _RUN = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Form:
-    """How to read a table.
+    """How to read a table."""
 
-    Attributes
-    ----------
-    separator : str or None
-        Between fields; None for runs of spaces.
-    decimal_comma : bool
-        Whether numbers have commas for points.
-    names : list of str
-        As the header has them, or ``1``, ``2``, ... where there is none.
-    first : int
-        Index of the first row of data.
-    """
-
+    #: Between fields; None for runs of spaces.
     separator: str | None
+    #: Whether numbers have commas for points.
     decimal_comma: bool
+    #: As the header has them, or ``1``, ``2``, ... where there is none.
     names: list[str]
+    #: Index of the first row of data.
     first: int
 
 

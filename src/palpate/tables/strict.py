@@ -171,24 +171,16 @@ def _text_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterato
 
 @dataclass(slots=True, kw_only=True)
 class _RowReader:
-    """Rows of text into columns: fast where all is well, one by one where something is not.
+    """Rows of text into columns: fast where all is well, one by one where something is not."""
 
-    Attributes
-    ----------
-    names : list of str
-        The header.
-    kinds : dict of str to str
-        Columns to read.
-    name : str
-        What errors call the file.
-    mark : str or None
-        The decimal mark; None until a number has one. A later number with the other one is refused:
-        1,234 beside 0.5 would be read a thousand times too small.
-    """
-
+    #: The header.
     names: list[str]
+    #: Columns to read.
     kinds: dict[str, Kind]
+    #: What errors call the file.
     name: str
+    #: The decimal mark; None until a number has one. A later number with the other one is refused:
+    #: 1,234 beside 0.5 would be read a thousand times too small.
     mark: str | None
 
     def table(self, rows: list[list[str]], numbers: Sequence[int]) -> Table:

@@ -12,23 +12,16 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Named columns of equal length.
+    """Named columns of equal length."""
 
-    Attributes
-    ----------
-    name : str
-        What errors call the file or the data.
-    columns : mapping of str to ndarray, shape (n_rows,)
-        float64 (NaN where there is no number), datetime64, timedelta64, or objects (text).
-    place : callable
-        Row -> where it stands (``"line 12"``).
-    left_out : list of str
-        One sentence for each kind of row or field that couldn't be used.
-    """
-
+    #: What errors call the file or the data.
     name: str
+    #: Shape (n_rows,). float64 (NaN where there is no number), datetime64, timedelta64, or objects
+    #: (text).
     columns: Mapping[str, NDArray[Any]]
+    #: Row -> where it stands (``"line 12"``).
     place: Callable[[int], str]
+    #: One sentence for each kind of row or field that couldn't be used.
     left_out: list[str] = field(default_factory=list)
 
     @property

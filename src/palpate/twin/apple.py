@@ -27,25 +27,17 @@ _CONTACT_MM = 20.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bruise:
-    """A bruise on an apple's cheek.
+    """A bruise on an apple's cheek."""
 
-    Attributes
-    ----------
-    angle_deg, height_mm : float
-        Where its middle lies: around the stem's axis, and above the equator along the surface.
-    diameter_mm, depth_mm : float
-        Reach on the surface and depth.
-    softness : float
-        Modulus of its flesh over that of sound flesh.
-    dent_mm : float
-        By how much its middle lies below the round surface.
-    """
-
+    #: Where its middle lies: around the stem's axis, and above the equator along the surface.
     angle_deg: float
     height_mm: float
+    #: Reach on the surface and depth.
     diameter_mm: float
     depth_mm: float
+    #: Modulus of its flesh over that of sound flesh.
     softness: float
+    #: By how much its middle lies below the round surface.
     dent_mm: float
 
     @property
@@ -58,19 +50,6 @@ class Bruise:
 class Apple:
     """One apple.
 
-    Attributes
-    ----------
-    flesh : TwinObject
-        A round, sound fruit of its mean size and firmness.
-    oval, lobes, oval_deg, lobes_deg : float
-        Departures from round as shares of the radius, and where they are largest.
-    firmer, firmer_deg : float
-        By how much one side is firmer than the mean, as a share, and which.
-    leaning_mm, leaning_deg : float
-        By how much the place that a finger touches first goes up and down around the fruit.
-    bruise : Bruise or None
-        None if sound.
-
     Examples
     --------
     >>> apple = draw_apple(np.random.default_rng(1), bruises=None)
@@ -78,15 +57,20 @@ class Apple:
     True
     """
 
+    #: A round, sound fruit of its mean size and firmness.
     flesh: TwinObject
+    #: Departures from round as shares of the radius, and where they are largest.
     oval: float
     lobes: float
     oval_deg: float
     lobes_deg: float
+    #: By how much one side is firmer than the mean, as a share, and which.
     firmer: float
     firmer_deg: float
+    #: By how much the place that a finger touches first goes up and down around the fruit.
     leaning_mm: float
     leaning_deg: float
+    #: None if sound.
     bruise: Bruise | None = None
 
     @property

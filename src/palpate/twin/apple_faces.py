@@ -48,25 +48,17 @@ _BESIDE_MM = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch:
-    """A bruise as one finger meets it.
+    """A bruise as one finger meets it."""
 
-    Attributes
-    ----------
-    along_mm, across_mm : float
-        Where its middle lies from the contact point, on the surface.
-    radius_mm, depth_mm : float
-        Reach on the surface, and depth under its middle.
-    softness : float
-        Modulus of bruised flesh over that of sound flesh.
-    dent_mm : float
-        By how much its middle lies below the round surface.
-    """
-
+    #: Where its middle lies from the contact point, on the surface.
     along_mm: float
     across_mm: float
+    #: Reach on the surface, and depth under its middle.
     radius_mm: float
     depth_mm: float
+    #: Modulus of bruised flesh over that of sound flesh.
     softness: float
+    #: By how much its middle lies below the round surface.
     dent_mm: float
 
     def profile(self, along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
@@ -77,23 +69,15 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Face:
-    """Where one finger meets the fruit.
+    """Where one finger meets the fruit."""
 
-    Attributes
-    ----------
-    curvature_mm : float
-        Diameter of the sphere that fits the surface here.
-    firmness : float
-        Stiffness of the flesh here over the fruit's own.
-    contact_mm : tuple of float
-        Where the finger touches first, along and across from the axis of closing: fruit is no ball.
-    patch : Patch or None
-        The bruise, if there is one near.
-    """
-
+    #: Diameter of the sphere that fits the surface here.
     curvature_mm: float
+    #: Stiffness of the flesh here over the fruit's own.
     firmness: float
+    #: Where the finger touches first, along and across from the axis of closing: fruit is no ball.
     contact_mm: tuple[float, float]
+    #: The bruise, if there is one near.
     patch: Patch | None = None
 
     def stiffness(self, fruit_mm: float) -> float:

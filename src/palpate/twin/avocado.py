@@ -34,25 +34,6 @@ _DAYS = 14
 class Avocado:
     """One fruit.
 
-    Attributes
-    ----------
-    size_mm : float
-        Mean width of its waist.
-    hard_n, softest_n : float
-        Elastic force at 1 mm before it softens and when all is over.
-    half_day, pace_days, skew : float
-        When and how fast it softens, as above.
-    days_of_room : tuple of float
-        By how much it ripens from each day to the next, days.
-    relaxing_share, relaxing_time_s : tuple of float
-        As of `TwinObject`.
-    rupture_per_root : float
-        Rupture force over the root of the force at 1 mm: soft fruit bursts early.
-    spot_log_sd, waist_sd_mm : float
-        Scatter of firmness and width from spot to spot.
-    mass_g : float
-        Mass, grams.
-
     Examples
     --------
     >>> fruit = draw_avocado(np.random.default_rng(2))
@@ -60,18 +41,26 @@ class Avocado:
     True
     """
 
+    #: Mean width of its waist.
     size_mm: float
+    #: Elastic force at 1 mm before it softens and when all is over.
     hard_n: float
     softest_n: float
+    #: When and how fast it softens, as above.
     half_day: float
     pace_days: float
     skew: float
+    #: By how much it ripens from each day to the next, days.
     days_of_room: tuple[float, ...]
+    #: As of `TwinObject`.
     relaxing_share: tuple[float, ...]
     relaxing_time_s: tuple[float, ...]
+    #: Rupture force over the root of the force at 1 mm: soft fruit bursts early.
     rupture_per_root: float
+    #: Scatter of firmness and width from spot to spot.
     spot_log_sd: float
     waist_sd_mm: float
+    #: Mass, grams.
     mass_g: float
 
     def force_at_1mm_n(self, day: float) -> float:

@@ -34,29 +34,19 @@ _STILL_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrateItem:
-    """One item of a crate.
+    """One item of a crate."""
 
-    Attributes
-    ----------
-    item_id : str
-        Name, unlike any other's in its crate.
-    kind : str
-        What it truly is.
-    taught : bool
-        Whether its kind is one that is taught.
-    mean : TwinObject
-        The item as it would be if every side were the same.
-    out_of_round : float
-        How far, as a share, the diameter at a side may differ from the mean.
-    seed : int
-        Seed of its sides.
-    """
-
+    #: Name, unlike any other's in its crate.
     item_id: str
+    #: What it truly is.
     kind: str
+    #: Whether its kind is one that is taught.
     taught: bool
+    #: The item as it would be if every side were the same.
     mean: TwinObject
+    #: How far, as a share, the diameter at a side may differ from the mean.
     out_of_round: float
+    #: Seed of its sides.
     seed: int
 
     def side(self, turn: int) -> TwinObject:

@@ -14,17 +14,11 @@ PAD_MM = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slide:
-    """How far an object has slid along the pads.
+    """How far an object has slid along the pads."""
 
-    Attributes
-    ----------
-    slid_mm : float
-        Way since it was pulled first.
-    speed_mm_per_s : float
-        0 while friction holds it.
-    """
-
+    #: Way since it was pulled first.
     slid_mm: float = 0.0
+    #: 0 while friction holds it.
     speed_mm_per_s: float = 0.0
 
     @property

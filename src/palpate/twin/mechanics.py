@@ -18,17 +18,11 @@ _RUPTURED_FORCE = 0.35
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compliance:
-    """What gives way besides the object: fingers and servo like a spring, pads until they bottom.
+    """What gives way besides the object: fingers, servo (a spring), pads until they bottom."""
 
-    Attributes
-    ----------
-    finger_mm_per_n : float
-        Fingers and servo, both sides together.
-    pad_travel_mm, pad_force_n : float
-        The pads give way by pad_travel_mm * (1 - exp(-F / pad_force_n)).
-    """
-
+    #: Fingers and servo, both sides together.
     finger_mm_per_n: float
+    #: The pads give way by pad_travel_mm * (1 - exp(-F / pad_force_n)).
     pad_travel_mm: float
     pad_force_n: float
 

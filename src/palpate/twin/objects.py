@@ -27,42 +27,29 @@ class TwinObject:
 
     Its elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), up
     to `yield_n`; beyond that it flattens, and at `rupture_n` it gives way for good.
-
-    Attributes
-    ----------
-    name : str
-        Name in `OBJECTS`.
-    size_mm : float
-        Extent along the closing axis before contact.
-    contact : {"linear", "hertz"}
-        Shape of the force-closure curve.
-    force_at_1mm_n : float
-        Elastic force at 1 mm of deformation.
-    relaxing_share, relaxing_time_s : tuple of float
-        Shares of the force that relax away, and their time constants.
-    flat : bool
-        Whether it covers the whole pad; if not, it touches a patch that grows with deformation.
-    yield_n, rupture_n : float
-        Forces at which damage begins and at which it bursts; infinite for what doesn't.
-    mass_g : float
-        Mass, grams.
-    friction : float
-        Coefficient between pads and object.
-    faces : Faces, optional
-        How it loads the pixels, where its sides are not those of a flat or round thing.
     """
 
+    #: Name in `OBJECTS`.
     name: str
+    #: Extent along the closing axis before contact.
     size_mm: float
+    #: Shape of the force-closure curve.
     contact: Contact
+    #: Elastic force at 1 mm of deformation.
     force_at_1mm_n: float
+    #: Shares of the force that relax away, and their time constants.
     relaxing_share: tuple[float, ...]
     relaxing_time_s: tuple[float, ...]
+    #: Whether it covers the whole pad; if not, it touches a patch that grows with deformation.
     flat: bool
+    #: Forces at which damage begins and at which it bursts; infinite for what doesn't.
     yield_n: float = float("inf")
     rupture_n: float = float("inf")
+    #: Mass, grams.
     mass_g: float = 50.0
+    #: Coefficient between pads and object.
     friction: float = 0.6
+    #: How it loads the pixels, where its sides are not those of a flat or round thing.
     faces: Faces | None = None
 
     @property

@@ -64,32 +64,21 @@ DROPPED = replace(BRUISES, diameter_mm_log=(25.0, 30.0), height_mm=(-2.0, 2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrateKind:
-    """What the items of one kind in a mixed crate are drawn from; pairs are (low, high).
+    """What the items of one kind in a mixed crate are drawn from; pairs are (low, high)."""
 
-    Attributes
-    ----------
-    size_mm : tuple of float
-        Mean diameter about the closing axis; the hand takes each item across its short side.
-    modulus_mpa : tuple of float or None
-        Apparent modulus between plates; with the size it gives the Hertz law. None for shells.
-    shell_n_per_mm : tuple of float or None
-        Stiffness of a shell, which is linear. None for flesh.
-    out_of_round : float
-        Largest difference, as a share, of the diameter at one side from the mean diameter.
-    relaxing : tuple of float
-        Share of the force that relaxes away under a hold.
-    rupture_n : tuple of float or None
-        Force at which it bursts or breaks; None for what doesn't.
-    mass_g : tuple of float
-        Mass, grams.
-    """
-
+    #: Mean diameter about the closing axis; the hand takes each item across its short side.
     size_mm: Pair
+    #: Apparent modulus between plates; with the size it gives the Hertz law. None for shells.
     modulus_mpa: Pair | None = None
+    #: Stiffness of a shell, which is linear. None for flesh.
     shell_n_per_mm: Pair | None = None
+    #: Largest difference, as a share, of the diameter at one side from the mean diameter.
     out_of_round: float
+    #: Share of the force that relaxes away under a hold.
     relaxing: Pair = (0.10, 0.30)
+    #: Force at which it bursts or breaks; None for what doesn't.
     rupture_n: Pair | None = None
+    #: Mass, grams.
     mass_g: Pair
 
 

@@ -7,29 +7,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """What really holds in a world; names and meanings as in the answers of `palpate grasp`.
+    """What really holds in a world; names and meanings as in the answers of `palpate grasp`."""
 
-    Attributes
-    ----------
-    size_mm : float or None
-        Extent of the object along the closing axis before contact; None if there is none.
-    settled_percent : float
-        Mean relative change over all pixels at the horizon of the final hold.
-    force_n : float
-        Grip force, the mean of the fingers' normal forces, at that horizon.
-    stiffness_n_per_mm : float or None
-        The object's own secant stiffness at that force; None without contact.
-    peak_force_n : float
-        Largest contact force up to now.
-    damaged : bool
-        Whether the force ever passed the object's yield force.
-    """
-
+    #: Extent of the object along the closing axis before contact; None if there is none.
     size_mm: float | None
+    #: Mean relative change over all pixels at the horizon of the final hold.
     settled_percent: float
+    #: Grip force, the mean of the fingers' normal forces, at that horizon.
     force_n: float
+    #: The object's own secant stiffness at that force; None without contact.
     stiffness_n_per_mm: float | None
+    #: Largest contact force up to now.
     peak_force_n: float
+    #: Whether the force ever passed the object's yield force.
     damaged: bool
 
     def as_json(self) -> dict[str, float | bool | None]:

@@ -145,25 +145,17 @@ FAMILIES: dict[str, Callable[[np.random.Generator, Ranges], Family]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Environment:
-    """Surroundings and use of a sheet; the defaults are the paper's room and a new sheet.
+    """Surroundings and use of a sheet; the defaults are the paper's room and a new sheet."""
 
-    Attributes
-    ----------
-    temperature_c, humidity_percent : float
-        Climate.
-    cycles : int
-        Contacts made before.
-    cycles_are_all : bool
-        Whether those count the world's own contacts too: of whoever keeps the count and says it
-        anew. Otherwise the own ones wear the gain besides.
-    suction_kpa : float
-        By how much the pressure outside the sheet lies below that between its layers.
-    """
-
+    #: Climate.
     temperature_c: float = ROOM_C
     humidity_percent: float = ROOM_HUMIDITY_PERCENT
+    #: Contacts made before.
     cycles: int = 0
+    #: Whether those count the world's own contacts too: of whoever keeps the count and says it
+    #: anew. Otherwise the own ones wear the gain besides.
     cycles_are_all: bool = False
+    #: By how much the pressure outside the sheet lies below that between its layers.
     suction_kpa: float = 0.0
 
     @property

@@ -39,26 +39,18 @@ _FEWEST_SOUND, _MOST_SOUND = 6, 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemBruise:
-    """What is said of an item.
+    """What is said of an item."""
 
-    Attributes
-    ----------
-    sides : tuple of SideVerdict
-        Each side felt in the last visit, the most suspicious first.
-    before_percent, now_percent, bruised_percent : float or None
-        The paper's three columns for the most suspicious side: mean change over all pixels in its
-        earlier record and now, and of the pixels on the bruise.
-    simulated : bool
-        Whether any grasp that went in was.
-    model : BruiseModel
-        Who judged.
-    """
-
+    #: Each side felt in the last visit, the most suspicious first.
     sides: tuple[SideVerdict, ...]
+    #: The paper's three columns for the most suspicious side: mean change over all pixels in its
+    #: earlier record and now, and of the pixels on the bruise.
     before_percent: float | None
     now_percent: float
     bruised_percent: float | None
+    #: Whether any grasp that went in was.
     simulated: bool
+    #: Who judged.
     model: BruiseModel
 
     @property

@@ -24,29 +24,19 @@ _FARTHEST_MM = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spot:
-    """Where a bruise may be.
+    """Where a bruise may be."""
 
-    Attributes
-    ----------
-    probability : float
-        That it is this one, if the side is bruised at all.
-    finger : int
-        Which finger touches it, 0 or 1.
-    angle_deg : float or None
-        Where around the fruit, as the side's angle is counted; None if its size is not known.
-    height_mm : float
-        Above the height at which it was held, along the surface.
-    pixels : tuple of (row, column)
-        Pixels that carry at least a fifth less than the ones that they face.
-    mean_percent : float or None
-        Mean relative change of these pixels: the third column of the paper's Table 6.
-    """
-
+    #: That it is this one, if the side is bruised at all.
     probability: float
+    #: Which finger touches it, 0 or 1.
     finger: int
+    #: Where around the fruit, as the side's angle is counted; None if its size is not known.
     angle_deg: float | None
+    #: Above the height at which it was held, along the surface.
     height_mm: float
+    #: Pixels that carry at least a fifth less than the ones that they face.
     pixels: tuple[tuple[int, int], ...]
+    #: Mean relative change of these pixels: the third column of the paper's Table 6.
     mean_percent: float | None
 
     @property
@@ -59,52 +49,34 @@ class Spot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeltSide:
-    """One grasp of one side, and what it may be held against.
+    """One grasp of one side, and what it may be held against."""
 
-    Attributes
-    ----------
-    angle_deg : float
-        Which side faced the first finger.
-    shape : Shape
-        How it loaded the pixels.
-    change_percent : ndarray, shape (rows, cols)
-        Relative change of each pixel.
-    against : mapping of str to Shape
-        References, by their names in `bruise_model.REFERENCES`.
-    """
-
+    #: Which side faced the first finger.
     angle_deg: float
+    #: How it loaded the pixels.
     shape: Shape
+    #: Shape (rows, cols). Relative change of each pixel.
     change_percent: FloatArray
+    #: References, by their names in `bruise_model.REFERENCES`.
     against: Mapping[str, Shape]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideVerdict:
-    """What is said of one side.
+    """What is said of one side."""
 
-    Attributes
-    ----------
-    angle_deg : float
-        Which side.
-    probability : float
-        That it is bruised.
-    grasps : int
-        How many grasps say so: the mean of their log odds is taken, which promises no more than
-        one grasp does.
-    against : tuple of str
-        What it was held against.
-    mean_percent : float
-        Mean relative change over all pixels.
-    spots : tuple of Spot
-        Where, the likelier first; empty where the model knows no places.
-    """
-
+    #: Which side.
     angle_deg: float
+    #: That it is bruised.
     probability: float
+    #: How many grasps say so: the mean of their log odds is taken, which promises no more than one
+    #: grasp does.
     grasps: int
+    #: What it was held against.
     against: tuple[str, ...]
+    #: Mean relative change over all pixels.
     mean_percent: float
+    #: Where, the likelier first; empty where the model knows no places.
     spots: tuple[Spot, ...]
 
     def as_json(self) -> dict[str, Any]:

@@ -29,40 +29,26 @@ FORMAT, VERSION = "palpate-bruise-model", 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where the middle of a bruise lies.
+    """Where the middle of a bruise lies."""
 
-    Attributes
-    ----------
-    finger : int
-        Which finger touches it, 0 or 1.
-    along_mm, across_mm : float
-        On the surface, from the middle of the side that this finger faces.
-    """
-
+    #: Which finger touches it, 0 or 1.
     finger: int
+    #: On the surface, from the middle of the side that this finger faces.
     along_mm: float
     across_mm: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Example:
-    """One side of which the truth is known.
+    """One side of which the truth is known."""
 
-    Attributes
-    ----------
-    shape : Shape
-        How it loaded the pixels.
-    against : mapping of str to Shape
-        References by name in `REFERENCES`: those that there are.
-    bruised : bool
-        The truth.
-    place : Place or None
-        Where the bruise was, if known.
-    """
-
+    #: How it loaded the pixels.
     shape: Shape
+    #: References by name in `REFERENCES`: those that there are.
     against: Mapping[str, Shape]
+    #: The truth.
     bruised: bool
+    #: Where the bruise was, if known.
     place: Place | None = None
 
 
@@ -91,24 +77,16 @@ class Locator:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BruiseModel:
-    """What was learned.
+    """What was learned."""
 
-    Attributes
-    ----------
-    judges : mapping of str to Logistic
-        For each set of references, its names joined by ``+`` in the order of `REFERENCES`.
-    locators : mapping of str to Locator
-        By the name of one reference; empty where no places were known.
-    learned_on : str
-        From what, in words; simulated where it was.
-    bruised, sound : int
-        How many sides it was learned from.
-    """
-
+    #: For each set of references, its names joined by ``+`` in the order of `REFERENCES`.
     judges: Mapping[str, Logistic]
+    #: From what, in words; simulated where it was.
     learned_on: str
+    #: How many sides it was learned from.
     bruised: int
     sound: int
+    #: By the name of one reference; empty where no places were known.
     locators: Mapping[str, Locator] = field(default_factory=dict)
 
     def log_odds(self, shape: Shape, against: Mapping[str, Shape]) -> float:

@@ -60,17 +60,11 @@ _FINGER = _products((-1, 1, 1), (1, 2, 3))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """How load lay in one grasp.
+    """How load lay in one grasp."""
 
-    Attributes
-    ----------
-    modes : ndarray, shape (2, 4)
-        Mean, slope along, slope across and crossed term of log load on each finger.
-    width_mm : float or None
-        Width at contact; None if not known.
-    """
-
+    #: Shape (2, 4). Mean, slope along, slope across and crossed term of log load on each finger.
     modes: FloatArray
+    #: Width at contact; None if not known.
     width_mm: float | None = None
 
     @property

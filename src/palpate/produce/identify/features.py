@@ -20,20 +20,15 @@ PRESSURE_FEATURES = ("contact_kpa", "gain_n_per_kpa")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Touch:
-    """One grasp in feature space.
+    """One grasp in feature space."""
 
-    Attributes
-    ----------
-    value : ndarray, shape (n_features,)
-        Natural logarithm of each quantity: a doubling counts alike wherever it happens.
-    sd : ndarray, shape (n_features,)
-        Standard deviation of a normal error in the logarithm with an interval as wide.
-    calibration : str
-        Which calibration it was read by: grasps that share one share its error.
-    """
-
+    #: Shape (n_features,). Natural logarithm of each quantity: a doubling counts alike wherever it
+    #: happens.
     value: FloatArray
+    #: Shape (n_features,). Standard deviation of a normal error in the logarithm with an interval
+    #: as wide.
     sd: FloatArray
+    #: Which calibration it was read by: grasps that share one share its error.
     calibration: str
 
 

@@ -274,26 +274,17 @@ def _positive(covariance: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """What an item is.
+    """What an item is."""
 
-    Attributes
-    ----------
-    kind : str
-        The most probable kind, or `UNKNOWN` if it is rejected.
-    probability : mapping of str to float
-        Of each kind that was taught, and of something else under `UNKNOWN`; the sum is 1.
-    usual : float
-        Share of the taught items that are at most as usual as this one: small for strangers.
-    rejected : bool
-        Whether it is unknown at the stated level.
-    grasps : int
-        Grasps that went into it.
-    """
-
+    #: The most probable kind, or `UNKNOWN` if it is rejected.
     kind: str
+    #: Of each kind that was taught, and of something else under `UNKNOWN`; the sum is 1.
     probability: Mapping[str, float]
+    #: Share of the taught items that are at most as usual as this one: small for strangers.
     usual: float
+    #: Whether it is unknown at the stated level.
     rejected: bool
+    #: Grasps that went into it.
     grasps: int
 
     @property

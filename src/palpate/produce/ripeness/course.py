@@ -43,34 +43,23 @@ _USUAL_PACE_DAYS, _USUAL_NOISE_SHARE = 1.0, 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """How one kind softens, as felt by one rig.
+    """How one kind softens, as felt by one rig."""
 
-    Attributes
-    ----------
-    hard, soft : float
-        Mean levels of firmness between which it falls.
-    start_sd : float
-        By how much items differ in firmness before they soften.
-    halfway_day, halfway_sd : float
-        When items are halfway, in days from their first grasp.
-    pace_days : float
-        Median time scale of the logistic curve.
-    noise_sd : float
-        Scatter of one day's firmness about an item's course, however often it was grasped.
-    grasp_sd : float
-        Usual scatter from grasp to grasp of one day, which more grasps average out.
-    items : int
-        How many it was learned from.
-    """
-
+    #: Mean levels of firmness between which it falls.
     hard: float
     soft: float
+    #: By how much items differ in firmness before they soften.
     start_sd: float
+    #: When items are halfway, in days from their first grasp.
     halfway_day: float
     halfway_sd: float
+    #: Median time scale of the logistic curve.
     pace_days: float
+    #: Scatter of one day's firmness about an item's course, however often it was grasped.
     noise_sd: float
+    #: Usual scatter from grasp to grasp of one day, which more grasps average out.
     grasp_sd: float
+    #: How many it was learned from.
     items: int
 
     @classmethod

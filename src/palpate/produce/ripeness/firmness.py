@@ -29,24 +29,16 @@ _DAY_S = 86_400.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DayFelt:
-    """One item on one day.
+    """One item on one day."""
 
-    Attributes
-    ----------
-    day : float
-        Days since the item's first grasp, as a fraction.
-    firmness : float
-        Of the day's grasps, as `firmness_of` gives it; what is averaged is how soft they found the
-        item (compliance, or pixels that share), because errors lie evenly about that.
-    grasps : int
-        How many they were.
-    spread : float
-        Their sample standard deviation; NaN for a single one.
-    """
-
+    #: Days since the item's first grasp, as a fraction.
     day: float
+    #: Of the day's grasps, as `firmness_of` gives it; what is averaged is how soft they found the
+    #: item (compliance, or pixels that share), because errors lie evenly about that.
     firmness: float
+    #: How many they were.
     grasps: int
+    #: Their sample standard deviation; NaN for a single one.
     spread: float
 
 

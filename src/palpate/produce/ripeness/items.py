@@ -29,26 +29,17 @@ _MOST_ITEMS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemHistory:
-    """What one kind of gripper felt of an item, freed of drift where that is known.
+    """What one kind of gripper felt of an item, freed of drift where that is known."""
 
-    Attributes
-    ----------
-    item_id : str
-        Which item.
-    drive : {"width", "pressure"}
-        The gripper.
-    grasps : tuple of Grasp
-        Those that measured its firmness, oldest first.
-    firmness : tuple of float
-        Of each grasp.
-    days : tuple of DayFelt
-        The same by day.
-    """
-
+    #: Which item.
     item_id: str
+    #: The gripper.
     drive: Drive
+    #: Those that measured its firmness, oldest first.
     grasps: tuple[Grasp, ...]
+    #: Of each grasp.
     firmness: tuple[float, ...]
+    #: The same by day.
     days: tuple[DayFelt, ...]
 
     def day_of(self, when: datetime) -> float:

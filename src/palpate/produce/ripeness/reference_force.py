@@ -37,23 +37,16 @@ _HOUR_S = 3600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceRead:
-    """How the forces read on a reference object were off.
+    """How the forces read on a reference object were off."""
 
-    Attributes
-    ----------
-    read : tuple of (datetime, float)
-        ln of the force read over the true one in each grasp, but for a constant, without what is
-        named below.
-    left_out, usual_gain : float
-        Share of what other witnesses than the sheet say that is left out, and ln of the gain that
-        they give a contact on the average, which stays.
-    warming_per_h, reach_h : float
-        How ln force changes over a morning, and as far from its middle as this was felt.
-    """
-
+    #: ln of the force read over the true one in each grasp, but for a constant, without what is
+    #: named below.
     read: tuple[tuple[datetime, float], ...]
+    #: Share of what other witnesses than the sheet say that is left out, and ln of the gain that
+    #: they give a contact on the average, which stays.
     left_out: float
     usual_gain: float
+    #: How ln force changes over a morning, and as far from its middle as this was felt.
     warming_per_h: float
     reach_h: float
 

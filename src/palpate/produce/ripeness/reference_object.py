@@ -46,29 +46,19 @@ _ADVISED = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """By how much the sensor seems to have moved since the reference object's first day.
+    """By how much the sensor seems to have moved since the reference object's first day."""
 
-    Attributes
-    ----------
-    first_at : datetime
-        Its first grasp.
-    days : tuple of float
-        Days since then on which it was felt.
-    moved : tuple of float
-        Width: ln of the force that is read over the true one. Pressure: change of -ln sharing.
-    drive : {"width", "pressure"}
-        Of these two.
-    give_mm_per_n : float
-        How far a hand driven by width gives way per newton at the grip force.
-    force : ForceRead or None
-        What the widths told of the forces read; None by a hand driven by pressure.
-    """
-
+    #: Its first grasp.
     first_at: datetime
+    #: Days since then on which it was felt.
     days: tuple[float, ...]
+    #: Width: ln of the force that is read over the true one. Pressure: change of -ln sharing.
     moved: tuple[float, ...]
+    #: Of these two.
     drive: Drive
+    #: How far a hand driven by width gives way per newton at the grip force.
     give_mm_per_n: float = 0.0
+    #: What the widths told of the forces read; None by a hand driven by pressure.
     force: ForceRead | None = None
 
     @classmethod

@@ -25,14 +25,9 @@ _WIDER = 1.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Days:
-    """A time to wait, with its interval; 0 and below: that long ago.
+    """A time to wait, with its interval; 0 and below: that long ago."""
 
-    Attributes
-    ----------
-    value, low, high : float
-        Median and ends of the interval, days; infinite where it may never come.
-    """
-
+    #: Median and ends of the interval, days; infinite where it may never come.
     value: float
     low: float
     high: float
@@ -40,26 +35,17 @@ class Days:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ripeness:
-    """How ripe one item is on one day.
+    """How ripe one item is on one day."""
 
-    Attributes
-    ----------
-    stage : str
-        The most probable stage.
-    probabilities : dict of str to float
-        Of every stage, firmest first.
-    firmness : float
-        Firmness on that day, by all that was felt up to it.
-    days_to_ripe : Days or None
-        Until the ripe stage begins; None where no course is known.
-    basis : {"labels", "first day"}
-        What the stages rest on.
-    """
-
+    #: The most probable stage.
     stage: str
+    #: Of every stage, firmest first.
     probabilities: dict[str, float]
+    #: Firmness on that day, by all that was felt up to it.
     firmness: float
+    #: Until the ripe stage begins; None where no course is known.
     days_to_ripe: Days | None
+    #: One of "labels", "first day". What the stages rest on.
     basis: str
 
     @property
@@ -70,17 +56,11 @@ class Ripeness:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RipenessRule:
-    """What was learned of one kind on one rig.
+    """What was learned of one kind on one rig."""
 
-    Attributes
-    ----------
-    course : Course
-        How it softens.
-    boundaries : Boundaries
-        Where its stages begin.
-    """
-
+    #: How it softens.
     course: Course
+    #: Where its stages begin.
     boundaries: Boundaries
 
     @classmethod

@@ -35,15 +35,6 @@ _SOFTNESS_SHARE = 0.05
 class Boundaries:
     """Stages and the firmness at their boundaries.
 
-    Attributes
-    ----------
-    stages : tuple of str
-        In order, firmest first.
-    firmness : tuple of float
-        Falling: below the first of them the second stage begins.
-    softness : float
-        Scale of the logistic transition.
-
     Examples
     --------
     >>> rule = Boundaries(stages=("hard", "ripe"), firmness=(1.0,), softness=0.1)
@@ -51,8 +42,11 @@ class Boundaries:
     [[0.5, 0.5], [0.0, 1.0]]
     """
 
+    #: In order, firmest first.
     stages: tuple[str, ...]
+    #: Falling: below the first of them the second stage begins.
     firmness: tuple[float, ...]
+    #: Scale of the logistic transition.
     softness: float
 
     @classmethod

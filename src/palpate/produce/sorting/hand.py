@@ -48,27 +48,19 @@ class TimedGrasp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SortingHand:
-    """Devices of one rig, and the plan by which every item is grasped.
+    """Devices of one rig, and the plan by which every item is grasped."""
 
-    Attributes
-    ----------
-    array, gripper, clock
-        The devices.
-    plan : Plan
-        A gentle squeeze.
-    rig, origin, calibration_id
-        As they stand in the records of grasps.
-    now : callable
-        Returns the time that records get, aware.
-    """
-
+    #: The devices.
     array: PressureArray
     gripper: Gripper
     clock: Clock
+    #: A gentle squeeze.
     plan: Plan
+    #: As they stand in the records of grasps.
     rig: str
     origin: Origin
     calibration_id: str
+    #: Returns the time that records get, aware.
     now: Callable[[], datetime]
 
     def grasp(self, item_id: str, *, expected: Measurement | None = None) -> TimedGrasp:

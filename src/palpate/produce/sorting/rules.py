@@ -62,57 +62,37 @@ def _below(bound: float, measured: Measurement) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """What is known of an item when it is to be sorted.
+    """What is known of an item when it is to be sorted."""
 
-    Attributes
-    ----------
-    identity : Identity or None
-        What it is; None before anything was measured.
-    size_mm : Measurement or None
-        Its size.
-    ripeness : mapping of str to float
-        Probability of each stage that a verdict names; empty without a verdict.
-    bruised : float or None
-        Probability of a bruise; None without a verdict.
-    grasps : int
-        Grasps so far.
-    """
-
+    #: What it is; None before anything was measured.
     identity: Identity | None = None
+    #: Its size.
     size_mm: Measurement | None = None
+    #: Probability of each stage that a verdict names; empty without a verdict.
     ripeness: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    #: Probability of a bruise; None without a verdict.
     bruised: float | None = None
+    #: Grasps so far.
     grasps: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """One rule; a condition that is None is not asked for.
+    """One rule; a condition that is None is not asked for."""
 
-    Attributes
-    ----------
-    bin : str
-        Where the item goes.
-    kinds : frozenset of str or None
-        Kinds that it takes; may hold ``"unknown"``.
-    size_mm : Span or None
-        Sizes that it takes.
-    ripeness : frozenset of str or None
-        Stages that it takes.
-    bruised : bool or None
-        Whether it takes bruised items, or those without a bruise.
-    confidence : float
-        How probable all of that must be together.
-    line : int
-        Where it stands in its file.
-    """
-
+    #: Where the item goes.
     bin: str
+    #: Kinds that it takes; may hold ``"unknown"``.
     kinds: frozenset[str] | None = None
+    #: Sizes that it takes.
     size_mm: Span | None = None
+    #: Stages that it takes.
     ripeness: frozenset[str] | None = None
+    #: Whether it takes bruised items, or those without a bruise.
     bruised: bool | None = None
+    #: How probable all of that must be together.
     confidence: float = CONFIDENCE
+    #: Where it stands in its file.
     line: int = 0
 
     def probability(self, evidence: Evidence) -> tuple[float, float]:
@@ -160,20 +140,13 @@ def _of_kinds(kinds: frozenset[str], identity: Identity | None) -> float | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleBook:
-    """All rules, in their order.
+    """All rules, in their order."""
 
-    Attributes
-    ----------
-    rules : tuple of Rule
-        The first that says yes wins.
-    default_bin : str
-        Where everything else goes.
-    most_grasps : int
-        Grasps of one item before it goes there.
-    """
-
+    #: The first that says yes wins.
     rules: tuple[Rule, ...]
+    #: Where everything else goes.
     default_bin: str
+    #: Grasps of one item before it goes there.
     most_grasps: int = MOST_GRASPS
 
     @property

@@ -22,29 +22,19 @@ _OWN_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sorted:
-    """One item, sorted.
+    """One item, sorted."""
 
-    Attributes
-    ----------
-    item_id : str
-        Which item.
-    decision : Decision
-        Its bin and the reason.
-    identity : Identity or None
-        What it is; None if no grasp told.
-    size_mm : Measurement or None
-        Its size, from all grasps.
-    grasps : tuple of Grasp
-        In order, those that failed included.
-    grasping_s : float
-        Time that the hand spent on it.
-    """
-
+    #: Which item.
     item_id: str
+    #: Its bin and the reason.
     decision: Decision
+    #: What it is; None if no grasp told.
     identity: Identity | None
+    #: Its size, from all grasps.
     size_mm: Measurement | None
+    #: In order, those that failed included.
     grasps: tuple[Grasp, ...]
+    #: Time that the hand spent on it.
     grasping_s: float
 
 

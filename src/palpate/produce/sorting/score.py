@@ -17,48 +17,31 @@ CARRY_S, TURN_S = 4.0, 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placed:
-    """One item that went to a bin.
+    """One item that went to a bin."""
 
-    Attributes
-    ----------
-    bin : str
-        Where it went.
-    belongs : str or None
-        Where it belongs; None where nobody knows.
-    grasps : int
-        How often it was grasped.
-    grasping_s : float
-        Time in the hand.
-    """
-
+    #: Where it went.
     bin: str
+    #: Where it belongs; None where nobody knows.
     belongs: str | None
+    #: How often it was grasped.
     grasps: int
+    #: Time in the hand.
     grasping_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """A crate that was sorted.
+    """A crate that was sorted."""
 
-    Attributes
-    ----------
-    items : int
-        In all.
-    left_over : float
-        Share that went to the default bin.
-    purity : float or None
-        Of what went to a bin by a rule and whose place is known, the share that belongs there.
-    bins : dict of str to (int, int)
-        Items in each bin, and how many of them belong there.
-    grasps_per_item, items_per_hour : float
-        `CARRY_S` and `TURN_S` included; they are assumed, not measured.
-    """
-
+    #: In all.
     items: int
+    #: Share that went to the default bin.
     left_over: float
+    #: Of what went to a bin by a rule and whose place is known, the share that belongs there.
     purity: float | None
+    #: Items in each bin, and how many of them belong there.
     bins: dict[str, tuple[int, int]]
+    #: `CARRY_S` and `TURN_S` included; they are assumed, not measured.
     grasps_per_item: float
     items_per_hour: float
 

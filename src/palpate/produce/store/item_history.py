@@ -13,20 +13,13 @@ from palpate.produce.store.database import Store
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemPage:
-    """One item with its history, oldest first.
+    """One item with its history, oldest first."""
 
-    Attributes
-    ----------
-    item : Item
-        Which.
-    grasps : tuple of Grasp
-        With their measurements.
-    verdicts : tuple of Verdict
-        By palpate and by people.
-    """
-
+    #: Which.
     item: Item
+    #: With their measurements.
     grasps: tuple[Grasp, ...]
+    #: By palpate and by people.
     verdicts: tuple[Verdict, ...]
 
     @property
