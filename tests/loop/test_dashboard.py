@@ -148,7 +148,7 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
         halves.append(float(driver.locator("#band").get_attribute("data-half-width") or "nan"))
     assert 0 < halves[1] < 0.8 * halves[0]
     verdict(driver, "holding")
-    expect(driver.locator("#settles")).to_contain_text("settles at −")
+    expect(driver.locator("#band-settles")).to_contain_text("settles at −")
     expect(driver.locator(".move").first).to_be_attached()
     expect(driver.locator("#simulated")).to_be_visible()
     forecast_ends = "Math.max(...Array.from(document.querySelector('#band').points, p => p.x))"
@@ -166,6 +166,34 @@ def test_a_grasp_narrows_its_band_and_says_a_verdict(driver: Page) -> None:
     expect(driver.locator("#verdict .firm")).to_have_text(word)
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
         expect(driver.locator(f"#measure-{name} .range")).to_contain_text("true")
+
+
+def test_newtons_are_of_now_and_marked_by_the_controller(driver: Page) -> None:
+    driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("3")
+    grasp(driver)
+    card = driver.locator("#measure-force_n")
+    expect(card).to_contain_text("Grip force now")
+    expect(card).to_contain_text(re.compile(r"answer \d\.\d+ N"))
+    expect(driver.locator("#force-band-settles")).to_contain_text(re.compile(r"settles at \d"))
+    expect(driver.locator("#force line.target")).to_have_attribute("data-value", "3")
+    expect(driver.locator("#force line[data-name='answer']")).to_be_attached()
+    expect(driver.locator("#force path[data-name='finger_contact']")).to_have_count(2)
+    expect(driver.locator("#fingers .pad.touching")).to_have_count(2)
+    expect(driver.locator(".counts")).to_have_text("s from contact")
+    for curve, unit in (("force", "N"), ("curve", "%")):
+        box = driver.locator(f"#{curve}").bounding_box()
+        assert box is not None
+        driver.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.5 * box["height"])
+        at = driver.locator(f"#{curve}-at")
+        expect(at).to_have_text(re.compile(rf"^\d+\.\d s: .*\d {unit}"))
+        expect(at).to_have_class(re.compile("pointed"))
+        expect(driver.locator(f"#{curve} .cross")).to_be_attached()
+    driver.mouse.move(5, 5)
+    expect(driver.locator("#force-at")).to_have_text(re.compile(r"^\d+\.\d\d N \["))
+    release(driver)
+    expect(card).to_contain_text("true")
+    expect(driver.locator("#fingers .pad.touching")).to_have_count(0)
+    driver.get_by_label("Target force, N (empty: a gentle squeeze)").fill("")
 
 
 @pytest.mark.parametrize("how", ["button", "key"])

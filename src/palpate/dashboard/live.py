@@ -10,9 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.dashboard.messages import Frames, Pulse, Source, Thought
+from palpate.dashboard.grip_force import GripForce
+from palpate.dashboard.messages import Calibrated, Frames, Pulse, Source, Thought
+from palpate.estimate.measurement import Measurement
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import finger_means, mean_change, relative_change_percent
+from palpate.signal.events import ContactState, watch_contact
+from palpate.signal.relative import (
+    excess_conductance,
+    finger_means,
+    mean_change,
+    relative_change_percent,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -27,20 +35,22 @@ _REST_FRAMES = 15
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The aggregate at one time."""
+    """The aggregate at one time, and the force where it is calibrated."""
 
     time_s: float
     percent: float
+    force: Measurement | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The forecast of the settled value as it stood at one time."""
+    """The forecast of the settled value, and of the settled force, as it stood at one time."""
 
     time_s: float
     low: float
     value: float
     high: float
+    force: Measurement | None = None
 
 
 class Live:
@@ -75,7 +85,15 @@ class Live:
         self.ohm: FloatArray | None = None
         self.reported, self.moving = math.nan, False
         self.pulse = Pulse()
+        fingers = 0 if source is None else source.layout.fingers
+        self._contacts = [ContactState()] * fingers
         self._rest_ohm = None if source is None else source.rest_ohm
+        self._laws = None if source is None else source.laws
+        self.clear()
+
+    def recalibrate(self, made: Calibrated) -> None:
+        """Read by a renewed calibration from now on."""
+        self._rest_ohm, self._laws = made.rest_ohm, made.laws
         self.clear()
 
     def clear(self) -> None:
@@ -85,6 +103,7 @@ class Live:
         self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
         self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
         self.thought: Thought | None = None
+        self._force = None if self._laws is None else GripForce(self._laws)
         self._slot = -math.inf
         self._moved_s = 0.0
 
@@ -95,7 +114,11 @@ class Live:
         before, settled = self.thought, thought.settled
         fresh = before is None or settled != before.settled
         if settled is not None and fresh and math.isfinite(settled.low + settled.high):
-            self.band.append(Band(thought.time_s, settled.low, settled.value, settled.high))
+            self.band.append(
+                Band(thought.time_s, settled.low, settled.value, settled.high, thought.settled_n)
+            )
+        if self._force is not None:
+            self._force.take(thought.gains)
         self.thought = thought
 
     def add(self, frames: Frames) -> None:
@@ -110,7 +133,11 @@ class Live:
             self._rest_ohm = np.asarray(np.median(ohm[:_REST_FRAMES], axis=0))
         percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         self.ohm, self.percent = ohm[-1], percent[-1]
-        self._extend(frames.time_s, np.nan_to_num(mean_change(percent)))
+        self._extend(frames.time_s, np.nan_to_num(mean_change(percent)), ohm)
+        self._contacts = [
+            watch_contact(state, mean)[0]
+            for state, mean in zip(self._contacts, self.finger_percent(), strict=True)
+        ]
         columns = zip(frames.time_s, frames.reported, frames.moving, strict=True)
         for time_s, reported, moving in columns:
             self._move(float(time_s), reported=float(reported), moving=bool(moving))
@@ -121,6 +148,11 @@ class Live:
             return []
         fingers = self.source.layout.finger_of_row
         return [float(mean) for mean in finger_means(self.percent, finger_of_row=fingers)]
+
+    @property
+    def touching(self) -> list[int]:
+        """Fingers in contact, by the watch that the controller uses; for when no grasp runs."""
+        return [finger for finger, state in enumerate(self._contacts) if state.touching]
 
     @property
     def open_hand(self) -> bool | None:
@@ -137,12 +169,25 @@ class Live:
             return []
         return [point for point in self.curve if point.time_s > time_s]
 
-    def _extend(self, time_s: FloatArray, percent: FloatArray) -> None:
-        for time, value in zip(time_s, percent, strict=True):
+    @property
+    def force(self) -> Measurement | None:
+        """The force now; None where it is not calibrated, or before the first frame."""
+        return self.curve[-1].force if self.curve else None
+
+    def _extend(self, time_s: FloatArray, percent: FloatArray, ohm: FloatArray) -> None:
+        for time, value, pixels in zip(time_s.tolist(), percent.tolist(), ohm, strict=True):
             slot = math.floor(time * POINTS_PER_S)
             if slot > self._slot:
                 self._slot = slot
-                self.curve.append(Point(float(time), float(value)))
+                self.curve.append(Point(time, value, self._force_at(time, pixels)))
+
+    def _force_at(self, time_s: float, ohm: FloatArray) -> Measurement | None:
+        source, rest_ohm = self.source, self._rest_ohm
+        if self._force is None or source is None or rest_ohm is None:
+            return None
+        # As in a grasp: beyond the converter's range, the conductance of its last step.
+        read = np.maximum(ohm, source.layout.divider.least_ohm)
+        return self._force.step(time_s, excess_conductance(read, rest_ohm=rest_ohm))
 
     def _move(self, time_s: float, *, reported: float, moving: bool) -> None:
         """Note when the fingers moved; a step between two frames shows in what they report."""

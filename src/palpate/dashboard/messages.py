@@ -10,8 +10,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.dashboard.grip_force import ContactGains, ForceLaws
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.result import GraspResult
+from palpate.grasp.result import GraspResult, Moment
 from palpate.gripper.interface import GripperLimits
 from palpate.recording.contents import Origin
 from palpate.sensor.array import ArrayLayout
@@ -153,6 +154,8 @@ class Source:
         Whether it is a recording.
     has_load_cell : bool
         Whether a force calibration can be made without weights.
+    laws : ForceLaws or None
+        What newtons are read by; None where the force was not calibrated.
     """
 
     name: str
@@ -163,6 +166,7 @@ class Source:
     subject: str | None = None
     replayed: bool = False
     has_load_cell: bool = False
+    laws: ForceLaws | None = None
 
     @property
     def simulated(self) -> bool:
@@ -216,6 +220,15 @@ class Frames:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Forces that a grasp is after, and that it keeps below, newtons; None where there is none."""
+
+    target_n: float | None = None
+    damage_low_n: float | None = None
+    ceiling_n: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Thought:
     """What the controller makes of it.
 
@@ -237,6 +250,16 @@ class Thought:
         The controller's own once it has decided; before that, what it would say now.
     decided : bool
         Which of the two it is.
+    settled_n : Measurement or None
+        Forecast of the grip force at the horizon, newtons; goes on after the decision.
+    gains : ContactGains
+        How this contact reads against the laws.
+    touched_s : float or None
+        When the fingers first touched the object; None until the controller is sure that they did.
+    moments : tuple of Moment
+        What the controller noted so far.
+    bounds : Bounds
+        What the force is to reach, and what it must not.
     """
 
     time_s: float
@@ -247,6 +270,11 @@ class Thought:
     settled: Measurement | None
     answer: GraspResult
     decided: bool
+    settled_n: Measurement | None = None
+    gains: ContactGains = field(default_factory=ContactGains)
+    touched_s: float | None = None
+    moments: tuple[Moment, ...] = ()
+    bounds: Bounds = field(default_factory=Bounds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,12 +305,15 @@ class Calibrated:
         Rest values, and how far they are from those before.
     held_out : mapping
         Expected errors of the force, percent, by force; empty after a rest calibration.
+    laws : ForceLaws or None
+        What newtons are read by from now on.
     """
 
     file: Path
     rest_ohm: NDArray[np.float64]
     change_percent: NDArray[np.float64]
     held_out: Mapping[str, float | None] = field(default_factory=dict)
+    laws: ForceLaws | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from nicegui import Client, ui
@@ -14,6 +15,7 @@ from palpate.dashboard.panel_items import items_panel
 from palpate.dashboard.panel_recordings import recordings_panel
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
+from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 
 _STATIC = Path(__file__).parent / "static"
 _STAGE = (_STATIC / "stage.html").read_text(encoding="utf-8")
@@ -27,6 +29,13 @@ TABS = {
     "Recordings": "/recordings",
     "Items": "/items",
 }
+#: The one map of every picture, for the page's script and its legend.
+_PIXEL_COLORS = (
+    f"<style>:root {{ --change-map: {css_gradient()} }}</style>"
+    '<script id="pixel-colors" type="application/json">'
+    + json.dumps({"fall": FALL, "rise": RISE, "deepest_percent": DEEPEST_PERCENT})
+    + "</script>"
+)
 _REFRESH_S = 0.2
 _PREFERS_DARK = "(prefers-color-scheme: dark)"
 
@@ -62,6 +71,7 @@ def build_operator_page(desk: Desk, client: Client) -> None:
 def _begin(desk: Desk, client: Client, *, script: str) -> Hands:
     """Add what every view has, and let the viewer in."""
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
+    ui.add_head_html(_PIXEL_COLORS)
     # Apart from all that the framework draws, moves and takes away.
     ui.add_body_html(_STOP)
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')

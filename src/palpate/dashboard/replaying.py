@@ -7,6 +7,7 @@ from pathlib import Path
 from threading import Event
 
 from palpate.clock import RealClock
+from palpate.dashboard.grip_force import ForceLaws
 from palpate.dashboard.messages import Grasped, Guide, Play, Source
 from palpate.dashboard.outlet import Outlet
 from palpate.errors import DeviceTimeoutError, RecordingError
@@ -81,11 +82,15 @@ class _Again:
             self.belief, _ = released(self.belief, plan=self._plan)
 
 
+def _calibration_of(replay: Replay) -> Calibration | None:
+    stated = replay.info.calibration
+    return None if stated is None else Calibration.from_text(stated, where="the recording")
+
+
 def _plan_of(replay: Replay) -> Plan | None:
-    info = replay.info
-    if info.gripper is None or info.calibration is None:
+    info, calibration = replay.info, _calibration_of(replay)
+    if info.gripper is None or calibration is None:
         return None
-    calibration = Calibration.from_text(info.calibration, where="the recording")
     gripper = ReplayGripper(replay)
     # It holds for as long as the recording does.
     endless = {"hold_s": float("inf"), "longest_s": float("inf")}
@@ -107,4 +112,5 @@ def _source_of(replay: Replay, file: Path, plan: Plan | None) -> Source:
         gripper=replay.info.gripper,
         origin=replay.info.origin,
         replayed=True,
+        laws=ForceLaws.of(_calibration_of(replay)),
     )

@@ -357,5 +357,6 @@ class Session:
                     self._on_grasped(note.found, note.order.item_id)
             case Calibrated():
                 self.calibrated = note.found
+                self.live.recalibrate(note.found)
             case Health():
                 self.health = note.found

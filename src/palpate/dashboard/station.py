@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from palpate.dashboard.grip_force import ForceLaws
 from palpate.dashboard.messages import Guide, Source
 from palpate.dashboard.outlet import Outlet
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
@@ -94,6 +95,7 @@ class Station:
             origin=self.rig.origin,
             subject=self.rig.subject,
             has_load_cell=self.open_bench is not None,
+            laws=ForceLaws.of(self.rig.calibration),
         )
 
     def link_events(self) -> LinkEvents:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
-from palpate.dashboard.messages import Thought
-from palpate.grasp.answer import answered, forecast
+from palpate.dashboard.grip_force import ContactGains, settled_gain
+from palpate.dashboard.messages import Bounds, Thought
+from palpate.estimate.gain import Gain
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.answer import Settled, answered, forecast
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -35,17 +39,21 @@ def thought_of(belief: Belief, *, plan: Plan, before: Thought | None, forecasts:
         Whether to make a new one now; it costs milliseconds.
     """
     decided = belief.result.force_n is not None and belief.phase in _DECIDED_IN
-    settled = None if before is None else before.settled
-    answer = belief.result if decided or before is None else before.answer
-    if belief.phase not in (*_FORECAST_IN, Phase.RELEASE, Phase.STOPPED):
-        settled, answer = None, belief.result
-    elif forecasts and belief.phase in _FORECAST_IN and len(belief.touches) >= _FEWEST:
+    settled = settled_n = of_settled = None
+    answer = belief.result
+    if before is not None and belief.phase in (*_FORECAST_IN, Phase.RELEASE, Phase.STOPPED):
+        settled, settled_n = before.settled, before.settled_n
+        of_settled = before.gains.settled
+        answer = belief.result if decided else before.answer
+    if forecasts and belief.phase in _FORECAST_IN and len(belief.touches) >= _FEWEST:
         every = len(belief.touches) // _MOST + 1
         # From the end: the newest touch is always among them.
         thinned = replace(belief, touches=belief.touches[::-every][::-1])
         foreseen = forecast(thinned, plan=plan)
-        settled = foreseen.relative_percent
-        answer = belief.result if decided else answered(thinned, foreseen, plan=plan).result
+        would_answer = answered(thinned, foreseen, plan=plan).result
+        settled, settled_n = foreseen.relative_percent, would_answer.force_n
+        of_settled = _settled_gain(settled_n, foreseen, plan)
+        answer = belief.result if decided else would_answer
     return Thought(
         time_s=belief.now_s,
         phase=str(belief.phase),
@@ -55,4 +63,37 @@ def thought_of(belief: Belief, *, plan: Plan, before: Thought | None, forecasts:
         settled=settled,
         answer=answer,
         decided=decided,
+        settled_n=settled_n,
+        gains=ContactGains(early=_early_gain(belief), settled=of_settled),
+        touched_s=_touched_s(belief),
+        moments=belief.result.moments,
+        bounds=_bounds(belief, plan),
+    )
+
+
+def _early_gain(belief: Belief) -> Gain | None:
+    """Return how the closing read so far; before its first step nothing is known."""
+    return belief.gain if belief.gain.log_sd > 0 else None
+
+
+def _settled_gain(force: Measurement | None, foreseen: Settled, plan: Plan) -> Gain | None:
+    if force is None:
+        return None
+    law_n = float(plan.settled_law.force_n(foreseen.reading.value).value)
+    return settled_gain(force, law_n=law_n, law=plan.settled_law)
+
+
+def _touched_s(belief: Belief) -> float | None:
+    """Return from when the answer's time is counted, once the contact is noted."""
+    if not any(moment.name == "contact" for moment in belief.result.moments):
+        return None
+    return belief.felt_s if belief.felt_s is not None else belief.contact_s
+
+
+def _bounds(belief: Belief, plan: Plan) -> Bounds:
+    limit_n = belief.damage_low_n
+    return Bounds(
+        target_n=plan.target_force_n,
+        damage_low_n=limit_n if math.isfinite(limit_n) else None,
+        ceiling_n=plan.safety.force_ceiling_n,
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from palpate.dashboard.operating import operator_view
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.wishes import Wishes
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
+from palpate.sensor.findings import pixel_name
+from palpate.sensor.health import Health
 
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
@@ -54,22 +57,55 @@ def document(
         },
         "link": link,
         "hand": _hand(live),
-        "pixels": _pixels(live),
-        "curve": [[point.time_s, round(point.percent, 2)] for point in live.since(after_s)],
+        "pixels": _pixels(session),
+        "curve": [
+            [point.time_s, round(point.percent, 2), *_newtons(point.force)]
+            for point in live.since(after_s)
+        ],
         "moves": list(live.moves),
         "band": [
-            [band.time_s, band.low, band.value, band.high]
+            [band.time_s, band.low, band.value, band.high, *_newtons(band.force)]
             for band in live.band
             if band.time_s > after_s - 1.0
         ],
-        "began_s": None if live.thought is None else live.thought.began_s,
-        "phase": None if live.thought is None else live.thought.phase,
+        "grasp": _grasp(live),
         "verdict": said,
         "operator": operator_view(session, said=said, target_force_n=wishes.target_force_n),
         "measured": _measured(session),
         "stopped_after_s": session.stopped_after_s,
         "recording": None if session.recording is None else session.recording.name,
     }
+
+
+def _newtons(force: Measurement | None) -> list[float]:
+    """Return low, value and high, to the milli; nothing where no force is known."""
+    return [] if force is None else [round(n, 3) for n in (force.low, force.value, force.high)]
+
+
+def _grasp(live: Live) -> dict[str, Any] | None:
+    """Return what the controller notes of the grasp that runs, or ran last."""
+    thought = live.thought
+    if thought is None:
+        return None
+    return {
+        "phase": thought.phase,
+        "began_s": thought.began_s,
+        "touched_s": thought.touched_s,
+        "moments": [[one.time_s, one.name, one.finger] for one in thought.moments],
+        "fingers": [] if live.open_hand else _touching(thought.moments),
+        "bounds": asdict(thought.bounds),
+    }
+
+
+def _touching(moments: Sequence[Moment]) -> list[int]:
+    """Return the fingers that touch, by the controller's own events."""
+    touching: set[int] = set()
+    for moment in moments:
+        if moment.finger is not None and moment.name == "finger_contact":
+            touching.add(moment.finger)
+        elif moment.finger is not None and moment.name == "finger_removal":
+            touching.discard(moment.finger)
+    return sorted(touching)
 
 
 def _guide(session: Session) -> dict[str, Any] | None:
@@ -116,15 +152,33 @@ def _hand(live: Live) -> dict[str, Any] | None:
     }
 
 
-def _pixels(live: Live) -> dict[str, Any] | None:
+def _pixels(session: Session) -> dict[str, Any] | None:
+    live = session.live
     if live.source is None or live.percent is None or live.ohm is None:
         return None
     return {
+        "time_s": live.curve[-1].time_s if live.curve else None,
         "finger_of_row": live.source.layout.finger_of_row,
         "percent": [finite(row) for row in live.percent],
         "ohm": [finite(row) for row in live.ohm],
         "finger_percent": finite(live.finger_percent()),
+        "touching": live.touching,
+        "findings": _on_pixels(session.health),
     }
+
+
+def _on_pixels(health: Health | None) -> list[dict[str, Any]]:
+    """Return what was found on single pixels, rows and columns, pixel by pixel."""
+    if health is None:
+        return []
+    rows, cols = health.pixels.rest_ohm.shape
+    return [
+        {"row": row, "col": col, "severity": str(found.severity), "text": found.text}
+        for found in health.findings
+        for row in range(rows)
+        for col in range(cols)
+        if found.where in (pixel_name(row, col), f"row R{row}", f"column C{col}", "every pixel")
+    ]
 
 
 def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
@@ -206,7 +260,8 @@ def _measured(session: Session) -> dict[str, Any]:
         "decision_time_s": None if result is None else result.decision_time_s,
         "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
-        "force_now_n": None if thought is None else thought.force_n,
+        "force_now": _one(session.live.force, None),
+        "holds": grasped is None and session.live.open_hand is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),
     }
 

@@ -9,7 +9,7 @@ function draw(doc) {
   say($("verdict-why"), [verdict.text, ...whys(doc)].filter((part) => part.toLowerCase() !== operator.word.toLowerCase()).join(" · "));
   say($("next-text"), operator.next);
   const gripping = ["grasping", "replaying"].includes(doc.activity);
-  say($("force-now"), fixed(gripping ? measured.force_now_n : null, 1));
+  say($("force-now"), fixed(gripping && measured.force_now ? measured.force_now.value : null, 1));
   say($("force-target"), `target: ${operator.target}`);
 }
 

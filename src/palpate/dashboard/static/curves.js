@@ -1,0 +1,152 @@
+// Force and reading over time, on one time axis that counts from the contact.
+import { $, fixed, seen } from "/static/follow.js";
+
+const WINDOW_S = 30, POINTS = 400;
+// A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
+const HIGHEST = 100;
+const BOX = { l: 46, r: 12, t: 18, b: 26 };
+const NAMES = { contact: "contact", answer: "answer", adjusted: "adjusted", damage_limit: "limit met", slipped: "slipped", stopped: "stopped", force_limit: "force limit", held: "released" };
+let pointed = null;
+
+function ticks(low, high, most) {
+  const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough);
+  const found = [];
+  for (let value = Math.ceil(low / step - 1e-9) * step; value <= high + 1e-9 * step; value += step) found.push(value);
+  return [found, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
+}
+
+// What both curves share: the window of time, and what happened in it.
+function shared(doc) {
+  const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : 0, first = seen.curve.length ? seen.curve[0][0] : 0;
+  const grasp = doc.grasp, zero = grasp ? (grasp.touched_s ?? grasp.began_s) : first;
+  const start = doc.replay ? first : Math.max(grasp ? Math.min(grasp.began_s, last - WINDOW_S) : first, first, last - WINDOW_S);
+  const end = doc.replay ? last : Math.max(last, start + WINDOW_S);
+  const all = seen.curve.filter(([t]) => t >= start), every = Math.max(1, Math.ceil(all.length / POINTS));
+  // Every so many by their number in time, so that a curve does not shimmer as it moves.
+  const curve = all.filter(([t], i) => i === all.length - 1 || Math.round(t * 50) % every === 0);
+  const moments = (grasp ? grasp.moments : []).filter(([t]) => t >= start);
+  const now = doc.replay ? doc.replay.time_s : last;
+  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), touched: Boolean(grasp && grasp.touched_s !== null), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([t]) => t >= start) };
+}
+
+function canvas(svg, view, [low, high]) {
+  const width = svg.clientWidth || 400, height = svg.clientHeight || 240;
+  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  const x = (t) => BOX.l + ((t - view.start) / (view.end - view.start)) * (width - BOX.l - BOX.r);
+  const y = (v) => BOX.t + ((high - v) / (high - low)) * (height - BOX.t - BOX.b);
+  return { width, height, x, y, low, high, clip: `clip-${svg.id}`, line: (points) => points.map((p) => `${x(p[0]).toFixed(1)},${y(p[1]).toFixed(1)}`).join(" ") };
+}
+
+function ground(c, view) {
+  const bottom = c.height - BOX.b, right = c.width - BOX.r;
+  let out = `<clipPath id="${c.clip}"><rect x="${BOX.l}" y="${BOX.t}" width="${right - BOX.l}" height="${bottom - BOX.t}"/></clipPath>`;
+  for (const [from, to] of view.moves) {
+    const left = c.x(Math.max(from, view.start));
+    out += `<rect class="move" x="${left}" y="${BOX.t}" width="${Math.max(1.5, c.x(to ?? view.last) - left)}" height="${bottom - BOX.t}"/>`;
+  }
+  const [values, digits] = ticks(c.low, c.high, 4);
+  for (const value of values) out += `<line class="grid" x1="${BOX.l}" x2="${right}" y1="${c.y(value)}" y2="${c.y(value)}"/><text class="soft" x="${BOX.l - 7}" y="${c.y(value) + 4}" text-anchor="end" font-size="12">${fixed(value, digits)}</text>`;
+  for (const value of ticks(view.start - view.zero, view.end - view.zero, c.width < 500 ? 4 : 8)[0]) out += `<text class="soft" x="${c.x(value + view.zero)}" y="${c.height - 8}" text-anchor="middle" font-size="12">${fixed(value, 0)} s</text>`;
+  return out + happened(c, view);
+}
+
+// What the controller noted, and nothing that the page found out by itself.
+function happened(c, view) {
+  let out = "", free = -Infinity;
+  for (const [time, name, finger] of view.moments) {
+    const at = c.x(time);
+    if (finger !== null) {
+      if (name.startsWith("finger_")) out += `<path class="mark" data-name="${name}" d="M${at} ${c.height - BOX.b}l-4 6h8z"><title>finger ${finger}: ${name.slice(7)}</title></path>`;
+      continue;
+    }
+    if (!NAMES[name]) continue;
+    out += `<line class="mark" data-name="${name}" x1="${at}" x2="${at}" y1="${BOX.t}" y2="${c.height - BOX.b}"/>`;
+    const fits = at > free, left = at > c.width - 60;
+    if (fits) out += `<text class="soft" x="${at + (left ? -2 : 0)}" y="${BOX.t - 5}" font-size="11" text-anchor="${left ? "end" : at < BOX.l + 20 ? "start" : "middle"}">${NAMES[name]}</text>`;
+    if (fits) free = at + 54;
+  }
+  return out;
+}
+
+function forecast(c, view, id, [low, value, high], digits, unit) {
+  const band = view.band.filter((b) => b[high] !== undefined);
+  if (!band.length) return "";
+  // It speaks of the hold: a movement after the last forecast ends it.
+  const now = band[band.length - 1], after = view.moves.find(([from]) => from > now[0]), until = Math.max(after ? after[0] : view.last, now[0]);
+  const shown = [...band, Object.assign([...now], { 0: until })], right = c.x(until) > c.width - 190;
+  const outline = [...shown.map((b) => [b[0], b[high]]), ...[...shown].reverse().map((b) => [b[0], b[low]])];
+  const top = Math.max(BOX.t + 14, Math.min(...shown.map((b) => c.y(b[high]))) - 8);
+  return `<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
+    <polyline points="${c.line(shown.map((b) => [b[0], b[value]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/></g>
+    <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">settles at ${fixed(now[value], digits)} ${unit} [${fixed(now[low], digits)}, ${fixed(now[high], digits)}]</text>`;
+}
+
+function level(c, value, name, kind) {
+  if (value === null || value === undefined) return "";
+  const beyond = value > c.high, at = beyond ? BOX.t + 1 : c.y(value);
+  return `<line class="level ${kind}" data-value="${value}" x1="${BOX.l}" x2="${c.width - BOX.r}" y1="${at}" y2="${at}" ${beyond ? 'opacity="0"' : ""}/><text class="level ${kind}" x="${BOX.l + 6}" y="${beyond ? BOX.t + 12 : at - 5}" font-size="12">${name} ${fixed(value, 1)} N${beyond ? " ↑" : ""}</text>`;
+}
+
+function ending(c, view, column) {
+  const points = view.curve.filter((p) => p[column] !== undefined).map((p) => [p[0], p[column]]);
+  if (!points.length) return "";
+  const past = view.replay ? `<rect class="future" x="${c.x(view.now)}" y="${BOX.t}" width="${Math.max(0, c.x(view.end) - c.x(view.now))}" height="${c.height - BOX.t - BOX.b}"/>` : "";
+  const at = view.replay ? nearest(points, view.now) : points[points.length - 1];
+  return `<polyline clip-path="url(#${c.clip})" points="${c.line(points)}" fill="none" stroke="var(--curve)" stroke-width="2" stroke-linejoin="round"/>${past}<circle cx="${c.x(at[0])}" cy="${Math.max(BOX.t, c.y(at[1]))}" r="4" fill="var(--curve)"/>`;
+}
+
+const nearest = (points, time) => points.reduce((best, p) => (Math.abs(p[0] - time) < Math.abs(best[0] - time) ? p : best), points[0]);
+
+// -- readings under the pointer ----------------------------------------------------------------------
+function reading(c, view, svg, column, words) {
+  const out = $(`${svg.id}-at`), points = view.curve.filter((p) => p[column] !== undefined);
+  if (!points.length) { out.textContent = ""; return ""; }
+  const time = pointed === null ? null : view.start + ((pointed - BOX.l) / (c.width - BOX.l - BOX.r)) * (view.end - view.start);
+  const inside = time !== null && time >= view.start && time <= view.last + 0.5;
+  const one = inside ? nearest(points, time) : nearest(points, view.now);
+  out.classList.toggle("pointed", inside);
+  out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}` : words(one);
+  return inside ? `<line class="cross" x1="${c.x(one[0])}" x2="${c.x(one[0])}" y1="${BOX.t}" y2="${c.height - BOX.b}"/><circle cx="${c.x(one[0])}" cy="${c.y(one[column])}" r="5" fill="none" stroke="var(--ink)" stroke-width="2"/>` : "";
+}
+
+export function begin() {
+  document.addEventListener("pointermove", (event) => {
+    const svg = event.target.closest?.("#force, #curve");
+    pointed = svg ? event.clientX - svg.getBoundingClientRect().left : null;
+  });
+}
+
+// -- the two -----------------------------------------------------------------------------------------
+function drawForce(view) {
+  const svg = $("force");
+  if (!svg) return;
+  const values = view.curve.filter((p) => p[3] !== undefined), settled = view.band.filter((b) => b[6] !== undefined).map((b) => b[6]);
+  $("force-card").classList.toggle("hidden", !values.length);
+  if (!values.length) return;
+  const highest = Math.max(1, ...values.map((p) => p[3]), ...settled);
+  const limits = [view.bounds.target_n, view.bounds.damage_low_n].filter((v) => v !== null && v !== undefined && v < 2.5 * highest);
+  const c = canvas(svg, view, [0, 1.15 * Math.max(highest, ...limits, ...values.map((p) => Math.min(p[4], 1.5 * p[3])))]);
+  const outline = [...values.map((p) => [p[0], p[4]]), ...[...values].reverse().map((p) => [p[0], p[2]])];
+  const damage = view.bounds.damage_low_n, ceiling = damage === null || damage === undefined ? view.bounds.ceiling_n : null;
+  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${forecast(c, view, "force-band", [4, 5, 6], 2, "N")}${level(c, view.bounds.target_n, "target", "target")}${level(c, damage, "damage limit", "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, "ceiling", "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N [${fixed(p[2], 2)}, ${fixed(p[4], 2)}]`)}`;
+}
+
+function drawReading(view) {
+  const svg = $("curve");
+  if (!svg) return;
+  const capped = { ...view, curve: view.curve.map((p) => (p[1] > HIGHEST ? Object.assign([...p], { 1: HIGHEST }) : p)) };
+  const values = capped.curve.length ? [...capped.curve.map((p) => p[1]), ...view.band.flatMap((b) => [b[1], b[3]])] : [0];
+  // Never closer than this: noise must not look like a signal.
+  const middle = (Math.max(...values) + Math.min(...values)) / 2, half = Math.max(4, 0.56 * (Math.max(...values) - Math.min(...values)));
+  const c = canvas(svg, view, [middle - half, middle + half]);
+  svg.innerHTML = `${ground(c, view)}${forecast(c, view, "band", [1, 2, 3], 1, "%")}${ending(c, capped, 1)}${reading(c, capped, svg, 1, (p) => `${fixed(p[1], 1)} %`)}`;
+}
+
+export function drawCurves(doc) {
+  const view = shared(doc);
+  drawForce(view);
+  drawReading(view);
+  const counts = view.touched ? "s from contact" : "s";
+  for (const one of document.querySelectorAll(".counts")) if (one.textContent !== counts) one.textContent = counts;
+}

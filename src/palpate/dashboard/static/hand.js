@@ -1,0 +1,182 @@
+// The pads: each pixel at its place, between the fingers of a hand or side by side without one.
+import { $, esc, fixed, seen } from "/static/follow.js";
+import { color } from "/static/colors.js";
+
+const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, TRACE_S = 30;
+let built = null, pads = [], chosen = null;
+const traces = [];
+
+// A pad is as wide as it is tall if its pixels are: they lie on a square grid.
+function shape(rows, cols) {
+  const cell = Math.min(PAD.wide / cols, PAD.tall / rows);
+  return { cell, width: cell * cols + 2 * PAD.margin, height: cell * rows + 2 * PAD.margin };
+}
+
+function build(svg, doc) {
+  const of = doc.pixels.finger_of_row, cols = doc.pixels.percent[0].length;
+  pads = [...new Set(of)].map((finger) => {
+    const rows = of.flatMap((f, row) => (f === finger ? [row] : []));
+    return { finger, rows, ...shape(rows.length, cols) };
+  });
+  svg.innerHTML = `<g id="hand"><rect class="metal" id="rail" y="4" height="10" rx="5"/></g><g id="object"></g>${pads.map((pad, i) => padSvg(pad, i, cols)).join("")}<text class="soft" id="opening" text-anchor="middle" font-size="13" y="222"/>`;
+}
+
+function padSvg(pad, index, cols) {
+  const gap = pad.cell > 24 ? 4 : 1, side = pad.cell - gap;
+  let out = `<g class="pad" id="pad-${index}"><rect class="metal stem" x="${pad.width / 2 - 20}" y="0" width="40" height="30" rx="5"/>
+    <rect class="sheet" y="${PAD.top}" width="${pad.width}" height="${pad.height}" rx="14" fill="var(--pad)"/>`;
+  pad.rows.forEach((row, i) => {
+    for (let col = 0; col < cols; col += 1) {
+      const x = PAD.margin + col * pad.cell + gap / 2, y = PAD.top + PAD.margin + i * pad.cell + gap / 2;
+      out += `<g class="cell" data-row="${row}" data-col="${col}"><title></title>
+        <rect class="pixel" data-row="${row}" data-col="${col}" x="${x}" y="${y}" width="${side}" height="${side}" rx="${gap > 1 ? 5 : 0}"/>
+        <text x="${x + side / 2}" y="${y + side / 2 + Math.min(17, side * 0.45) * 0.35}" text-anchor="middle" font-size="${Math.min(17, side * 0.42)}"></text>
+        <path class="found" d="M${x + side - 12} ${y + 3}h9v9z"/></g>`;
+    }
+  });
+  return `${out}<text class="name" x="${pad.width / 2}" y="${PAD.top + pad.height + 21}" text-anchor="middle" font-size="14"></text></g>`;
+}
+
+function drawCells(svg, doc) {
+  const found = new Map((doc.pixels.findings ?? []).map((one) => [`${one.row},${one.col}`, one]));
+  for (const cell of svg.querySelectorAll(".cell")) {
+    const { row, col } = cell.dataset, value = doc.pixels.percent[row][col], ohm = doc.pixels.ohm[row][col];
+    const [title, rect, text] = cell.children, one = found.get(`${row},${col}`);
+    const [fill, ink] = value === null ? ["none", "#fff"] : color(value);
+    rect.style.fill = fill;
+    rect.classList.toggle("dead", value === null);
+    cell.classList.toggle("chosen", chosen !== null && chosen.row === +row && chosen.col === +col);
+    cell.classList.toggle("ill", one !== undefined);
+    text.style.fill = ink;
+    const small = +text.getAttribute("font-size") < 6;
+    text.textContent = small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0);
+    title.textContent = `R${row} C${col}: ${ohm === null ? "open" : `${fixed(ohm, 0)} ohm`}${one ? `; ${one.text}` : ""}`;
+  }
+}
+
+// Finger pads at their places; returns how far apart they are drawn.
+function place(svg, doc) {
+  const hand = doc.hand, between = hand !== null && pads.length === 2;
+  const small = svg.clientWidth < 560, width = small ? 500 : 700, middle = width / 2;
+  svg.querySelectorAll(".metal").forEach((part) => part.classList.toggle("hidden", !between));
+  if (!between) {
+    const whole = pads.reduce((sum, pad) => sum + pad.width + SIDE_GAP, -SIDE_GAP);
+    const rows = whole > 1.6 * width ? 2 : 1, perRow = Math.ceil(pads.length / rows), tall = Math.max(...pads.map((pad) => pad.height)) + 62;
+    pads.forEach((pad, i) => {
+      const line = Math.floor(i / perRow), mates = pads.slice(line * perRow, (line + 1) * perRow);
+      const left = -mates.reduce((sum, mate) => sum + mate.width + SIDE_GAP, -SIDE_GAP) / 2;
+      $(`pad-${i}`).setAttribute("transform", `translate(${left + (i - line * perRow) * (pad.width + SIDE_GAP)}, ${line * tall})`);
+    });
+    const span = Math.max(width * 0.6, ...[0, 1].map((line) => pads.slice(line * perRow, (line + 1) * perRow).reduce((sum, pad) => sum + pad.width + SIDE_GAP, 0)));
+    svg.setAttribute("viewBox", `${-span / 2} ${PAD.top - 8} ${span} ${rows * tall - 20}`);
+    return null;
+  }
+  const scale = hand.drive === "width" ? (small ? 2.2 : 4.1) : 0;
+  const gap = hand.value === null ? 220 : scale ? hand.value * scale : (small ? 170 : 300) * (1 - 0.75 * hand.closed);
+  svg.setAttribute("viewBox", `0 0 ${width} 240`);
+  const rail = $("rail");
+  rail.setAttribute("x", 10);
+  rail.setAttribute("width", width - 20);
+  pads.forEach((pad, i) => $(`pad-${i}`).setAttribute("transform", `translate(${i === 0 ? middle - gap / 2 - pad.width : middle + gap / 2}, 0)`));
+  return { gap, scale, middle };
+}
+
+function object({ gap, scale, middle }, doc) {
+  const size = doc.measured.values.size_mm, outcome = doc.verdict.text;
+  if (outcome.startsWith("nothing there")) return "";
+  const known = size && size.value > 0 && scale > 0;
+  const across = known ? size.value * scale : Math.min(gap * 0.62, 120);
+  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : "unknown";
+  const words = across > 60;
+  return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="var(--accent)" fill-opacity="${known ? 0.22 : 0.08}" stroke="var(--accent)" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
+    ${words ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
+    <text class="soft" x="${middle}" y="136" text-anchor="middle" font-size="${name.length > 14 ? 11 : 13}">${esc(name)}</text>` : ""}`;
+}
+
+function namePads(doc) {
+  const touching = doc.grasp ? doc.grasp.fingers : doc.pixels.touching;
+  pads.forEach((pad, i) => {
+    const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = touching.includes(i);
+    group.classList.toggle("touching", touches);
+    group.lastElementChild.innerHTML = `finger ${pad.finger} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touches ? " · contact" : ""}`;
+  });
+}
+
+// -- one pixel, near -------------------------------------------------------------------------------
+function remember(doc) {
+  const time = doc.pixels.time_s, last = traces.length ? traces[traces.length - 1].time : -Infinity;
+  if (time === null || time === last) return;
+  if (time < last) traces.length = 0;
+  traces.push({ time, ohm: doc.pixels.ohm });
+  while (traces.length && traces[0].time < time - TRACE_S) traces.shift();
+}
+
+function drawChosen(doc) {
+  const box = $("pixel");
+  if (!box) return;
+  box.classList.toggle("hidden", chosen === null);
+  if (chosen === null) return;
+  const { row, col } = chosen, ohm = doc.pixels.ohm[row][col], percent = doc.pixels.percent[row][col];
+  const one = (doc.pixels.findings ?? []).find((f) => f.row === row && f.col === col);
+  $("pixel-name").textContent = `R${row} C${col}`;
+  $("pixel-ohm").textContent = ohm === null ? "open" : `${Math.round(ohm).toLocaleString("en-US")} ohm`;
+  $("pixel-percent").textContent = percent === null ? "" : `${fixed(percent, 1)} %`;
+  $("pixel-found").textContent = one ? one.text : "";
+  const points = traces.map((t) => [t.time, t.ohm[row][col]]).filter(([, v]) => v !== null);
+  const values = points.map(([, v]) => v), low = Math.min(...values), span = Math.max(Math.max(...values) - low, 0.02 * low, 1e-9);
+  const end = points.length ? points[points.length - 1][0] : 0;
+  const line = points.map(([t, v]) => `${(300 * (1 - (end - t) / TRACE_S)).toFixed(1)},${(38 - 34 * ((v - low) / span)).toFixed(1)}`).join(" ");
+  $("pixel-trace").innerHTML = `<polyline points="${line}" fill="none" stroke="var(--curve)" stroke-width="1.5" vector-effect="non-scaling-stroke"/>`;
+  $("pixel-range").textContent = points.length ? `last ${TRACE_S} s: ${fixed(low, 0)} to ${fixed(Math.max(...values), 0)} ohm` : "";
+}
+
+function choose(row, col) {
+  chosen = chosen !== null && chosen.row === row && chosen.col === col ? null : { row, col };
+}
+
+export function begin() {
+  document.addEventListener("click", (event) => {
+    const cell = event.target.closest?.(".cell");
+    if (cell) choose(+cell.dataset.row, +cell.dataset.col);
+    if (event.target.closest?.("#pixel-close")) chosen = null;
+  });
+  // By keyboard: the pads take the focus, the arrows choose.
+  document.addEventListener("keydown", (event) => {
+    const step = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
+    if (!step || event.target.id !== "fingers" || !built) return;
+    event.preventDefault();
+    const [rows, cols] = built.split("/")[0].split("x").map(Number);
+    const { row, col } = chosen ?? { row: -step[0], col: -step[1] };
+    chosen = { row: (row + step[0] + rows) % rows, col: (col + step[1] + cols) % cols };
+  });
+}
+
+export function drawFingers(doc) {
+  const svg = $("fingers");
+  if (!svg) return;
+  if (!doc.pixels) {
+    if (built !== null || !svg.firstChild) svg.innerHTML = "<text class='soft' x='350' y='120' text-anchor='middle' font-size='17'></text>";
+    built = null;
+    traces.length = 0;
+    svg.setAttribute("viewBox", "0 0 700 240");
+    svg.firstChild.textContent = `${doc.activity} …`;
+    return;
+  }
+  const grid = `${doc.pixels.percent.length}x${doc.pixels.percent[0].length}/${doc.pixels.finger_of_row}`;
+  if (built !== grid || !$("pad-0")) {
+    build(svg, doc);
+    built = grid;
+    chosen = null;
+  }
+  const between = place(svg, doc), hand = doc.hand;
+  $("object").innerHTML = between ? object(between, doc) : "";
+  const opening = $("opening");
+  opening.setAttribute("x", between ? between.middle : 0);
+  opening.textContent = !between || hand.value === null ? "" : `${fixed(hand.value, 1)} ${between.scale ? "mm apart" : "kPa"}${hand.moving ? ", moving" : ""}`;
+  namePads(doc);
+  drawCells(svg, doc);
+  remember(doc);
+  drawChosen(doc);
+  $("fingers-title").textContent = between ? "Fingers, seen from between them" : pads.length === 1 ? "Pad" : `${pads.length} pads`;
+  seen.built = built;
+}

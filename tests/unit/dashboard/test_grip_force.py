@@ -1,0 +1,140 @@
+"""Newtons on the page: by the calibration's laws, and by what a grasp learned of its contact."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.dashboard.test_live import SOURCE, frames, thought
+
+from palpate.dashboard.grip_force import ContactGains, ForceLaws, GripForce
+from palpate.dashboard.live import Live
+from palpate.dashboard.messages import Bounds, Calibrated
+from palpate.dashboard.session import Session
+from palpate.dashboard.view import document
+from palpate.dashboard.wishes import Wishes
+from palpate.estimate.gain import Gain
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
+from palpate.grasp.result import Moment
+from palpate.gripper.interface import GripperLimits
+
+LAW = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.2, floor_n=0.01, range=(0.01, 100.0))
+LAWS = ForceLaws(reading=PixelReading.summed(), early=LAW, settled=LAW)
+PRESSED = 450
+
+
+@pytest.fixture
+def live() -> Live:
+    live = Live()
+    live.begin(replace(SOURCE, laws=LAWS))
+    return live
+
+
+def pressed_n() -> float:
+    """Return what the law reads of eight pixels: one newton for each of excess conductance."""
+    rest, pressed = (1024 / counts - 1 for counts in (300, PRESSED))
+    return 8 * (rest / pressed - 1)
+
+
+def test_every_point_of_the_curve_has_its_force(live: Live) -> None:
+    live.add(frames(40, rate_hz=40.0, counts=PRESSED))
+    assert len(live.curve) == 40
+    for point in live.curve:
+        assert point.force is not None
+        assert point.force.value == pytest.approx(pressed_n(), rel=1e-6)
+        assert point.force.low < point.force.value < point.force.high
+    assert live.force is live.curve[-1].force
+
+
+def test_without_a_calibration_there_are_no_newtons() -> None:
+    live = Live()
+    live.begin(SOURCE)
+    live.add(frames(2, counts=PRESSED))
+    assert live.force is None
+    assert ForceLaws.of(None) is None
+
+
+def test_what_the_grasp_learned_of_its_contact_counts(live: Live) -> None:
+    gain = Gain(log_mean=math.log(1.5), log_sd=0.05, law_sd=LAW.residual_sd)
+    live.add(frames(1, counts=PRESSED))
+    wide = live.force
+    live.think(replace(thought(0.0, 5.0), gains=ContactGains(early=gain, settled=gain)))
+    live.add(frames(1, from_s=0.1, counts=PRESSED))
+    assert wide is not None
+    assert live.force is not None
+    assert live.force.value == pytest.approx(1.5 * wide.value)
+    assert live.force.high / live.force.low < wide.high / wide.low
+    live.clear()
+    live.add(frames(1, from_s=0.2, counts=PRESSED))
+    assert live.force is not None
+    assert live.force.value == pytest.approx(wide.value), "the next contact is another one"
+
+
+def test_a_renewed_calibration_is_read_by_at_once(live: Live) -> None:
+    made = Calibrated(
+        file=Path("calibration.json"),
+        rest_ohm=2.0 * np.asarray(SOURCE.rest_ohm),
+        change_percent=np.zeros((4, 2)),
+        laws=None,
+    )
+    live.recalibrate(made)
+    live.add(frames(1))
+    assert live.force is None
+    assert live.percent is not None
+    assert live.percent[0, 0] == pytest.approx(-50.0)
+
+
+def test_the_laws_pass_through_the_pipe() -> None:
+    again = pickle.loads(pickle.dumps(LAWS))
+    excess = np.full((4, 2), 0.5)
+    assert GripForce(again).step(0.0, excess).value == GripForce(LAWS).step(0.0, excess).value
+
+
+def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
+    session = Session(send=lambda message: None)
+    session.live = live
+    settled_n = Measurement(value=3.0, low=2.5, high=3.5, unit="n")
+    moments = (
+        Moment(time_s=4.0, name="contact"),
+        Moment(time_s=4.5, name="finger_contact", finger=1),
+        Moment(time_s=4.6, name="finger_contact", finger=0),
+        Moment(time_s=5.0, name="finger_removal", finger=0),
+    )
+    live.think(
+        replace(
+            thought(6.0, 5.0),
+            settled_n=settled_n,
+            touched_s=3.8,
+            moments=moments,
+            bounds=Bounds(target_n=3.0, damage_low_n=5.5, ceiling_n=15.0),
+        )
+    )
+    live.add(replace(frames(1, counts=PRESSED), reported=np.array([40.0])))
+    doc = document(session, Wishes(), generation=-1, after_s=0.0)
+    assert doc["curve"][0][2:] == pytest.approx(
+        [live.force.low, live.force.value, live.force.high] if live.force else [], abs=1e-3
+    )
+    assert doc["band"][0][4:] == [2.5, 3.0, 3.5]
+    assert doc["grasp"]["touched_s"] == 3.8
+    assert doc["grasp"]["fingers"] == [1], "a finger that let go touches no more"
+    assert doc["grasp"]["bounds"] == {"target_n": 3.0, "damage_low_n": 5.5, "ceiling_n": 15.0}
+    assert doc["measured"]["force_now"]["value"] == pytest.approx(pressed_n(), rel=1e-6)
+    assert doc["measured"]["holds"] is True
+
+
+def test_an_open_hand_touches_nothing(live: Live) -> None:
+    session = Session(send=lambda message: None)
+    session.live = live
+    assert isinstance(SOURCE.gripper, GripperLimits)
+    live.think(
+        replace(thought(1.0, 5.0), moments=(Moment(time_s=0.5, name="finger_contact", finger=0),))
+    )
+    live.add(frames(1))
+    doc = document(session, Wishes(), generation=-1, after_s=0.0)
+    assert doc["grasp"]["fingers"] == []
+    assert doc["measured"]["holds"] is False
