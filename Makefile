@@ -3,12 +3,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-ros lint docs clean
+.PHONY: demo test test-ros lint docs wheel wheel-test clean
 
-# The base environment is enough to grasp; the development one adds the tests' tools.
+# The base environment has every extra, so that the README's paths work in it; the development one
+# adds the tests' tools.
 $(VENV)/.base: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]'
 	touch $@
 
 $(VENV)/.dev: pyproject.toml studies/pyproject.toml
@@ -41,6 +42,22 @@ lint: $(VENV)/.dev
 
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# With the firmware's images in it where they can be built, for `palpate flash`.
+wheel: $(VENV)/.base
+	if command -v avr-g++ >/dev/null; then $(MAKE) -C firmware image; fi
+	rm -rf dist
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+# The wheel in an environment of its own, outside the repository: first as a base install, then
+# with the development environment's libraries for what is optional.
+wheel-test: wheel $(VENV)/.dev
+	folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+	$(PYTHON) -m venv $$folder/venv && \
+	$$folder/venv/bin/python -m pip install --quiet --disable-pip-version-check dist/palpate-*.whl && \
+	$(PYTHON) tests/try_wheel.py $$folder/venv/bin/palpate && \
+	PYTHONPATH=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+	  $(PYTHON) tests/try_wheel.py $$folder/venv/bin/palpate --extras
 
 clean:
 	$(MAKE) -C firmware clean

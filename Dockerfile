@@ -1,0 +1,16 @@
+# palpate with everything optional, and the firmware for `palpate flash`:
+#   docker build -t palpate . && docker run --rm palpate grasp --seed 1
+# A board needs its port handed in: docker run --device /dev/ttyACM0 ...
+FROM python:3.12-slim AS build
+RUN apt-get update && apt-get install -y --no-install-recommends make gcc-avr avr-libc binutils-avr
+COPY . /src
+WORKDIR /src
+RUN make -C firmware image && pip wheel --no-deps --wheel-dir /dist .
+
+FROM python:3.12-slim
+RUN apt-get update && apt-get install -y --no-install-recommends avrdude && rm -rf /var/lib/apt/lists/*
+COPY --from=build /dist /dist
+RUN pip install --no-cache-dir "$(ls /dist/*.whl)[all]" && rm -r /dist
+WORKDIR /work
+EXPOSE 8080
+ENTRYPOINT ["palpate"]

@@ -1,0 +1,87 @@
+"""Try the command of an installed wheel, outside the repository, as `make wheel-test` does.
+
+    python tests/try_wheel.py PALPATE [--extras]
+
+PALPATE is the installed command. Without `--extras` what is optional must be refused in one line
+that names what to install; with it, it must work.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import urllib.request
+from pathlib import Path
+
+STORE = "--store demo-packhouse/palpate-items.sqlite"
+#: Command, exit status, and what standard output or error must hold.
+BASE = (
+    ("--help", 0, "Examine produce by touch"),
+    ("demo recordings", 0, "simulated"),
+    ("settle demo-recordings/ohm.csv", 0, "relaxation"),
+    ("grasp --seed 3 --object strawberry", 0, "SIMULATED"),
+    ("pattern --preset paper-3x2 --out sensor", 0, "Wrote"),
+    ("init rig.toml --port auto --layout soft-3x2 --gripper none", 0, "written"),
+    ("study table1", 2, "pip install ./studies"),
+    ("bench settling", 2, "pip install ./studies"),
+    ("flash --port /dev/not-there", 3, ""),
+    ("grasp --rig sim-firmware", 3, "make -C firmware"),
+    ("settle demo-recordings/ohm.csv --plot settled.png", 2, "palpate[plots]"),
+    ("demo packhouse", 2, "palpate[produce]"),
+    ("serve", 2, "palpate[dashboard]"),
+)
+EXTRAS = (
+    ("demo recordings", 0, "simulated"),
+    ("settle demo-recordings/ohm.csv --plot settled.png", 0, "settled.png"),
+    ("demo packhouse", 0, "simulated"),
+    (f"ripeness --batch Monday --reference ball {STORE}", 0, "ripe"),
+    (f"sort --rules demo-packhouse/rules.toml --batch Monday {STORE}", 0, "sell today"),
+)
+
+
+def check(palpate: str, command: str, *, status: int, shows: str) -> None:
+    """Run one command; fail unless it ends and reads as it should."""
+    done = subprocess.run([palpate, *command.split()], capture_output=True, text=True, check=False)
+    lines = done.stderr.strip().splitlines()
+    assert done.returncode == status, f"{command}: exit {done.returncode}\n{done.stderr}"
+    assert shows in done.stdout + done.stderr, f"{command}: no {shows!r}\n{done.stdout}{lines}"
+    assert status == 0 or len(lines) == 1, f"{command}: more than one line\n{done.stderr}"
+    print(f"ok  palpate {command}", flush=True)
+
+
+def check_dashboard(palpate: str) -> None:
+    """Start the dashboard, fetch its page, stop it by Ctrl-C."""
+    server = subprocess.Popen(
+        [palpate, "serve", "--port", "0"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        assert server.stdout is not None
+        address = server.stdout.readline().split()[2]
+        with urllib.request.urlopen(address, timeout=30) as page:
+            assert "<title>palpate" in page.read().decode()
+        server.send_signal(signal.SIGINT)
+        status = server.wait(timeout=30)
+    finally:
+        server.kill()
+    assert status in (0, 130), f"serve: exit {status}"
+    print(f"ok  palpate serve, {address}", flush=True)
+
+
+def main(palpate: str, *, extras: bool) -> None:
+    """Check everything in a new folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        for command, status, shows in EXTRAS if extras else BASE:
+            check(palpate, command, status=status, shows=shows)
+        if extras:
+            check_dashboard(palpate)
+
+
+if __name__ == "__main__":
+    main(str(Path(sys.argv[1]).absolute()), extras="--extras" in sys.argv)
