@@ -19,9 +19,9 @@ from palpate.produce.bruise.items import SOUND, examine_item
 from palpate.produce.bruise.model import default_model
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.store import Store
-from palpate.twin.apple import Apple, draw_apple, draw_bruise
-from palpate.twin.produce_ranges import DROPPED
 from palpate_studies.bruise_grasps import ApplePress, press
+from palpate_studies.fruit_ranges import DROPPED
+from palpate_studies.twin_apple import Apple, draw_apple, draw_bruise
 from palpate_studies.twin_session import Session
 
 SENSOR, SIDES_DEG, CUTOFF_S = 31, (0.0, 90.0), 2.5

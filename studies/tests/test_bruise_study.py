@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from palpate.produce.bruise.model import BruiseModel
-from palpate.twin.produce_ranges import BRUISES
 from palpate_studies import bruise, bruise_data
 from palpate_studies.bruise_data import Examined, examine
 from palpate_studies.bruise_scores import CHANGE, SAME_WIDTH, THRESHOLD, Scored, area
 from palpate_studies.bruise_table6 import CLOSURE_MM, COLUMNS, DROPPED, SIZE_MM, grasped
 from palpate_studies.bruise_tables import reliability
+from palpate_studies.fruit_ranges import BRUISES
 
 
 @pytest.fixture(scope="module")

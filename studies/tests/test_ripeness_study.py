@@ -20,13 +20,13 @@ from palpate.grasp.result import Outcome
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness.firmness import firmness_of
 from palpate.produce.ripeness.stages import STAGES
-from palpate.twin.avocado import Avocado, draw_avocado
 from palpate_studies import ripeness_station
 from palpate_studies.ripeness import CONDITIONS, chosen, report
 from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
 from palpate_studies.ripeness_scores import judged, scores
 from palpate_studies.ripeness_station import DAYS, draw_labelled, run_station
 from palpate_studies.ripeness_tables import Condition, named
+from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 FIRST, FEW_GRASPS = datetime(2026, 5, 4, 8, tzinfo=UTC), 3
 

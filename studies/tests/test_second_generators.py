@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli import build_app
-from palpate.twin.apple import draw_apple
-from palpate.twin.avocado import draw_avocado
-from palpate.twin.produce_ranges import BRUISES
 from palpate_studies.bruise_data import as_drawn
+from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.other_fruit import WAYS, CorkyPatch, corky, other_avocado
+from palpate_studies.twin_apple import draw_apple
+from palpate_studies.twin_avocado import draw_avocado
 
 
 @pytest.mark.parametrize("way", WAYS)

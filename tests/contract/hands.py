@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from tests.conftest import skip
+from tests.contract.regulator_board import RegulatorBoard
+from tests.contract.sts_bus import StsBus
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceNotFoundError
@@ -26,9 +28,7 @@ from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard
 from palpate.twin.firmware_stream import FirmwareStream
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.regulator_board import RegulatorBoard
 from palpate.twin.servo_bus import ServoBus
-from palpate.twin.sts_bus import StsBus
 from palpate.twin.world import World
 
 BAUD = 1_000_000

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 from tests.contract.hands import CLOSED_TICK, JAW, REPLY_S, on_jaw, world_of
+from tests.contract.sts_bus import StsBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
 from palpate.grasp.planning import plan_grasp
@@ -18,7 +19,6 @@ from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.servo_line import ServoLine
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray
-from palpate.twin.sts_bus import StsBus
 from palpate.twin.world import World
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.contract.hands import on_board, world_of
+from tests.contract.regulator_board import RegulatorBoard
 
 from palpate.errors import DeviceError, DeviceTimeoutError, InputError
 from palpate.grasp.belief import Belief, Observation
@@ -24,7 +25,6 @@ from palpate.rig.simulated import calibrated
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.regulator_board import RegulatorBoard
 from palpate.twin.truth import Truth
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from tests.contract.faulty import FailingArray, NoisyLine, Witness, reading
 from tests.contract.hands import object_of, world_of
+from tests.contract.regulator_board import RegulatorBoard
 
 from palpate.clock import ManualClock
 from palpate.grasp.belief import Belief, Observation
@@ -26,7 +27,6 @@ from palpate.rig.simulated import calibrated
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinGripper
-from palpate.twin.regulator_board import RegulatorBoard
 from palpate.twin.world import World
 
 PERIOD_S = 1 / 15

@@ -88,7 +88,7 @@ def command(
         rest = _rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
     calibration = begun(pixels, rest=rest, simulated=simulated)
     if earlier is not None:
-        # The date is what `concerns` judges age by: that of the force readings, where there are.
+        # The date is that of the force readings, where there are.
         made_at = earlier.made_at if earlier.force.force_n else calibration.made_at
         calibration = replace(earlier, rest=rest, made_at=made_at)
     if temperature_c is not None:

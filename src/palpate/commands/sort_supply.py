@@ -81,7 +81,7 @@ class SimulatedCrate:
         from palpate.rig import Rig
         from palpate.rig.simulated import calibrated
         from palpate.twin.crate import CrateTable, draw_crate, mixed_crate
-        from palpate.twin.produce_ranges import CRATE_TAUGHT
+        from palpate.twin.crate_kinds import CRATE_TAUGHT
 
         table = CrateTable(sensor=seed, seed=seed + 500_009)
         rig = Rig(

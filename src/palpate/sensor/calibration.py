@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,8 +28,6 @@ VERSION = 3
 #: grasp reads. Both are read, without those.
 _READABLE = (1, 2, VERSION)
 _NO_LONGER_READ = ("traces", "observer")
-#: The sheet breaks in and ages with use and climate (paper, Figures 3 and 4).
-STALE_DAYS = 30
 
 _BROKEN = "not whole JSON ({}); take the file from a backup or calibrate again"
 
@@ -193,33 +191,6 @@ class Calibration:
     def rest_ohm(self) -> NDArray[np.float64]:
         """Rest resistances, shape (rows, cols)."""
         return np.array(self.rest.ohm, dtype=float)
-
-    def concerns(
-        self,
-        *,
-        now: datetime,
-        temperature_c: float | None = None,
-        humidity_percent: float | None = None,
-    ) -> tuple[str, ...]:
-        """Return what speaks against using it now: age, or a climate other than its own."""
-        found: list[str] = []
-        if self.made_at is not None:
-            made = datetime.fromisoformat(self.made_at)
-            made = made if made.tzinfo else made.replace(tzinfo=UTC)
-            days = (now - made).days
-            if days > STALE_DAYS:
-                found.append(f"calibration is {days} days old (advised: at most {STALE_DAYS})")
-        if temperature_c is not None and self.temperature_c is not None:
-            apart = abs(temperature_c - self.temperature_c)
-            if apart > 5:
-                found.append(f"calibrated at {self.temperature_c:g} C, {apart:.0f} C away from now")
-        if humidity_percent is not None and self.humidity_percent is not None:
-            apart = abs(humidity_percent - self.humidity_percent)
-            if apart > 15:
-                found.append(
-                    f"calibrated at {self.humidity_percent:g} % humidity, {apart:.0f} % from now"
-                )
-        return tuple(found)
 
     def as_text(self) -> str:
         """Return the content of the file."""

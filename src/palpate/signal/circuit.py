@@ -57,31 +57,6 @@ class PixelFault(IntEnum):
     SHORT = 2
 
 
-def counts_to_volts(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
-    """Convert counts to the voltage at the converter's input.
-
-    Parameters
-    ----------
-    counts : array_like of int, shape (..., rows, cols)
-        Readings, summed over `oversampling` conversions.
-    divider : Divider
-        The readout circuit.
-    oversampling : int
-        Conversions summed.
-
-    Returns
-    -------
-    ndarray, same shape
-        Volts.
-
-    Examples
-    --------
-    >>> counts_to_volts([[512, 256]], divider=Divider()).tolist()
-    [[2.5, 1.25]]
-    """
-    return divider.supply_v * _fraction(counts, divider, oversampling)
-
-
 def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:
     """Convert counts to the pixel's resistance.
 

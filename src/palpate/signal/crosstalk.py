@@ -134,36 +134,6 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     )
 
 
-def held_readings_ohm(resistance_ohm: ArrayLike, *, reference_ohm: float) -> _Array:
-    """What each pixel reads when idle rows are held at the rail of the reference resistor.
-
-    The selected column is the divider's node; the other pixels of that column lie in parallel with
-    the reference resistor. Idle columns make no difference.
-
-    Parameters
-    ----------
-    resistance_ohm : array_like, shape (..., rows, cols)
-        Pixel resistances, positive; inf is an open pixel.
-    reference_ohm : float
-        The divider's fixed resistor.
-
-    Returns
-    -------
-    ndarray, same shape
-        The resistance that the divider's formula makes of the reading.
-
-    Examples
-    --------
-    >>> held_readings_ohm([[1000.0], [1000.0]], reference_ohm=1000.0).tolist()
-    [[2000.0], [2000.0]]
-    """
-    conductance = 1.0 / _positive(resistance_ohm)
-    column = conductance.sum(axis=-2, keepdims=True)
-    loading = 1.0 + reference_ohm * (column - conductance)
-    with np.errstate(divide="ignore"):
-        return np.asarray(loading / conductance)
-
-
 def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixels:
     """Solve the readings of a matrix with idle rows held at a rail back to pixel resistances.
 

@@ -176,22 +176,6 @@ def largest_change(change_percent: ArrayLike) -> FloatArray:
     return np.where(np.isinf(lowest), np.nan, lowest)
 
 
-def contacting_mean(
-    change_percent: ArrayLike, *, threshold_percent: float = CONTACT_PERCENT
-) -> FloatArray:
-    """Return the mean over the pixels below a threshold: shape (..., rows, cols) to (...).
-
-    NaN where no pixel is below it.
-
-    Examples
-    --------
-    >>> contacting_mean([[-50.0, -2.0, -30.0]]).item()
-    -40.0
-    """
-    change = np.asarray(change_percent, float)
-    return _mean_over(np.where(change <= threshold_percent, change, np.nan), axis=(-2, -1))
-
-
 def total_excess(excess: ArrayLike) -> FloatArray:
     """Return the sum of excess conductances: shape (..., rows, cols) to (...); NaN if none reads.
 

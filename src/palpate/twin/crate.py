@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.clock import ManualClock
-from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.objects import TwinObject
-from palpate.twin.produce_ranges import (
+from palpate.twin.crate_kinds import (
     CRATE_POISSON,
     CRATE_SIDE_LOG_SD,
     CRATE_STRANGERS,
     CRATE_TAUGHT,
     CrateKind,
 )
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import log_uniform, uniform
 from palpate.twin.world import GripperKind, World
 

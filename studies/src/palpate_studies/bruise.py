@@ -185,7 +185,7 @@ def _provenance(examined: Sequence[Examined]) -> list[str]:
         f"learned from, half of them bruised, each with its bruise within {PLACED_WITHIN_MM:g} mm "
         "of the middle of either finger; grasped once at the side in question, closed by contact. "
         "They differ in size, firmness, roundness, firmer sides; bruises in diameter, depth, "
-        "softness, dent and place (ranges: `palpate.twin.produce_ranges`).",
+        "softness, dent and place (ranges: `palpate_studies.fruit_ranges`).",
         f"References: class, {REFERENCE_APPLES} other sound apples on the same sensor; item, one "
         "grasp a quarter turn on; history, one earlier grasp of the same side, sound then.",
         "What keeps a side met for the first time from being told at 0.97 is how the gains of "

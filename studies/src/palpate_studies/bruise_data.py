@@ -13,14 +13,9 @@ import numpy as np
 
 from palpate.produce.bruise.model import Example, Place
 from palpate.produce.bruise.shape import Shape, middle_of
-from palpate.twin.apple import Apple, draw_apple
-from palpate.twin.produce_ranges import (
-    BRUISES,
-    BRUISES_OFF_THE_BELT,
-    SMALL_BRUISES,
-    BruiseRanges,
-)
 from palpate_studies.bruise_grasps import CLOSURE_MM, GAP_MM, OPEN_MM, ApplePress, press
+from palpate_studies.fruit_ranges import BRUISES, BRUISES_OFF_THE_BELT, SMALL_BRUISES, BruiseRanges
+from palpate_studies.twin_apple import Apple, draw_apple
 from palpate_studies.twin_session import Session
 
 #: When the answer is given, seconds after the fingers close on: early, as the paper's, at the end.

@@ -14,8 +14,8 @@ from palpate.signal.relative import (
     mean_change,
     relative_change_percent,
 )
-from palpate.twin.apple import Apple
 from palpate.twin.devices import TwinArray
+from palpate_studies.twin_apple import Apple
 from palpate_studies.twin_session import HOLD_S, SETTLED_MEAN_S, Session
 
 #: The fingers stand this wide before an apple whose size nobody knows, and this much wider than

@@ -23,17 +23,17 @@ from palpate.errors import needing
 from palpate.produce.bruise.learning import learn
 from palpate.produce.bruise.model import Example, usable
 from palpate.produce.bruise.shape import Shape, contrast, middle_of, shape_of
-from palpate.twin.apple import Apple, draw_apple
 from palpate.twin.mechanics import Compliance, series_force_n
 from palpate.twin.objects import TwinObject
 from palpate.twin.pixel_grid import PixelGrid
-from palpate.twin.produce_ranges import BRUISES
 from palpate.twin.ranges import PAPER, uniform
 from palpate.twin.world import World
 from palpate_studies.bruise_data import PLACED_WITHIN_MM
 from palpate_studies.bruise_grasps import CLOSURE_MM
 from palpate_studies.bruise_scores import EARLIER, FIRST_MET, area
+from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.twin_apple import Apple, draw_apple
 
 #: Force at which both fingers feel the paper's 10 % and close on, newtons.
 _CONTACT_N = 0.6

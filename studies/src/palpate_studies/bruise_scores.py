@@ -14,7 +14,7 @@ from palpate.arrays import FloatArray
 from palpate.produce.bruise.learning import learn
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, at_share
 from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
-from palpate.settling.scoring import bootstrap_interval
+from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined
 
 #: Ways that need no learning: the paper's mean over all pixels after 20 s.

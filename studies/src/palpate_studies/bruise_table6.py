@@ -10,8 +10,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.settling.predict import predict_settled
 from palpate.signal.relative import mean_change, relative_change_percent
-from palpate.twin.apple import Apple, Bruise, draw_apple
 from palpate_studies.report import Table
+from palpate_studies.twin_apple import Apple, Bruise, draw_apple
 from palpate_studies.twin_session import (
     GAP_MM,
     HOLD_S,

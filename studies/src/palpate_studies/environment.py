@@ -8,9 +8,9 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
-from palpate.sensor.conditions import Conditions, ConditionsCorrection
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.velostat import Environment
+from palpate_studies.conditions import Conditions, ConditionsCorrection
 from palpate_studies.equal_width import SEED
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import LEVELS, Reading, Session, drawn, grasps

@@ -107,7 +107,7 @@ def _provenance(
         "paper prints no numbers in Figure 4; the twin's break-in and wear are plausible ranges, "
         "not measurements.",
         "Force: a power law calibrated on a load cell before the first cycle. Re-zeroing is "
-        "`palpate.sensor.rezero`, frame by frame, from the frames and the hand's width alone. It "
+        "`palpate_studies.rezero`, frame by frame, from the frames and the hand's width alone. It "
         f"waits until the sheet has forgotten its load, and {OPEN_S:g} s are too short for most: "
         f"of {cycles} openings it took rest values in "
         + each(lambda one: str(one.rezeroed))

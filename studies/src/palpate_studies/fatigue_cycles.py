@@ -9,15 +9,15 @@ import numpy as np
 
 from palpate.estimate.force import PowerForceLaw
 from palpate.gripper.interface import GripperState
-from palpate.sensor.rezero import RezeroRule, RezeroState, rezero_step
-from palpate.sensor.wear import WearTrack
 from palpate.settling.result import FloatArray
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray
 from palpate.twin.velostat import Environment
 from palpate_studies.equal_width import SEED
+from palpate_studies.rezero import RezeroRule, RezeroState, rezero_step
 from palpate_studies.twin_session import SETTLED_MEAN_S, Session, drawn
+from palpate_studies.wear import WearTrack
 
 #: Paper, section 2.1: cycles of 10 s closed and 10 s open.
 CLOSED_S, OPEN_S = 10.0, 10.0

@@ -210,7 +210,7 @@ def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
             f"Simulated: {sensors} sensors and grippers, each calibrated by a user's steps, then "
             "taught with items of each kind (two grasps each), then a crate that it never saw. "
             "Every measurement is that of a grasp by the controller; nothing is told of the truth.",
-            "Ranges of the kinds were fixed beforehand (palpate.twin.produce_ranges). Several "
+            "Ranges of the kinds were fixed beforehand (palpate_studies.fruit_ranges). Several "
             "kinds overlap in both size and stiffness, and strangers may feel like a taught kind.",
         ),
         tables=[

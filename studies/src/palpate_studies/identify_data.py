@@ -19,7 +19,7 @@ from palpate.produce.sorting.hand import SortingHand, TimedGrasp
 from palpate.rig.simulated import calibrated
 from palpate.settling.result import Status
 from palpate.twin.crate import CrateItem, CrateTable, draw_crate
-from palpate.twin.produce_ranges import CRATE_STRANGERS, CRATE_TAUGHT
+from palpate.twin.crate_kinds import CRATE_STRANGERS, CRATE_TAUGHT
 
 LEVELS = ("paper", "field")
 #: Grasps of each item that is taught, and of each that is sorted.

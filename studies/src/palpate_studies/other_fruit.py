@@ -17,9 +17,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.twin.apple import Apple
 from palpate.twin.apple_faces import Face, Patch
-from palpate.twin.avocado import Avocado
+from palpate_studies.twin_apple import Apple
+from palpate_studies.twin_avocado import Avocado
 
 #: Reach of the sound core, as a share of the bruise's; where the rim begins to fall.
 _CORE, _RIM = 0.5, 0.85

@@ -8,7 +8,8 @@ import numpy as np
 
 from palpate.holds import Hold
 from palpate.settling.evaluate import score_predictions
-from palpate.settling.scoring import bootstrap_interval, mean, settled_value, summarise
+from palpate.settling.scoring import mean, settled_value, summarise
+from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.held_out import CUTOFFS_S, MAIN_CUTOFF_S, OURS, FileResult
 from palpate_studies.specimens import HORIZON_S
 

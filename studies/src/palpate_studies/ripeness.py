@@ -190,7 +190,7 @@ def _provenance(found: Mapping[Condition, Sequence[Felt]]) -> list[str]:
     return [
         "Simulated throughout. The paper prints no numbers in Figure 16 (one avocado, four days, "
         "ten grasps a day, each gripper); no published number was a calibration input here. The "
-        "avocados' ranges stand in `palpate.twin.produce_ranges` with their reasons.",
+        "avocados' ranges stand in `palpate_studies.fruit_ranges` with their reasons.",
         f"Each sensor: a calibration by a user's steps, then {LABELLED} labelled fruits for {DAYS} "
         f"days (more where these did not show every stage), {LABELLED_GRASPS} grasps a day, and, "
         f"{LATER_DAYS} days after their first, the others, which are judged: {GRASPS_AT_ONCE} "

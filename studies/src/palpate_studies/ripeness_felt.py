@@ -12,7 +12,7 @@ from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import STAGES
 from palpate.sensor.calibration import Calibration
-from palpate.twin.avocado import Avocado
+from palpate_studies.twin_avocado import Avocado
 
 #: Item of the reference object; those of fruits are `labelled-N` and `fruit-N`.
 REFERENCE_ID = "reference"

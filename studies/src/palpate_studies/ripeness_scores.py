@@ -15,10 +15,10 @@ from palpate.errors import InputError
 from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import judge_by_first_day
 from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
-from palpate.twin.avocado import Avocado
-from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N
+from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N
 from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
 from palpate_studies.ripeness_station import DAYS
+from palpate_studies.twin_avocado import Avocado
 
 #: Ways to judge -> what they are.
 WAYS = {

@@ -34,15 +34,15 @@ from palpate.rig.twin_bench import twin_bench
 from palpate.sensor.calibration import RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
-from palpate.twin.avocado import Avocado, draw_avocado
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.produce_ranges import AVOCADO_STAGES, STATION
 from palpate.twin.ranges import uniform
 from palpate.twin.velostat import Environment
 from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, GripperKind, World
+from palpate_studies.fruit_ranges import AVOCADO_STAGES, STATION
 from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, days_of, drift_of, rule_of
 from palpate_studies.stoppable import uninterrupted
+from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Mornings; grasps of a labelled fruit on each, as many as the paper's; of the reference object.
 DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 10, 30

@@ -17,7 +17,7 @@ from palpate.errors import InputError
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
-from palpate.twin.avocado import Avocado, draw_avocado
+from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Mornings, labelled fruits and grasps of each on a day, and grasps of those that are judged.
 DAYS, LABELLED, LABELLED_GRASPS, GRASPS = 4, 24, 10, 6

@@ -10,14 +10,14 @@ import typer
 
 from palpate.commands.options import JsonOption
 from palpate.produce.bruise.model import default_model
-from palpate.twin.apple import Apple
-from palpate.twin.avocado import Avocado
 from palpate_studies.bruise_data import Examined, as_drawn, examine
 from palpate_studies.bruise_scores import EARLIER, FIRST_MET, area, felt_of, log_odds
 from palpate_studies.other_fruit import WAYS, corky, other_avocado
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.ripeness_virtual import VirtualDay, judged_days
+from palpate_studies.twin_apple import Apple
+from palpate_studies.twin_avocado import Avocado
 
 #: Seeds of the final look. Virtual sensors 0 to 2 were used while this was made; no apples were.
 RIPENESS_SEED, BRUISE_SEED = 94_001, 70

@@ -13,13 +13,14 @@ from scipy.stats import chi2
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.signal.circuit import resistance_ohm
-from palpate.signal.events import EventKind, contact_events
+from palpate.signal.events import EventKind
 from palpate.signal.relative import finger_means, relative_change_percent
 from palpate.twin.devices import TwinArray
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.readout import Readout
+from palpate_studies.contact_events import contact_events
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import LEVELS, Session
 

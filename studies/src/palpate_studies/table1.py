@@ -16,8 +16,9 @@ from palpate.settling.log_law import LogLaw
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scoring import bootstrap_interval, settled_value, summarise
+from palpate.settling.scoring import settled_value, summarise
 from palpate.signal.transient import WAIT_S
+from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_holds import twin_holds
 

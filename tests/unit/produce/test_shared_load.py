@@ -22,9 +22,9 @@ from palpate.produce.ripeness.closing import ClosingWatch, contact_width, width_
 from palpate.produce.ripeness.firmness import RIPENESS_N, minus_log_sharing
 from palpate.produce.ripeness.shared_load import shared_pixels
 from palpate.rig.simulated import calibrated
-from palpate.twin.avocado import draw_avocado
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
+from palpate_studies.twin_avocado import draw_avocado
 
 BEND = Bend(
     mm_per_kpa=1.4,

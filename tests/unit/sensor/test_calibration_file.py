@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -123,16 +122,6 @@ def test_disconnected_load_cell_is_refused() -> None:
             relative_percent=(-1.0,) * 4,
             force_n=(1.0,) * 4,
         )
-
-
-def test_says_when_it_is_old_or_out_of_its_climate(calibration: Calibration) -> None:
-    fresh = datetime(2026, 5, 2, tzinfo=UTC)
-    late = datetime(2026, 8, 1, tzinfo=UTC)
-    assert calibration.concerns(now=fresh, temperature_c=22.0) == ()
-    assert "92 days old" in calibration.concerns(now=late)[0] or "91 days" in str(
-        calibration.concerns(now=late)
-    )
-    assert "calibrated at 21 C" in calibration.concerns(now=fresh, temperature_c=35.0)[0]
 
 
 @pytest.mark.parametrize("ohm", [0.0, -1.0, float("nan")])

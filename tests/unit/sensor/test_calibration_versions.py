@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -33,12 +32,3 @@ def test_older_versions_are_read_without_what_no_grasp_reads(tmp_path: Path, ver
         document |= {"traces": {"run": [0.0]}, "observer": {"kind": "sheet"}}
     path.write_text(json.dumps({**document, "version": version}))
     assert Calibration.load(path) == calibration()
-
-
-def test_another_humidity_is_a_concern() -> None:
-    from datetime import UTC, datetime
-
-    made = replace(calibration(), humidity_percent=40.0)
-    now = datetime(2026, 1, 1, tzinfo=UTC)
-    assert made.concerns(now=now, humidity_percent=50.0) == ()
-    assert "40 % humidity" in made.concerns(now=now, humidity_percent=70.0)[0]

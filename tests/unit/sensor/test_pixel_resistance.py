@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.held_readings import held_readings_ohm
 
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, IdleLines
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm, solve_pixels
 from palpate.signal.circuit import Divider, ohm_to_volts, resistance_ohm, volts_to_counts
-from palpate.signal.crosstalk import floating_readings_ohm, held_readings_ohm
+from palpate.signal.crosstalk import floating_readings_ohm
 
 #: A converter fine enough that rounding does not hide what is tested.
 FINE = Divider(adc_bits=24)

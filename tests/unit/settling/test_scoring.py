@@ -5,13 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.settling.scoring import (
-    bootstrap_interval,
-    recorded_value,
-    score,
-    settled_value,
-    summarise,
-)
+from palpate.settling.scoring import recorded_value, score, settled_value, summarise
+from palpate_studies.bootstrap import bootstrap_interval
 
 
 def test_settled_value_is_the_mean_of_the_last_half_second() -> None:

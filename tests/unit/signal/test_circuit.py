@@ -10,7 +10,6 @@ import pytest
 from palpate.signal.circuit import (
     Divider,
     PixelFault,
-    counts_to_volts,
     ohm_to_volts,
     pixel_faults,
     resistance_ohm,
@@ -23,7 +22,6 @@ def test_paper_divider_by_hand() -> None:
     # 5 V, 4.7 kohm, 10 bit, pixel in the upper leg: 14.1 kohm is three times the reference.
     assert ohm_to_volts(14_100.0, divider=Divider()) == pytest.approx(1.25)
     assert resistance_ohm(256, divider=Divider()) == pytest.approx(14_100.0)
-    assert counts_to_volts(256, divider=Divider()) == pytest.approx(1.25)
 
 
 def test_lower_leg_is_the_upper_one_upside_down() -> None:
@@ -34,7 +32,6 @@ def test_lower_leg_is_the_upper_one_upside_down() -> None:
 
 def test_other_reference_supply_and_width() -> None:
     divider = Divider(reference_ohm=1000.0, supply_v=3.3, adc_bits=12)
-    assert counts_to_volts(1024, divider=divider) == pytest.approx(0.825)
     assert resistance_ohm(1024, divider=divider) == pytest.approx(3000.0)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.held_readings import held_readings_ohm
 
 from palpate.signal.crosstalk import (
     floating_readings_ohm,
-    held_readings_ohm,
     unmix_floating,
     unmix_held,
 )

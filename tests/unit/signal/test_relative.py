@@ -7,7 +7,6 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.signal.relative import (
-    contacting_mean,
     excess_conductance,
     finger_means,
     largest_change,
@@ -96,12 +95,10 @@ def test_sums_over_pixels_keep_leading_axes() -> None:
     assert mean_change(change).shape == (7, 3)
     assert finger_means(change, finger_of_row=(0, 0, 1, 1)).shape == (7, 3, 2)
     assert finger_means(change, finger_of_row=(0, 0, 1, 1))[0, 0].tolist() == [0.0, -20.0]
-    assert contacting_mean(change)[0, 0] == -20.0
     assert largest_change(change)[0, 0] == -20.0
     assert total_excess(change).shape == (7, 3)
 
 
 def test_nothing_in_contact_is_not_a_number() -> None:
-    assert np.isnan(contacting_mean(np.zeros((2, 2))))
     nothing = np.full((2, 2), np.nan)
     assert all(np.isnan(f(nothing)) for f in (mean_change, largest_change, total_excess))

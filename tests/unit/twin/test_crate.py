@@ -7,7 +7,7 @@ import pytest
 
 from palpate.gripper.interface import GripperCommand
 from palpate.twin.crate import CrateTable, draw_crate, hertz_force_at_1mm_n, mixed_crate
-from palpate.twin.produce_ranges import CRATE_STRANGERS, CRATE_TAUGHT, CrateKind
+from palpate.twin.crate_kinds import CRATE_STRANGERS, CRATE_TAUGHT, CrateKind
 from palpate.twin.world import OPEN_MM
 
 ALL = {**CRATE_TAUGHT, **CRATE_STRANGERS}

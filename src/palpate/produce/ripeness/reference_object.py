@@ -40,7 +40,7 @@ _SHARES = np.geomspace(1 / 16, 2.0, 11)
 _LEAST_SHARE = 0.2
 
 _DAY_S = 86_400.0
-#: Beyond this, wear is more than a correction should carry, as in `palpate.sensor.wear`.
+#: Beyond this, wear is more than a correction should carry, as in `palpate_studies.wear`.
 _ADVISED = 0.3
 
 

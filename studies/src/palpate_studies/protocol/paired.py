@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.settling.scoring import bootstrap_interval
+from palpate_studies.bootstrap import bootstrap_interval
 
 LEVEL, DRAWS, SEED = 0.9, 2000, 20
 WIN, LOSS, TIE = "ours", "rival", "undecided"

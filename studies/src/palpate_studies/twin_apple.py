@@ -18,8 +18,8 @@ import numpy as np
 
 from palpate.twin.apple_faces import Face, Faces, Patch, first_touch
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.produce_ranges import APPLES, AppleRanges, BruiseRanges
 from palpate.twin.ranges import log_uniform, uniform
+from palpate_studies.fruit_ranges import APPLES, AppleRanges, BruiseRanges
 
 #: Beyond this distance from a bruise no contact with a finger reaches it, mm.
 _CONTACT_MM = 20.0
@@ -135,7 +135,7 @@ def draw_apple(
     rng : Generator
         Source of chance.
     bruises : BruiseRanges or None
-        Ranges of its bruise (`palpate.twin.produce_ranges`); None for a sound one.
+        Ranges of its bruise (`palpate_studies.fruit_ranges`); None for a sound one.
     apples : AppleRanges
         Ranges of the fruit.
     """

@@ -14,13 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.twin.objects import TwinObject
-from palpate.twin.produce_ranges import (
-    AVOCADO_BOUNDS_N,
-    AVOCADO_STAGES,
-    AVOCADOS,
-    AvocadoRanges,
-)
 from palpate.twin.ranges import log_uniform, uniform
+from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS, AvocadoRanges
 
 #: Damage begins at this share of the rupture force, as for other fruit of the twin.
 _YIELD_SHARE = (0.75, 0.95)

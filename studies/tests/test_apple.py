@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.twin.apple import Apple, Bruise, draw_apple
 from palpate.twin.mechanics import pixel_shares
 from palpate.twin.pixel_grid import PixelGrid
-from palpate.twin.produce_ranges import BRUISES
+from palpate_studies.fruit_ranges import BRUISES
+from palpate_studies.twin_apple import Apple, Bruise, draw_apple
 
 GRID = PixelGrid.of(RIGID_LAYOUT)
 BRUISE = Bruise(

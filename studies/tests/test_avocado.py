@@ -7,8 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from palpate.twin.avocado import Avocado, draw_avocado
-from palpate.twin.produce_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
+from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N, AVOCADO_STAGES, AVOCADOS
+from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 
 @pytest.fixture(scope="module")

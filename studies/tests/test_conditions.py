@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.sensor.conditions import Conditions, ConditionsCorrection
-from palpate.sensor.wear import WearTrack
+from palpate_studies.conditions import Conditions, ConditionsCorrection
+from palpate_studies.wear import WearTrack
 
 COOL, ROOM, WARM = (
     Conditions(temperature_c=t, humidity_percent=h)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.sensor.rezero import RezeroRule, RezeroState, rezero_step
+from palpate_studies.rezero import RezeroRule, RezeroState, rezero_step
 
 RULE = RezeroRule()
 OPEN_MM, FRAME_S = 74.0, 0.2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.sensor.rezero import RezeroRule, RezeroState, rezero_step
+from palpate_studies.rezero import RezeroRule, RezeroState, rezero_step
 
 RULE = RezeroRule()
 
