@@ -12,6 +12,7 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.dashboard.station import CellBench
+    from palpate.produce.sorting.rules import RuleBook
 
 
 def serve(
@@ -32,6 +33,13 @@ def serve(
         typer.Option(
             help="Keep every grasp below what such produce bears: a file of "
             "`palpate calibrate damage`; the page then asks for the kind.",
+            metavar="FILE",
+        ),
+    ] = None,
+    rules: Annotated[
+        Path | None,
+        typer.Option(
+            help="Show which bin each named item goes to: a rules file as `palpate sort` reads it.",
             metavar="FILE",
         ),
     ] = None,
@@ -79,10 +87,23 @@ def serve(
         benches={"sim-rigid": open_simulated_bench},
         realtime=realtime,
         damage=None if damage is None else DamageFile.load(damage),
+        rules=None if rules is None else _rules(rules),
     )
     # In an address it stands in brackets.
     host = host.strip("[]")
     serve_page(settings, host=host, port=port, token=token, announce=_announce)
+
+
+def _rules(path: Path) -> RuleBook:
+    """Read the rules; they are of use with the store alone."""
+    from palpate.errors import needing
+
+    with needing("--rules", extra="produce"):
+        import sqlalchemy
+    del sqlalchemy
+    from palpate.produce.sorting.rules_file import read_rules
+
+    return read_rules(path)
 
 
 def _announce(address: str) -> None:

@@ -6,19 +6,26 @@ import asyncio
 import os
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from palpate.dashboard.handle import DeviceProcess
+from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.ledger import Ledger
 from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Urgent
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.station import BenchOpener
+from palpate.dashboard.view import kind_of
 from palpate.dashboard.wishes import Wishes
+from palpate.errors import PalpateError
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig.file import stated_in
+
+if TYPE_CHECKING:
+    from palpate.produce.sorting.rules import RuleBook
 
 _LOOK_S = 0.01
 
@@ -45,6 +52,8 @@ class Settings:
         Whether the devices' process comes before all others.
     damage : DamageFile or None
         The learned limit that grasps keep to.
+    rules : RuleBook or None
+        What says which bin an item goes to.
     """
 
     rigs: tuple[str, ...]
@@ -57,6 +66,7 @@ class Settings:
     benches: dict[str, BenchOpener]
     realtime: bool = False
     damage: DamageFile | None = None
+    rules: RuleBook | None = None
 
 
 class Desk:
@@ -64,7 +74,8 @@ class Desk:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.ledger = Ledger(settings.store)
+        self.ledger = Ledger(settings.store, rules=settings.rules)
+        self.history = History(settings.folder)
         self.wishes = Wishes()
         self.session = Session(
             send=self._send, on_grasped=self._keep, silent_s=lambda: self.silent_s
@@ -139,22 +150,47 @@ class Desk:
         return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
 
     def _keep(self, grasped: Grasped, item_id: str) -> None:
-        """Remember a grasp of a named item; the database may take its time."""
-        if grasped.recording is None:
-            return
-        keep = partial(
-            self.ledger.keep,
-            grasped.result,
-            recording=grasped.recording,
+        """Remember a grasp; the database of named items may take its time."""
+        live = self.session.live
+        entry = entry_of(
+            grasped,
+            kind=kind_of(grasped, target_force_n=self.session.target_force_n),
             item_id=item_id,
-            closing=grasped.closing,
+            target_force_n=self.session.target_force_n,
+            simulated=live.source is not None and live.source.simulated,
+            curve=list(live.curve),
         )
-        asyncio.get_running_loop().run_in_executor(None, keep).add_done_callback(self._kept)
+        if item_id and grasped.recording is not None:
+            keep = partial(self._keep_item, grasped, grasped.recording, entry)
+            asyncio.get_running_loop().run_in_executor(None, keep).add_done_callback(self._kept)
+        else:
+            self._note(entry)
 
-    def _kept(self, kept: asyncio.Future[None]) -> None:
-        kept.result()
+    def _keep_item(self, grasped: Grasped, recording: Path, entry: Entry) -> Entry:
+        """Write a named item's grasp to the store, and find its bin."""
+        item_id = entry.item_id
+        self.ledger.keep(
+            grasped.result, recording=recording, item_id=item_id, closing=grasped.closing
+        )
+        try:
+            decision = self.ledger.sort(item_id)
+        except PalpateError as error:
+            return replace(entry, why=str(error))
+        if decision is None:
+            return entry
+        found = f"{decision.bin} (for now)" if decision.again else decision.bin
+        return replace(entry, bin=found, why=decision.why)
+
+    def _kept(self, kept: asyncio.Future[Entry]) -> None:
+        self._note(kept.result())
         if self.ledger.trouble:
             self.session.trouble = f"the grasp is not in the store: {self.ledger.trouble}"
+
+    def _note(self, entry: Entry) -> None:
+        try:
+            self.history.add(entry)
+        except OSError as error:
+            self.session.trouble = f"the grasp is not in the history: {error}"
 
     def _send(self, message: Order | Urgent) -> None:
         if self._process is not None:

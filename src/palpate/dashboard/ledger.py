@@ -19,6 +19,8 @@ from palpate.recording.replay import observations
 
 if TYPE_CHECKING:
     from palpate.produce.records_json import Record
+    from palpate.produce.sorting.decide import Decision
+    from palpate.produce.sorting.rules import RuleBook
     from palpate.produce.store.item_history import ItemPage
 
 MISSING = "items need the store: pip install 'palpate[produce]'"
@@ -31,6 +33,8 @@ class Ledger:
     ----------
     where : str or None
         As `palpate.produce.store.Store.open` takes it.
+    rules : RuleBook or None
+        What says which bin an item goes to.
 
     Attributes
     ----------
@@ -38,8 +42,8 @@ class Ledger:
         Why the last record did not reach the store; empty if it did.
     """
 
-    def __init__(self, where: str | None) -> None:
-        self._where = where
+    def __init__(self, where: str | None, *, rules: RuleBook | None = None) -> None:
+        self._where, self._rules = where, rules
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
     def keep(
@@ -65,6 +69,32 @@ class Ledger:
                 self.trouble = "" if kept else f"{keeper.away}; it waits in {keeper.spool.path}"
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
+
+    def sort(self, item_id: str) -> Decision | None:
+        """Return which bin an item goes to, by all its grasps; None without rules.
+
+        Raises
+        ------
+        PalpateError
+            If the store can't be used, or too little was taught for the rules.
+        """
+        if self._rules is None or self.trouble == MISSING:
+            return None
+        from palpate.produce.identify.items import learn
+        from palpate.produce.sorting.decide import decide
+        from palpate.produce.sorting.run import evidence_of
+        from palpate.produce.store import Store
+
+        with Store.open(self._where, create=False) as store:
+            kind = store.item(item_id).kind
+            guess = kind is None and any(rule.kinds is not None for rule in self._rules.rules)
+            evidence = evidence_of(
+                store.grasps_of(item_id),
+                identifier=learn(store, without=item_id) if guess else None,
+                kind=kind,
+                verdicts=store.verdicts_of(item_id),
+            )
+        return decide(self._rules, evidence)
 
     def items(self, *, limit: int = 200) -> list[str]:
         """Return the names of items, the last met first; none where there is no store yet.

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from nicegui import Client, ui
+from nicegui.events import GenericEventArguments
 
 from palpate.dashboard.desk import Desk
 from palpate.dashboard.panel_calibrate import calibrate_panel
@@ -13,6 +14,7 @@ from palpate.dashboard.panel_doctor import doctor_panel
 from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
 from palpate.dashboard.panel_items import items_panel
 from palpate.dashboard.panel_recordings import recordings_panel
+from palpate.dashboard.panel_run import run_panel
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
@@ -28,6 +30,7 @@ TABS = {
     "Doctor": "/doctor",
     "Recordings": "/recordings",
     "Items": "/items",
+    "Run": "/run",
 }
 #: The one map of every picture, for the page's script and its legend.
 _PIXEL_COLORS = (
@@ -161,7 +164,16 @@ def _panel(desk: Desk, hands: Hands, *, tab: str, item_id: str | None) -> None:
         with ui.tab_panel("Recordings"):
             recordings_panel(desk, hands)
         with ui.tab_panel("Items"):
-            items_panel(desk, hands, item_id=item_id)
+            open_item = items_panel(desk, hands, item_id=item_id)
+        with ui.tab_panel("Run"):
+            run_panel(desk, hands)
+
+    def show_item(event: GenericEventArguments) -> None:
+        """Turn to an item without leaving the page: who drives goes on driving."""
+        tabs.set_value("Items")
+        open_item(str(event.args))
+
+    ui.on("item", show_item)
     tabs.on_value_change(lambda event: ui.navigate.history.replace(TABS[event.value]))
     with ui.element("div").classes("panel-foot"):
         grasp_buttons(desk, hands)

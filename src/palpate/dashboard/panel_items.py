@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
 
-def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> None:
-    """Fill the panel; `item_id` is shown first."""
+def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Callable[[str], None]:
+    """Fill the panel; `item_id` is shown first. Return what shows another."""
     with ui.element("div").classes("form"):
         ui.html("<h3>Items and how they ripen</h3>", sanitize=False)
         known = [item_id] if item_id else []
@@ -64,7 +64,12 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> None
         elif choice.value:
             await show(choice.value)
 
+    def open_item(item_id: str) -> None:
+        names = choice.options if item_id in choice.options else [item_id, *choice.options]
+        choice.set_options(names, value=item_id)
+
     ui.timer(3.0, look)
+    return open_item
 
 
 def item_html(page: ItemPage) -> str:

@@ -85,7 +85,7 @@ def serve(
 
 def _routes(desk: Desk) -> None:
     """Add the pages, what they poll, and where they stop."""
-    from fastapi.responses import JSONResponse
+    from fastapi.responses import JSONResponse, Response
     from nicegui import Client, app, ui
 
     from palpate.dashboard.page import TABS, build_operator_page, build_page
@@ -110,6 +110,11 @@ def _routes(desk: Desk) -> None:
             desk.session, desk.wishes, generation=generation, after_s=after_s
         )
         return JSONResponse(found)
+
+    @app.get("/grasps.csv")
+    def grasps() -> Response:
+        named = {"Content-Disposition": 'attachment; filename="grasps.csv"'}
+        return Response(desk.history.as_csv(), media_type="text/csv", headers=named)
 
     @app.post("/stop")
     async def stop() -> JSONResponse:

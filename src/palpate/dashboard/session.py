@@ -105,7 +105,8 @@ class Session:
     send : callable
         Takes an order, or a request that is heard at once.
     on_grasped : callable, optional
-        Called with each finished grasp of a named item (not with replays), and its name.
+        Called with each finished grasp (not with replays), and the item's name, empty if it has
+        none.
     silent_s : callable, optional
         Returns how long ago the devices' process said anything, seconds.
 
@@ -353,7 +354,7 @@ class Session:
         match note.found:
             case Grasped():
                 self.grasped = note.found
-                if isinstance(note.order, Grasp) and note.order.item_id:
+                if isinstance(note.order, Grasp):
                     self._on_grasped(note.found, note.order.item_id)
             case Calibrated():
                 self.calibrated = note.found

@@ -194,7 +194,7 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     grasped, thought = session.grasped, session.live.thought
     if grasped is not None:
         said = verdict(grasped.result, target_force_n=session.target_force_n)
-        return {**said, "kind": _kind_of(grasped, on_target=said["on_target"])}
+        return {**said, "kind": kind_of(grasped, target_force_n=session.target_force_n)}
     if thought is None:
         text = "ready" if session.activity is Activity.WATCHING else session.activity.value
         begins = session.activity is Activity.GRASPING
@@ -212,9 +212,10 @@ _OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activi
 _WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
 
 
-def _kind_of(grasped: Grasped, *, on_target: object) -> str:
+def kind_of(grasped: Grasped, *, target_force_n: float | None) -> str:
     """Return how a grasp ended, as a colour: nothing that went wrong is good."""
     result, truth = grasped.result, grasped.truth or {}
+    on_target = verdict(result, target_force_n=target_force_n)["on_target"]
     if result.outcome is not Outcome.HELD or truth.get("damaged"):
         return "bad"
     return "warn" if on_target is False or result.faults else "good"

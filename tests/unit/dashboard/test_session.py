@@ -177,14 +177,14 @@ def test_a_rig_that_does_not_open_leaves_none(desk: Desk) -> None:
     assert not desk.session.refusal(Action.OPEN, viewer="a")
 
 
-def test_a_grasp_of_a_named_item_is_kept_and_a_replay_is_not(desk: Desk) -> None:
+def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(desk: Desk) -> None:
     held = Grasped(result=GraspResult(outcome=Outcome.HELD))
     desk.tell(Began(order=GRASP), Ended(order=GRASP, found=held))
-    assert (desk.session.grasped, desk.kept) == (held, [])
+    assert (desk.session.grasped, desk.kept) == (held, [(held, "")])
     named = replace(GRASP, item_id="berry-7")
     desk.session.order("a", named)
     desk.tell(Began(order=named), Ended(order=named, found=held))
-    assert desk.kept == [(held, "berry-7")]
+    assert desk.kept == [(held, ""), (held, "berry-7")]
     play = Play(file=Path("old.mcap"))
     desk.session.order("a", play)
     desk.tell(Began(order=play), source(replayed=True), held)

@@ -58,6 +58,13 @@ function drawVerdict(doc) {
   say($("verdict-why"), parts.join(" · "));
 }
 
+// A link to an item turns to its tab; opened in another window it is a page of its own.
+document.addEventListener("click", (event) => {
+  const link = event.target.closest?.("a[data-item]");
+  if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
+  event.preventDefault();
+  window.emitEvent("item", link.dataset.item);
+});
 beginHand();
 beginCurves();
 follow((doc) => { drawVerdict(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); });

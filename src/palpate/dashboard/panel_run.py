@@ -1,0 +1,103 @@
+"""The panel of the run: how the last grasps ended, how many, and into which bins."""
+
+from __future__ import annotations
+
+import html
+from collections import Counter
+from datetime import datetime
+from urllib.parse import quote
+
+from nicegui import ui
+
+from palpate.dashboard.desk import Desk
+from palpate.dashboard.history import LISTED, Entry, History
+from palpate.dashboard.pressing import Hands
+from palpate.grasp.result import Outcome
+
+_WIDTH, _HEIGHT = 96, 30
+_WORDS = {outcome: str(outcome).replace("_", " ") for outcome in Outcome}
+
+
+def run_panel(desk: Desk, hands: Hands) -> None:
+    """Fill the panel."""
+    with ui.element("div").classes("form"):
+        ui.html("<h3>This run</h3>", sanitize=False)
+        counts = ui.html("", sanitize=False).props("id=run-counts")
+        ui.html(f"<h3>Last {LISTED} grasps</h3>", sanitize=False)
+        with ui.element("div").classes("file"):
+            ui.label("Kept in the folder of the recordings.").classes("what muted")
+            ui.link("Save as CSV", "/grasps.csv").classes("pill").props("id=run-csv download")
+        rows = ui.html("", sanitize=False).classes("w-full").props("id=run")
+    shown = [-1]
+
+    def show() -> None:
+        if desk.history.version == shown[0]:
+            return
+        shown[0] = desk.history.version
+        counts.set_content(counts_html(desk.history, rules=desk.settings.rules is not None))
+        rows.set_content("".join(map(entry_html, desk.history.recent)) or _NONE)
+
+    hands.on_refresh(show)
+
+
+_NONE = "<p>None yet.</p>"
+
+
+def counts_html(history: History, *, rules: bool) -> str:
+    """Return how the grasps of this run ended, and where they went."""
+    since = history.since.astimezone().strftime("%H:%M")
+    ended = _counts({_WORDS[Outcome(name)]: n for name, n in history.outcomes.items()})
+    total = history.outcomes.total()
+    said = (
+        f"<p class='num'><b>{total}</b> grasp{'s' if total != 1 else ''} since {since}{ended}</p>"
+    )
+    if not rules:
+        return said
+    bins = "".join(
+        f"<tr><td>{html.escape(name)}</td><td class='r num'>{n}</td></tr>"
+        for name, n in history.bins.most_common()
+    )
+    if not bins:
+        return f"{said}<p>No named item was sorted yet.</p>"
+    head = "<tr><th>bin</th><th class='r'>grasps</th></tr>"
+    return f"{said}<table class='plain' id='run-bins'>{head}{bins}</table>"
+
+
+def _counts(counted: dict[str, int]) -> str:
+    parts = [f"{n} {name}" for name, n in Counter(counted).most_common()]
+    return f": {', '.join(parts)}" if parts else ""
+
+
+def entry_html(entry: Entry) -> str:
+    """Return one line of the list."""
+    when = datetime.fromisoformat(entry.ended_at).astimezone().strftime("%d %b %H:%M")
+    item, name = html.escape(entry.item_id), quote(entry.item_id, safe="")
+    called = f"<a href='/items/{name}' data-item='{item}'>{item}</a>" if item else "no name"
+    words = html.escape(": ".join(filter(None, (_WORDS[Outcome(entry.outcome)], entry.firmness))))
+    found = f"<b>{html.escape(entry.bin)}</b>" if entry.bin else ""
+    badge = "<span class='badge-sim'>SIMULATED</span>" if entry.simulated else ""
+    return (
+        f"<div class='ran' data-kind='{entry.kind}' title='{html.escape(entry.why or '')}'>"
+        f"<div class='what'><div>{called} {badge}</div><div>{words}</div>"
+        f"<div class='muted num'>{when}</div></div><div class='where'>{found}"
+        f"{sparkline(entry)}</div></div>"
+    )
+
+
+def sparkline(entry: Entry) -> str:
+    """Return a small curve of the grasp; nothing where it was too short to draw."""
+    values = entry.curve
+    if not values:
+        return ""
+    low, span = min(values), (max(values) - min(values)) or 1.0
+    points = " ".join(
+        f"{2 + i * (_WIDTH - 4) / (len(values) - 1):.1f},"
+        f"{2 + (1 - (value - low) / span) * (_HEIGHT - 4):.1f}"
+        for i, value in enumerate(values)
+    )
+    label = f"Course of the grasp, {min(values):g} to {max(values):g}"
+    return (
+        f"<svg viewBox='0 0 {_WIDTH} {_HEIGHT}' width='{_WIDTH}' height='{_HEIGHT}' role='img' "
+        f"aria-label='{label}'><polyline points='{points}' fill='none' stroke='var(--curve)' "
+        "stroke-width='1.5'/></svg>"
+    )

@@ -1,0 +1,115 @@
+"""The grasps of a folder: listed, counted, given as a table, kept from one run to the next."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palpate.dashboard.history import LISTED, Entry, History, checked_name, entry_of
+from palpate.dashboard.live import Point
+from palpate.dashboard.messages import Grasped
+from palpate.dashboard.panel_run import counts_html, entry_html
+from palpate.errors import InputError
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import GraspResult, Outcome
+
+ENTRY = Entry(
+    ended_at="2026-01-02T03:04:05+00:00",
+    recording="grasp-1.mcap",
+    simulated=True,
+    item_id="A17",
+    outcome="held",
+    verdict="held and given back",
+    firmness="soft",
+    kind="good",
+    bin="ripe",
+    why="ripe: soft",
+    measured={"force_n": 2.5, "force_n_low": 2.0, "force_n_high": 3.0},
+    curve=(0.0, 1.0, 2.5),
+)
+
+
+def test_what_was_grasped_is_known_after_a_restart(tmp_path: Path) -> None:
+    first = History(tmp_path / "data")
+    for number in range(LISTED + 3):
+        first.add(replace(ENTRY, recording=f"{number}.mcap"))
+    again = History(tmp_path / "data")
+    assert again.recent == first.recent
+    assert again.recent[0].recording == f"{LISTED + 2}.mcap"
+    assert len(again.recent) == LISTED
+    assert again.outcomes.total() == 0, "it counts from its own start"
+    assert (first.outcomes["held"], first.bins["ripe"]) == (LISTED + 3, LISTED + 3)
+
+
+def test_a_line_that_was_cut_off_hides_no_other(tmp_path: Path) -> None:
+    history = History(tmp_path)
+    history.add(ENTRY)
+    with (tmp_path / "grasps.jsonl").open("a") as lines:
+        lines.write('{"ended_at": "2026-01\n[1, 2]\n')
+    assert History(tmp_path).recent == [ENTRY]
+
+
+def test_the_table_has_units_in_its_columns(tmp_path: Path) -> None:
+    history = History(tmp_path)
+    history.add(replace(ENTRY, item_id='odd, "name"'))
+    (row,) = csv.DictReader(io.StringIO(history.as_csv()))
+    assert (row["item_id"], row["bin"], row["force_n_low"]) == ('odd, "name"', "ripe", "2.0")
+    assert row["stiffness_n_per_mm"] == ""
+    assert row["simulated"] == "True"
+
+
+def test_a_renamed_recording_is_followed(tmp_path: Path) -> None:
+    history = History(tmp_path)
+    history.add(ENTRY)
+    version = history.version
+    history.rename("grasp-1.mcap", "ripe.mcap")
+    assert history.recent[0].recording == "ripe.mcap"
+    assert History(tmp_path).recent == history.recent
+    assert history.version > version
+
+
+def test_an_entry_says_what_the_grasp_answered() -> None:
+    wide = Measurement(value=9.0, low=4.0, high=90.0, unit="n_per_mm")
+    result = GraspResult(
+        outcome=Outcome.HELD,
+        force_n=Measurement(value=2.5, low=2.0, high=3.0, unit="n"),
+        stiffness_n_per_mm=wide.or_bound("it gave way too little", least=0.02, most=500.0),
+        decision_time_s=1.5,
+    )
+    force = Measurement(value=2.0, low=1.0, high=3.0, unit="n")
+    entry = entry_of(
+        Grasped(result=result, recording=Path("folder/grasp-2.mcap")),
+        kind="good",
+        item_id="A17",
+        target_force_n=None,
+        simulated=False,
+        curve=[Point(0.0, -1.0, force), Point(5.0, -20.0, replace(force, value=4.0))],
+    )
+    assert (entry.recording, entry.outcome, entry.firmness) == (
+        "grasp-2.mcap",
+        "held",
+        "medium or firmer",
+    )
+    assert entry.measured["stiffness_n_per_mm"] is None, "a bound is no number"
+    assert entry.measured["stiffness_n_per_mm_low"] == 4.0
+    assert (entry.curve[0], entry.curve[-1]) == (2.0, 4.0)
+
+
+def test_what_people_typed_is_shown_and_not_run(tmp_path: Path) -> None:
+    nasty = "<script>'\"&"
+    shown = entry_html(replace(ENTRY, item_id=nasty, why=nasty, bin=nasty, firmness=nasty))
+    assert "<script>" not in shown
+    assert "SIMULATED" in shown
+    history = History(tmp_path)
+    history.add(replace(ENTRY, bin=nasty))
+    assert "<script>" not in counts_html(history, rules=True)
+
+
+@pytest.mark.parametrize("name", ["", "  ", "..", "a/b", "..\\a", ".hidden", "a\0b", "x" * 81, "~"])
+def test_names_that_lead_out_of_the_folder_are_refused(name: str) -> None:
+    with pytest.raises(InputError):
+        checked_name(name)
