@@ -191,7 +191,7 @@ def test_a_grasp_is_kept_with_its_name_and_a_replay_is_not(desk: Desk) -> None:
     assert desk.session.grasped == held
     desk.tell(Ended(order=play))
     assert desk.session.grasped is None
-    assert len(desk.kept) == 1
+    assert len(desk.kept) == 2
 
 
 def test_only_what_is_asked_can_be_confirmed(desk: Desk) -> None:
