@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.options import JsonOption, StoreOption
 
 if TYPE_CHECKING:
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 
 
 def bruise(
-    item: Annotated[str, typer.Argument(help="Which item; grasped before.", metavar="ITEM")],
+    item: Annotated[
+        str, typer.Argument(help="Which item; grasped before.", autocompletion=completion.items)
+    ],
     store: StoreOption = None,
     learn: Annotated[
         bool,
@@ -43,7 +46,7 @@ def bruise(
     ] = 0.5,
     as_json: JsonOption = False,
 ) -> None:
-    """Say whether an item is bruised, by the grasps of its last visit, side by side.
+    """Judge whether an item is bruised, side by side, from its last visit.
 
     Each side is held against its own earlier record, the item's other sides, and items of its kind
     that people called sound on the same rig (palpate items NAME --say bruise=sound): whatever there
@@ -110,7 +113,7 @@ def _show(item: str, found: ItemBruise) -> None:
     note = " (simulated)" if found.simulated else ""
     verdict = "bruised" if found.bruised else "sound"
     console.print(f"[bold]{item}: {verdict}[/bold]{note}", highlight=False)
-    table = Table("side", "grasps", "bruised, %", "held against", "where, if it is")
+    table = Table("side", "grasps", "bruised, %", "compared with", "where, if it is")
     for side in found.sides:
         table.add_row(
             f"{side.angle_deg:g}°",

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.commands.help_text import help_text
+from palpate.commands import completion
+from palpate.commands.help_text import help_text, listed
 from palpate.commands.outcome import run
 from palpate.errors import InputError
 
@@ -33,14 +34,14 @@ SETTINGS: dict[str, Any] = {
 
 def calibrate(
     context: typer.Context,
-    step: Annotated[str | None, typer.Argument(help="Which step.")] = None,
+    step: Annotated[
+        str | None, typer.Argument(help="Which step.", autocompletion=completion.steps)
+    ] = None,
 ) -> None:
     """Make or renew a part of the calibration file. Example: palpate calibrate rest"""
     if step in (None, "--help"):
-        width = max(map(len, STEPS))
         print("usage: palpate calibrate STEP [--help] [options]\n")
-        for known, (_, summary) in STEPS.items():
-            print(f"  {known:<{width}}  {summary}")
+        print(listed({known: summary for known, (_, summary) in STEPS.items()}))
         print("\nExample: palpate calibrate rest --rig rig.toml")
         return
     if step not in STEPS:

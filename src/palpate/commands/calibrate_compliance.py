@@ -35,8 +35,8 @@ def command(
 ) -> None:
     """Close on a rigid block of known size; all that closes further is the gripper itself.
 
-    Where the gripper reports its motor's current, that is read beside the force too, and then with
-    the hand empty: what the gears take along the way.
+    Where the gripper reports its motor's current, that is recorded with the force, then again with
+    the hand empty, which gives the friction of the gears.
 
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """

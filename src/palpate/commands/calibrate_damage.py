@@ -119,12 +119,12 @@ def _print(made: DamageFile, *, path: Path) -> None:
     width = max(len("not told"), *map(len, made.held_out))
     for kind, one in made.held_out.items():
         print(
-            f"  {kind or 'not told':<{width}}  {one.error_percent:3.0f} %  "
+            f"  {kind or 'unknown':<{width}}  {one.error_percent:3.0f} %  "
             f"{one.median_error_percent:3.0f} %  {100 * one.above_low:3.0f} % of {one.closings}"
         )
     print(f"a grasp keeps below what {DAMAGE_RATE:.1%} would not bear; at the middle stiffness:")
     for kind in made.model.strengths:
-        print(f"  {kind or 'not told':<{width}}  {_limit_n(made, kind):5.2f} N")
+        print(f"  {kind or 'unknown':<{width}}  {_limit_n(made, kind):5.2f} N")
     for line in _verdict(made):
         print(line)
 
@@ -135,13 +135,15 @@ def _verdict(made: DamageFile) -> list[str]:
     for kind, one in made.held_out.items():
         who = kind or "produce of any kind"
         if one.error_percent >= one.median_error_percent:
-            said.append(f"{who}: stiffness tells nothing of the strength; the limit is a fixed one")
+            said.append(f"{who}: stiffness does not predict the strength; the limit is a fixed one")
         # Three standard deviations of a count that hits 95 %.
         if one.above_low < 0.95 - 3 * math.sqrt(0.95 * 0.05 / one.closings):
             said.append(f"{who}: the lower bound holds too rarely; are the labels right?")
     for kind, count in made.closings.items():
         if kind not in made.kinds:
-            said.append(f"{kind}: too few to be told apart ({count})")
+            said.append(f"{kind}: too few for a limit of its own ({count})")
         elif kind not in made.held_out:
             said.append(f"{kind}: too few to be judged with some left out ({count})")
-    return said or [f"usable: stiffness tells the strength of {', '.join(made.kinds) or 'these'}"]
+    return said or [
+        f"usable: stiffness predicts the strength of {', '.join(made.kinds) or 'these'}"
+    ]

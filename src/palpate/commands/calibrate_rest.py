@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.board_options import (
     BaudOption,
     LayoutOption,
@@ -33,7 +34,12 @@ if TYPE_CHECKING:
 
 def command(
     rig: Annotated[
-        str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
+        str | None,
+        typer.Option(
+            help="Name of a rig, or a rig file.",
+            metavar="NAME_OR_TOML",
+            autocompletion=completion.rigs,
+        ),
     ] = None,
     port: PortOption = None,
     out: Annotated[
@@ -41,7 +47,7 @@ def command(
         typer.Option(help="File to make or renew. By default the rig file's, or calibration.json."),
     ] = None,
     new: Annotated[
-        bool, typer.Option("--new", help="Begin the file anew: the sensor was changed.")
+        bool, typer.Option("--new", help="Start a new file: the sensor was changed.")
     ] = False,
     empty: Annotated[
         bool,
@@ -49,7 +55,7 @@ def command(
             "--empty", help="Nothing presses, whatever it reads: weather or wear moved the sheet."
         ),
     ] = False,
-    duration_s: Annotated[float, typer.Option("--duration", help="Seconds.", min=1.0)] = 5.0,
+    duration_s: Annotated[float, typer.Option("--duration", help="How long.", min=1.0)] = 5.0,
     layout: LayoutOption = None,
     reference_ohm: ReferenceOption = None,
     rate_hz: RateOption = None,

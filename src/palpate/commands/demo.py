@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.errors import InputError
 
 #: What can be written -> (its folder, what to try on it there).
-_DEMOS = {
+NAMES = {
     "recordings": (
         "demo-recordings",
         (
@@ -33,7 +34,9 @@ _DEMOS = {
 
 
 def demo(
-    name: Annotated[str, typer.Argument(help="recordings or packhouse.", metavar="NAME")],
+    name: Annotated[
+        str, typer.Argument(help="recordings or packhouse.", autocompletion=completion.demos)
+    ],
     out: Annotated[
         Path | None,
         typer.Option(help="Folder to write into; demo-NAME by default.", metavar="DIR"),
@@ -45,9 +48,9 @@ def demo(
 
     Example: palpate demo recordings
     """
-    if name not in _DEMOS:
-        raise InputError(f"no demo {name!r}; there are: {', '.join(_DEMOS)}")
-    default, commands = _DEMOS[name]
+    if name not in NAMES:
+        raise InputError(f"no demo {name!r}; there are: {', '.join(NAMES)}")
+    default, commands = NAMES[name]
     folder = out if out is not None else Path(default)
     if name == "recordings":
         from palpate.demo.recordings import write_recordings

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.board_options import (
     BaudOption,
     LayoutOption,
@@ -32,14 +33,19 @@ if TYPE_CHECKING:
 
 def doctor(
     rig: Annotated[
-        str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
+        str | None,
+        typer.Option(
+            help="Name of a rig, or a rig file.",
+            metavar="NAME_OR_TOML",
+            autocompletion=completion.rigs,
+        ),
     ] = None,
     port: PortOption = None,
     recording: Annotated[
         Path | None, typer.Option(help="Judge a recording instead; it must begin at rest.")
     ] = None,
     duration_s: Annotated[
-        float, typer.Option("--duration", help="Seconds at rest to judge by.", min=1.0)
+        float, typer.Option("--duration", help="How long at rest to judge by.", min=1.0)
     ] = 10.0,
     press: Annotated[
         bool, typer.Option("--press", help="Then press each pixel in turn: finds swapped wires.")

@@ -39,7 +39,7 @@ def export(
         HoldUnit, typer.Option(help="Holds as relative change or as resistance.")
     ] = HoldUnit.PERCENT,
     out: Annotated[
-        Path | None, typer.Option(help="File to write. [default: beside FILE]", metavar="FILE")
+        Path | None, typer.Option(help="File to write. [default: next to FILE]", metavar="FILE")
     ] = None,
 ) -> None:
     """Write a recording as a table of frames, or its holds as a holds file.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.grasp_store import open_memory
 from palpate.commands.options import JsonOption, RigOption, StoreOption
 from palpate.errors import InputError
@@ -42,7 +43,12 @@ def grasp(
     rig: RigOption = "",
     object_name: Annotated[
         str | None,
-        typer.Option("--object", help="Simulated rigs: what to grasp; drawn by default."),
+        typer.Option(
+            "--object",
+            help="Simulated rigs: what to grasp; drawn by default.",
+            metavar="NAME",
+            autocompletion=completion.objects,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
     target_force_n: Annotated[
@@ -65,7 +71,11 @@ def grasp(
     ] = None,
     item: Annotated[
         str | None,
-        typer.Option(help="Keep the grasp in the store, as one of this item.", metavar="NAME"),
+        typer.Option(
+            help="Keep the grasp in the store, as one of this item.",
+            metavar="ITEM",
+            autocompletion=completion.items,
+        ),
     ] = None,
     store: StoreOption = None,
     angle_deg: Annotated[

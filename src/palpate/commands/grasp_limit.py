@@ -72,12 +72,12 @@ def limit_text(said: Mapping[str, object]) -> str:
     who = said["kind"] or "unknown kind"
     learned = f"{who}, {said['closings']} closings"
     if said["low_n"] is None:
-        why = "not told by this closing, so the hand closed only a little further"
+        why = "not shown by this closing, so the hand closed only a little further"
         return f"Damage limit ({learned}): {why}"
     did = ""
     if said["passed"]:
         # A sheet that feels nothing of a faint force tells the limit only once it is passed.
-        did = ": told only when the force had passed it; nothing more was pressed"
+        did = ": shown only once the force had passed it; nothing more was pressed"
     elif said["kept_below_target"]:
         did = ": it kept the force below what was asked for"
     return f"Damage limit {said['low_n']:.1f} N ({learned}){did}"

@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import re
+import shutil
+import textwrap
+from collections.abc import Callable, Mapping
+from enum import Enum
 from pathlib import Path
 from typing import Any, get_args
 
 import typer
 
-#: What stands for a value of this type where a command names nothing better.
+#: Placeholder of a value of this type where a command names nothing better.
 _PLACEHOLDERS: dict[object, str] = {int: "N", float: "NUMBER", str: "TEXT", Path: "FILE"}
+#: End of a parameter's name -> its placeholder.
+_UNITS = {
+    "_s": "SECONDS",
+    "_mm": "MM",
+    "_n": "NEWTONS",
+    "_percent": "PERCENT",
+    "_ohm": "OHM",
+    "_hz": "HZ",
+    "_deg": "DEGREES",
+    "_c": "CELSIUS",
+}
+#: What Rich would take for a style, and swallow.
+_TAG = re.compile(r"\[[a-z#/@][^\[\]]*\]")
 
 
 def help_text(function: Callable[..., Any]) -> str:
@@ -33,7 +50,24 @@ def help_text(function: Callable[..., Any]) -> str:
     paragraphs = (
         (inspect.getdoc(function) or "").replace(" Example: ", "\n\nExample: ").split("\n\n")
     )
-    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    return _literal("\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs))
+
+
+def listed(summaries: Mapping[str, str]) -> str:
+    """Return names with their summaries next to them, as wide as the terminal.
+
+    Examples
+    --------
+    >>> print(listed({"rest": "Nothing on it", "force": "Newtons"}))
+      rest   Nothing on it
+      force  Newtons
+    """
+    indent = max(map(len, summaries)) + 4
+    width = shutil.get_terminal_size().columns
+    return "\n".join(
+        textwrap.fill(f"  {name:<{indent - 4}}  {summary}", width, subsequent_indent=" " * indent)
+        for name, summary in summaries.items()
+    )
 
 
 def readable(command: Any) -> Any:
@@ -46,14 +80,36 @@ def readable(command: Any) -> Any:
     # The option --help is made at first use, and kept.
     context = typer.Context(command)
     for parameter in (*command.params, command.get_help_option(context)):
-        if parameter is None or parameter.metavar is not None:
+        if parameter is None:
             continue
-        annotation = parameter.type_descriptor.annotation
-        element = next(iter(get_args(annotation)), annotation)
+        parameter.help = _literal(parameter.help or "")
         if parameter.param_type_name == "argument":
-            parameter.metavar = parameter.name.upper()
-        elif parameter.is_flag:
-            parameter.metavar = ""
-        elif element in _PLACEHOLDERS:
-            parameter.metavar = _PLACEHOLDERS[element]
+            parameter.metavar = parameter.metavar or parameter.name.upper()
+            # Its type stands next to the name otherwise.
+            parameter.display_type_rich = _no_type
+        elif parameter.metavar is None:
+            parameter.metavar = _placeholder(parameter)
     return command
+
+
+def _placeholder(option: Any) -> str | None:
+    if option.is_flag:
+        return ""
+    annotation = option.type_descriptor.annotation
+    element = next(iter(get_args(annotation)), annotation)
+    if element is float:
+        for ending, unit in _UNITS.items():
+            if option.name.endswith(ending):
+                return unit
+    if isinstance(element, type) and issubclass(element, Enum):
+        return "|".join(element)
+    return _PLACEHOLDERS.get(element)
+
+
+def _no_type(ctx: Any) -> None:
+    """Show no type of a parameter."""
+
+
+def _literal(text: str) -> str:
+    """Return help whose square brackets are printed as they are."""
+    return _TAG.sub(lambda found: "\\" + found[0], text)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 
 
 def identify(
-    item: Annotated[str, typer.Argument(help="Which item; grasped before.", metavar="ITEM")],
+    item: Annotated[
+        str, typer.Argument(help="Which item; grasped before.", autocompletion=completion.items)
+    ],
     store: StoreOption = None,
     false_reject: Annotated[
         float,
@@ -24,7 +27,7 @@ def identify(
     ] = 0.05,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what an item is, by size and stiffness, or that it is like nothing that was taught.
+    """Identify an item by size and stiffness, or report that it is of no known kind.
 
     Kinds are taught by labelled items: palpate items NAME --set kind=kiwi, three of a kind at
     least. The answer is kept with the item. Exits with 1 where it is unknown.

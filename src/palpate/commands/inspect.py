@@ -21,7 +21,7 @@ def inspect(
         typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
     ] = None,
 ) -> None:
-    """Say what a recording holds, and whether it is whole. Example: palpate inspect run.mcap"""
+    """Show what a recording holds, and whether it is complete. Example: palpate inspect run.mcap"""
     from palpate.recording import FileState, RecordingReader
     from palpate.recording.summary import summarise
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
@@ -25,7 +26,9 @@ _SETTABLE = ("kind", "batch", "label")
 
 
 def items(
-    item: Annotated[str | None, typer.Argument(help="One item's page.", metavar="[ITEM]")] = None,
+    item: Annotated[
+        str | None, typer.Argument(help="One item's page.", autocompletion=completion.items)
+    ] = None,
     store: StoreOption = None,
     kind: Annotated[str | None, typer.Option(help="Only items of this kind.")] = None,
     batch: Annotated[str | None, typer.Option(help="Only items of this batch.")] = None,
@@ -36,21 +39,21 @@ def items(
     limit: Annotated[int, typer.Option(help="List at most this many.", min=1)] = 50,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Say kind, batch or label of ITEM.", metavar="NAME=TEXT"),
+        typer.Option("--set", help="Set kind, batch or label of ITEM.", metavar="NAME=TEXT"),
     ] = None,
     labels: Annotated[
         list[str] | None,
         typer.Option(
             "--say",
-            help="Say what ITEM is today: ripeness, bruise, identity or bin; palpate learns from "
-            "it.",
+            help="Record what ITEM is today: ripeness, bruise, identity or bin. palpate learns "
+            "from it.",
             metavar="ABOUT=TEXT",
         ),
     ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
-            help="Write the grasps to FILE.parquet, and what was said to FILE.verdicts.parquet.",
+            help="Write the grasps to FILE.parquet, and the verdicts to FILE.verdicts.parquet.",
             metavar="FILE",
         ),
     ] = None,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.board_options import (
     BaudOption,
     LayoutOption,
@@ -24,11 +25,22 @@ if TYPE_CHECKING:
 
 def live(
     rig: Annotated[
-        str | None, typer.Option(help="Name of a rig, or a rig file.", metavar="NAME_OR_TOML")
+        str | None,
+        typer.Option(
+            help="Name of a rig, or a rig file.",
+            metavar="NAME_OR_TOML",
+            autocompletion=completion.rigs,
+        ),
     ] = None,
     port: PortOption = None,
     duration_s: Annotated[
-        float, typer.Option("--duration", help="Seconds; until Ctrl-C by default.", min=0.1)
+        float,
+        typer.Option(
+            "--duration",
+            help="How long. [default: until Ctrl-C]",
+            min=0.1,
+            show_default=False,
+        ),
     ] = math.inf,
     force: Annotated[
         bool, typer.Option("--force", help="Newtons now, by the rig's force calibration.")

@@ -8,6 +8,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from palpate.commands import completion
+
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
 
@@ -33,6 +35,7 @@ RigOption: TypeAlias = Annotated[
         help="A rig file, or a built-in rig. By default ./rig.toml, then $PALPATE_RIG, then "
         "sim-rigid (simulated).",
         metavar="NAME_OR_TOML",
+        autocompletion=completion.rigs,
         callback=_chosen,
         show_default=False,
     ),
@@ -41,13 +44,18 @@ RigOption: TypeAlias = Annotated[
 #: Give it the default False.
 JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
+#: Give it the default False.
+QuietOption: TypeAlias = Annotated[
+    bool, typer.Option("--quiet", help="No progress bar. There is none without a terminal either.")
+]
+
 #: Give it the default None.
 StoreOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
         "--store",
-        help="The store of items: a file, or a URL such as postgresql://user@host/database; by "
-        "default $PALPATE_STORE, else palpate-items.sqlite in this folder.",
+        help="The store of items: a file, or the URL of a PostgreSQL database. By default "
+        "$PALPATE_STORE, then palpate-items.sqlite in this folder.",
         metavar="FILE_OR_URL",
         show_default=False,
     ),

@@ -152,7 +152,7 @@ def _expectation(
 
     if measured_ohm is None:
         if measured_mm2 is not None:
-            raise InputError("--measured-mm2 needs --measured-ohm beside it")
+            raise InputError("--measured-mm2 needs --measured-ohm too")
         return from_sheet(volume_ohm_cm=resistivity, thickness_mm=thickness)
     contact = drawn.pixels[0].contact
     area_mm2 = contact.width * contact.height if measured_mm2 is None else measured_mm2

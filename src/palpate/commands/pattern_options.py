@@ -21,7 +21,9 @@ class Shape(StrEnum):
     CIRCLE = "circle"
 
 
-OutOption: TypeAlias = Annotated[Path, typer.Option(help="Folder for the files; made if absent.")]
+OutOption: TypeAlias = Annotated[
+    Path, typer.Option(help="Folder for the files; made if absent.", metavar="DIR")
+]
 PresetOption: TypeAlias = Annotated[
     str, typer.Option(help="Start from paper-2x2, paper-3x2 or so101.", metavar="NAME")
 ]
@@ -33,7 +35,9 @@ ColsOption: TypeAlias = Annotated[int | None, typer.Option(help="Pixels across i
 PixelOption: TypeAlias = Annotated[
     str | None, typer.Option(help="Size of a pixel: 7, or 7x9 for width x height.")
 ]
-ShapeOption: TypeAlias = Annotated[Shape, typer.Option(help="Shape of the pixels.")]
+ShapeOption: TypeAlias = Annotated[
+    Shape, typer.Option(help="Of the pixels: rectangle, rounded or circle.", metavar="SHAPE")
+]
 CornerOption: TypeAlias = Annotated[float, typer.Option(help="Corner radius of rounded pixels.")]
 GapOption: TypeAlias = Annotated[float | None, typer.Option(help="Between pixels.")]
 OverhangOption: TypeAlias = Annotated[

@@ -12,6 +12,13 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands.board_options import (
+    BaudOption,
+    LayoutOption,
+    PortOption,
+    RateOption,
+    ReferenceOption,
+)
 from palpate.commands.options import stated_rig
 from palpate.errors import InputError
 
@@ -22,34 +29,28 @@ def record(
         str | None,
         typer.Option(help="Rig or rig file: array and gripper.", metavar="NAME_OR_TOML"),
     ] = None,
-    port: Annotated[
-        str | None, typer.Option(help="Serial port. [default: found by USB id, or by asking]")
-    ] = None,
-    layout: Annotated[
-        str | None,
-        typer.Option(help="rigid-2x2, soft-3x2, or rows x columns, e.g. 4x4. [default: rigid-2x2]"),
-    ] = None,
-    reference_ohm: Annotated[
-        float | None, typer.Option(help="The divider's resistor. [default: 4700]")
-    ] = None,
-    rate_hz: Annotated[float | None, typer.Option(help="Frames/s. [default: 250]")] = None,
+    port: PortOption = None,
+    layout: LayoutOption = None,
+    reference_ohm: ReferenceOption = None,
+    rate_hz: RateOption = None,
     oversampling: Annotated[
         int | None, typer.Option(help="Conversions per pixel. [default: 1]", min=1, max=64)
     ] = None,
-    baud: Annotated[
-        int | None, typer.Option(help="What the firmware was built for. [default: 1000000]")
-    ] = None,
+    baud: BaudOption = None,
     load_cells: Annotated[
         bool, typer.Option("--load-cells", help="Record the reference load cells too.")
     ] = False,
-    seconds: Annotated[float | None, typer.Option(help="How long. [default: until Ctrl-C]")] = None,
+    duration_s: Annotated[
+        float | None,
+        typer.Option("--duration", help="How long. [default: until Ctrl-C]"),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
 ) -> None:
     """Record a board, or a rig with its gripper. The file is readable at any moment.
 
     Ctrl-C or SIGTERM ends it, exit status 130, with the file finished.
 
-    Example: palpate record apple.mcap --port /dev/ttyACM0 --seconds 30
+    Example: palpate record apple.mcap --port /dev/ttyACM0 --duration 30
     """
     from palpate.commands.record_source import board_source, rig_source
     from palpate.recording import RecordingWriter
@@ -57,8 +58,8 @@ def record(
 
     if file.suffix != ".mcap":
         raise InputError(f"{file}: a recording ends in .mcap; `palpate export` makes tables of it")
-    if seconds is not None and not seconds > 0:
-        raise InputError(f"--seconds {seconds:g}: must be above 0")
+    if duration_s is not None and not duration_s > 0:
+        raise InputError(f"--duration {duration_s:g}: must be above 0")
     options = {
         "port": port,
         "layout": layout,
@@ -75,7 +76,7 @@ def record(
         if rig is None:
             source = board_source(given, stack=stack)
         else:
-            source = rig_source(rig, given, stack=stack, seed=seed, endless=seconds is None)
+            source = rig_source(rig, given, stack=stack, seed=seed, endless=duration_s is None)
         # Before the file: a signal while that is begun or finished must not tear it either.
         stopped = stack.enter_context(_stop_signals())
         writer = stack.enter_context(RecordingWriter(file, info=source.info))
@@ -84,7 +85,7 @@ def record(
             source.array,
             writer=writer,
             clock=source.clock,
-            duration_s=math.inf if seconds is None else seconds,
+            duration_s=math.inf if duration_s is None else duration_s,
             load_cells=source.load_cells,
             gripper=source.gripper,
             stopped=stopped,

@@ -106,13 +106,13 @@ def rig_source(
     """
     if given:
         option = next(iter(given)).replace("_", "-")
-        raise InputError(f"--{option}: a rig states that itself; leave it out beside --rig")
+        raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
     if _lacks_gripper(name):
         return _array_source(name, stack=stack)
     rig = open_rig(name, seed=seed)
     stack.callback(rig.close)
     if rig.simulated and endless:
-        raise InputError(f"--rig {name} is simulated and would never end: say how many --seconds")
+        raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
     info = recording_info(rig, seed=seed)
     said = f"{name} (simulated)" if rig.simulated else name
     return Source(name=said, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state)

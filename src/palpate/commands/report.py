@@ -10,13 +10,16 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.items import day_bounds, opened
 from palpate.commands.options import StoreOption
 from palpate.errors import InputError
 
 
 def report(
-    item: Annotated[str | None, typer.Argument(help="The item.", metavar="[ITEM]")] = None,
+    item: Annotated[
+        str | None, typer.Argument(help="The item.", autocompletion=completion.items)
+    ] = None,
     batch: Annotated[str | None, typer.Option(help="Of a batch, instead of an item.")] = None,
     day: Annotated[
         str | None,

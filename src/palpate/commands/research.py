@@ -8,8 +8,9 @@ from typing import Any, NoReturn
 
 import typer
 
-from palpate.commands.help_text import help_text
+from palpate.commands.help_text import help_text, listed
 from palpate.commands.outcome import run
+from palpate.commands.progress import progress
 from palpate.errors import InputError
 
 #: What an entry point of such a group leads to: name -> (module with a `command`, summary).
@@ -34,17 +35,15 @@ def catalogue(group: str) -> Catalogue:
 
 
 def run_named(
-    name: str | None, *, group: str, verb: str, noun: str, listing: bool, context: Any
+    name: str | None, *, group: str, verb: str, noun: str, listing: bool, quiet: bool, context: Any
 ) -> None:
     """List what a group offers, or run one of it with the rest of the command line."""
     known = catalogue(group)
     if not known:
         _not_installed(verb)
     if listing or name in (None, "--help"):
-        width = max(map(len, known))
         print(f"usage: palpate {verb} NAME [--help] [--json] [--out DIR]\n")
-        for entry, (_, summary) in sorted(known.items()):
-            print(f"  {entry:<{width}}  {summary}")
+        print(listed({entry: summary for entry, (_, summary) in sorted(known.items())}))
         return
     if name not in known:
         raise InputError(f"no {noun} {name!r}; there are: {', '.join(sorted(known))}")
@@ -52,7 +51,9 @@ def run_named(
     module = importlib.import_module(known[name][0])
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
     app.command(help=help_text(module.command))(module.command)
-    status = run(app, context.args, name=f"palpate {verb} {name}")
+    asked = {"--json", "--help"} & set(context.args)
+    with progress(f"{verb} {name}", quiet=quiet or bool(asked)):
+        status = run(app, context.args, name=f"palpate {verb} {name}")
     if status:
         raise typer.Exit(status)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
@@ -24,15 +25,18 @@ _DEFAULT_STAGES = "hard,conditioned,ripe,overripe"
 
 def ripeness(
     items: Annotated[
-        list[str] | None, typer.Argument(help="Which items; grasped before.", metavar="[ITEM]...")
+        list[str] | None,
+        typer.Argument(
+            help="Which items; grasped before.", metavar="ITEM", autocompletion=completion.items
+        ),
     ] = None,
     batch: Annotated[str | None, typer.Option(help="All items of this batch.")] = None,
     store: StoreOption = None,
     reference: Annotated[
         str | None,
         typer.Option(
-            help="Item that never changes (a rubber ball), grasped on each day: drift of the "
-            "sensor is told from softening by it.",
+            help="Item that never changes (a rubber ball), grasped on each day: it "
+            "separates drift of the sensor from softening.",
             metavar="ITEM",
         ),
     ] = None,
@@ -45,7 +49,7 @@ def ripeness(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say how ripe items are and when they will be, by their grasps so far.
+    """Report how ripe items are and when they will be ripe, from their grasps so far.
 
     Stages are learned from items of the same kind that people labelled (palpate items NAME
     --set kind=avocado --say ripeness=ripe); without labels an item is judged by its own first

@@ -168,7 +168,7 @@ def open_source(
         return Source(name=array.name, array=array)
     if given:
         option = next(iter(given)).replace("_", "-")
-        raise InputError(f"--{option}: a rig states that itself; leave it out beside --rig")
+        raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
     if not rig.endswith(".toml"):
         return _of_rig(rig)
     path = Path(rig)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.options import RigOption, StoreOption
 from palpate.errors import InputError
 
@@ -18,14 +19,23 @@ if TYPE_CHECKING:
 def serve(
     rig: RigOption = "",
     object_name: Annotated[
-        str | None, typer.Option("--object", help="Simulated rigs: what lies between the fingers.")
+        str | None,
+        typer.Option(
+            "--object",
+            help="Simulated rigs: what lies between the fingers.",
+            metavar="NAME",
+            autocompletion=completion.objects,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
     speed: Annotated[
-        float, typer.Option(help="Simulated rigs: so many times real time.", min=0.1, max=20.0)
+        float, typer.Option(help="Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
     ] = 1.0,
     folder: Annotated[
-        Path, typer.Option(help="Where recordings go, and calibrations of simulated rigs.")
+        Path,
+        typer.Option(
+            help="Where recordings go, and calibrations of simulated rigs.", metavar="DIR"
+        ),
     ] = Path("palpate-data"),
     store: StoreOption = None,
     damage: Annotated[
@@ -49,14 +59,14 @@ def serve(
     port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 8080,
     token: Annotated[
         str | None,
-        typer.Option(help="What a visitor must know.", envvar="PALPATE_TOKEN", show_envvar=True),
+        typer.Option(help="Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
     ] = None,
     realtime: Annotated[
         bool,
         typer.Option(
             "--realtime",
             help="Schedule the devices before all else, so that no viewer on this machine holds "
-            "them up (Linux; needs the right to).",
+            "them up (Linux; needs the permission).",
         ),
     ] = False,
 ) -> None:

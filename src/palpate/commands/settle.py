@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.commands import settle_options as option
-from palpate.commands.options import JsonOption
+from palpate.commands.options import JsonOption, QuietOption
+from palpate.commands.progress import progress
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ def settle(
     cut: option.CutOption = "auto",
     plot: option.PlotOption = None,
     as_json: JsonOption = False,
+    quiet: QuietOption = False,
     out: option.OutOption = None,
 ) -> None:
     """Predict what recordings settle to from their first seconds, and how far off that is.
@@ -91,6 +92,7 @@ def settle(
             horizon_s=horizon,
             level=level,
             until_half_width_percent=until_half_width,
+            quiet=quiet or as_json,
         )
     )
     if not predictions:
@@ -278,15 +280,16 @@ def _predict(
     horizon_s: float,
     level: float,
     until_half_width_percent: float | None,
+    quiet: bool,
 ) -> Iterator[Prediction]:
     """Yield predictions file by file while a bar on standard error shows how far it is."""
     from palpate.settling.evaluate import decide_holds, predict_holds
 
     files = source.files()
-    with _progress(len(files)) as show:
+    with progress("settling", total=len(files), quiet=quiet) as show:
         for number, file in enumerate(files):
             if cutoffs_s:
-                held = source.holds(file, until_s=horizon_s, progress=show(number))
+                held = source.holds(file, until_s=horizon_s, progress=_of_file(number, show))
                 yield from predict_holds(
                     _in_seconds(held, source=str(file)),
                     methods=methods,
@@ -296,7 +299,7 @@ def _predict(
                     source=str(file),
                 )
             if until_half_width_percent is not None:
-                held = source.holds(file, until_s=horizon_s, progress=show(number))
+                held = source.holds(file, until_s=horizon_s, progress=_of_file(number, show))
                 yield from decide_holds(
                     held if cutoffs_s else _in_seconds(held, source=str(file)),
                     methods=methods,
@@ -307,18 +310,6 @@ def _predict(
                 )
 
 
-@contextmanager
-def _progress(files: int) -> Iterator[Callable[[int], Callable[[float], None]]]:
-    """Show a bar where standard error is a terminal; yield what reports the share of file n."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    bar = Progress(console=console, transient=True, disable=not console.is_terminal)
-    with bar:
-        task = bar.add_task("settling", total=files)
-
-        def of_file(number: int) -> Callable[[float], None]:
-            return lambda share: bar.update(task, completed=number + share)
-
-        yield of_file
+def _of_file(number: int, show: Callable[[float], None]) -> Callable[[float], None]:
+    """Return what takes the share of a file that is read."""
+    return lambda share: show(number + share)

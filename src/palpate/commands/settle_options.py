@@ -8,6 +8,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from palpate.commands import completion
+
 
 class TimeUnit(StrEnum):
     """Units of times."""
@@ -39,7 +41,7 @@ HoldsArgument: TypeAlias = Annotated[
     typer.Argument(
         help="Recordings: CSV, TSV, Excel, Parquet, gzipped or not, or folders of them. A table "
         "with hold_id,time_s,value is a file of holds; others are cut into holds.",
-        metavar="FILE_OR_FOLDER...",
+        metavar="FILE_OR_FOLDER",
     ),
 ]
 MethodOption: TypeAlias = Annotated[
@@ -48,13 +50,16 @@ MethodOption: TypeAlias = Annotated[
         help="recorded, exponential, log_law, log_law_early or relaxation; may be repeated. "
         "[default: relaxation]",
         metavar="NAME",
+        autocompletion=completion.methods,
     ),
 ]
 CutoffOption: TypeAlias = Annotated[
     list[float] | None,
-    typer.Option(help="Use samples up to here, s; may be repeated. [default: 2.5]"),
+    typer.Option(help="Use samples up to here; may be repeated. [default: 2.5]", metavar="SECONDS"),
 ]
-HorizonOption: TypeAlias = Annotated[float, typer.Option(help="Time of the settled value, s.")]
+HorizonOption: TypeAlias = Annotated[
+    float, typer.Option(help="Time of the settled value.", metavar="SECONDS")
+]
 LevelOption: TypeAlias = Annotated[
     float, typer.Option(help="Probability the interval is to cover.")
 ]
@@ -65,7 +70,7 @@ FitOnOption: TypeAlias = Annotated[
 LearnFromOption: TypeAlias = Annotated[
     list[Path] | None,
     typer.Option(
-        help="This sensor's own settled holds: `relaxation` learns from.", metavar="HOLDS"
+        help="This sensor's own settled holds, for `relaxation` to learn from.", metavar="HOLDS"
     ),
 ]
 UntilOption: TypeAlias = Annotated[
@@ -80,7 +85,8 @@ TimeColumnOption: TypeAlias = Annotated[
     typer.Option(help="Column of times. [default: by usual names]", metavar="NAME"),
 ]
 TimeUnitOption: TypeAlias = Annotated[
-    TimeUnit | None, typer.Option(help="Unit of the times. [default: by name and values]")
+    TimeUnit | None,
+    typer.Option(help="s, ms, us or unix. [default: by name and values]", metavar="UNIT"),
 ]
 ValueColumnOption: TypeAlias = Annotated[
     list[str] | None,
@@ -89,21 +95,25 @@ ValueColumnOption: TypeAlias = Annotated[
     ),
 ]
 UnitOption: TypeAlias = Annotated[
-    Unit | None, typer.Option(help="Unit of the readings. [default: by their names]")
+    Unit | None,
+    typer.Option(help="ohm, percent, counts or volt. [default: by their names]", metavar="UNIT"),
 ]
 AdcBitsOption: TypeAlias = Annotated[
-    int | None, typer.Option(help="Counts of a converter of so many bits become ohm.", metavar="N")
+    int | None, typer.Option(help="Resolution of the converter: counts become ohm.", metavar="N")
 ]
 ReferenceOption: TypeAlias = Annotated[
-    float | None, typer.Option(help="The divider's fixed resistor, ohm.", metavar="R")
+    float | None, typer.Option(help="The divider's fixed resistor.", metavar="OHM")
 ]
 LegOption: TypeAlias = Annotated[
-    Leg | None, typer.Option(help="Where the sensor is: at the supply (upper) or at ground.")
+    Leg | None,
+    typer.Option(
+        help="Where the sensor is: upper (at the supply) or lower (at ground).", metavar="LEG"
+    ),
 ]
 CutOption: TypeAlias = Annotated[
     str,
     typer.Option(
-        help="Where holds begin: auto (after each contact), none (at the first row), or a time, s.",
+        help="Where holds begin: auto (after each contact), none (at the first row), or a time.",
         metavar="auto|none|SECONDS",
     ),
 ]

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from palpate.commands.options import JsonOption, StoreOption
+from palpate.commands.options import JsonOption, QuietOption, StoreOption
+from palpate.commands.progress import progress
 from palpate.errors import InputError
 
 
@@ -44,8 +45,9 @@ def sort(
     ] = 6,
     seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
     as_json: JsonOption = False,
+    quiet: QuietOption = False,
 ) -> None:
-    """Sort items into bins by readable rules; say why, how purely and how fast.
+    """Sort items into bins by readable rules; report why, how purely and how fast.
 
     What is unsure is grasped again, as often as the rules allow. With a rig, items, grasps and
     verdicts go to the store; a simulated crate goes there only with --store.
@@ -54,7 +56,7 @@ def sort(
     """
     from palpate.commands.sort_report import SortReport
     from palpate.commands.sort_run import sort_from_store, sort_with_rig
-    from palpate.commands.sort_supply import open_supply
+    from palpate.commands.sort_supply import SimulatedCrate, open_supply
     from palpate.estimate.damage_file import DamageFile
     from palpate.produce.sorting.rules_file import read_rules
 
@@ -67,9 +69,12 @@ def sort(
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:
         supply = open_supply(rig, seed=seed, items=items, taught=taught, damage=limit)
+        # Over a real hand people are asked for items: a bar would be in the way.
+        crate = isinstance(supply, SimulatedCrate)
         try:
-            report = SortReport(book=book, dry=False)
-            sort_with_rig(report, supply, rules=rules, store=store, batch=batch)
+            with progress("sorting", total=items, quiet=quiet or as_json or not crate) as show:
+                report = SortReport(book=book, dry=False, show=show)
+                sort_with_rig(report, supply, rules=rules, store=store, batch=batch)
         finally:
             supply.close()
     report.emit(as_json=as_json)

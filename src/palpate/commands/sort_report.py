@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -23,12 +24,15 @@ class SortReport:
         The rules.
     dry : bool
         Whether items were only looked up, not grasped.
+    show : callable or None
+        Takes how many items are done.
     done : list of Sorted
         In order.
     """
 
     book: RuleBook
     dry: bool
+    show: Callable[[float], None] | None = None
     done: list[Sorted] = field(default_factory=list)
     _placed: list[Placed] = field(default_factory=list)
 
@@ -43,6 +47,8 @@ class SortReport:
                 grasping_s=done.grasping_s,
             )
         )
+        if self.show is not None:
+            self.show(len(self.done))
 
     def emit(self, *, as_json: bool) -> None:
         """Print all of it."""

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands import completion
+from palpate.commands.options import QuietOption
 from palpate.commands.research import SETTINGS, run_named
 
 __all__ = ["SETTINGS", "study"]
@@ -16,8 +18,20 @@ GROUP = "palpate.studies"
 
 def study(
     context: typer.Context,
-    name: Annotated[str | None, typer.Argument(help="Which study; `--list` names them.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(help="Which study; `--list` names them.", autocompletion=completion.studies),
+    ] = None,
     list_studies: Annotated[bool, typer.Option("--list", help="List the studies.")] = False,
+    quiet: QuietOption = False,
 ) -> None:
-    """Regenerate a table or figure beside the published one. Example: palpate study table1."""
-    run_named(name, group=GROUP, verb="study", noun="study", listing=list_studies, context=context)
+    """Regenerate a table or figure next to the published one. Example: palpate study table1."""
+    run_named(
+        name,
+        group=GROUP,
+        verb="study",
+        noun="study",
+        listing=list_studies,
+        quiet=quiet,
+        context=context,
+    )

@@ -34,7 +34,7 @@ def test_real_fruit_is_learned_and_its_copy_left_out(
     said = capsys.readouterr().out
     assert "learned from 162 closings (68 banana, 32 kiwi, 62 mango)" in said
     assert "left out: banana-55, the same recording as banana-54" in said
-    assert "usable: stiffness tells the strength of banana, kiwi, mango" in said
+    assert "usable: stiffness predicts the strength of banana, kiwi, mango" in said
     made = DamageFile.load(tmp_path / "damage.json")
     assert made.kinds == ("banana", "kiwi", "mango")
     assert set(made.learned_from) == {"fruit_rupture.csv.gz", "fruit_rupture_index.csv"}
@@ -66,8 +66,8 @@ def test_what_says_little_is_said_to(tmp_path: Path, capsys: pytest.CaptureFixtu
     files = ["--curves", str(tmp_path / "curves.csv"), "--index", str(tmp_path / "index.csv")]
     assert palpate("calibrate", "damage", *files, "--out", str(tmp_path / "damage.json")) == 0
     said = capsys.readouterr().out
-    assert "plum: stiffness tells nothing of the strength" in said
-    assert "pear: too few to be told apart (4)" in said
+    assert "plum: stiffness does not predict the strength" in said
+    assert "pear: too few for a limit of its own (4)" in said
     assert "usable" not in said
 
 

@@ -2,38 +2,84 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import re
 import subprocess
 import sys
+from typing import get_type_hints
 
 import pytest
+import typer
 
 from palpate.cli import GROUPS, VERBS, build_app, run
+from palpate.commands.calibrate import STEPS
+
+#: Verbs with a list of names in place of options.
+LISTS = ("study", "bench", "calibrate")
+PAGES = [[verb] for verb in VERBS if verb not in LISTS] + [["calibrate", step] for step in STEPS]
 
 
-@pytest.mark.parametrize(
-    "verb", [verb for verb in VERBS if verb not in ("study", "bench", "calibrate")]
-)
+def page(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    assert run(build_app(), [*words, "--help"], name="palpate") == 0
+    return capsys.readouterr().out
+
+
+@pytest.fixture(autouse=True)
+def terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+@pytest.mark.parametrize("words", PAGES, ids=" ".join)
 def test_options_have_placeholders_in_words(
-    verb: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    assert run(build_app(), [verb, "--help"], name="palpate") == 0
-    options = capsys.readouterr().out.split("Options", 1)[1]
-    assert "--help" in options
-    assert not re.search(r"<(bool|int|float|str|path|list)", options)
+    shown = page(words, capsys)
+    assert "--help" in shown.split("Options", 1)[1]
+    assert not re.search(r"<\w", shown)
+    assert "[[" not in shown
 
 
-def test_the_first_page_groups_the_verbs(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("words", PAGES, ids=" ".join)
+def test_nothing_is_swallowed_or_cut_off(
+    words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    assert run(build_app(), ["--help"], name="palpate") == 0
-    page = capsys.readouterr().out
-    places = [page.index(f" {heading} ") for heading in GROUPS]
+    module = importlib.import_module(
+        f"palpate.commands.{STEPS[words[1]][0] if len(words) > 1 else words[0]}"
+    )
+    function = getattr(module, "command" if len(words) > 1 else words[0])
+    hints = get_type_hints(function, include_extras=True).values()
+    helps = [meta.help for hint in hints for meta in getattr(hint, "__metadata__", ())]
+    text = re.sub(r"[\s│]+", "", page(words, capsys))
+    for wanted in (*helps, inspect.getdoc(function)):
+        for bracket in re.findall(r"\[[^\]]+\]", wanted or ""):
+            assert re.sub(r"\s+", "", bracket) in text
+    assert "…" not in text
+
+
+@pytest.mark.parametrize("words", [[verb] for verb in VERBS] + PAGES, ids=" ".join)
+def test_pages_fit_80_columns(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert max(map(len, page(words, capsys).splitlines())) <= 80
+
+
+def test_one_name_for_one_thing() -> None:
+    """Options of several verbs that mean the same have the same name."""
+    names = {
+        name
+        for command in typer.main.get_command(build_app()).commands.values()
+        for parameter in command.params
+        for name in parameter.opts
+    }
+    assert "--duration" in names
+    assert names.isdisjoint({"--seconds", "--serial-port", "--output", "--output-dir", "--rate"})
+
+
+def test_the_first_page_groups_the_verbs(capsys: pytest.CaptureFixture[str]) -> None:
+    first = page([], capsys)
+    places = [first.index(f" {heading} ") for heading in GROUPS]
     assert places == sorted(places)
-    assert "Example" not in page
-    assert max(map(len, page.splitlines())) <= 80
+    assert "Example" not in first
+    assert max(map(len, first.splitlines())) <= 80
 
 
 def test_it_runs_as_a_module() -> None:

@@ -99,7 +99,7 @@ def test_export_takes_the_form_from_the_name(recorded: Path, tmp_path: Path) -> 
 
 def test_a_recording_is_called_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "run.csv"
-    assert palpate("record", table, "--rig", "sim-rigid", "--seconds", "1") == 2
+    assert palpate("record", table, "--rig", "sim-rigid", "--duration", "1") == 2
     assert "a recording ends in .mcap" in capsys.readouterr().err
     assert not table.exists()
 
@@ -203,12 +203,12 @@ def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--rig", "sim-rigid"], "never end: say how many --seconds"),
+        (["--rig", "sim-rigid"], "never end: give a --duration"),
         (["--rig", "sim-rigid", "--port", "x"], "--port: a rig states that itself"),
         (["--rig", "sim-rigid", "--rate-hz", "9"], "--rate-hz: a rig states that itself"),
         (["--rig", "nothing"], "no rig 'nothing'"),
         (["--rig", "gone.toml"], "gone.toml: no such file"),
-        (["--seconds", "0"], "--seconds 0: must be above 0"),
+        (["--duration", "0"], "--duration 0: must be above 0"),
     ],
 )
 def test_record_refuses_what_makes_no_sense(
@@ -235,7 +235,7 @@ def test_record_from_a_rig_file_without_a_gripper(
 def test_ctrl_c_ends_a_rig_s_recording_with_the_file_whole(tmp_path: Path) -> None:
     path = tmp_path / "new.mcap"
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "record", str(path)]
-    options = ["--rig", "sim-rigid", "--seed", "4", "--seconds", "1e9"]
+    options = ["--rig", "sim-rigid", "--seed", "4", "--duration", "1e9"]
     with subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True) as recorder:
         assert recorder.stderr is not None
         assert "Ctrl-C ends it" in recorder.stderr.readline()

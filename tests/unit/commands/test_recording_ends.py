@@ -30,7 +30,7 @@ def frames_of(path: Path) -> tuple[int, FileState]:
 def test_sigterm_ends_a_recording_with_the_file_whole(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     command = [sys.executable, "-c", MAIN, "record", str(path), "--rig", "sim-rigid"]
-    command += ["--seconds", "1e9"]
+    command += ["--duration", "1e9"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
         assert recorder.stderr is not None
         assert "recording" in recorder.stderr.readline()
@@ -46,7 +46,7 @@ def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
 ) -> None:
     path = tmp_path / "run.mcap"
     with file_limit(130_000):
-        assert palpate("record", path, "--rig", "sim-rigid", "--seconds", "60") == 3
+        assert palpate("record", path, "--rig", "sim-rigid", "--duration", "60") == 3
     began, failed = capsys.readouterr().err.splitlines()
     assert began.startswith("recording sim-rigid")
     assert failed.startswith(f"palpate: {path}: File too large. The file lacks at most the last")
@@ -59,7 +59,7 @@ def test_a_disk_that_is_full_from_the_start_is_one_line(
 ) -> None:
     path = tmp_path / "run.mcap"
     path.symlink_to("/dev/full")
-    assert palpate("record", path, "--rig", "sim-rigid", "--seconds", "1") == 3
+    assert palpate("record", path, "--rig", "sim-rigid", "--duration", "1") == 3
     assert capsys.readouterr().err.count("\n") == 1
 
 
@@ -67,11 +67,11 @@ def test_nothing_that_is_there_is_written_over(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recorded, table = tmp_path / "run.mcap", tmp_path / "run.csv"
-    assert palpate("record", recorded, "--rig", "sim-rigid", "--seconds", "0.5") == 0
+    assert palpate("record", recorded, "--rig", "sim-rigid", "--duration", "0.5") == 0
     table.write_text("mine")
     capsys.readouterr()
     for verb in ("export", "record"):
-        options = ("--rig", "sim-rigid", "--seconds", "1") if verb == "record" else ()
+        options = ("--rig", "sim-rigid", "--duration", "1") if verb == "record" else ()
         before = recorded.read_bytes()
         assert palpate(verb, recorded, *options) == 2
         error = capsys.readouterr().err
