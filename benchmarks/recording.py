@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.gripper.interface import GripperState
 from palpate.recording import FileState, RecordingInfo, RecordingReader, RecordingWriter
-from palpate.recording.summary import summarise
+from palpate.recording.reader import summarise
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.twin.mechanics import pixel_shares
-from palpate.twin.pixel_grid import PixelGrid
+from palpate.twin.placement import PixelGrid
 from palpate_studies.fruit_ranges import BRUISES
 from palpate_studies.twin_apple import Apple, Bruise, draw_apple
 

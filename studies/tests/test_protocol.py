@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import PalpateError
-from palpate.estimate.fruit_closings import FruitClosing, follow
+from palpate.estimate.damage_learning import FruitClosing, follow
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.protocol.parts import Fold, SeenBeforeError, choose, folds
 from palpate_studies.rupture import _policies

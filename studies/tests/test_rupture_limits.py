@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.estimate.fruit_closings import FruitClosing, follow
+from palpate.estimate.damage_learning import FruitClosing, follow
 from palpate_studies import rupture_limits
 from palpate_studies.rupture_learners import features, learned_scores, learners
 

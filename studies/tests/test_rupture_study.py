@@ -10,7 +10,7 @@ import pytest
 
 from palpate.cli import run
 from palpate.errors import InputError
-from palpate.estimate.fruit_closings import follow, read_closings
+from palpate.estimate.damage_learning import follow, read_closings
 from palpate_studies import rupture
 from palpate_studies.catalogue import STUDIES
 from palpate_studies.rupture_published import published_scores

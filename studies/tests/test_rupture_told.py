@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.fruit_closings import FruitClosing, follow
+from palpate.estimate.damage_learning import FruitClosing, follow
 from palpate_studies.rupture_told import told_half_load
 
 

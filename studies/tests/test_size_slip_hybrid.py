@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.estimate.fruit_closings import read_closings
+from palpate.estimate.damage_learning import read_closings
 from palpate.estimate.measurement import Measurement
 from palpate_studies import hybrid, size, slip
 from palpate_studies.hybrid_data import read_curves, read_sheets

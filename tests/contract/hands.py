@@ -15,8 +15,7 @@ from palpate.clock import ManualClock
 from palpate.errors import DeviceNotFoundError
 from palpate.gripper.dynamixel import DynamixelGripper
 from palpate.gripper.feetech import FeetechGripper
-from palpate.gripper.fingers import CrankFingers
-from palpate.gripper.hinge import HingedJaw
+from palpate.gripper.fingers import CrankFingers, HingedJaw
 from palpate.gripper.interface import Gripper, GripperLimits
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.pneumatic import PneumaticGripper

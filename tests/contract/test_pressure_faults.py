@@ -25,7 +25,7 @@ from palpate.rig.simulated import calibrated
 from palpate.sensor.array import SOFT_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.truth import Truth
+from palpate.twin.objects import Truth
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from palpate.commands import calibrate_force
 from palpate.commands.outcome import run
 from palpate.estimate.pixel_law import fit_laws
 from palpate.grasp.planning import HORIZON_S, placements_of
-from palpate.rig.twin_bench import FACES
+from palpate.rig.simulated import FACES
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
@@ -91,7 +91,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     bench = Bench()
     opened = SimpleNamespace(array=bench.array, gripper=bench.gripper)
     monkeypatch.setitem(sys.modules, "bench_of_the_test", opened)
-    monkeypatch.setattr("palpate.rig.board_bench.RealClock", lambda: bench.clock)
+    monkeypatch.setattr("palpate.rig.bench.RealClock", lambda: bench.clock)
     monkeypatch.setattr("typer.prompt", bench.prompt)
     (tmp_path / "rig.toml").write_text(RIG)
     yield bench

@@ -22,7 +22,7 @@ from palpate.recording import (
     ReplayGripper,
     load_recording,
 )
-from palpate.recording.holds import cut_holds
+from palpate.recording.exporting import cut_holds
 from palpate.rig import open_rig
 
 

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.estimate.compliance import Give
 from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.gear_friction import GearFriction
-from palpate.estimate.servo_force import CurrentLaw
-from palpate.estimate.stiffness import Give
+from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import step
 from palpate.grasp.phases import Phase

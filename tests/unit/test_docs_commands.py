@@ -117,8 +117,8 @@ def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line
 
 def test_the_picture_of_the_sensor_is_what_the_command_draws() -> None:
     from palpate.fabrication.design import PRESETS
+    from palpate.fabrication.drawing import combined_svg
     from palpate.fabrication.pattern import lay_out
-    from palpate.fabrication.svg import combined_svg
 
     shown = (ROOT / "docs" / "images" / "paper-3x2.svg").read_text(encoding="utf-8")
     assert shown == combined_svg(lay_out(PRESETS["paper-3x2"]))

@@ -24,7 +24,7 @@ from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import String
 
 from palpate.recording import load_recording
-from palpate.recording.holds import cut_holds
+from palpate.recording.exporting import cut_holds
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

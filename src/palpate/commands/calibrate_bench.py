@@ -94,7 +94,7 @@ def open_bench(
     if not (rig.endswith(".toml") and has_load_cell(rig)):
         yield open_twin_bench(rig, seed=seed)
         return
-    from palpate.rig.board_bench import open_board_bench
+    from palpate.rig.bench import open_board_bench
 
     # Steps count their own runs from 0; whoever places the cell counts on.
     number = count(1)
@@ -126,7 +126,7 @@ def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
     DeviceError
         If the rig isn't one of the simulated ones with rigid fingers.
     """
-    from palpate.rig.twin_bench import FACES, twin_bench
+    from palpate.rig.simulated import FACES, twin_bench
     from palpate.twin.objects import draw_object
     from palpate.twin.world import World
 

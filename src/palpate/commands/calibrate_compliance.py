@@ -14,7 +14,7 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.commands.calibrate_bench import GuidedBench
-    from palpate.estimate.stiffness import Give
+    from palpate.estimate.compliance import Give
     from palpate.sensor.calibration import Calibration
 
 #: Closings are read so long after each step, so often, up to this force.
@@ -41,7 +41,7 @@ def command(
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
     from palpate.commands.calibrate_bench import calibration_file, open_bench
-    from palpate.estimate.stiffness import Give
+    from palpate.estimate.compliance import Give
 
     path = calibration_file(rig, out)
     with open_bench(rig, seed=seed, ask=_ask) as guided:

@@ -15,7 +15,7 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.estimate.damage_file import DamageFile
-    from palpate.estimate.fruit_closings import FruitClosing
+    from palpate.estimate.damage_learning import FruitClosing
 
 #: Fewer can't be learned from and tested on in turn.
 _FEWEST = 12
@@ -42,7 +42,7 @@ def command(
 
     Example: palpate calibrate damage --curves closings.csv --index ruptures.csv --out damage.json
     """
-    from palpate.estimate.fruit_closings import read_closings
+    from palpate.estimate.damage_learning import read_closings
     from palpate.files import keep_inputs
 
     keep_inputs(out, inputs=(curves, index))

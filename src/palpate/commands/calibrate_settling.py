@@ -31,8 +31,7 @@ def command(
     """
     from palpate.holds import Hold
     from palpate.recording import load_recording
-    from palpate.recording.holds import cut_holds
-    from palpate.recording.tables import hold_tables, write_tables
+    from palpate.recording.exporting import cut_holds, hold_tables, write_tables
 
     kinds = {".csv": "csv", ".parquet": "parquet"}
     if out.suffix not in kinds:

@@ -47,8 +47,7 @@ def export(
     Example: palpate export run.mcap --holds && palpate settle run.holds.csv
     """
     from palpate.recording import RecordingReader, load_recording
-    from palpate.recording.holds import cut_holds
-    from palpate.recording.tables import frame_tables, hold_tables, write_tables
+    from palpate.recording.exporting import cut_holds, frame_tables, hold_tables, write_tables
 
     form = _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))

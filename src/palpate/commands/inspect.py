@@ -23,7 +23,7 @@ def inspect(
 ) -> None:
     """Show what a recording holds, and whether it is complete. Example: palpate inspect run.mcap"""
     from palpate.recording import FileState, RecordingReader
-    from palpate.recording.summary import summarise
+    from palpate.recording.reader import summarise
 
     if plot is not None:
         _draw(file, plot)

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 
 def write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
     """Write every file whole or not at all; return them in order."""
-    from palpate.fabrication.dxf import require_dxf, write_dxf
-    from palpate.fabrication.svg import combined_svg, layer_svg
+    from palpate.fabrication.drawing import combined_svg, layer_svg, require_dxf, write_dxf
     from palpate.files import atomic_path
     from palpate.plots.pattern import draw_pattern
 

@@ -54,7 +54,7 @@ def record(
     """
     from palpate.commands.record_source import board_source, rig_source
     from palpate.recording import RecordingWriter
-    from palpate.recording.capture import capture
+    from palpate.recording.writer import capture
 
     if file.suffix != ".mcap":
         raise InputError(f"{file}: a recording ends in .mcap; `palpate export` makes tables of it")

@@ -11,8 +11,8 @@ from typing import Literal
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, read_holds
 from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
+from palpate.readings.columns import TimeUnit, Unit
 from palpate.readings.holds import CutAt
-from palpate.readings.names import TimeUnit, Unit
 from palpate.signal.circuit import Divider
 from palpate.tables.files import form_of, open_table
 from palpate.tables.text import lines_of, open_text
@@ -178,7 +178,7 @@ def is_holds_file(file: Path) -> bool:
                 with open_text(stream, name=name) as text:
                     return "hold_id" in next(lines_of(text), "")
             if form == "parquet":
-                from palpate.tables.parquet import open_parquet
+                from palpate.tables.binary import open_parquet
 
                 with open_parquet(stream, name=name) as parquet:
                     return "hold_id" in parquet.schema_arrow.names
@@ -211,7 +211,7 @@ def _from_mcap(file: Path, reading: Reading) -> CutColumn:
     import numpy as np
 
     from palpate.recording import load_recording
-    from palpate.recording.holds import cut_holds
+    from palpate.recording.exporting import cut_holds
 
     if not reading.is_about_units():
         raise InputError(

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from palpate.estimate.closing import ClosingCurve, ClosingState
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.strength import FEWEST, Strength, fit_strength
+from palpate.estimate.strength import FEWEST, ClosingCurve, ClosingState, Strength, fit_strength
 
 Path: TypeAlias = Sequence[ClosingState]
 

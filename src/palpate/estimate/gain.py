@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from palpate.estimate.force_pairs import FloatArray, ForceEstimate
+from palpate.estimate.force import FloatArray, ForceEstimate
 
 #: Where the logarithm of a gain is looked at, in standard deviations of what was known before.
 _GRID = np.linspace(-4.0, 4.0, 81)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 from scipy.special import ndtri
 
-from palpate.estimate.force_pairs import FloatArray, ForceEstimate, enough_pairs
+from palpate.estimate.force import FloatArray, ForceEstimate, enough_pairs
 
 #: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
 #: rises; the smallest power stands for the threshold.

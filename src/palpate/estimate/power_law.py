@@ -12,7 +12,7 @@ from scipy.stats import t as student_t
 from scipy.stats import theilslopes
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force_pairs import (
+from palpate.estimate.force import (
     MIN_PAIRS,
     FloatArray,
     ForceEstimate,

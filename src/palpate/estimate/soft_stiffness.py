@@ -20,9 +20,9 @@ from scipy.special import ndtri
 from scipy.stats import norm
 
 from palpate.estimate.bounded import bounded_interval, bounded_middle
-from palpate.estimate.closing_steps import ClosingCurve
+from palpate.estimate.closing_stiffness import ClosingCurve
+from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
 
 #: Against the last force of the same contact, a sheet reads the first one that it feels wrong by so

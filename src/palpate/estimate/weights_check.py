@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.force_pairs import FloatArray
+from palpate.estimate.force import FloatArray, PowerForceLaw
 from palpate.estimate.pixel_law import Placements, left_out
 
 #: Forces at which a calibration reports what error to expect, newtons, and the ratio within which a

@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from palpate.estimate.bend import Bend
-from palpate.estimate.closing_steps import ClosingCurve
-from palpate.estimate.closing_stiffness import object_stiffness
+from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
+from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Bend, Give
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.estimate.stiffness import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.contact_gain import felt_by_gripper
 from palpate.grasp.plan import Plan

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from palpate.estimate.closing_steps import FELT
+from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answer import floor_n, stiffness_told
 from palpate.grasp.belief import Belief, Closing

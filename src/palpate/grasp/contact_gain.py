@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.closing_steps import LAG, tilt_sd, unforgotten
+from palpate.estimate.closing_stiffness import LAG, tilt_sd, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
 
 if TYPE_CHECKING:

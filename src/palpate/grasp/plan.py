@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.bend import Bend
+from palpate.estimate.compliance import Bend, Give
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw
 from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
-from palpate.estimate.stiffness import Give
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
-from palpate.estimate.bend import Bend
+from palpate.estimate.compliance import Bend, Give
 from palpate.estimate.force import ForceLaw, PowerForceLaw
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading, Placements, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
-from palpate.estimate.stiffness import Give
 from palpate.estimate.weights_check import held_out_of_pairs, held_out_of_placements
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import Gripper

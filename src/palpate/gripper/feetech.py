@@ -10,7 +10,7 @@ from __future__ import annotations
 from palpate.clock import Clock, RealClock
 from palpate.errors import DeviceError, InputError
 from palpate.gripper import sts_series as sts
-from palpate.gripper.hinge import HingedJaw
+from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.servo_line import REPLY_S, ServoLine, value_at

@@ -1,4 +1,4 @@
-"""From a servo's angle to the opening between two fingers and back: a crank that pushes sliders."""
+"""From a servo's angle to the opening of the fingers and back: a crank with sliders, a hinge."""
 
 from __future__ import annotations
 
@@ -79,3 +79,50 @@ class CrankFingers:
     def _mm_per_rad(self, angle_rad: float) -> float:
         along, across = self.horn_mm * math.sin(angle_rad), self.horn_mm * math.cos(angle_rad)
         return 2 * (across + along * across / math.sqrt(self.arm_mm**2 - across**2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HingedJaw:
+    """A jaw on the servo's horn. The opening is the chord between the middles of the two pads.
+
+    Examples
+    --------
+    >>> jaw = HingedJaw(jaw_mm=70.0)
+    >>> round(jaw.width_mm(1.0), 2), round(jaw.angle_rad(67.12), 3)
+    (67.12, 1.0)
+    """
+
+    #: From the servo's axis to the middle of the pad, mm.
+    jaw_mm: float
+    #: Opening at angle 0: 0 where the pads touch there.
+    offset_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.jaw_mm) and self.jaw_mm > 0):
+            raise ValueError(f"jaw_mm must be positive, not {self.jaw_mm!r}")
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        """Smallest and largest opening: closed, and half a turn open."""
+        return self.offset_mm, self.offset_mm + 2 * self.jaw_mm
+
+    def width_mm(self, angle_rad: float) -> float:
+        """Return the opening at an angle from closed."""
+        return self.offset_mm + 2 * self.jaw_mm * math.sin(angle_rad / 2)
+
+    def angle_rad(self, width_mm: float) -> float:
+        """Return the angle from closed at an opening.
+
+        Raises
+        ------
+        ValueError
+            If the jaw can't reach it.
+        """
+        low, high = self.reach_mm
+        if not low <= width_mm <= high:
+            raise ValueError(f"{width_mm:g} mm is outside the jaw's {low:g} to {high:g} mm")
+        return 2 * math.asin((width_mm - self.offset_mm) / (2 * self.jaw_mm))
+
+    def steepest_mm_per_rad(self, from_mm: float, to_mm: float) -> float:
+        """Return the largest change of opening per radian on a way: at its narrower end."""
+        return self.jaw_mm * math.cos(self.angle_rad(min(from_mm, to_mm)) / 2)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.fabrication.drawing import LOOKS
 from palpate.fabrication.pattern import Pattern
 from palpate.fabrication.shapes import Outline, Vertex, arc_radius
-from palpate.fabrication.svg import LOOKS
 from palpate.plots.style import GREY, INK, ORANGE, new_figure, save_figure
 
 if TYPE_CHECKING:

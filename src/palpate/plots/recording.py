@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, new_figure
 from palpate.recording import Recording
-from palpate.recording.holds import recorded_resistance_ohm
+from palpate.recording.exporting import recorded_resistance_ohm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.holds import Hold
+from palpate.readings.columns import Unit
 from palpate.readings.cut import find_contacts
-from palpate.readings.names import Unit
 from palpate.readings.read import Readings, read_recordings
 from palpate.signal.circuit import Divider, resistance_ohm
 

@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.readings.names import (
+from palpate.readings.columns import (
     TimeUnit,
     Unit,
     find_clock,
     find_part,
     find_readings,
+    is_moment,
+    seconds,
     time_unit_of,
     unit_of,
 )
-from palpate.readings.times import is_moment, seconds
 from palpate.signal.circuit import Divider
 from palpate.tables.rows import refuse_or_say
 from palpate.tables.table import Table
@@ -157,8 +158,8 @@ def read_recordings(
 
 def _table(source: Any) -> tuple[Table, str]:
     """Return the table of a source and the stem of its name."""
+    from palpate.tables.binary import table_of_arrays
     from palpate.tables.files import read_table_file
-    from palpate.tables.parquet import table_of_arrays
 
     if isinstance(source, str | os.PathLike):
         path = Path(source)

@@ -25,7 +25,7 @@ ENTRY_POINTS = "palpate.rigs"
 BUILT_IN: dict[str, tuple[str, str]] = {
     "sim-rigid": ("palpate.rig.simulated", "open_rigid"),
     "sim-soft": ("palpate.rig.simulated", "open_soft"),
-    "sim-firmware": ("palpate.rig.firmware", "open_firmware"),
+    "sim-firmware": ("palpate.rig.simulated", "open_firmware"),
 }
 DEFAULT_RIG = "sim-rigid"
 

@@ -1,4 +1,4 @@
-"""The built-in rigs on the twin: each seed is a new sensor and gripper, calibrated on the twin."""
+"""Rigs on the twin: rigid fingers, soft ones, and rigid ones read through the real firmware."""
 
 from __future__ import annotations
 
@@ -15,14 +15,26 @@ from palpate.grasp.calibrating_current import measure_current, measure_gears
 from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.recording.contents import Origin
 from palpate.rig import Rig
-from palpate.rig.twin_bench import FACES, twin_bench
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import BlockPairs, Calibration
 from palpate.sensor.current_pairs import CurrentPairs, joined
-from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
+from palpate.twin.firmware_stream import open_firmware_array
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
+from palpate.twin.ranges import ranges_of
 from palpate.twin.world import GripperKind, World
 
+#: What the load cell is faced with in turn: flat and round, soft and stiff.
+FACES = (
+    "ball-44lbs",
+    "dragonskin-20",
+    "ball-66lbs",
+    "springs-8",
+    "ball-33lbs",
+    "dragonskin-10",
+    "springs-4",
+    "ecoflex-10",
+)
 #: So many of the bench's faces are used.
 _FACED = 6
 _BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
@@ -219,3 +231,52 @@ def _joined(first: BlockPairs, second: BlockPairs) -> BlockPairs:
 
 def _truth(world: World) -> Mapping[str, object]:
     return world.truth().as_json()
+
+
+def open_firmware(*, object_name: str | None, seed: int) -> Rig:
+    """Open rigid fingers on the twin, read by the firmware on the AVR simulator.
+
+    Raises
+    ------
+    InputError
+        If there is no such object.
+    DeviceNotFoundError
+        If firmware or simulator have not been built.
+    """
+    return open_rigid(
+        object_name=object_name,
+        seed=seed,
+        name="sim-firmware",
+        origin="firmware-simulated",
+        read_through=_read_through_firmware,
+    )
+
+
+def _read_through_firmware(world: World) -> PressureArray:
+    divider = world.layout.divider
+    count_mv = 1e3 * divider.supply_v / divider.full_scale
+    return open_firmware_array(
+        world,
+        noise_mv=count_mv * ranges_of(world.level).adc_noise_counts,
+        rate_hz=world.frame_rate_hz,
+    )
+
+
+def twin_bench(world: World, *, start: float) -> Bench:
+    """Return the devices of a world; `start` as in `Bench`.
+
+    Examples
+    --------
+    >>> twin_bench(World(None, seed=1), start=51.0).cell.read_n() < 0.1
+    True
+    """
+    array = TwinArray(world)
+    return Bench(
+        array=array,
+        gripper=TwinGripper(world),
+        cell=TwinLoadCell(world),
+        clock=world.clock,
+        start=start,
+        # Frames that nobody looks at need not be worked out.
+        skip_until=array.skip_until,
+    )

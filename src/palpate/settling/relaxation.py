@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from palpate.holds import Hold
-from palpate.settling.bins import noise_scatter
-from palpate.settling.conditionals import conditionals
+from palpate.settling.conditionals import conditionals, noise_scatter
 from palpate.settling.intervals import UNCALIBRATED, WIDENING, IntervalScale
 from palpate.settling.mixture import LIGHTEST, Mixture, posterior, quantiles
 from palpate.settling.odds import LOG_ODDS

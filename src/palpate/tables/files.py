@@ -73,9 +73,9 @@ def read_table_file(path: Path) -> Table:
         if form == "text":
             return read_text(file, name=name)
         if form == "parquet":
-            from palpate.tables.parquet import read_parquet_table
+            from palpate.tables.binary import read_parquet_table
 
             return read_parquet_table(file, name=name)
-    from palpate.tables.spreadsheet import read_spreadsheet
+    from palpate.tables.binary import read_spreadsheet
 
     return read_spreadsheet(path)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import InputError
 from palpate.tables.form import MISSING
-from palpate.tables.numbers import usable
-from palpate.tables.table import Table, unique_names
+from palpate.tables.table import Table, unique_names, usable
 
 #: Rows that can't be used are left out, and said, up to this share: a log that begins or ends in
 #: the middle of a line, a byte lost on a serial line.

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.tables.files import form_of, open_table
 from palpate.tables.form import SEPARATORS, split_fields
-from palpate.tables.numbers import LARGEST, usable
-from palpate.tables.table import Table
+from palpate.tables.table import LARGEST, Table, usable
 from palpate.tables.text import ROWS_AT_A_TIME, lines_of, open_text, split_rows
 
 #: What a column holds: a finite number, one that may be left empty (NaN), or text.
@@ -245,7 +244,7 @@ def _refuse(column: str, found: str, *, where: str, remedy: str) -> NoReturn:
 
 
 def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
-    from palpate.tables.parquet import open_parquet
+    from palpate.tables.binary import open_parquet
 
     with open_parquet(file, name=name) as parquet:
         schema = parquet.schema_arrow

@@ -1,4 +1,4 @@
-"""A table as it stands in a file: named columns, before anything is known about them."""
+"""A table as columns of text or numbers, and which numbers can be worked with."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+#: No reading is larger, and of what is, squares are no numbers any more.
+LARGEST = 1e150
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,3 +52,23 @@ def unique_names(names: list[str]) -> list[str]:
         name = " ".join(name.split()) or f"column {number}"
         found.append(name if name not in found else f"{name} ({number})")
     return found
+
+
+def usable(numbers: ArrayLike) -> NDArray[np.bool_]:
+    """Return which numbers are finite and not absurdly large.
+
+    Parameters
+    ----------
+    numbers : array_like of float
+        In any unit.
+
+    Returns
+    -------
+    ndarray of bool, same shape
+
+    Examples
+    --------
+    >>> usable([4700.0, float("nan"), float("-inf"), 1.7e308]).tolist()
+    [True, False, False, False]
+    """
+    return np.asarray(np.abs(numbers) <= LARGEST)

@@ -27,7 +27,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from palpate.twin.pixel_grid import PixelGrid
+    from palpate.twin.placement import PixelGrid
 
 
 #: Places in a line across a contact, and how far they go, in radii of a sound contact: a flat one

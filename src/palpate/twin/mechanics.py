@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.twin.objects import TwinObject
-from palpate.twin.pixel_grid import PixelGrid
+from palpate.twin.placement import PixelGrid
 
 #: Slope left to an object beyond yield, and force left to it after rupture, as shares.
 _YIELDED_SLOPE = 0.3
@@ -66,7 +67,7 @@ def series_force_n(
 ) -> float:
     """Return the object's elastic force when it shares a closure with the gripper.
 
-    The gripper feels kept * elastic + carried_n of it (`palpate.twin.squeeze`), but never a pull.
+    The gripper feels kept * elastic + carried_n of it (`palpate.twin.mechanics`), but never a pull.
     Solves deformation + deflection(felt force(deformation)) = closure. The left side rises and is
     solved by Newton steps kept inside a shrinking bracket.
     """
@@ -134,3 +135,65 @@ def pixel_shares(
     total = np.bincount(grid.finger, weights=weight)
     share: NDArray[np.float64] = weight / np.maximum(total, 1e-12)[grid.finger]
     return share
+
+
+@dataclass(frozen=True, slots=True)
+class Squeeze:
+    """An object's elastic force, the parts of it that are fading, and the force that is left."""
+
+    elastic_n: float = 0.0
+    relaxing_n: tuple[float, ...] = ()
+    force_n: float = 0.0
+
+    @classmethod
+    def none(cls, obj: TwinObject | None) -> Self:
+        """Return the squeeze of an object that nothing has touched yet."""
+        return cls(relaxing_n=() if obj is None else (0.0,) * len(obj.relaxing_share))
+
+    def closed(
+        self,
+        obj: TwinObject,
+        closure_mm: float,
+        *,
+        step_s: float,
+        compliance: Compliance,
+        ruptured: bool = False,
+    ) -> Squeeze:
+        """Return the squeeze after a step that ends at a closure; 0 and below is no contact."""
+        if closure_mm <= 0:
+            return self.changed(obj, elastic_n=0.0, step_s=step_s, touching=False)
+        parts = _fading(obj, step_s)
+        fresh = sum(share * mean for share, _, mean in parts)
+        carried_n = sum(n * decay for n, (_, decay, _) in zip(self.relaxing_n, parts, strict=True))
+        elastic_n = series_force_n(
+            obj,
+            closure_mm,
+            compliance=compliance,
+            ruptured=ruptured,
+            kept=1.0 - sum(obj.relaxing_share) + fresh,
+            carried_n=carried_n - self.elastic_n * fresh,
+        )
+        return self.changed(obj, elastic_n=elastic_n, step_s=step_s)
+
+    def changed(
+        self, obj: TwinObject, *, elastic_n: float, step_s: float, touching: bool = True
+    ) -> Squeeze:
+        """Return the squeeze after a step over which the elastic force went in a line."""
+        relaxing_n = tuple(
+            before * decay + share * (elastic_n - self.elastic_n) * mean
+            for before, (share, decay, mean) in zip(
+                self.relaxing_n, _fading(obj, step_s), strict=True
+            )
+        )
+        force_n = elastic_n * (1.0 - sum(obj.relaxing_share)) + sum(relaxing_n)
+        return Squeeze(elastic_n, relaxing_n, max(force_n, 0.0) if touching else 0.0)
+
+
+def _fading(obj: TwinObject, step_s: float) -> list[tuple[float, float, float]]:
+    """Return share, decay and mean decay over a step of every part that fades."""
+    parts = []
+    for share, time_s in zip(obj.relaxing_share, obj.relaxing_time_s, strict=True):
+        rate = max(step_s / time_s, 1e-12)
+        fall = math.expm1(-rate)
+        parts.append((share, 1.0 + fall, -fall / rate))
+    return parts

@@ -18,7 +18,13 @@ from palpate.twin.ranges import Pair, log_uniform, uniform
 if TYPE_CHECKING:
     from palpate.twin.apple_faces import Faces
 
+
 Contact: TypeAlias = Literal["linear", "hertz"]
+
+#: Coefficient of tape or silicone on skins dry and damp; plausible, not measured.
+FRICTION: Pair = (0.35, 0.9)
+#: Damage begins at this share of the rupture force (in recorded grasps the curve bends just there).
+_YIELD_SHARE: Pair = (0.75, 0.95)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,11 +139,6 @@ OBJECTS: dict[str, ObjectRange] = {
     ),
 }
 
-#: Coefficient of tape or silicone on skins dry and damp; plausible, not measured.
-FRICTION: Pair = (0.35, 0.9)
-#: Damage begins at this share of the rupture force (in recorded grasps the curve bends just there).
-_YIELD_SHARE: Pair = (0.75, 0.95)
-
 
 def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject:
     """Draw one object.
@@ -182,3 +183,25 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
         # A stream of its own: what was drawn of a seed before friction was, stays.
         friction=uniform(rng.spawn(1)[0], FRICTION),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """What really holds in a world; names and meanings as in the answers of `palpate grasp`."""
+
+    #: Extent of the object along the closing axis before contact; None if there is none.
+    size_mm: float | None
+    #: Mean relative change over all pixels at the horizon of the final hold.
+    settled_percent: float
+    #: Grip force, the mean of the fingers' normal forces, at that horizon.
+    force_n: float
+    #: The object's own secant stiffness at that force; None without contact.
+    stiffness_n_per_mm: float | None
+    #: Largest contact force up to now.
+    peak_force_n: float
+    #: Whether the force ever passed the object's yield force.
+    damaged: bool
+
+    def as_json(self) -> dict[str, float | bool | None]:
+        """Return the form that commands print."""
+        return {name: getattr(self, name) for name in self.__slots__}

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.twin.pixel_grid import PixelGrid
+from palpate.sensor.array import ArrayLayout
 from palpate.twin.ranges import Ranges, uniform
 from palpate.twin.velostat import Creep, Environment, Sheet
 
@@ -71,4 +72,30 @@ class Placements:
             width_error_mm=ranges.width_repeat_sd_mm * float(rng.standard_normal()),
             lead_mm=2.0 * off_middle_mm,
             first_finger=int(aside.integers(2)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PixelGrid:
+    """Where the pixels are on their fingers: millimetres from the finger's centre, flattened."""
+
+    along_mm: NDArray[np.float64]
+    across_mm: NDArray[np.float64]
+    finger: NDArray[np.int64]
+    pitch_mm: float
+
+    @classmethod
+    def of(cls, layout: ArrayLayout) -> PixelGrid:
+        """Build the grid of a layout: the rows of a finger run along it."""
+        finger_of_row = np.array(layout.finger_of_row)
+        along = np.empty(layout.rows)
+        for finger in np.unique(finger_of_row):
+            rows = np.flatnonzero(finger_of_row == finger)
+            along[rows] = (np.arange(rows.size) - (rows.size - 1) / 2) * layout.pitch_mm
+        across = (np.arange(layout.cols) - (layout.cols - 1) / 2) * layout.pitch_mm
+        return cls(
+            np.repeat(along, layout.cols),
+            np.tile(across, layout.rows),
+            np.repeat(np.unique(finger_of_row, return_inverse=True)[1], layout.cols),
+            layout.pitch_mm,
         )

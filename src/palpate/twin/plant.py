@@ -16,12 +16,10 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
 from palpate.twin.lag import follow_line
-from palpate.twin.mechanics import Compliance, Motion, pixel_shares
+from palpate.twin.mechanics import Compliance, Motion, Squeeze, pixel_shares
 from palpate.twin.objects import TwinObject
-from palpate.twin.pixel_grid import PixelGrid
-from palpate.twin.placement import Placement, Placements
+from palpate.twin.placement import PixelGrid, Placement, Placements
 from palpate.twin.ranges import Ranges
-from palpate.twin.squeeze import Squeeze
 from palpate.twin.velostat import Creep, Environment, Sheet
 
 #: Friction of what the object stands on before it is lifted: the finger that comes first feels it.

@@ -13,14 +13,12 @@ from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.friction import AT_REST, N_PER_G
-from palpate.twin.mechanics import Compliance, Motion
-from palpate.twin.objects import TwinObject
-from palpate.twin.pixel_grid import PixelGrid
+from palpate.twin.mechanics import Compliance, Motion, Squeeze
+from palpate.twin.objects import Truth, TwinObject
+from palpate.twin.placement import PixelGrid
 from palpate.twin.plant import Plant, State
 from palpate.twin.ranges import ranges_of, uniform
 from palpate.twin.readout import Readout
-from palpate.twin.squeeze import Squeeze
-from palpate.twin.truth import Truth
 from palpate.twin.velostat import Environment, draw_sheet
 
 GripperKind: TypeAlias = Literal["rigid", "soft"]

@@ -25,7 +25,7 @@ from palpate.produce.bruise.model import Example, usable
 from palpate.produce.bruise.shape import Shape, contrast, middle_of, shape_of
 from palpate.twin.mechanics import Compliance, series_force_n
 from palpate.twin.objects import TwinObject
-from palpate.twin.pixel_grid import PixelGrid
+from palpate.twin.placement import PixelGrid
 from palpate.twin.ranges import PAPER, uniform
 from palpate.twin.world import World
 from palpate_studies.bruise_data import PLACED_WITHIN_MM

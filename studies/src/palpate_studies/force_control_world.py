@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from palpate.estimate.closing import ClosingCurve, ClosingState
 from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.strength import ClosingCurve, ClosingState
 from palpate.twin.friction import N_PER_G
 from palpate.twin.mechanics import object_force_n
 from palpate.twin.objects import FRICTION, TwinObject

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.estimate.stiffness import Give
+from palpate.estimate.compliance import Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp

@@ -10,8 +10,7 @@ import numpy as np
 import typer
 
 from palpate.commands.options import JsonOption
-from palpate.estimate.damage_learning import learn
-from palpate.estimate.fruit_closings import FruitClosing, read_closings
+from palpate.estimate.damage_learning import FruitClosing, learn, read_closings
 from palpate_studies.hybrid_data import read_curves, read_sheets
 from palpate_studies.hybrid_grasps import (
     FRICTION,

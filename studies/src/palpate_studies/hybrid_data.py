@@ -10,8 +10,7 @@ from scipy.optimize import isotonic_regression
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.holds.hold import Hold
-from palpate.holds.read import read_holds
+from palpate.holds import Hold, read_holds
 from palpate.tables import read_table
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.hybrid_world import Curve, Lag, RecordedSheet

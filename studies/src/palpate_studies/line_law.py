@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import t as student_t
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force_pairs import (
+from palpate.estimate.force import (
     ForceEstimate,
     checked_pairs,
     enough_pairs,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.estimate.stiffness import Give
+from palpate.estimate.compliance import Give
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.items import history_of

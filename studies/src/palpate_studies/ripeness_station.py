@@ -29,8 +29,7 @@ from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.produce.ripeness.firmness import RIPENESS_N
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.shared_load import shared_pixels
-from palpate.rig.simulated import calibrated
-from palpate.rig.twin_bench import twin_bench
+from palpate.rig.simulated import calibrated, twin_bench
 from palpate.sensor.calibration import RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent

@@ -13,8 +13,7 @@ import typer
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel, half_load
-from palpate.estimate.damage_learning import learn, split
-from palpate.estimate.fruit_closings import FruitClosing, read_closings
+from palpate.estimate.damage_learning import FruitClosing, learn, read_closings, split
 from palpate_studies import rupture_told
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import needing
-from palpate.estimate.fruit_closings import FruitClosing
+from palpate.estimate.damage_learning import FruitClosing
 from palpate_studies.rupture_policies import Scored
 
 #: Learned from are states from this share of the rupture force on: before, all curves are alike.

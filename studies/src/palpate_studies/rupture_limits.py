@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 
 from palpate.commands.options import JsonOption
 from palpate.estimate.damage import FOLDS, LEAST_LOAD
-from palpate.estimate.damage_learning import at_half_load, learn, split
-from palpate.estimate.fruit_closings import FruitClosing, copies, read_closings
+from palpate.estimate.damage_learning import (
+    FruitClosing,
+    at_half_load,
+    copies,
+    learn,
+    read_closings,
+    split,
+)
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.rupture_learners import features, learned_scores, learners
 from palpate_studies.rupture_policies import Scored, our_scores

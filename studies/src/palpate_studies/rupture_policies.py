@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimate.damage import DamageModel
-from palpate.estimate.fruit_closings import FruitClosing
+from palpate.estimate.damage_learning import FruitClosing
 
 
 class Scored(NamedTuple):

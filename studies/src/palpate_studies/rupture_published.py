@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.estimate.fruit_closings import FruitClosing
+from palpate.estimate.damage_learning import FruitClosing
 from palpate_studies.rupture_policies import Scored
 
 #: Fruit -> mm by which the stiffness is multiplied, N that are added, and N that are said while

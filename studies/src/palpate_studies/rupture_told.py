@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.fruit_closings import FruitClosing
+from palpate.estimate.damage_learning import FruitClosing
 from palpate_studies.report import Table
 
 

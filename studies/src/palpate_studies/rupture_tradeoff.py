@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from palpate.estimate.damage import LEAST_LOAD
-from palpate.estimate.damage_learning import split
-from palpate.estimate.fruit_closings import FruitClosing
+from palpate.estimate.damage_learning import FruitClosing, split
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.rupture_policies import Scored, stop_forces
 

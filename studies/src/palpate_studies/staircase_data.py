@@ -14,8 +14,7 @@ from palpate.estimate.pixel_law import PixelReading
 from palpate.grasp.calibrating import Bench, measure_rest
 from palpate.grasp.planning import force_now, laws_of
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.simulated import calibrated
-from palpate.rig.twin_bench import twin_bench
+from palpate.rig.simulated import calibrated, twin_bench
 from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance

@@ -51,7 +51,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     opened = SimpleNamespace(array=lambda: bench.array, gripper=lambda: TwinGripper(bench.world))
     monkeypatch.setitem(sys.modules, "desk_of_the_test", opened)
     monkeypatch.setattr("palpate.clock.RealClock", lambda: bench.clock)
-    monkeypatch.setattr("palpate.rig.board_bench.RealClock", lambda: bench.clock)
+    monkeypatch.setattr("palpate.rig.bench.RealClock", lambda: bench.clock)
     monkeypatch.setattr("typer.prompt", bench.prompt)
     yield bench
     bench.array.close()

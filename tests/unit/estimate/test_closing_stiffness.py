@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.closing_steps import ClosingCurve
-from palpate.estimate.closing_stiffness import object_stiffness
+from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
+from palpate.estimate.compliance import Give
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.stiffness import Give
 
 GIVE = Give(
     slope_mm_per_n=0.2, pad_mm=(0.0, 0.0, 0.3, 0.0, 0.0), zero_mm=0.0, residual_mm=0.02,

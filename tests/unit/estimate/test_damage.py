@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from palpate.estimate.closing import LEVEL_STEP, ClosingCurve, ClosingState
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.strength import fit_strength
+from palpate.estimate.strength import LEVEL_STEP, ClosingCurve, ClosingState, fit_strength
 
 
 def close_on(stiffness: float, *, until_n: float) -> list[ClosingState]:

@@ -14,8 +14,17 @@ from hypothesis import strategies as st
 
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage_file import DamageFile
-from palpate.estimate.damage_learning import at_half_load, held_out, learn, split, unfit
-from palpate.estimate.fruit_closings import FruitClosing, copies, follow, read_closings
+from palpate.estimate.damage_learning import (
+    FruitClosing,
+    at_half_load,
+    copies,
+    follow,
+    held_out,
+    learn,
+    read_closings,
+    split,
+    unfit,
+)
 from palpate.estimate.measurement import Measurement
 
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.bend import Bend
-from palpate.estimate.force_pairs import ForceEstimate
+from palpate.estimate.compliance import Bend
+from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
-from palpate.estimate.gear_friction import GearFriction
-from palpate.estimate.servo_force import CurrentLaw
+from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.sensor.current_pairs import CurrentPairs
 
 

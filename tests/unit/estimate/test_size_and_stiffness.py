@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
+from palpate.estimate.compliance import Give
 from palpate.estimate.size import ContactPoint, contact_point
-from palpate.estimate.stiffness import Give
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.5])

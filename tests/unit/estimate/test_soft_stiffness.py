@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from palpate.estimate.closing_steps import ClosingCurve
+from palpate.estimate.closing_stiffness import ClosingCurve
+from palpate.estimate.compliance import STIFFEST_N_PER_MM, Give
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.estimate.stiffness import STIFFEST_N_PER_MM, Give
 from palpate.settling.result import Status
 
 GIVE = Give(

@@ -18,9 +18,9 @@ from shapely.ops import unary_union
 from palpate.cli import build_app
 from palpate.commands.outcome import run
 from palpate.fabrication.design import PRESETS, Cutter, SensorDesign
+from palpate.fabrication.drawing import layer_svg
 from palpate.fabrication.pattern import MARK_MM, Pattern, lay_out
 from palpate.fabrication.refusals import check_design, check_pattern
-from palpate.fabrication.svg import layer_svg
 
 PX_PER_MM = 96 / 25.4
 DESIGNS = {

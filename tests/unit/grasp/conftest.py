@@ -9,8 +9,8 @@ import pytest
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.estimate.compliance import Give
 from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.stiffness import Give
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimate.gear_friction import GearFriction
-from palpate.estimate.servo_force import CurrentLaw
+from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimate.closing import ClosingCurve
 from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimate.gear_friction import GearFriction
-from palpate.estimate.servo_force import CurrentLaw
+from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.belief import Belief, Touch
 from palpate.grasp.current_watch import CurrentWatch
 from palpate.grasp.phases import Phase

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.estimate.compliance import Give
 from palpate.estimate.gain import Gain
-from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
+from palpate.estimate.compliance import Give
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.stiffness import Give
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.ripeness.course import Course

@@ -9,9 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.estimate.bend import Bend
+from palpate.estimate.compliance import Bend, Give
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp

@@ -16,7 +16,7 @@ from palpate.recording import (
     Replay,
     load_recording,
 )
-from palpate.recording.capture import capture
+from palpate.recording.writer import capture
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 INFO = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")

@@ -20,8 +20,7 @@ from palpate.recording import (
     load_recording,
 )
 from palpate.recording.channels import Message
-from palpate.recording.holds import cut_holds
-from palpate.recording.tables import frame_tables, hold_tables, write_tables
+from palpate.recording.exporting import cut_holds, frame_tables, hold_tables, write_tables
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.signal.circuit import resistance_ohm
 

@@ -8,7 +8,7 @@ import pytest
 from palpate.plots.recording import recording_figure
 from palpate.plots.style import save_figure
 from palpate.recording import Event, load_recording
-from palpate.recording.holds import recorded_resistance_ohm
+from palpate.recording.exporting import recorded_resistance_ohm
 
 
 @pytest.fixture

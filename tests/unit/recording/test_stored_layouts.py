@@ -14,9 +14,8 @@ from palpate.errors import InputError, RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo, RecordingReader, RecordingWriter
 from palpate.recording.channels import decode_info, encode_info
-from palpate.recording.holds import cut_holds
+from palpate.recording.exporting import cut_holds, frame_tables, write_tables
 from palpate.recording.reader import load_recording
-from palpate.recording.tables import frame_tables, write_tables
 from palpate.sensor.array import ADDED_LATER, RIGID_LAYOUT, ArrayLayout, Frame
 from palpate.sensor.board_array import layout_named
 from palpate.signal.circuit import Divider, ohm_to_volts, volts_to_counts

@@ -11,7 +11,7 @@ from tests.unit.sensor.test_serial_array import Bench, PtyBoard
 
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperCommand
-from palpate.rig.board_bench import bench_of
+from palpate.rig.bench import bench_of
 from palpate.rig.board_cell import BoardLoadCell, board_with_cells, mean_counts
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.serial_array import SerialArray

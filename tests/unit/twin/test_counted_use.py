@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.sensor.array import RIGID_LAYOUT
-from palpate.twin.pixel_grid import PixelGrid
-from palpate.twin.placement import Placements
+from palpate.twin.placement import PixelGrid, Placements
 from palpate.twin.ranges import ranges_of
 from palpate.twin.velostat import Environment, draw_sheet
 

@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.twin.mechanics import Compliance
+from palpate.twin.mechanics import Compliance, Squeeze
 from palpate.twin.objects import TwinObject
-from palpate.twin.squeeze import Squeeze
 from palpate.twin.world import World
 
 STIFF = Compliance(finger_mm_per_n=1e-9, pad_travel_mm=1e-9, pad_force_n=1.0)

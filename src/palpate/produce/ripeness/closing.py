@@ -12,8 +12,8 @@ What was read at the last step before the force rose is no load but what the she
 
 **Width at contact**, by fingers driven by pressure. The pressure at which they meet an item gives
 its width, once rigid blocks have shown how far they close per pressure and how far they give way
-under a force (`palpate.estimate.bend`). Early on the sheet reads faint forces badly, later on the
-fingers have given way by centimetres; at one newton both leave a few tenths of a millimetre open.
+under a force (`palpate.estimate.compliance`). Early on the sheet reads faint forces badly, later on
+the fingers have given way by centimetres; at one newton both leave some tenths of a millimetre.
 
 **Gain**: the force believed over what the sheet alone reads. A servo's current seconds the sheet
 (`palpate.grasp.contact_gain`). It makes one force truer; but it errs alike in all grasps of one
@@ -29,9 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.estimate.bend import Bend
+from palpate.estimate.compliance import Bend, Give
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.stiffness import Give
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -236,7 +235,7 @@ def width_at_contact(pressure_kpa: FloatArray, *, force_n: FloatArray, bend: Ben
     --------
     Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and give way by 3.5 mm per newton:
 
-    >>> from palpate.estimate.stiffness import Give
+    >>> from palpate.estimate.compliance import Give
     >>> give = Give(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0, residual_mm=0.1,
     ...     largest_force_n=12.0)
     >>> force_n = np.array([0.0, 0.4, 2.4])

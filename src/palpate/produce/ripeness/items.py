@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.stiffness import Give
+from palpate.estimate.compliance import Give
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
 from palpate.produce.ripeness.reference_object import Drift

@@ -25,7 +25,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.stiffness import Give
+from palpate.estimate.compliance import Give
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.firmness import RIPENESS_N, by_day, firmness_of
 from palpate.produce.ripeness.reference_force import ForceRead

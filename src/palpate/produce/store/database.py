@@ -13,10 +13,9 @@ from types import TracebackType
 
 from palpate.errors import StoreError
 from palpate.produce.records import Grasp, Item, Verdict
-from palpate.produce.store.engine import faults_of, make_engine, shown, store_url, url_to_read
+from palpate.produce.store.engine import faults_of, make_engine, sa, shown, store_url, url_to_read
 from palpate.produce.store.reading import StoreReader
 from palpate.produce.store.schema import STEPS, found_version, migrate
-from palpate.produce.store.sql import sa
 from palpate.produce.store.writing import (
     write_calibration,
     write_grasps,

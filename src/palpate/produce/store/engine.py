@@ -11,7 +11,6 @@ from typing import Any
 from urllib.parse import quote
 
 from palpate.errors import InputError, StoreAwayError, StoreError, needing
-from palpate.produce.store.sql import sa
 
 #: Environment variable and file name of the store, where none is named.
 STORE_VARIABLE = "PALPATE_STORE"
@@ -45,6 +44,8 @@ _POSTGRESQL_FAULTS: Mapping[str, tuple[bool, str]] = {
     "3D000": (False, "no such database on the server; make it with `createdb`"),
     "42501": (False, "the user lacks rights to it; ask for CREATE, SELECT, INSERT and UPDATE"),
 }
+
+__all__ = ["postgresql", "sa", "sqlite"]
 
 
 def store_url(where: str | Path | None) -> sa.URL:
@@ -220,3 +221,8 @@ def _begin_sqlite(connection: sa.Connection) -> None:
     # A writer asks for its lock at once: one that began as a reader could be refused it later.
     writes = connection.get_execution_options().get("writes", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+with needing("the store of items", extra="produce"):
+    import sqlalchemy as sa
+    from sqlalchemy.dialects import postgresql, sqlite

@@ -11,9 +11,8 @@ from typing import Any
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Grasp, Item, Reading, Source, Verdict
-from palpate.produce.store.engine import faults_of
+from palpate.produce.store.engine import faults_of, sa
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
-from palpate.produce.store.sql import sa
 from palpate.settling.result import Status
 
 _READING_COLUMNS = tuple(f.name for f in fields(Reading) if f.name != "measurement")

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from palpate.errors import StoreError
-from palpate.produce.store.sql import postgresql, sa, sqlite
+from palpate.produce.store.engine import postgresql, sa, sqlite
 
 #: SQL that leads from version n to version n + 1; the first leads from version 1.
 STEPS: tuple[str, ...] = ()

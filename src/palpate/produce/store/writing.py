@@ -10,6 +10,7 @@ from itertools import islice
 from typing import Any
 
 from palpate.produce.records import Grasp, Item, Verdict
+from palpate.produce.store.engine import sa
 from palpate.produce.store.schema import (
     CALIBRATIONS,
     GRASPS,
@@ -18,7 +19,6 @@ from palpate.produce.store.schema import (
     VERDICTS,
     insert,
 )
-from palpate.produce.store.sql import sa
 
 #: Grasps of one statement: more gain little, and databases bound the number of parameters.
 _CHUNK = 1000

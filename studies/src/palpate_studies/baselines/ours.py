@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.estimate.closing import ClosingCurve
-from palpate.estimate.damage_learning import learn
-from palpate.estimate.fruit_closings import FruitClosing, follow
+from palpate.estimate.damage_learning import FruitClosing, follow, learn
+from palpate.estimate.strength import ClosingCurve
 from palpate.settling.predict import predict_settled
 from palpate_studies.force_model import ForceModel
 from palpate_studies.ladder_models import LANDMARKS

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.estimate.fruit_closings import copies, read_closings
+from palpate.estimate.damage_learning import copies, read_closings
 from palpate.holds import read_holds
 from palpate.settling.scoring import settled_value
 from palpate_studies.force_ladders import read_ladders

@@ -1,17 +1,23 @@
-"""Tables in Parquet files and in memory: arrays by name, or a pandas data frame."""
+"""Tables in Parquet and Excel workbooks."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from datetime import date, datetime, time, timedelta
+from itertools import islice
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError, needing
-from palpate.tables.numbers import usable
-from palpate.tables.table import Table
+from palpate.tables.form import form_of_rows, score_rows
+from palpate.tables.rows import GatheredRows
+from palpate.tables.table import Table, usable
+
+_SAMPLE_ROWS = 400
 
 
 @contextmanager
@@ -100,3 +106,62 @@ def _column(values: Any, key: str, *, name: str) -> NDArray[Any]:
         return array.astype(object)
     numbers[~usable(numbers)] = np.nan
     return numbers
+
+
+def read_spreadsheet(path: Path) -> Table:
+    """Read the first sheet of an .xlsx workbook that has a table in it.
+
+    Raises
+    ------
+    InputError
+        If it is no such workbook, or no sheet has a table.
+    MissingExtraError
+        If openpyxl is not installed.
+    """
+    name = str(path)
+    with needing(f"{name}: Excel", extra="data"):
+        from openpyxl import load_workbook
+    try:
+        book = load_workbook(path, read_only=True, data_only=True)
+    # openpyxl lets through whatever zip, XML and its own readers raise on a damaged file.
+    except Exception as error:
+        raise InputError(
+            f"{name}: not a whole .xlsx workbook; save it again as .xlsx or CSV"
+        ) from error
+    try:
+        for sheet in book.worksheets:
+            if (table := _sheet_table(sheet, name=name)) is not None:
+                return table
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"{name}: a damaged workbook; save it again as .xlsx or CSV") from error
+    finally:
+        book.close()
+    raise InputError(f"{name}: no sheet with rows of times and readings")
+
+
+def _sheet_table(sheet: Any, *, name: str) -> Table | None:
+    rows = ([_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True))
+    sample = list(islice(rows, _SAMPLE_ROWS))
+    score, width = score_rows(sample)
+    if not score:
+        return None
+    form = form_of_rows(sample, width, separator=None)
+    gathered = GatheredRows(form.names, decimal_comma=form.decimal_comma, word="row")
+    body = [*sample[form.first :], *rows]
+    gathered.add(body, numbers=range(form.first + 1, form.first + 1 + len(body)))
+    return gathered.table(name)
+
+
+def _text(cell: Any) -> str:
+    """Return a cell as a text file would have it."""
+    if cell is None:
+        return ""
+    if isinstance(cell, bool):
+        return str(cell)
+    if isinstance(cell, datetime | date | time):
+        return cell.isoformat()
+    if isinstance(cell, timedelta):
+        return repr(cell.total_seconds())
+    return repr(cell) if isinstance(cell, int | float) else str(cell)

@@ -1,8 +1,9 @@
-"""Rows into holds: cut where the hold changes, sort channels apart, check that time moves on."""
+"""Holds, stretches of one channel after the gripper stopped: from a file, in bounded memory."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -10,8 +11,83 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.holds.hold import Hold
-from palpate.tables import Table
+from palpate.tables import Kind, Table, read_pieces
+
+_COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
+_OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hold:
+    """One channel of one hold.
+
+    Attributes
+    ----------
+    hold_id : str
+        Name in the file.
+    channel : str or None
+        Pixel or signal, where a hold has several.
+    time_s : ndarray, shape (n_times,)
+        Strictly increasing; 0 is the actuation or the peak. Sampling may be uneven.
+    values : ndarray, shape (n_times,)
+        In any unit.
+    unit : str or None
+        Unit of the values where it is known; ``"percent"`` is a change relative to rest.
+    """
+
+    hold_id: str
+    channel: str | None
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    unit: str | None = None
+
+
+def read_holds(
+    path: str | os.PathLike[str],
+    *,
+    until_s: float = float("inf"),
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[Hold]:
+    """Read holds one by one from CSV, gzipped CSV or Parquet.
+
+    Columns are `hold_id,time_s,value` and optionally `channel` and `unit`. The rows of a hold are
+    together; channels may be interleaved within it. The unit ``percent`` (change relative to rest)
+    helps to predict; others need no telling. A CSV file may have semicolons or tabs instead of
+    commas, and decimal commas then. Memory is bounded by the longest hold, or by `until_s`.
+
+    Parameters
+    ----------
+    path : path
+        Told apart by content, then by ending.
+    until_s : float
+        Samples after the first one at or beyond this time are checked and not kept.
+    progress : callable, optional
+        Called now and then with the share of the file read so far, 0 to 1.
+
+    Yields
+    ------
+    Hold
+        In the order of the file; channels in the order of their first sample. One-sample and
+        constant holds are legitimate.
+
+    Raises
+    ------
+    InputError
+        At the first line (or Parquet row) that can't be used; the message names it.
+    MissingExtraError
+        If the file is Parquet and pyarrow is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> file = Path(tempfile.mkdtemp()) / "holds.csv"
+    >>> _ = file.write_text("hold_id,time_s,value\\na,0.0,5\\na,0.1,4\\nb,0.0,7\\n")
+    >>> [(hold.hold_id, hold.values.tolist()) for hold in read_holds(file)]
+    [('a', [5.0, 4.0]), ('b', [7.0])]
+    """
+    pieces = read_pieces(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress)
+    yield from assemble(pieces, name=os.fspath(path), until_s=until_s)
 
 
 @dataclass(slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""The bench of a calibration on a real rig: a board with load cells, and a gripper."""
+"""A real rig as the bench of a calibration: devices, the hand open, load cells at zero."""
 
 from __future__ import annotations
 
