@@ -19,7 +19,7 @@ from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire import encode_message, unpack
-from palpate.sensor.wire_messages import Ack, CommandType, FrameMessage, Identity, Result
+from palpate.sensor.wire_messages import Ack, BoardIdentity, CommandType, FrameMessage, Result
 
 
 def board(master: int, *, rate_hz: float) -> None:
@@ -59,8 +59,8 @@ def frame(sequence: int, time_us: int) -> FrameMessage:
     )
 
 
-def identity(tag: int, rate_hz: float) -> Identity:
-    return Identity(
+def identity(tag: int, rate_hz: float) -> BoardIdentity:
+    return BoardIdentity(
         tag=tag, protocol=1, version=(0, 0, 0), features=0, rows=4, cols=2, oversampling=1,
         max_rows=16, max_cols=16, max_oversampling=64, settle_us=0, heartbeat_ms=500,
         reset_cause=1, streaming=False, conversion_us=0, baud=1_000_000_000, rate_hz=rate_hz,

@@ -14,12 +14,12 @@ from palpate.sensor.wire import encode_message, unpack
 from palpate.sensor.wire_messages import (
     MAX_PRESSURE_KPA,
     Ack,
+    BoardIdentity,
+    BoardStatus,
     CommandType,
     Contents,
     FrameMessage,
-    Identity,
     Result,
-    Status,
 )
 from palpate.twin.world import World
 
@@ -161,7 +161,7 @@ class RegulatorBoard:
             time_us=round(1e6 * self._now_s),
             stream=self._stream,
             oversampling=self.world.oversampling,
-            status=Status.HEARTBEAT_LOST if self._lost else Status(0),
+            status=BoardStatus.HEARTBEAT_LOST if self._lost else BoardStatus(0),
             counts=self.world.scan(self._now_s).astype("uint16"),
             pressure_set_kpa=self._output_kpa if pressed else None,
             pressure_kpa=self.pressure_kpa if pressed else None,
@@ -170,9 +170,9 @@ class RegulatorBoard:
         self._sequence += 1
         self._next_s += self._period_s
 
-    def _identity(self, tag: int) -> Identity:
+    def _identity(self, tag: int) -> BoardIdentity:
         layout = self.world.layout
-        return Identity(
+        return BoardIdentity(
             tag=tag,
             protocol=1,
             version=(0, 0, 0),

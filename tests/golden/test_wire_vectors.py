@@ -94,7 +94,7 @@ def core(library: ctypes.CDLL) -> Iterator[Core]:
 def _frame(fields: dict[str, Any]) -> wm.FrameMessage:
     given = dict(fields)
     given["counts"] = np.array(fields["counts"], dtype=np.uint16)
-    given["load_cells"] = tuple(wm.LoadCell(raw=r, sample=s) for r, s in fields["load_cells"])
+    given["load_cells"] = tuple(wm.CellSample(raw=r, sample=s) for r, s in fields["load_cells"])
     return wm.FrameMessage(**given)
 
 
@@ -166,7 +166,7 @@ def test_frames_in_the_firmware(vector: dict[str, Any], library: ctypes.CDLL) ->
 
 def test_identity_at_boot(core: Core) -> None:
     (identity,) = Decoder().feed(core.at_boot)
-    assert isinstance(identity, wm.Identity)
+    assert isinstance(identity, wm.BoardIdentity)
     assert (identity.tag, identity.protocol, identity.board) == (0, wm.PROTOCOL_VERSION, "host")
 
 
@@ -241,7 +241,7 @@ def test_ceiling_vents_and_holds_until_armed_again(core: Core) -> None:
     pressed[2, 1] = 900
     (frame,) = core.decoder.feed(core.scan(pressed, sequence=1))
     assert isinstance(frame, wm.FrameMessage)
-    assert frame.status & wm.Status.CEILING_TRIPPED
+    assert frame.status & wm.BoardStatus.CEILING_TRIPPED
     assert (core.safe, core.pressure_pa) == (False, 0)
     again = wm.SetPressure(target_kpa=1.0, slew_kpa_per_s=1.0)
     assert core.result(again) == wm.Result.TRIPPED
@@ -260,4 +260,4 @@ def test_damaged_commands_are_ignored_and_reported(core: Core) -> None:
         core.give(b"\0")
     (frame,) = core.decoder.feed(core.scan(np.zeros((4, 2)), sequence=0))
     assert isinstance(frame, wm.FrameMessage)
-    assert frame.status & wm.Status.COMMAND_DAMAGED
+    assert frame.status & wm.BoardStatus.COMMAND_DAMAGED

@@ -121,7 +121,7 @@ def test_the_highest_rate_it_names_is_kept(
 
 def test_it_says_who_it_is(desk: Desk) -> None:
     (identity,) = desk.ask(wm.Identify())
-    assert isinstance(identity, wm.Identity)
+    assert isinstance(identity, wm.BoardIdentity)
     assert (identity.board, identity.baud) == ("Arduino Mega 2560", 1_000_000)
     assert (identity.max_rows, identity.max_cols, identity.max_oversampling) == (16, 16, 64)
 
@@ -131,7 +131,7 @@ def test_reset_begins_another_stream(desk: Desk) -> None:
     before = desk.frames(0.1)[-1]
     desk.board.reset()
     (identity,) = desk.run(0.05)
-    assert isinstance(identity, wm.Identity)
+    assert isinstance(identity, wm.BoardIdentity)
     assert not identity.streaming
     desk.ask(wm.Start())
     after = desk.frames(0.1)
@@ -146,11 +146,11 @@ def test_the_watchdog_ends_a_hang_and_vents(desk: Desk) -> None:
     assert desk.board.output_kpa == pytest.approx(30.0, abs=0.1)
     desk.board.hang()
     messages = desk.run(0.4)
-    identity = next(m for m in messages if isinstance(m, wm.Identity))
+    identity = next(m for m in messages if isinstance(m, wm.BoardIdentity))
     assert identity.reset_cause & wm.ResetCause.WATCHDOG
     assert desk.board.output_kpa == 0
     desk.ask(wm.Start())
-    assert desk.frames(0.1)[-1].status & wm.Status.WATCHDOG_RESET
+    assert desk.frames(0.1)[-1].status & wm.BoardStatus.WATCHDOG_RESET
 
 
 def test_pressure_follows_slew_and_heartbeat(desk: Desk) -> None:
@@ -164,7 +164,7 @@ def test_pressure_follows_slew_and_heartbeat(desk: Desk) -> None:
     assert last.pressure_set_kpa == 40.0
     assert last.pressure_kpa == pytest.approx(40.0, abs=0.3)
     vented = desk.frames(0.1)[-1]
-    assert vented.status & wm.Status.HEARTBEAT_LOST
+    assert vented.status & wm.BoardStatus.HEARTBEAT_LOST
     assert desk.board.output_kpa == 0
 
 
@@ -183,7 +183,7 @@ def test_an_absent_load_cell_is_said_to_be_silent(desk: Desk) -> None:
     desk.board.set_load(0, 5)
     desk.ask(wm.Start(contents=wm.Contents.LOAD_CELLS))
     last = desk.frames(0.7)[-1]
-    assert last.status & wm.Status.LOAD_CELL_SILENT
+    assert last.status & wm.BoardStatus.LOAD_CELL_SILENT
     assert last.load_cells[1].raw == wm.NO_READING
 
 

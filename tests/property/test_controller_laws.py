@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.estimate.force import PowerForceLaw
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.belief import Belief, Observation
@@ -25,7 +25,7 @@ LIMITS = GripperLimits(drive="width", lowest=20.0, highest=40.0, fastest=60.0)
 LAYOUT = ArrayLayout(name="two", rows=2, cols=1, finger_of_row=(0, 1))
 FORCE = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
 LAW = PowerForceLaw.fit(2 * FORCE, force_n=FORCE * np.exp([0.1, -0.1] * 3))
-GIVE = Give.fit(FORCE, width_mm=40 - 0.2 * FORCE, block_mm=40.0)
+GIVE = Compliance.fit(FORCE, width_mm=40 - 0.2 * FORCE, block_mm=40.0)
 PLAN = Plan(
     layout=LAYOUT,
     rest_ohm=np.full((2, 1), 9000.0),

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.features import Touch
+from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
 from palpate.produce.sorting.decide import decide
 from palpate.produce.sorting.rules import Evidence, Rule, RuleBook, Span
@@ -17,8 +17,8 @@ LN = st.floats(-3.0, 6.0)
 SD = st.floats(0.001, 3.0)
 
 
-def touch(value: tuple[float, float], sd: float, *, shift: float = 0.0) -> Touch:
-    return Touch(value=np.array(value) + shift, sd=np.full(2, sd), calibration="monday")
+def touch(value: tuple[float, float], sd: float, *, shift: float = 0.0) -> FeaturePoint:
+    return FeaturePoint(value=np.array(value) + shift, sd=np.full(2, sd), calibration="monday")
 
 
 def known(shift: float = 0.0) -> Identifier:

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.sensor.wire import MAX_STUFFED_BYTES, Decoder, encode_message, stuff, unstuff
-from palpate.sensor.wire_messages import FrameMessage, LoadCell, Message
+from palpate.sensor.wire_messages import CellSample, FrameMessage, Message
 
 FULL = os.environ.get("PALPATE_FULL") == "1"
 AROUND = 3
@@ -176,7 +176,7 @@ def test_frames_round_trip(
 ) -> None:
     rng = np.random.default_rng(seed)
     kpa = None if pressure is None else pressure / 1e3
-    cells = (LoadCell(raw=-8388608, sample=0), LoadCell(raw=8388607, sample=255))
+    cells = (CellSample(raw=-8388608, sample=0), CellSample(raw=8388607, sample=255))
     frame = FrameMessage(
         sequence=seed,
         time_us=2**32 - 1 - seed,

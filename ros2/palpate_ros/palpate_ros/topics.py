@@ -23,7 +23,7 @@ from palpate.recording import RecordingInfo
 from palpate.recording.channels import encode_info
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
-from palpate.sensor.health import FEWEST_FRAMES, Stretch, examine
+from palpate.sensor.health import FEWEST_FRAMES, FrameColumns, examine
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
 from palpate_ros import messages
@@ -175,7 +175,7 @@ class SensorTopics:
             )
         try:
             health = examine(
-                Stretch.of(quiet), layout=self._about.info.layout, known_ohm=self._rest_ohm
+                FrameColumns.of(quiet), layout=self._about.info.layout, known_ohm=self._rest_ohm
             )
         except PalpateError as error:
             return messages.status(DiagnosticStatus.ERROR, str(error), **said)

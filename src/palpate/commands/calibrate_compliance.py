@@ -14,7 +14,7 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.commands.calibrate_bench import GuidedBench
-    from palpate.estimate.compliance import Give
+    from palpate.estimate.compliance import Compliance
     from palpate.sensor.calibration import Calibration
 
 #: Closings are read so long after each step, so often, up to this force.
@@ -41,13 +41,13 @@ def command(
     Example: palpate calibrate compliance --block-mm 40 --out pad-3.json
     """
     from palpate.commands.calibrate_bench import calibration_file, open_bench
-    from palpate.estimate.compliance import Give
+    from palpate.estimate.compliance import Compliance
 
     path = calibration_file(rig, out)
     with open_bench(rig, seed=seed, ask=_ask) as guided:
         made = _measured(guided, block_mm=block_mm, rig=rig, out=path)
     block = made.block
-    give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
     made.save(path)
     if as_json:
         print(json.dumps(_document(made, give, path=path), indent=1, allow_nan=False))
@@ -98,7 +98,7 @@ def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> C
     return replace(earlier, block=block, current=current)
 
 
-def _document(made: Calibration, give: Give, *, path: Path) -> dict[str, Any]:
+def _document(made: Calibration, give: Compliance, *, path: Path) -> dict[str, Any]:
     return {
         "file": str(path),
         "simulated": made.origin == "simulated",

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from palpate.sensor.array import ArrayLayout
     from palpate.sensor.calibration import Calibration, RestValues
-    from palpate.sensor.health import Stretch
+    from palpate.sensor.health import FrameColumns
 
 
 def command(
@@ -111,7 +111,7 @@ def command(
 
 
 def _rest_values(
-    stretch: Stretch, *, layout: ArrayLayout, known_ohm: NDArray[np.float64] | None
+    stretch: FrameColumns, *, layout: ArrayLayout, known_ohm: NDArray[np.float64] | None
 ) -> RestValues:
     """Return the rest values of a stretch, or refuse."""
     import numpy as np

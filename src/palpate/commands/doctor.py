@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from palpate.commands.sensor_source import Source
     from palpate.sensor.array import ArrayLayout, Frame
     from palpate.sensor.findings import Finding
-    from palpate.sensor.health import Stretch
+    from palpate.sensor.health import FrameColumns
 
 
 def doctor(
@@ -131,7 +131,7 @@ def _of_recording(path: Path, *, duration_s: float, press: bool) -> Examined:
     """Judge pixels by the first seconds of a recording, the link by all of it."""
     from palpate.commands.doctor_report import Examined
     from palpate.recording import load_recording
-    from palpate.sensor.health import Stretch, examine
+    from palpate.sensor.health import FrameColumns, examine
 
     held = load_recording(path)
     layout = held.info.layout
@@ -139,7 +139,7 @@ def _of_recording(path: Path, *, duration_s: float, press: bool) -> Examined:
         raise InputError(f"{path}: no frames to judge")
     if len(set(held.oversampling.tolist())) > 1:
         raise InputError(f"{path}: the oversampling changes within it; judge a part without that")
-    whole = Stretch(
+    whole = FrameColumns(
         time_s=held.time_s,
         sequence=held.sequence,
         counts=held.counts,
@@ -156,11 +156,15 @@ def _of_recording(path: Path, *, duration_s: float, press: bool) -> Examined:
 
 
 def _pressed(
-    frames: Iterator[Frame], *, rest: Stretch, layout: ArrayLayout, prompt: Callable[[str], None]
-) -> tuple[Stretch, tuple[Finding, ...]]:
+    frames: Iterator[Frame],
+    *,
+    rest: FrameColumns,
+    layout: ArrayLayout,
+    prompt: Callable[[str], None],
+) -> tuple[FrameColumns, tuple[Finding, ...]]:
     """Follow one press after the other; return rest and presses together, and findings."""
     from palpate.sensor.findings import pixel_name
-    from palpate.sensor.health import Stretch
+    from palpate.sensor.health import FrameColumns
     from palpate.sensor.pixel_resistance import pixel_resistance_ohm
     from palpate.sensor.press_order import PressWatch, order_findings
 
@@ -176,7 +180,7 @@ def _pressed(
         if watch.done:
             break
     watch.give_up()
-    return Stretch.of(taken), tuple(order_findings(watch.presses, layout=layout))
+    return FrameColumns.of(taken), tuple(order_findings(watch.presses, layout=layout))
 
 
 def _prompt(text: str) -> None:

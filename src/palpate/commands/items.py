@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from palpate.produce.records import Item
     from palpate.produce.store import Store
-    from palpate.produce.store.item_history import ItemPage
+    from palpate.produce.store.item_history import ItemHistory
 
 _SETTABLE = ("kind", "batch", "label")
 
@@ -127,7 +127,7 @@ def _find(
     batch: str | None,
     day: str | None,
     limit: int,
-) -> tuple[tuple[ItemPage, ...], bool]:
+) -> tuple[tuple[ItemHistory, ...], bool]:
     """Return the pages asked for, and whether there are more items than the limit."""
     from palpate.produce.store.item_history import item_page, item_pages
 
@@ -218,7 +218,7 @@ def _export(
     print(f"{path}: {rows} grasps; {beside}: {said_rows} verdicts", file=sys.stderr)
 
 
-def _document(pages: tuple[ItemPage, ...], *, one: bool) -> dict[str, Any]:
+def _document(pages: tuple[ItemHistory, ...], *, one: bool) -> dict[str, Any]:
     from palpate.produce.records_json import record_as_dict
 
     if one:
@@ -232,7 +232,7 @@ def _document(pages: tuple[ItemPage, ...], *, one: bool) -> dict[str, Any]:
     return {"items": [_line(page) for page in pages]}
 
 
-def _line(page: ItemPage) -> dict[str, Any]:
+def _line(page: ItemHistory) -> dict[str, Any]:
     from palpate.produce.records import MEASURED, About
     from palpate.produce.records_json import record_as_dict
 

@@ -12,14 +12,14 @@ from rich.text import Text
 
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import About, Source
-from palpate.produce.store.item_history import ItemPage
+from palpate.produce.store.item_history import ItemHistory
 
 #: Grasps and verdicts shown on a page: the last ones.
 _SHOWN = 20
 _SIMULATED = "[yellow]~[/]"
 
 
-def print_list(pages: Sequence[ItemPage], *, more: bool) -> None:
+def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
     """Print one line per item."""
     console = Console(highlight=False)
     if not pages:
@@ -46,7 +46,7 @@ def print_list(pages: Sequence[ItemPage], *, more: bool) -> None:
         console.print(f"the last {len(pages)} items; --limit shows more", style="dim")
 
 
-def print_page(page: ItemPage) -> None:
+def print_page(page: ItemHistory) -> None:
     """Print everything that is known of one item."""
     item = page.item
     known = (item.kind, item.batch and f"batch {item.batch}", item.label)
@@ -66,7 +66,7 @@ def print_page(page: ItemPage) -> None:
     )
 
 
-def _grasps(page: ItemPage) -> Table:
+def _grasps(page: ItemHistory) -> Table:
     table = _table(
         "taken", "outcome", ">size\nmm", ">force\nN", ">stiffness\nN/mm", ">settled\n%", ">side\n"
     )
@@ -86,7 +86,7 @@ def _grasps(page: ItemPage) -> Table:
     return table
 
 
-def _verdicts(page: ItemPage) -> Table:
+def _verdicts(page: ItemHistory) -> Table:
     table = _table("said", "about", "verdict", ">sure", "why")
     for one in page.verdicts[-_SHOWN:]:
         person = one.source is Source.PERSON

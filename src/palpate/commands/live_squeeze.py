@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from palpate.arrays import FloatArray
 from palpate.clock import Clock
 from palpate.commands.sensor_source import Source
 from palpate.errors import DeviceTimeoutError
@@ -15,8 +12,6 @@ from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: A silent sensor is shown as such, so a read must not wait long.
 _WAIT_S = 0.2

@@ -9,7 +9,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.plots.inline_svg import inline_svg
 from palpate.plots.item_history import history_figure, pixels_figure
 from palpate.produce.records import About, Grasp, Source, Verdict
-from palpate.produce.store.item_history import ItemPage
+from palpate.produce.store.item_history import ItemHistory
 from palpate.settling.result import Status
 
 #: Name, caption, axis, unit in text, digits.
@@ -23,12 +23,12 @@ QUANTITIES = (
 _MOST_ROWS = 100
 
 
-def item_report(page: ItemPage, *, store: str, zone: tzinfo | None = None) -> str:
+def item_report(page: ItemHistory, *, store: str, zone: tzinfo | None = None) -> str:
     """Return the report of an item as HTML.
 
     Parameters
     ----------
-    page : ItemPage
+    page : ItemHistory
         The item with its history.
     store : str
         Where it came from.
@@ -77,7 +77,7 @@ def number(measured: Measurement | None, digits: int) -> str:
     return f"{measured.value:.{digits}f}{'' if measured.status is Status.OK else ' *'}"
 
 
-def _tiles(page: ItemPage) -> list[Tile]:
+def _tiles(page: ItemHistory) -> list[Tile]:
     shown = []
     for name, caption, _, unit, digits in QUANTITIES[:3]:
         measured = page.latest(name)
@@ -89,7 +89,7 @@ def _tiles(page: ItemPage) -> list[Tile]:
     return [*shown, *(verdict_tile(verdict) for verdict in said if verdict is not None)]
 
 
-def _figures(page: ItemPage, zone: tzinfo | None) -> list[tuple[str, str]]:
+def _figures(page: ItemHistory, zone: tzinfo | None) -> list[tuple[str, str]]:
     shown = []
     for name, caption, label, _, _ in QUANTITIES[:3]:
         if page.latest(name) is not None:
@@ -102,7 +102,7 @@ def _figures(page: ItemPage, zone: tzinfo | None) -> list[tuple[str, str]]:
     return shown
 
 
-def _verdicts(page: ItemPage, zone: tzinfo | None) -> str:
+def _verdicts(page: ItemHistory, zone: tzinfo | None) -> str:
     rows = [
         (
             when(one.given_at, zone),
@@ -116,7 +116,7 @@ def _verdicts(page: ItemPage, zone: tzinfo | None) -> str:
     return table("What was said", ["when", "about", "verdict", ">sure", "why"], rows)
 
 
-def _grasps(page: ItemPage, zone: tzinfo | None) -> str:
+def _grasps(page: ItemHistory, zone: tzinfo | None) -> str:
     columns = ["taken", "outcome", "rig", ">side"]
     columns += [f">{caption.lower()}, {unit}" for _, caption, _, unit, _ in QUANTITIES]
     rows = [_row(grasp, zone) for grasp in reversed(page.grasps[-_MOST_ROWS:])]

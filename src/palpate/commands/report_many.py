@@ -20,7 +20,7 @@ from palpate.plots.many_items import (
     softening_figure,
 )
 from palpate.produce.records import About, Grasp
-from palpate.produce.store.item_history import ItemPage
+from palpate.produce.store.item_history import ItemHistory
 
 _MOST_ROWS = 500
 _FOOT = (
@@ -30,7 +30,7 @@ _FOOT = (
 
 
 def batch_report(
-    name: str, pages: Sequence[ItemPage], *, store: str, zone: tzinfo | None = None
+    name: str, pages: Sequence[ItemHistory], *, store: str, zone: tzinfo | None = None
 ) -> str:
     """Return the report of a batch as HTML: all grasps of its items."""
     grasps = [grasp for page in pages for grasp in page.grasps]
@@ -51,7 +51,7 @@ def batch_report(
 
 
 def day_report(
-    day: date, pages: Sequence[ItemPage], *, store: str, zone: tzinfo | None = None
+    day: date, pages: Sequence[ItemHistory], *, store: str, zone: tzinfo | None = None
 ) -> str:
     """Return the report of a day as HTML, from the pages of its items within that day."""
     grasps = [grasp for page in pages for grasp in page.grasps]
@@ -70,7 +70,7 @@ def day_report(
     )
 
 
-def _chips(pages: Sequence[ItemPage], grasps: Sequence[Grasp], zone: tzinfo | None) -> list[str]:
+def _chips(pages: Sequence[ItemHistory], grasps: Sequence[Grasp], zone: tzinfo | None) -> list[str]:
     chips = [kind for kind, _ in Counter(map(kind_of, pages)).most_common(4)]
     if grasps:
         first, last = (when(end(grasp.taken_at for grasp in grasps), zone) for end in (min, max))
@@ -79,7 +79,7 @@ def _chips(pages: Sequence[ItemPage], grasps: Sequence[Grasp], zone: tzinfo | No
     return chips
 
 
-def _tiles(pages: Sequence[ItemPage], grasps: Sequence[Grasp]) -> list[Tile]:
+def _tiles(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[Tile]:
     held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
     share = f"{held / len(grasps):.0%} held" if grasps else ""
     shown = [
@@ -105,7 +105,7 @@ def _tiles(pages: Sequence[ItemPage], grasps: Sequence[Grasp]) -> list[Tile]:
     return shown
 
 
-def _figures(pages: Sequence[ItemPage]) -> list[tuple[str, str]]:
+def _figures(pages: Sequence[ItemHistory]) -> list[tuple[str, str]]:
     shown = []
     if (cloud := size_stiffness_figure(pages)) is not None:
         caption = "Size and stiffness, by kind"
@@ -117,7 +117,7 @@ def _figures(pages: Sequence[ItemPage]) -> list[tuple[str, str]]:
     return shown
 
 
-def _items(pages: Sequence[ItemPage], zone: tzinfo | None) -> str:
+def _items(pages: Sequence[ItemHistory], zone: tzinfo | None) -> str:
     columns = ["item", "kind", "last grasp", ">grasps", ">size, mm", ">stiffness, N/mm"]
     # What nothing was said about gets no column.
     abouts = [

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.produce.ripeness.items import ItemHistory, assumed, explanation
+from palpate.produce.ripeness.items import FirmnessHistory, assumed, explanation
 from palpate.produce.ripeness.rule import SURE, Days
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class Judged:
     """One item with everything that is known of its ripeness."""
 
     item: Item
-    history: ItemHistory
+    history: FirmnessHistory
     ripeness: Ripeness
     rule: RipenessRule | None
     drift: Drift | None
@@ -95,7 +95,7 @@ def print_report(judged: Sequence[Judged]) -> None:
         console.print("[bold yellow]SIMULATED[/]: these grasps were made on the twin")
 
 
-def _days_table(history: ItemHistory) -> object:
+def _days_table(history: FirmnessHistory) -> object:
     from rich.table import Table
 
     width = history.drive == "width"
@@ -114,7 +114,7 @@ def _days_table(history: ItemHistory) -> object:
     return table
 
 
-def _by_day(history: ItemHistory) -> list[dict[str, float | int | None]]:
+def _by_day(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
     rows: list[dict[str, float | int | None]] = []
     width = history.drive == "width"
     for number, day in enumerate(history.days):
@@ -136,7 +136,7 @@ def _by_day(history: ItemHistory) -> list[dict[str, float | int | None]]:
     return rows
 
 
-def _simulated(history: ItemHistory) -> bool:
+def _simulated(history: FirmnessHistory) -> bool:
     return any(grasp.simulated for grasp in history.grasps)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.commands.options import stated_rig
 from palpate.errors import CalibrationError, DeviceTimeoutError, InputError
 from palpate.sensor.array import PressureArray
-from palpate.sensor.health import Stretch
+from palpate.sensor.health import FrameColumns
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
@@ -104,7 +104,7 @@ class Source:
             )
         return calibration
 
-    def frames(self, duration_s: float) -> Stretch:
+    def frames(self, duration_s: float) -> FrameColumns:
         """Read frames for so long, in the sensor's own time.
 
         Raises
@@ -120,7 +120,7 @@ class Source:
                 if len(taken) < 2:
                     raise
                 break
-        return Stretch.of(taken)
+        return FrameColumns.of(taken)
 
     def close(self) -> None:
         """Let go of the devices."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from palpate.dashboard.messages import Examine
 from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
 from palpate.errors import DeviceTimeoutError
-from palpate.sensor.health import Health, Stretch, examine
+from palpate.sensor.health import FrameColumns, Health, examine
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
@@ -32,7 +32,7 @@ def look_at(order: Examine, *, station: Station) -> Health:
     board = station.rig.array
     identity = board.identity if isinstance(board, SerialArray) else None
     return examine(
-        Stretch.of(taken),
+        FrameColumns.of(taken),
         layout=layout,
         known_ohm=station.rig.calibration.rest_ohm,
         asked_hz=None if identity is None else identity.rate_hz,

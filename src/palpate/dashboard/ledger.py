@@ -19,9 +19,9 @@ from palpate.recording.replay import observations
 
 if TYPE_CHECKING:
     from palpate.produce.records_json import Record
-    from palpate.produce.sorting.decide import Decision
+    from palpate.produce.sorting.decide import BinDecision
     from palpate.produce.sorting.rules import RuleBook
-    from palpate.produce.store.item_history import ItemPage
+    from palpate.produce.store.item_history import ItemHistory
 
 MISSING = "items need the store: pip install 'palpate[produce]'"
 
@@ -70,7 +70,7 @@ class Ledger:
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
 
-    def sort(self, item_id: str) -> Decision | None:
+    def sort(self, item_id: str) -> BinDecision | None:
         """Return which bin an item goes to, by all its grasps; None without rules.
 
         Raises
@@ -116,7 +116,7 @@ class Ledger:
                 return []
             raise
 
-    def page(self, item_id: str) -> ItemPage:
+    def page(self, item_id: str) -> ItemHistory:
         """Return what is known of an item.
 
         Raises

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.dashboard.grip_force import GripForce
 from palpate.dashboard.messages import Calibrated, Frames, Pulse, Source, Thought
 from palpate.estimate.measurement import Measurement
@@ -21,8 +21,6 @@ from palpate.signal.relative import (
     mean_change,
     relative_change_percent,
 )
-
-FloatArray = NDArray[np.float64]
 
 #: A screen shows no more points than this in a second, and no longer a stretch.
 POINTS_PER_S, CURVE_S = 50, 90.0

@@ -16,7 +16,7 @@ from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate.produce.records import Grasp
-    from palpate.produce.store.item_history import ItemPage
+    from palpate.produce.store.item_history import ItemHistory
 
 _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
@@ -72,7 +72,7 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
     return open_item
 
 
-def item_html(page: ItemPage) -> str:
+def item_html(page: ItemHistory) -> str:
     """Return an item's page: what it is, its stiffness over time, and what was said of it."""
     item, grasps = page.item, page.grasps
     what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)

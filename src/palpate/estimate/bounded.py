@@ -12,10 +12,10 @@ Phys. Rev. D 57, 3873 (1998). There the error is normal; here it may be Student'
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtr, stdtrit
 
-FloatArray = NDArray[np.float64]
+from palpate.arrays import FloatArray
 
 #: True values that are looked at, and measurements of each.
 _TRUE, _MEASURED = 200, 500

@@ -11,14 +11,14 @@ began in proportion, and is solved for (generalised least squares with priors).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
 from scipy.stats import norm
 
-from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
+from palpate.arrays import FloatArray
+from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
@@ -48,7 +48,6 @@ _UNKNOWN = 5
 #: proportional in a large doubt is looked at in several places.
 _SOLVED_SHARE = 0.5
 
-FloatArray: TypeAlias = NDArray[np.float64]
 #: A step that raises the force at one go is read low, because the sheet lags: by this share of the
 #: rise (in ln force) that is not yet forgotten. On development closings of the twin, with the true
 #: forces beside them, 0.16 on springs; 0.05 where half the things relax as fruit does meanwhile.
@@ -95,15 +94,15 @@ class _Posterior:
 
 
 def object_stiffness(
-    curve: ClosingCurve, *, give: Give, opening_mm: float, force: Measurement
+    curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
 ) -> Measurement | None:
     """Return the object's secant stiffness at the settled force; None if too little was felt.
 
     Parameters
     ----------
-    curve : ClosingCurve
+    curve : ClosingSteps
         The closing.
-    give : Give
+    give : Compliance
         Of pads, fingers and servo.
     opening_mm : float
         Final opening, zero taken out.
@@ -115,9 +114,9 @@ def object_stiffness(
     A spring of 2 N/mm in a gripper that gives way by 0.2 mm/N:
 
     >>> force_n = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 6.0])
-    >>> give = Give(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
+    >>> give = Compliance(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
     ...     largest_force_n=15.0)
-    >>> curve = ClosingCurve(width_mm=40.0 - 0.7 * force_n, force_n=force_n, gain_sd=0.03,
+    >>> curve = ClosingSteps(width_mm=40.0 - 0.7 * force_n, force_n=force_n, gain_sd=0.03,
     ...     law_sd=0.05, floor_n=0.02)
     >>> held = Measurement(value=6.0, low=5.6, high=6.4, unit="n", level=0.9)
     >>> found = object_stiffness(curve, give=give, opening_mm=35.8, force=held)
@@ -165,7 +164,7 @@ def _quantiles(values: FloatArray, weight: FloatArray, at: list[float]) -> tuple
     return tuple(np.interp(at, reached / weight.sum(), values[order]).tolist())
 
 
-def _posterior(curve: ClosingCurve, *, give: Give, rng: np.random.Generator) -> _Posterior:
+def _posterior(curve: ClosingSteps, *, give: Compliance, rng: np.random.Generator) -> _Posterior:
     """Weigh the grid twice, the second time where the scale was found, and draw from it."""
     scales = np.geomspace(0.02, STIFFEST_N_PER_MM, _SCALES)
     seen = scales[_weighed(curve, give, scales).weight.sum(axis=(0, 1, 3)) > 1e-5]
@@ -190,14 +189,14 @@ def _posterior(curve: ClosingCurve, *, give: Give, rng: np.random.Generator) -> 
     )
 
 
-def _gains(curve: ClosingCurve) -> FloatArray:
+def _gains(curve: ClosingSteps) -> FloatArray:
     """Return equally likely gains, of ln force, about which the rest of the doubt is solved for."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
     kept = np.sqrt(1 - _SOLVED_SHARE**2) / np.std(middles)
     return np.asarray(curve.told_sd * kept * middles)
 
 
-def _weighed(curve: ClosingCurve, give: Give, scales: FloatArray) -> _Weighed:
+def _weighed(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Weighed:
     """Weigh every place of the grid by how well the steps agree on where contact began there."""
     touch_mm, design = _witnesses(curve, give, scales)
     scatters = np.array(list(_SCATTERS))
@@ -227,7 +226,7 @@ def _weighed(curve: ClosingCurve, give: Give, scales: FloatArray) -> _Weighed:
 
 
 def _witnesses(
-    curve: ClosingCurve, give: Give, scales: FloatArray
+    curve: ClosingSteps, give: Compliance, scales: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return where contact began by each step, and what moves that.
 
@@ -248,7 +247,11 @@ def _witnesses(
 
 
 def _not_before(
-    curve: ClosingCurve, give: Give, scales: FloatArray, size_mm: FloatArray, sd_mm: FloatArray
+    curve: ClosingSteps,
+    give: Compliance,
+    scales: FloatArray,
+    size_mm: FloatArray,
+    sd_mm: FloatArray,
 ) -> FloatArray:
     """Return the log likelihood of the steps that felt nothing.
 
@@ -299,7 +302,7 @@ class Looks:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClosingCurve:
+class ClosingSteps:
     """The steps of one closing, read as the grasp went."""
 
     #: Shape (n_steps,). Opening at each step, zero taken out.

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-
-FloatArray = NDArray[np.float64]
 
 #: Forces over which a pad bottoms out; their mixture makes any curve that stiffens smoothly.
 _PAD_FORCES_N = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
@@ -22,7 +21,7 @@ _APART_MM = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Give:
+class Compliance:
     """How far the gripper itself gives way under a force.
 
     give(F) = slope F + sum_i pad_i (1 - exp(-F / F_i)): a spring, and pads that bottom out.
@@ -40,7 +39,7 @@ class Give:
     largest_force_n: float
 
     @classmethod
-    def fit(cls, force_n: ArrayLike, *, width_mm: ArrayLike, block_mm: ArrayLike) -> Give:
+    def fit(cls, force_n: ArrayLike, *, width_mm: ArrayLike, block_mm: ArrayLike) -> Compliance:
         """Fit the curve to closings on a rigid block of known size.
 
         Parameters
@@ -60,7 +59,7 @@ class Give:
         Examples
         --------
         >>> force = np.array([0.0, 2.0, 4.0, 8.0])
-        >>> give = Give.fit(force, width_mm=40.0 - 0.2 * force, block_mm=40.0)
+        >>> give = Compliance.fit(force, width_mm=40.0 - 0.2 * force, block_mm=40.0)
         >>> round(give.slope_mm_per_n, 6), give.give_mm(5.0).round(6).tolist()
         (0.2, 1.0)
         """
@@ -102,16 +101,18 @@ class Give:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bend:
+class SoftFingerCompliance:
     """How pressure-driven fingers close, and how they give way."""
 
     #: How far they close per pressure while nothing is in the way.
     mm_per_kpa: float
     #: How far less under a force.
-    give: Give
+    give: Compliance
 
     @classmethod
-    def fit(cls, pressure_kpa: ArrayLike, *, force_n: ArrayLike, block_mm: ArrayLike) -> Bend:
+    def fit(
+        cls, pressure_kpa: ArrayLike, *, force_n: ArrayLike, block_mm: ArrayLike
+    ) -> SoftFingerCompliance:
         """Fit to closings on rigid blocks of at least two sizes.
 
         Raises
@@ -123,7 +124,7 @@ class Bend:
         --------
         >>> block_mm = np.repeat([40.0, 50.0], 5)
         >>> force_n = np.tile([0.5, 1.0, 2.0, 3.0, 4.0], 2)
-        >>> bend = Bend.fit((74 - block_mm + 3.5 * force_n) / 1.4, force_n=force_n,
+        >>> bend = SoftFingerCompliance.fit((74 - block_mm + 3.5 * force_n) / 1.4, force_n=force_n,
         ...     block_mm=block_mm)
         >>> round(bend.mm_per_kpa, 3), round(bend.give.slope_mm_per_n, 2)
         (1.4, 3.5)
@@ -142,5 +143,5 @@ class Bend:
             raise CalibrationError(
                 "fingers driven by pressure: a smaller block must be touched at a higher pressure"
             )
-        give = Give.fit(force, width_mm=-pressure / per_mm, block_mm=block)
+        give = Compliance.fit(force, width_mm=-pressure / per_mm, block_mm=block)
         return cls(mm_per_kpa=1.0 / per_mm, give=give)

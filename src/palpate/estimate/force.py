@@ -8,26 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student_t
+from scipy.stats import theilslopes
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.power_law import PowerForceLaw
 
-__all__ = [
-    "ForceEstimate",
-    "ForceLaw",
-    "PowerForceLaw",
-    "law_from_dict",
-]
-
-FloatArray: TypeAlias = NDArray[np.float64]
 #: Fewer calibration pairs than this can't show their own scatter.
 MIN_PAIRS = 4
 #: A calibration whose largest load is less than this times its smallest says nothing of a slope.
 MIN_LOAD_RATIO = 1.2
+
+#: Forces below which readings scatter by newtons rather than by percent, as multiples of the
+#: weakest force of the calibration; 0 for a scatter by percent all the way down.
+_FAINT = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 class ForceLaw(Protocol):
@@ -161,3 +160,173 @@ def law_as_dict(law: Any) -> dict[str, Any]:
 
 def _listed(value: Any) -> Any:
     return [_listed(part) for part in value] if isinstance(value, tuple) else value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerForceLaw:
+    """force = offset + scale * excess ** exponent.
+
+    Scatter is proportional to the force, and some newtons besides: near its threshold the sheet
+    tells little, and that must not widen the intervals of firm grips.
+
+    Attributes
+    ----------
+    coefficients : tuple of float
+        ln scale (ln N), exponent, offset (N). The offset is the force that the sheet doesn't show
+        (its detection threshold); 0 where the calibration doesn't ask for one.
+    covariance : tuple of tuple of float, shape (3, 3)
+        Of the coefficients.
+    range : tuple of float
+        Smallest and largest excess conductance of the calibration.
+    residual_sd : float
+        Scatter of ln force about the law, for firm forces.
+    pairs : int
+        Calibration pairs.
+    floor_n : float
+        Scatter of faint forces, newtons.
+    """
+
+    name: ClassVar[str] = "power"
+    reads: ClassVar[str] = "excess"
+
+    coefficients: tuple[float, float, float]
+    covariance: tuple[tuple[float, ...], ...]
+    range: tuple[float, float]
+    residual_sd: float
+    pairs: int
+    floor_n: float = 0.0
+
+    @classmethod
+    def fit(cls, excess: ArrayLike, *, force_n: ArrayLike) -> PowerForceLaw:
+        """Fit the law to settled calibration pairs, robustly, in ln force.
+
+        Parameters
+        ----------
+        excess : array_like, shape (n_pairs,)
+            Excess conductance G/G0 - 1 summed over pixels. Pairs without load, or without a
+            response, are left out: they have no logarithm.
+        force_n : array_like, shape (n_pairs,)
+            Reference forces, newtons.
+
+        Raises
+        ------
+        CalibrationError
+            If the pairs can't carry the law: too few, one load only, falling with the load.
+
+        Examples
+        --------
+        >>> law = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0, 25.0], force_n=[1.0, 2, 3, 4, 5])
+        >>> law.force_n([4.0, 100.0]).value.round(3).tolist()
+        [2.0, 10.0]
+        >>> law.force_n([4.0, 100.0]).in_range.tolist()
+        [True, False]
+        """
+        x, y = checked_pairs(excess, force_n)
+        keep = (x > 0) & (y > 0)
+        x, y = enough_pairs(x[keep], y[keep])
+        log_x, log_y = np.log(x), np.log(y)
+        if theilslopes(log_y, log_x)[0] <= 0:
+            raise CalibrationError(
+                "force calibration: the excess conductance falls while the load rises; "
+                "check the wiring, the divider's leg and that the rest was taken unloaded"
+            )
+        weight, residual_sd, floor_n = np.ones_like(log_y), 0.0, 0.0
+        # Two rounds: the scatter is judged by the law, the law weighted by the scatter.
+        for _ in range(2):
+            plain = _fit_log(log_x, log_y, weight, with_offset=False)
+            offset = (
+                _fit_log(log_x, log_y, weight, with_offset=True) if len(x) > MIN_PAIRS else plain
+            )
+            coefficients, covariance, left, _ = min(plain, offset, key=lambda fit: fit[3])
+            weight, residual_sd, floor_n = _scatter(
+                left, y, used=int(np.count_nonzero(coefficients))
+            )
+        return cls(
+            coefficients=(float(coefficients[0]), float(coefficients[1]), float(coefficients[2])),
+            covariance=tuple(map(tuple, covariance.tolist())),
+            range=(float(x.min()), float(x.max())),
+            residual_sd=residual_sd,
+            pairs=len(x),
+            floor_n=floor_n,
+        )
+
+    def force_n(self, excess: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
+        """Return the force of each excess conductance, of any shape; see `ForceEstimate`.
+
+        No response (excess of 0 or less) reads as no force, with an interval that reaches up to the
+        weakest force of the calibration.
+        """
+        x = np.asarray(excess, dtype=float)
+        responds = x > 0
+        log_x = np.log(np.where(responds, x, self.range[0]))
+        log_scale, exponent, offset = self.coefficients
+        grown = np.exp(log_scale + exponent * log_x)
+        value = offset + grown
+        gradient = np.stack([grown, grown * log_x, np.ones_like(grown)], axis=-1) / value[..., None]
+        sd = law_sd(gradient, covariance=self.covariance, residual_sd=self.residual_sd)
+        freedom = self.pairs - (3 if offset > 0 else 2)
+        reach = float(student_t.ppf(0.5 + level / 2, freedom))
+        spread, faint_n = np.exp(reach * sd), reach * self.floor_n
+        low = value - np.hypot(value - value / spread, faint_n)
+        return ForceEstimate(
+            value=np.where(responds, value, 0.0),
+            low=np.where(responds, np.maximum(low, 0.0), 0.0),
+            high=value + np.hypot(value * spread - value, faint_n),
+            in_range=(x >= self.range[0]) & (x <= self.range[1]),
+            level=level,
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for a calibration file; `law_from_dict` reads them back."""
+        return law_as_dict(self)
+
+
+def _scatter(
+    left: FloatArray, force_n: FloatArray, *, used: int
+) -> tuple[FloatArray, float, float]:
+    """Return weights of ln force, its scatter for firm forces, and the scatter in newtons.
+
+    The variance of ln force is taken as sd**2 (1 + (faint / force)**2); of the candidates for
+    `faint` the likeliest is kept, one above 0 only where it earns its place (BIC).
+    """
+    freedom, best = len(left) - used, (np.inf, np.ones_like(left), 0.0, 0.0)
+    for faint_n in np.array(_FAINT) * float(force_n.min()):
+        factor = 1.0 + (faint_n / force_n) ** 2
+        sd = float(np.sqrt(max(float(np.sum(left**2 / factor)) / freedom, 1e-24)))
+        badness = len(left) * np.log(sd) + 0.5 * float(np.log(factor).sum())
+        badness += 0.5 * np.log(len(left)) * (faint_n > 0)
+        if badness < best[0]:
+            best = (badness, 1.0 / np.sqrt(factor), sd, sd * float(faint_n))
+    return best[1:]
+
+
+def _fit_log(
+    log_x: FloatArray, log_y: FloatArray, weight: FloatArray, *, with_offset: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return coefficients, covariance, residuals of ln force without weights, and BIC."""
+    count = 3 if with_offset else 2
+
+    def residuals(p: FloatArray) -> FloatArray:
+        offset = p[2] if with_offset else 0.0
+        log_force = np.log(offset + np.exp(p[0] + p[1] * log_x))
+        return np.asarray(weight * (log_force - log_y))
+
+    slope, intercept = theilslopes(log_y, log_x)[:2]
+    weakest = float(np.exp(log_y.min()))
+    start = np.array([intercept, slope, 0.2 * weakest])[:count]
+    upper = np.array([np.inf, np.inf, weakest])[:count]
+    scale = max(2.5 * 1.48 * float(np.median(np.abs(residuals(start)))), 1e-6)
+    found = least_squares(
+        residuals, start, bounds=([-np.inf, 0.0, 0.0][:count], upper), loss="cauchy", f_scale=scale
+    )
+    left = residuals(found.x)
+    jacobian = np.asarray(found.jac, dtype=float)
+    squares = float(left @ left)
+    freedom = len(log_x) - count
+    covariance = np.zeros((3, 3))
+    # pinv: an offset on its bound has no gradient to invert.
+    covariance[:count, :count] = np.linalg.pinv(jacobian.T @ jacobian) * squares / freedom
+    coefficients = np.zeros(3)
+    coefficients[:count] = found.x
+    bic = len(log_x) * np.log(max(float(found.cost), 1e-24)) + count * np.log(len(log_x))
+    return coefficients, covariance, left / weight, float(bic)

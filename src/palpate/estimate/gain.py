@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from palpate.estimate.force import FloatArray, ForceEstimate
+from palpate.arrays import FloatArray
+from palpate.estimate.force import ForceEstimate
 
 #: Where the logarithm of a gain is looked at, in standard deviations of what was known before.
 _GRID = np.linspace(-4.0, 4.0, 81)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from palpate.estimate.force import FloatArray
+from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 
 #: Fewer holds don't show how much the creep of a sheet scatters.

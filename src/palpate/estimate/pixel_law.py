@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 from scipy.special import ndtri
 
-from palpate.estimate.force import FloatArray, ForceEstimate, enough_pairs
+from palpate.arrays import FloatArray
+from palpate.estimate.force import ForceEstimate, enough_pairs
 
 #: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
 #: rises; the smallest power stands for the threshold.
@@ -217,7 +218,7 @@ class PixelForceLaw:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Placements:
+class PlacedReadings:
     """Readings of a sheet beside a load cell, some soon after a movement, some settled."""
 
     run: FloatArray
@@ -225,16 +226,16 @@ class Placements:
     force_n: FloatArray
     early: NDArray[np.bool_]
 
-    def without(self, run: float) -> Placements:
+    def without(self, run: float) -> PlacedReadings:
         """Return the readings of all other placements."""
         return self._where(self.run != run)
 
-    def only(self, run: float) -> Placements:
+    def only(self, run: float) -> PlacedReadings:
         """Return the readings of one placement."""
         return self._where(self.run == run)
 
-    def _where(self, chosen: NDArray[np.bool_]) -> Placements:
-        return Placements(
+    def _where(self, chosen: NDArray[np.bool_]) -> PlacedReadings:
+        return PlacedReadings(
             run=self.run[chosen],
             pixel_excess=self.pixel_excess[chosen],
             force_n=self.force_n[chosen],
@@ -242,7 +243,7 @@ class Placements:
         )
 
 
-def fit_laws(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
+def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
     """Fit the reading, its law soon after a movement, and its law when settled.
 
     What may be doubted is measured on placements left out of the fit.
@@ -263,7 +264,7 @@ def fit_laws(placements: Placements) -> tuple[PixelReading, PixelForceLaw, Pixel
     )
 
 
-def left_out(placements: Placements) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def left_out(placements: PlacedReadings) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Read each placement by laws fitted to the others.
 
     Returns
@@ -287,7 +288,7 @@ def left_out(placements: Placements) -> tuple[FloatArray, FloatArray, NDArray[np
     return np.concatenate(said), np.concatenate(force), np.concatenate(early)
 
 
-def _fit(placements: Placements) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
+def _fit(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
     early, force, run = placements.early, placements.force_n, placements.run
     reading = PixelReading.fit(placements.pixel_excess[early], force_n=force[early])
     seen = reading.reading(placements.pixel_excess[:, None, :])

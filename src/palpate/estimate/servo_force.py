@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.gain import MeasuredForce
 from palpate.sensor.current_pairs import CurrentPairs
@@ -37,7 +38,6 @@ _LOADED_SHARE = 0.15
 #: the way (a guess for small geared servos, between a tenth and a quarter).
 _USUAL_SHARE = 0.15
 
-FloatArray = NDArray[np.float64]
 #: Below this a load cell says that nothing is pressed, newtons.
 _FREE_N = 0.1
 #: A movement shows the shape of the friction over at least this way, mm.

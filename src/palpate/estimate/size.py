@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import log_ndtr
 
-FloatArray = NDArray[np.float64]
+from palpate.arrays import FloatArray
 
 #: Exponents of force over indentation and how common they are: 1 a flat or layered body, 1.5 a
 #: round one (Hertz).

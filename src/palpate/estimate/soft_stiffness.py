@@ -20,8 +20,8 @@ from scipy.special import ndtri
 from scipy.stats import norm
 
 from palpate.estimate.bounded import bounded_interval, bounded_middle
-from palpate.estimate.closing_stiffness import ClosingCurve
-from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Give
+from palpate.estimate.closing_stiffness import ClosingSteps
+from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
@@ -36,15 +36,15 @@ _FORCES = 200
 
 
 def soft_stiffness(
-    curve: ClosingCurve, *, give: Give, opening_mm: float, force: Measurement
+    curve: ClosingSteps, *, give: Compliance, opening_mm: float, force: Measurement
 ) -> Measurement | None:
     """Return the object's secant stiffness at the settled force; None if too little was felt.
 
     Parameters
     ----------
-    curve : ClosingCurve
+    curve : ClosingSteps
         The closing; widths are those that the fingers would have with nothing between them.
-    give : Give
+    give : Compliance
         Of the fingers.
     opening_mm : float
         Final width of that kind.
@@ -62,13 +62,13 @@ def soft_stiffness(
     --------
     Fingers that give way by 3.5 mm/N, touching at 40 mm, on 0.5 N/mm and on something rigid:
 
-    >>> give = Give(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1,
+    >>> give = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1,
     ...     largest_force_n=15.0)
     >>> held = Measurement(value=4.0, low=3.6, high=4.4, unit="n", level=0.9)
     >>> force_n = np.array([0.0, 0.5, 2.0, 4.0])
     >>> for own_mm_per_n in (2.0, 0.0):
     ...     width_mm = 40.0 - (3.5 + own_mm_per_n) * force_n
-    ...     curve = ClosingCurve(width_mm=width_mm, force_n=force_n, gain_sd=0.05,
+    ...     curve = ClosingSteps(width_mm=width_mm, force_n=force_n, gain_sd=0.05,
     ...         law_sd=0.1, floor_n=0.02)
     ...     found = soft_stiffness(curve, give=give, opening_mm=float(width_mm[-1]), force=held)
     ...     print(found.low < 0.5 < found.high, found.status)
@@ -108,7 +108,7 @@ def _stiffness_n_per_mm(softness_mm_per_n: float) -> float:
 
 
 def _together(
-    curve: ClosingCurve, give: Give, opening_mm: float, force_n: float
+    curve: ClosingSteps, give: Compliance, opening_mm: float, force_n: float
 ) -> tuple[float, float] | None:
     """Return ln softness (mm/N) of hand and object together, and its scatter but for the force's.
 

@@ -15,12 +15,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
+from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
-
-FloatArray = NDArray[np.float64]
 
 #: Where the stiffness of objects is looked at, in its standard deviations.
 _GRID = np.linspace(-5.0, 5.0, 401)

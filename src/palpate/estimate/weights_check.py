@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force import FloatArray, PowerForceLaw
-from palpate.estimate.pixel_law import Placements, left_out
+from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.pixel_law import PlacedReadings, left_out
 
 #: Forces at which a calibration reports what error to expect, newtons, and the ratio within which a
 #: reading counts as near one of them.
@@ -17,7 +18,7 @@ _NEAR = 1.4
 _FEWEST_PLACEMENTS = 3
 
 
-def held_out_of_placements(placements: Placements) -> dict[str, dict[str, float | None]]:
+def held_out_of_placements(placements: PlacedReadings) -> dict[str, dict[str, float | None]]:
     """Return the median errors of the laws that a grasp reads, on placements left out, percent.
 
     A grasp is one more placement, so every placement counts once: by its readings near the force,

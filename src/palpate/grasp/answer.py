@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
-from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Bend, Give
+from palpate.estimate.closing_stiffness import ClosingSteps, object_stiffness
+from palpate.estimate.compliance import (
+    SOFTEST_N_PER_MM,
+    STIFFEST_N_PER_MM,
+    Compliance,
+    SoftFingerCompliance,
+)
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
@@ -24,7 +28,6 @@ from palpate.settling.result import SettledEstimate, Status
 _SOFT_FINGERS = "the soft fingers give way far more than the object"
 _RIGID_FINGERS = "the object gave way too little beside fingers and pads; squeeze it more firmly"
 
-FloatArray = NDArray[np.float64]
 
 #: Normal variables at five and three points with their probabilities (Gauss-Hermite).
 _GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
@@ -187,7 +190,7 @@ def _log_ratio(large: float, small: float) -> float:
     return float(np.log(large / max(small, 1e-3 * large)))
 
 
-def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | None:
+def _contact_point(belief: Belief, plan: Plan, give: Compliance) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
     width = np.array([plan.gripper.target(c.closure) for c in belief.staircase])
     felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in belief.staircase])
@@ -226,7 +229,7 @@ def _contact_point(belief: Belief, plan: Plan, give: Give) -> ContactPoint | Non
     return ContactPoint.mixture(points, weights=weights)
 
 
-def _size(size: ContactPoint, plan: Plan, give: Give) -> Measurement:
+def _size(size: ContactPoint, plan: Plan, give: Compliance) -> Measurement:
     """Return the size, widened by the scatter of the gripper's own width."""
     tail = (1 - plan.level) / 2
     low, value, high = size.quantile([tail, 0.5, 1 - tail])
@@ -240,7 +243,9 @@ def _size(size: ContactPoint, plan: Plan, give: Give) -> Measurement:
     )
 
 
-def _stiffness(belief: Belief, force: Measurement, plan: Plan, give: Give) -> Measurement | None:
+def _stiffness(
+    belief: Belief, force: Measurement, plan: Plan, give: Compliance
+) -> Measurement | None:
     """Return the object's own secant stiffness at the settled force."""
     curve = _closing_curve(belief, plan, give)
     if curve is None:
@@ -257,7 +262,7 @@ def stiffness_told(belief: Belief, force: Measurement, *, plan: Plan) -> Measure
 
 
 def _soft_stiffness(
-    belief: Belief, force: Measurement, plan: Plan, bend: Bend
+    belief: Belief, force: Measurement, plan: Plan, bend: SoftFingerCompliance
 ) -> Measurement | None:
     """Return the same from fingers driven by pressure, as far as they tell it."""
     curve = _closing_curve(belief, plan, bend.give, mm_per_unit=-bend.mm_per_kpa)
@@ -268,8 +273,8 @@ def _soft_stiffness(
 
 
 def _closing_curve(
-    belief: Belief, plan: Plan, give: Give, *, mm_per_unit: float = 1.0
-) -> ClosingCurve | None:
+    belief: Belief, plan: Plan, give: Compliance, *, mm_per_unit: float = 1.0
+) -> ClosingSteps | None:
     """Return the staircase read in early forces, from just before the first touch on."""
     hinted = [c.touch.shared_percent < plan.hint_percent for c in belief.staircase]
     if not any(hinted):
@@ -282,7 +287,7 @@ def _closing_curve(
     )
     reach = float(ndtri(0.5 + plan.level / 2))
     firmest = int(np.argmax(read.value))
-    return ClosingCurve(
+    return ClosingSteps(
         width_mm=mm_per_unit * np.array([plan.gripper.target(c.closure) for c in steps])
         - give.zero_mm,
         force_n=np.where(felt, read.value, 0.0),

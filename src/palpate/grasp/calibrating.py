@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, DeviceError
 from palpate.gripper.interface import Gripper, GripperCommand
@@ -23,8 +23,6 @@ from palpate.signal.relative import (
     relative_change_percent,
     rest_baseline,
 )
-
-FloatArray = NDArray[np.float64]
 
 #: A first touch of the load cell, newtons. Closing goes on slowly up to it, then in steps that grow
 #: with the force, so that small forces get as many readings as large ones.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.estimate.closing_stiffness import LAG, tilt_sd, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
 
@@ -23,7 +23,6 @@ _HASTE_SD = 0.12
 #: Below this no sheet is asked how far the force rose, newtons.
 _FAINTEST_N = 0.05
 
-FloatArray = NDArray[np.float64]
 
 #: Less than this share of the strongest reading of the closing is another grip than the servo's
 #: current was read of.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.estimate.compliance import Bend, Give
+from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw
 from palpate.estimate.own_creep import OwnCreep
@@ -32,7 +32,7 @@ class Plan:
     settled_law, early_law : ForceLaw
         Force from the reading at the settling horizon, and from that `dwell_s` after a movement:
         the sheet lags, so they are two laws.
-    give : Give or None
+    give : Compliance or None
         How far pads, fingers and servo give way. None for pressure-driven fingers: their pressure
         tells no width, so there is neither size nor stiffness.
     steepest_n : float
@@ -45,7 +45,7 @@ class Plan:
         From the excess conductance of the pixels to what the laws read.
     creep : OwnCreep or None
         How this sheet creeps after a step, where its calibration had enough holds to show it.
-    bend : Bend or None
+    bend : SoftFingerCompliance or None
         How fingers driven by pressure close and give way, where two blocks told it.
     current : CurrentLaw or None
         Servo current over force while closing, where the gripper reports it and was calibrated.
@@ -119,13 +119,13 @@ class Plan:
     rest_ohm: NDArray[np.float64]
     settled_law: ForceLaw
     early_law: ForceLaw
-    give: Give | None
+    give: Compliance | None
     steepest_n: float
     gripper: GripperLimits
     settling: SettlingMethod
     reading: PixelReading = field(default_factory=PixelReading.summed)
     creep: OwnCreep | None = None
-    bend: Bend | None = None
+    bend: SoftFingerCompliance | None = None
     current: CurrentLaw | None = None
     target_force_n: float | None = None
     lift_force_n: float | None = None

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
-from palpate.estimate.compliance import Bend, Give
+from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.force import ForceLaw, PowerForceLaw
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.own_creep import OwnCreep
-from palpate.estimate.pixel_law import PixelReading, Placements, fit_laws
+from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.weights_check import held_out_of_pairs, held_out_of_placements
 from palpate.grasp.plan import Plan
@@ -95,11 +95,11 @@ def force_now(pairs: ForcePairs) -> ForceNow:
     return ForceNow(reading, early=early, settled=settled, early_s=DWELL_S, settled_s=HORIZON_S)
 
 
-def placements_of(pairs: ForcePairs) -> Placements:
+def placements_of(pairs: ForcePairs) -> PlacedReadings:
     """Return the readings that the laws of a grasp are fitted to, by placement."""
     since_s = np.array(pairs.since_move_s)
     used = np.isclose(since_s, DWELL_S) | np.isclose(since_s, HORIZON_S)
-    return Placements(
+    return PlacedReadings(
         run=np.array(pairs.run, dtype=float)[used],
         pixel_excess=np.array(pairs.pixel_excess)[used],
         force_n=np.array(pairs.force_n)[used],
@@ -147,7 +147,7 @@ def _by_width(block: BlockPairs) -> dict[str, Any]:
             "the calibration's closings on a block are pressures, and this gripper is driven by "
             "width; calibrate it on this gripper"
         )
-    give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+    give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
     return {"give": give, "steepest_n": give.stiffest_n_per_mm}
 
 
@@ -164,7 +164,7 @@ def _by_pressure(block: BlockPairs) -> dict[str, Any]:
         raise CalibrationError("on the rigid block the force must rise with the pressure")
     bend = None
     if np.ptp(block.block_mm) > 0:
-        bend = Bend.fit(pressure_kpa, force_n=force_n, block_mm=block.block_mm)
+        bend = SoftFingerCompliance.fit(pressure_kpa, force_n=force_n, block_mm=block.block_mm)
     steepest_n = _BEND_MARGIN * slope_n_per_kpa
     return {"give": None, "bend": bend, "steepest_n": steepest_n, **_PRESSURE_STEPS}
 

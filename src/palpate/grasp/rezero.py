@@ -11,14 +11,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
 from palpate.signal.relative import rest_baseline
-
-FloatArray = NDArray[np.float64]
 
 #: A hand that touches the sheet, or a sheet that recovers, gets so long to come to rest, seconds.
 _PATIENCE_S = 3.0

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.estimate.servo_force import CurrentLaw
-
-FloatArray = NDArray[np.float64]
 
 #: What is remembered of the way; what is read as "now" of it, and how much lies between now and the
 #: past that it is compared with: a touch that has just begun must not be its own measure.

@@ -17,11 +17,11 @@ from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import (
     MAX_PRESSURE_KPA,
+    BoardStatus,
     Command,
     FrameMessage,
     Ping,
     SetPressure,
-    Status,
 )
 
 #: Range of the paper's fingers (section 4.2), and a slew that they follow.
@@ -153,14 +153,14 @@ class PneumaticGripper:
         self._sent_s = self._clock.now_s()
 
     def _refuse_trips(self, status: int) -> None:
-        if status & Status.CEILING_TRIPPED:
+        if status & BoardStatus.CEILING_TRIPPED:
             raise DeviceError(
                 "the board has vented the fingers: a pixel reached its ceiling. Take the cause "
                 "away, then restart the board"
             )
         # Frames from before the last pressure command may still tell of an earlier silence.
         pressed = self._target_kpa > self.limits.lowest and self._board.newest_s > self._told_s
-        if status & Status.HEARTBEAT_LOST and pressed:
+        if status & BoardStatus.HEARTBEAT_LOST and pressed:
             raise DeviceError(
                 "the board has vented the fingers: it heard nothing for 0.5 s. Check its cable, "
                 "and that nothing else loads this machine"

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.plots.inline_svg import page_figure
 from palpate.plots.style import BLUE, GREY, INK, ORANGE
 from palpate.produce.records import About, Grasp, Source
-from palpate.produce.store.item_history import ItemPage
+from palpate.produce.store.item_history import ItemHistory
 from palpate.settling.result import Status
 
 if TYPE_CHECKING:
@@ -23,12 +23,14 @@ _MOST_SIDES = 4
 _ON_DARK, _ON_LIGHT = "#FDFDFD", "#101010"
 
 
-def history_figure(page: ItemPage, name: str, *, label: str, zone: tzinfo | None = None) -> Figure:
+def history_figure(
+    page: ItemHistory, name: str, *, label: str, zone: tzinfo | None = None
+) -> Figure:
     """Draw one measurement of an item over time, with its intervals and what a person said.
 
     Parameters
     ----------
-    page : ItemPage
+    page : ItemHistory
         The item.
     name : str
         Name of the measurement.
@@ -105,7 +107,7 @@ def _from_zero(axis: Any, value: np.ndarray, high: np.ndarray) -> None:
     axis.set_ylim(0, min(float(high.max()) * 1.08, max(usual, float(value.max()) * 1.15)))
 
 
-def _mark_words(axis: Any, page: ItemPage, zone: tzinfo | None) -> None:
+def _mark_words(axis: Any, page: ItemHistory, zone: tzinfo | None) -> None:
     for verdict in page.verdicts:
         if verdict.about is About.RIPENESS and verdict.source is Source.PERSON:
             time = local(verdict.given_at, zone)

@@ -14,7 +14,7 @@ from palpate.plots.inline_svg import page_figure
 from palpate.plots.item_history import date_axis, local
 from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY
 from palpate.produce.records import About, Grasp
-from palpate.produce.store.item_history import ItemPage
+from palpate.produce.store.item_history import ItemHistory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +28,7 @@ _MOST_VECTORS = 1500
 _LABELLED_DIGITS = "25"
 
 
-def size_stiffness_figure(pages: Sequence[ItemPage]) -> Figure | None:
+def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
     """Draw every item by its last size and stiffness, by kind; None if none has both."""
     points = [
         (kind_of(page), size.value, stiffness.value)
@@ -71,7 +71,7 @@ def size_stiffness_figure(pages: Sequence[ItemPage]) -> Figure | None:
     return figure
 
 
-def softening_figure(pages: Sequence[ItemPage], *, zone: tzinfo | None = None) -> Figure | None:
+def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None) -> Figure | None:
     """Draw the stiffness of each item over its days; None if none was grasped on two."""
     tracks = []
     for page in pages:
@@ -157,7 +157,7 @@ def hours_figure(grasps: Sequence[Grasp], *, zone: tzinfo | None = None) -> Figu
     return figure
 
 
-def kind_of(page: ItemPage) -> str:
+def kind_of(page: ItemHistory) -> str:
     """Return what an item is: as a person said, else as it was identified."""
     if page.item.kind is not None:
         return page.item.kind
@@ -165,7 +165,7 @@ def kind_of(page: ItemPage) -> str:
     return "not named" if said is None else said.text
 
 
-def _looks(pages: Sequence[ItemPage]) -> dict[str, tuple[str, str]]:
+def _looks(pages: Sequence[ItemHistory]) -> dict[str, tuple[str, str]]:
     """Return the colour and marker of each kind, the most frequent first."""
     kinds = [kind for kind, _ in Counter(map(kind_of, pages)).most_common()]
     own = list(zip(_COLOURS, _MARKERS, strict=True))

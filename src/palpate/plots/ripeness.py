@@ -12,19 +12,21 @@ from palpate.plots.style import BLUE, GREY, ORANGE, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.produce.ripeness.items import ItemHistory
+    from palpate.produce.ripeness.items import FirmnessHistory
     from palpate.produce.ripeness.rule import Ripeness, RipenessRule
 
 #: Days drawn beyond the last grasp.
 _AHEAD_DAYS = 3.0
 
 
-def item_figure(history: ItemHistory, ripeness: Ripeness, *, rule: RipenessRule | None) -> Figure:
+def item_figure(
+    history: FirmnessHistory, ripeness: Ripeness, *, rule: RipenessRule | None
+) -> Figure:
     """Draw the grasps of one item, the courses that agree with them, and where stages begin.
 
     Parameters
     ----------
-    history : ItemHistory
+    history : FirmnessHistory
         What was felt.
     ripeness : Ripeness
         What is said of it.
@@ -57,7 +59,7 @@ def item_figure(history: ItemHistory, ripeness: Ripeness, *, rule: RipenessRule 
 
 
 def _draw_courses(
-    axis: Any, history: ItemHistory, *, rule: RipenessRule, end: float, width: bool
+    axis: Any, history: FirmnessHistory, *, rule: RipenessRule, end: float, width: bool
 ) -> None:
     day = np.linspace(-0.2, end, 80)
     courses = rule.course.courses_of(history.days)
@@ -95,7 +97,7 @@ def _shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
     return np.asarray(np.exp(values if width else -values))
 
 
-def _title(history: ItemHistory, ripeness: Ripeness) -> str:
+def _title(history: FirmnessHistory, ripeness: Ripeness) -> str:
     simulated = ", simulated" if any(grasp.simulated for grasp in history.grasps) else ""
     chance = 100 * ripeness.probabilities[ripeness.stage]
     said = f"{history.item_id}{simulated}: {ripeness.stage} ({chance:.0f} %)"

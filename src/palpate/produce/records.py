@@ -249,7 +249,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class PastMeasurement:
     """One measurement of an item's history, and how it was taken."""
 
     #: When.

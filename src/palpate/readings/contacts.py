@@ -46,7 +46,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outline:
+class ContactOutline:
     """A recording reduced to what decides where contacts are."""
 
     #: Shape (n_cells,). Middle of each cell, and the smoothed height there.
@@ -73,7 +73,7 @@ def heights(values: FloatArray) -> FloatArray:
     return np.log(values) if positive else values
 
 
-def outline(time_s: FloatArray, values: FloatArray) -> Outline:
+def outline(time_s: FloatArray, values: FloatArray) -> ContactOutline:
     """Find the movements of a recording and what lies between them.
 
     Parameters
@@ -96,7 +96,7 @@ def outline(time_s: FloatArray, values: FloatArray) -> Outline:
     step = max(MOVED_SHARE * float(np.ptp(smooth)), MOVED_SIGMAS * noise)
     moving = _moving(smooth, step=step, cells=max(1, round(MOVED_WITHIN_S / cell_s)))
     stretches = _stretches(at_s, smooth, moving, step=step)
-    return Outline(time_s=at_s, height=smooth, noise=noise, step=step, stretches=stretches)
+    return ContactOutline(time_s=at_s, height=smooth, noise=noise, step=step, stretches=stretches)
 
 
 def _cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.readings.contacts import MOVED_WITHIN_S, Outline, Stretch, heights, outline
+from palpate.readings.contacts import MOVED_WITHIN_S, ContactOutline, Stretch, heights, outline
 
 #: From contact to opening; a shorter touch is a step on the way more often than a hold. Of it at
 #: least half are left after loading.
@@ -140,7 +140,7 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     return Cut(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
 
 
-def _side_of_load(shape: Outline, unit: str | None) -> tuple[bool, bool]:
+def _side_of_load(shape: ContactOutline, unit: str | None) -> tuple[bool, bool]:
     """Return whether load is the upper side, and whether the recording begins loaded."""
     first, bottom, top = shape.stretches[0].level, shape.height.min(), shape.height.max()
     # What the recording departs to is load: it begins at rest.
@@ -160,7 +160,7 @@ def _side_of_load(shape: Outline, unit: str | None) -> tuple[bool, bool]:
     return begins_low, False
 
 
-def _comes_to_load(stretch: Stretch, shape: Outline, toward: float) -> bool:
+def _comes_to_load(stretch: Stretch, shape: ContactOutline, toward: float) -> bool:
     """Return whether a movement leads to load and stays there: a tap comes back."""
     inside = (shape.time_s >= stretch.onset_s) & (shape.time_s <= stretch.begin_s)
     reached = toward * (shape.height[inside] - stretch.before)
@@ -171,7 +171,7 @@ def _comes_to_load(stretch: Stretch, shape: Outline, toward: float) -> bool:
 def _contact(
     stretch: Stretch,
     last: Stretch,
-    shape: Outline,
+    shape: ContactOutline,
     toward: float,
     *,
     time_s: FloatArray,
@@ -203,7 +203,7 @@ def _loaded_s(stretch: Stretch, toward: float, *, time_s: FloatArray, height: Fl
 
 
 def _refusal(
-    stretch: Stretch, last: Stretch, shape: Outline, start_s: float, *, time_s: FloatArray
+    stretch: Stretch, last: Stretch, shape: ContactOutline, start_s: float, *, time_s: FloatArray
 ) -> str:
     """Return why a stretch after contact is no hold, or nothing."""
     held_s = stretch.end_s - start_s
@@ -221,7 +221,7 @@ def _refusal(
     return _unsettled(stretch, shape, start_s)
 
 
-def _still_before(stretch: Stretch, last: Stretch, shape: Outline) -> bool:
+def _still_before(stretch: Stretch, last: Stretch, shape: ContactOutline) -> bool:
     """Return whether the reading stands still for a moment before the contact.
 
     At the very beginning of a recording there need not be such a moment.
@@ -234,7 +234,7 @@ def _still_before(stretch: Stretch, last: Stretch, shape: Outline) -> bool:
     return moved <= STILL_BEFORE_SHARE * abs(stretch.level - stretch.before) + 4.0 * shape.noise
 
 
-def _unsettled(stretch: Stretch, shape: Outline, start_s: float) -> str:
+def _unsettled(stretch: Stretch, shape: ContactOutline, start_s: float) -> str:
     """Return why what is held doesn't settle, or nothing."""
     inside = (shape.time_s >= start_s) & (shape.time_s <= stretch.end_s - OPENING_S)
     parts = np.array_split(shape.height[inside], JUDGED_PARTS)

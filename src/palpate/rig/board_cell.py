@@ -12,7 +12,7 @@ from palpate.errors import DeviceError, InputError
 from palpate.sensor.array import PressureArray
 from palpate.sensor.board_link import POLL_S
 from palpate.sensor.serial_array import SerialArray
-from palpate.sensor.wire_messages import NO_READING, LoadCell
+from palpate.sensor.wire_messages import NO_READING, CellSample
 
 #: Five readings of an HX711 at its slower rate: the board itself calls a cell silent after that.
 _SILENT_S = 0.5
@@ -76,7 +76,7 @@ class BoardLoadCell:
         raw = np.array([_checked(found, cell) for cell in self._used])
         return float(np.mean((raw - self._zero) * self._scale))
 
-    def _look(self) -> tuple[LoadCell, ...]:
+    def _look(self) -> tuple[CellSample, ...]:
         """Take in the newest readings; return them if they are fresh and each cell is alive."""
         self._array.newest()
         now_s, found = self._clock.now_s(), self._array.load_cells
@@ -170,7 +170,7 @@ def board_with_cells(array: PressureArray) -> SerialArray:
     )
 
 
-def _checked(found: Sequence[LoadCell], cell: int) -> int:
+def _checked(found: Sequence[CellSample], cell: int) -> int:
     raw = found[cell].raw
     if raw == NO_READING:
         raise DeviceError(

@@ -10,10 +10,10 @@ from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.wire import Decoder, encode_command
 from palpate.sensor.wire_messages import (
     Ack,
+    BoardIdentity,
     Command,
     FrameMessage,
     Identify,
-    Identity,
     Result,
     SetRate,
 )
@@ -44,7 +44,7 @@ class BoardLink:
     def __init__(self, stream: ByteStream, *, clock: Clock, decoder: Decoder | None = None) -> None:
         self.stream = stream
         self.decoder = decoder or Decoder()
-        self.identity: Identity | None = None
+        self.identity: BoardIdentity | None = None
         #: The board started anew (an identity that nobody asked for) since it was last set up.
         self.was_reset = False
         self._clock = clock
@@ -86,7 +86,7 @@ class BoardLink:
             if isinstance(message, FrameMessage):
                 if not self._todo:
                     frames.append(message)
-            elif isinstance(message, Identity):
+            elif isinstance(message, BoardIdentity):
                 self._identified(message)
             else:
                 self._answered(message)
@@ -121,7 +121,7 @@ class BoardLink:
             self._sent_s = now_s
             self.stream.write(encode_command(self._todo[0], tag=self._tag))
 
-    def _identified(self, identity: Identity) -> None:
+    def _identified(self, identity: BoardIdentity) -> None:
         self.identity = identity
         if identity.tag == 0 and self._todo:
             self._todo = list(self._commands)  # what it was told before is forgotten
@@ -163,12 +163,12 @@ class BoardLink:
         )
 
 
-def least_delay_s(identity: Identity, *, pixels: int, oversampling: int) -> float:
+def least_delay_s(identity: BoardIdentity, *, pixels: int, oversampling: int) -> float:
     """Return the time from the start of a scan to its last byte, as the board's identity gives it.
 
     Parameters
     ----------
-    identity : Identity
+    identity : BoardIdentity
         Conversion and settle times, and the speed of the link.
     pixels : int
         Pixels of a frame.

@@ -33,7 +33,7 @@ _LOADED_FALL = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stretch:
+class FrameColumns:
     """Frames in columns."""
 
     #: Shape (frames,). When each was scanned.
@@ -46,7 +46,7 @@ class Stretch:
     oversampling: int = 1
 
     @classmethod
-    def of(cls, frames: Sequence[Frame]) -> Stretch:
+    def of(cls, frames: Sequence[Frame]) -> FrameColumns:
         """Return frames of one oversampling as columns."""
         return cls(
             time_s=np.array([frame.time_s for frame in frames]),
@@ -67,10 +67,10 @@ class Stretch:
             for time_s, number, counts in zip(self.time_s, self.sequence, self.counts, strict=True)
         ]
 
-    def first(self, duration_s: float) -> Stretch:
+    def first(self, duration_s: float) -> FrameColumns:
         """Return the frames of the first `duration_s` seconds."""
         count = int(np.searchsorted(self.time_s, self.time_s[0] + duration_s, side="right"))
-        return Stretch(
+        return FrameColumns(
             time_s=self.time_s[:count],
             sequence=self.sequence[:count],
             counts=self.counts[:count],
@@ -113,10 +113,10 @@ class Health:
 
 
 def examine(
-    rest: Stretch,
+    rest: FrameColumns,
     *,
     layout: ArrayLayout,
-    whole: Stretch | None = None,
+    whole: FrameColumns | None = None,
     known_ohm: ArrayLike | None = None,
     asked_hz: float | None = None,
     events: LinkEvents | None = None,
@@ -126,11 +126,11 @@ def examine(
 
     Parameters
     ----------
-    rest : Stretch
+    rest : FrameColumns
         Some seconds in which nothing touches the sensor; at least 30 frames.
     layout : ArrayLayout
         Pixels and divider.
-    whole : Stretch, optional
+    whole : FrameColumns, optional
         All frames, under load too: for losses and for the working range; by default `rest`.
     known_ohm : array_like, shape (rows, cols), optional
         Rest values of the calibration.
@@ -153,7 +153,7 @@ def examine(
     >>> rng = np.random.default_rng(1)
     >>> counts = np.rint(rng.normal(300, 0.6, (100, 2, 2))).astype(np.int32)
     >>> counts[:, 0, 1] = 0
-    >>> frames = Stretch(time_s=np.arange(100) / 15, sequence=np.arange(100), counts=counts)
+    >>> frames = FrameColumns(time_s=np.arange(100) / 15, sequence=np.arange(100), counts=counts)
     >>> pair = ArrayLayout(name="pair", rows=2, cols=2, finger_of_row=(0, 1))
     >>> health = examine(frames, layout=pair)
     >>> health.healthy, [(found.code, found.where) for found in health.findings]
@@ -186,7 +186,7 @@ def examine(
     )
 
 
-def _refuse_unfit(stretch: Stretch, *, layout: ArrayLayout) -> None:
+def _refuse_unfit(stretch: FrameColumns, *, layout: ArrayLayout) -> None:
     shape = (layout.rows, layout.cols)
     if stretch.counts.shape[1:] != shape:
         raise InputError(f"frames of {stretch.counts.shape[1:]} pixels don't fit layout {shape}")
@@ -210,7 +210,7 @@ def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
 
 
 def _resistor(
-    rest_ohm: FloatArray, whole: Stretch, *, sound: NDArray[np.bool_], layout: ArrayLayout
+    rest_ohm: FloatArray, whole: FrameColumns, *, sound: NDArray[np.bool_], layout: ArrayLayout
 ) -> tuple[ResistorFit | None, bool]:
     """Compare the reference resistor with the range of the sound pixels."""
     if not rest_ohm.size:

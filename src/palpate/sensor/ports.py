@@ -11,7 +11,7 @@ from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceNotFoundError
 from palpate.sensor.board_link import BoardLink
 from palpate.sensor.byte_stream import ByteStream, SerialStream
-from palpate.sensor.wire_messages import Identify, Identity
+from palpate.sensor.wire_messages import BoardIdentity, Identify
 
 _ARDUINO = "Arduino"
 #: USB vendor -> what it means; product ids matter only for the chips that are on everything.
@@ -150,7 +150,7 @@ def follow(
     return where
 
 
-def identify(stream: ByteStream, *, clock: Clock) -> Identity:
+def identify(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
     """Ask what is behind a port, and close it.
 
     Raises

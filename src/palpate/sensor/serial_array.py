@@ -16,12 +16,12 @@ from palpate.sensor.board_link import POLL_S, BoardLink, least_delay_s
 from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.device_clock import DeviceClock
 from palpate.sensor.wire_messages import (
+    BoardIdentity,
+    CellSample,
     Command,
     Contents,
     FrameMessage,
     Identify,
-    Identity,
-    LoadCell,
     SetLayout,
     SetOversampling,
     SetRate,
@@ -113,7 +113,7 @@ class SerialArray:
         self._decoder = self._link.decoder
         self._device_clock = DeviceClock()
         self._waiting: deque[Frame] = deque()
-        self._load_cells: tuple[LoadCell, ...] = ()
+        self._load_cells: tuple[CellSample, ...] = ()
         self._newest: FrameMessage | None = None
         self._stream_number: int | None = None
         self._sequence_offset = 0
@@ -138,12 +138,12 @@ class SerialArray:
         return self._name
 
     @property
-    def identity(self) -> Identity | None:
+    def identity(self) -> BoardIdentity | None:
         """What the board says of itself; None while it is unplugged."""
         return None if self._link is None else self._link.identity
 
     @property
-    def load_cells(self) -> tuple[LoadCell, ...]:
+    def load_cells(self) -> tuple[CellSample, ...]:
         """Raw readings that came with the newest frame; empty unless asked for."""
         return self._load_cells
 

@@ -64,7 +64,7 @@ class Contents(IntFlag):
     PRESSURE = 2
 
 
-class Status(IntFlag):
+class BoardStatus(IntFlag):
     """Conditions and faults that every frame reports."""
 
     #: The scan before this one was dropped on the board: the link was too slow.
@@ -92,7 +92,7 @@ class ResetCause(IntFlag):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LoadCell:
+class CellSample:
     """One load-cell amplifier's latest reading."""
 
     #: 24-bit signed reading; `NO_READING` before the first.
@@ -113,12 +113,12 @@ class FrameMessage:
     stream: int
     #: Conversions summed per pixel.
     oversampling: int
-    #: Bits of `Status`.
+    #: Bits of `BoardStatus`.
     status: int
     #: Shape (rows, cols). Sums of 10-bit readings: at most 1023 times `oversampling`; read-only.
     counts: NDArray[np.uint16]
     #: Empty unless asked for.
-    load_cells: tuple[LoadCell, ...] = ()
+    load_cells: tuple[CellSample, ...] = ()
     #: Regulator output now (after the slew limit) and its read-back.
     pressure_set_kpa: float | None = None
     pressure_kpa: float | None = None
@@ -145,7 +145,7 @@ class Ack:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Identity:
+class BoardIdentity:
     """What the board says of itself; sent once at start-up (tag 0) and on `Identify`.
 
     Attributes
@@ -186,12 +186,12 @@ class Identity:
     board: str
 
 
-Message = FrameMessage | Ack | Identity
+Message = FrameMessage | Ack | BoardIdentity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identify:
-    """Ask for an `Identity`."""
+    """Ask for an `BoardIdentity`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

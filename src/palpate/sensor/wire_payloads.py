@@ -15,13 +15,13 @@ from palpate.sensor.wire_messages import (
     MAX_OVERSAMPLING,
     MAX_SIDE,
     Ack,
+    BoardIdentity,
+    CellSample,
     Command,
     CommandType,
     Contents,
     FrameMessage,
     Identify,
-    Identity,
-    LoadCell,
     Ping,
     Result,
     SetCeiling,
@@ -122,7 +122,7 @@ def pack_ack(ack: Ack) -> bytes:
     )
 
 
-def pack_identity(identity: Identity) -> bytes:
+def pack_identity(identity: BoardIdentity) -> bytes:
     """Return the payload of an identity."""
     return _IDENTITY.pack(
         identity.tag,
@@ -165,7 +165,7 @@ def unpack_frame(
     end = _FRAME_HEAD.size + 2 * rows * cols
     if not 1 <= oversampling <= MAX_OVERSAMPLING:
         return None
-    loads: tuple[LoadCell, ...] = ()
+    loads: tuple[CellSample, ...] = ()
     set_kpa = read_kpa = None
     if contents:
         if contents > _ALL_CONTENTS or len(payload) != end + _extra_size(contents):
@@ -196,11 +196,11 @@ def _extra_size(contents: int) -> int:
 
 def _unpack_extra(
     payload: bytes, offset: int, contents: int
-) -> tuple[tuple[LoadCell, ...], float | None, float | None]:
-    loads: tuple[LoadCell, ...] = ()
+) -> tuple[tuple[CellSample, ...], float | None, float | None]:
+    loads: tuple[CellSample, ...] = ()
     if contents & Contents.LOAD_CELLS:
         raw_0, sample_0, raw_1, sample_1 = _LOADS.unpack_from(payload, offset)
-        loads = (LoadCell(raw=raw_0, sample=sample_0), LoadCell(raw=raw_1, sample=sample_1))
+        loads = (CellSample(raw=raw_0, sample=sample_0), CellSample(raw=raw_1, sample=sample_1))
         offset += _LOADS.size
     if not contents & Contents.PRESSURE:
         return loads, None, None
@@ -226,7 +226,7 @@ def unpack_ack(payload: bytes) -> Ack | None:
     )
 
 
-def unpack_identity(payload: bytes) -> Identity | None:
+def unpack_identity(payload: bytes) -> BoardIdentity | None:
     """Return the identity in `payload`, or None if it isn't one."""
     board = payload[_IDENTITY.size :]
     if len(payload) < _IDENTITY.size or not board.isascii():
@@ -234,7 +234,7 @@ def unpack_identity(payload: bytes) -> Identity | None:
     tag, protocol, major, minor, patch, *rest = _IDENTITY.unpack_from(payload)
     features, rows, cols, oversampling, max_rows, max_cols, max_oversampling, *rest = rest
     settle_us, heartbeat_ms, state, conversion_us, baud, rate_mhz, highest_mhz = rest
-    return Identity(
+    return BoardIdentity(
         tag=tag,
         protocol=protocol,
         version=(major, minor, patch),

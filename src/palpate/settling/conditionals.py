@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.settling.shapes import DEVIATIONS, N_CURVES, curve_values
 
 #: An average of many samples is no better than this share of one sample's variance: coloured noise.

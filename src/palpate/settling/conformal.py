@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.holds import Hold
 from palpate.settling.percent import without_percent
-from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
+from palpate.settling.result import SettledEstimate, SettlingMethod
 from palpate.settling.scoring import settled_value
 from palpate.signal.transient import peak_index
 

@@ -8,10 +8,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.holds import Hold
 from palpate.settling.deciding import first_sure
 from palpate.settling.percent import for_unit
-from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod, Status
+from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 from palpate.settling.scoring import Scores, recorded_value, score, settled_value
 
 #: Holds predicted together. Only holds on one sampling grid share work, and those are neighbours.

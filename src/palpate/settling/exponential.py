@@ -17,7 +17,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.settling.result import FloatArray, SettledEstimate, Status
+from palpate.arrays import FloatArray
+from palpate.settling.result import SettledEstimate, Status
 from palpate.settling.varpro import Flag, Number, RateFit, fit_one_rate, fit_rate
 from palpate.signal.transient import WAIT_S, hold_window
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 
 #: How much wider the interval is than the mixture says, without calibration: no prior holds every
 #: shape. Chosen on training holds, see `docs/prediction.md`.

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.settling.result import FloatArray, SettledEstimate, Status
+from palpate.arrays import FloatArray
+from palpate.settling.result import SettledEstimate, Status
 from palpate.signal.transient import WAIT_S, hold_window
 
 #: A line and one sample to spare.

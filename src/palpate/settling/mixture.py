@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.settling.conditionals import DEVIATION_OF, N_DEVIATIONS, NOISE, Conditionals
-from palpate.settling.result import FloatArray
 
 #: Scale of the change of ln R from 0.3 to 20 s, and how many samples' worth that is known: sheets
 #: creep by a tenth, rarely by less than a fiftieth or more than a half.

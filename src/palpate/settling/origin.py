@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 from palpate.signal.transient import peak_index
 
 #: A baseline stays within this share of the whole change for at least so long (s) and so many

@@ -14,12 +14,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.holds import Hold
 from palpate.settling.mixture import Mixture
 from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray, SettledEstimate
+from palpate.settling.result import SettledEstimate
 from palpate.settling.scoring import settled_value
 
 #: The general odds count as so many of the sensor's own holds, and for a tenth at least.

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from palpate.arrays import FloatArray
 from palpate.holds import Hold
-from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
+from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: The only unit that a predictor has to be told.
 PERCENT = "percent"

@@ -10,13 +10,14 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.settling.exponential import Exponential
 from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import for_unit
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
+from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
 METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from palpate.settling.result import FloatArray, SettledEstimate, Status
+from palpate.arrays import FloatArray
+from palpate.settling.result import SettledEstimate, Status
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

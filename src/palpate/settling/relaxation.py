@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from palpate.arrays import FloatArray
 from palpate.holds import Hold
 from palpate.settling.conditionals import conditionals, noise_scatter
 from palpate.settling.intervals import UNCALIBRATED, WIDENING, IntervalScale
@@ -16,7 +17,7 @@ from palpate.settling.mixture import LIGHTEST, Mixture, posterior, quantiles
 from palpate.settling.odds import LOG_ODDS
 from palpate.settling.origin import Window, windows
 from palpate.settling.percent import without_percent
-from palpate.settling.result import FloatArray, SettledEstimate, Status
+from palpate.settling.result import SettledEstimate, Status
 from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 
 #: Holds worked on at once; bounds the memory whatever the batch.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 
 #: Stretch before the horizon whose mean counts as the settled value.
 SETTLED_WINDOW_S = 0.5

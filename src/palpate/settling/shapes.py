@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from palpate.settling.result import FloatArray
+from palpate.arrays import FloatArray
 
 #: A curve's change between these times is its unit: after contact, and at the paper's horizon, s.
 UNIT_S = (0.3, 20.0)

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.settling.percent import for_unit
-from palpate.settling.result import FloatArray, SettledEstimate, SettlingMethod
+from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: Columns kept before neighbours are averaged: 6.4 s of the paper's 15 Hz. On real holds 64, 96 and
 #: 256 have the same errors at 2.5 to 10 s; fewer would blur a contact that is over in 0.2 s.

@@ -17,7 +17,7 @@ from typing import Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray: TypeAlias = NDArray[np.float64]
+from palpate.arrays import FloatArray
 
 #: (x of shape (n_points,), rate of shape (n, 1)) -> array of shape (3, n, n_points): the basis and
 #: its first two derivatives with respect to the rate.

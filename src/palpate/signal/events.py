@@ -30,7 +30,7 @@ class EventKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
+class SignalEvent:
     """Something that happened."""
 
     #: What.
@@ -69,7 +69,7 @@ def actuation_spikes(
     *,
     rise_percent: float = 3.0,
     within_s: float = 0.3,
-) -> list[Event]:
+) -> list[SignalEvent]:
     """Find the spikes upward in resistance that each movement of the fingers makes.
 
     A spike begins where the signal stands more than `rise_percent` above its lowest value of the
@@ -85,7 +85,7 @@ def actuation_spikes(
 
     Returns
     -------
-    list of Event
+    list of SignalEvent
         In order of time.
 
     Examples
@@ -95,14 +95,14 @@ def actuation_spikes(
     [('spike', 0.2)]
     """
     time, signal = np.asarray(time_s, float), np.asarray(change_percent, float)
-    events: list[Event] = []
+    events: list[SignalEvent] = []
     rising, first = False, 0
     for index, now_s in enumerate(time):
         while time[first] < now_s - within_s:
             first += 1
         rise = signal[index] - np.min(signal[first : index + 1])
         if not rising and rise > rise_percent:
-            events.append(Event(kind=EventKind.SPIKE, time_s=float(now_s)))
+            events.append(SignalEvent(kind=EventKind.SPIKE, time_s=float(now_s)))
         rising = rise > rise_percent or (rising and rise > 0.5 * rise_percent)
     return events
 

@@ -90,7 +90,7 @@ class Face:
 
 
 @dataclass(frozen=True, slots=True)
-class Contact:
+class FaceContact:
     """Pressure on one face: places along and across from the contact point, and what is there.
 
     `pressure` has shape (along, across) and is 1 in the middle of a sound contact.
@@ -140,19 +140,19 @@ class Faces:
 
 
 @lru_cache(maxsize=512)
-def contact(face: Face, side_mm: float) -> Contact:
+def contact(face: Face, side_mm: float) -> FaceContact:
     """Return the contact of a face that gives way by `side_mm`."""
     radius_mm = math.sqrt(0.5 * face.curvature_mm * (side_mm + _PAD_MM))
     line = np.linspace(-_REACH * radius_mm, _REACH * radius_mm, _PLACES)
     if face.patch is None:
-        return Contact(line, line, np.maximum(1.0 - _round(line, line) / radius_mm**2, 0.0))
+        return FaceContact(line, line, np.maximum(1.0 - _round(line, line) / radius_mm**2, 0.0))
     least_mm, *touched = first_touch(face)
     along, across = line + touched[0], line + touched[1]
     profile = face.patch.profile(along[:, None], across)
     gap_mm2 = _round(along, across) + face.curvature_mm * (face.patch.dent_mm * profile - least_mm)
     deep = np.minimum(face.patch.depth_mm * profile / radius_mm, 1.0)
     give = 1.0 + deep * (1.0 / face.patch.softness - 1.0)
-    return Contact(along, across, np.maximum(1.0 - gap_mm2 / radius_mm**2, 0.0) / give)
+    return FaceContact(along, across, np.maximum(1.0 - gap_mm2 / radius_mm**2, 0.0) / give)
 
 
 @lru_cache(maxsize=256)
@@ -174,7 +174,7 @@ def _round(along_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
 
 
 def _caught(
-    found: Contact, middle_mm: tuple[FloatArray, FloatArray], *, pitch_mm: float
+    found: FaceContact, middle_mm: tuple[FloatArray, FloatArray], *, pitch_mm: float
 ) -> FloatArray:
     """Return the share of a contact's force that each pixel catches, shape (pixels,).
 

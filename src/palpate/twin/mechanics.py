@@ -18,7 +18,7 @@ _RUPTURED_FORCE = 0.35
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Compliance:
+class HandCompliance:
     """What gives way besides the object: fingers, servo (a spring), pads until they bottom."""
 
     #: Fingers and servo, both sides together.
@@ -60,7 +60,7 @@ def series_force_n(
     obj: TwinObject,
     closure_mm: float,
     *,
-    compliance: Compliance,
+    compliance: HandCompliance,
     ruptured: bool = False,
     kept: float = 1.0,
     carried_n: float = 0.0,
@@ -138,7 +138,7 @@ def pixel_shares(
 
 
 @dataclass(frozen=True, slots=True)
-class Squeeze:
+class RelaxingForce:
     """An object's elastic force, the parts of it that are fading, and the force that is left."""
 
     elastic_n: float = 0.0
@@ -156,9 +156,9 @@ class Squeeze:
         closure_mm: float,
         *,
         step_s: float,
-        compliance: Compliance,
+        compliance: HandCompliance,
         ruptured: bool = False,
-    ) -> Squeeze:
+    ) -> RelaxingForce:
         """Return the squeeze after a step that ends at a closure; 0 and below is no contact."""
         if closure_mm <= 0:
             return self.changed(obj, elastic_n=0.0, step_s=step_s, touching=False)
@@ -177,7 +177,7 @@ class Squeeze:
 
     def changed(
         self, obj: TwinObject, *, elastic_n: float, step_s: float, touching: bool = True
-    ) -> Squeeze:
+    ) -> RelaxingForce:
         """Return the squeeze after a step over which the elastic force went in a line."""
         relaxing_n = tuple(
             before * decay + share * (elastic_n - self.elastic_n) * mean
@@ -186,7 +186,7 @@ class Squeeze:
             )
         )
         force_n = elastic_n * (1.0 - sum(obj.relaxing_share)) + sum(relaxing_n)
-        return Squeeze(elastic_n, relaxing_n, max(force_n, 0.0) if touching else 0.0)
+        return RelaxingForce(elastic_n, relaxing_n, max(force_n, 0.0) if touching else 0.0)
 
 
 def _fading(obj: TwinObject, step_s: float) -> list[tuple[float, float, float]]:

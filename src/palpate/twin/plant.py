@@ -16,7 +16,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
 from palpate.twin.lag import follow_line
-from palpate.twin.mechanics import Compliance, Motion, Squeeze, pixel_shares
+from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce, pixel_shares
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid, Placement, Placements
 from palpate.twin.ranges import Ranges
@@ -34,7 +34,7 @@ _SHORTEST_S, _LONGEST_S, _TRAVEL_MM, _GROWTH = 0.005, 0.5, 0.1, 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class PlantState:
     """Everything that the future depends on. Arrays over pixels are flattened."""
 
     time_s: float
@@ -43,7 +43,7 @@ class State:
     placed: int
     contacts: int
     closure_mm: float
-    squeeze: Squeeze
+    squeeze: RelaxingForce
     felt_n: FloatArray
     target: FloatArray
     creep: FloatArray
@@ -84,7 +84,7 @@ class Plant:
         self,
         *,
         sheet: Sheet,
-        compliance: Compliance,
+        compliance: HandCompliance,
         grid: PixelGrid,
         ranges: Ranges,
         seed: int,
@@ -98,11 +98,11 @@ class Plant:
         self._lock_force_n = lock_force_n
         self.placements = Placements(sheet=sheet, grid=grid, ranges=ranges, seed=seed)
 
-    def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> State:
+    def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> PlantState:
         """Return the state of an open gripper that has been still for long."""
         pixels = self.sheet.rest_ohm.size
         motion = Motion(start_s=time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
-        return State(
+        return PlantState(
             time_s=time_s,
             motion=motion,
             obj=obj,
@@ -110,7 +110,7 @@ class Plant:
             contacts=0,
             closure_mm=self._closure_mm(obj, width_mm + self._backlash_mm, error_mm=0.0),
             finger_mm=width_mm + self._backlash_mm,
-            squeeze=Squeeze.none(obj),
+            squeeze=RelaxingForce.none(obj),
             felt_n=np.zeros(pixels),
             target=np.zeros(pixels),
             creep=np.zeros((self.placement(0, 0).creep.tau_s.size, pixels)),
@@ -127,7 +127,7 @@ class Plant:
         """Return what chance gave to the n-th object and contact."""
         return self.placements.of(placed, contacts, environment=self.environment)
 
-    def next_node(self, state: State) -> State:
+    def next_node(self, state: PlantState) -> PlantState:
         """Advance to the next node."""
         contact_s = self._contact_s(state)
         time_s = self._next_time_s(state, contact_s)
@@ -168,11 +168,11 @@ class Plant:
         )
         return self._without_object(following) if slide.lost else following
 
-    def _without_object(self, state: State) -> State:
+    def _without_object(self, state: PlantState) -> PlantState:
         """Return the state once the object has slid off the pads."""
-        return replace(state, obj=None, closure_mm=-np.inf, squeeze=Squeeze())
+        return replace(state, obj=None, closure_mm=-np.inf, squeeze=RelaxingForce())
 
-    def between(self, state: State, following: State, time_s: float) -> State:
+    def between(self, state: PlantState, following: PlantState, time_s: float) -> PlantState:
         """Return the state at a time between a node and the one after it."""
         if time_s >= following.time_s:
             return following
@@ -195,7 +195,7 @@ class Plant:
             felt_n=state.felt_n + share * (following.felt_n - state.felt_n),
         )
 
-    def run(self, state: State, until_s: float) -> State:
+    def run(self, state: PlantState, until_s: float) -> PlantState:
         """Return the state at a later time."""
         while True:
             following = self.next_node(state)
@@ -203,7 +203,7 @@ class Plant:
                 return self.between(state, following, until_s) if until_s > state.time_s else state
             state = following
 
-    def resistance_ohm(self, state: State) -> FloatArray:
+    def resistance_ohm(self, state: PlantState) -> FloatArray:
         """Return the resistance of every pixel, shape (pixels,)."""
         creep = self.placement(state.placed, state.contacts).creep
         v = creep.instant * state.target + creep.weight @ state.creep
@@ -216,11 +216,11 @@ class Plant:
         """What every pixel would read without load, shape (pixels,)."""
         return self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
 
-    def _finger_mm(self, state: State, width_mm: float) -> float:
+    def _finger_mm(self, state: PlantState, width_mm: float) -> float:
         """Return the fingers' own opening: the servo's, behind by the play when it goes back."""
         return min(max(state.finger_mm, width_mm), width_mm + self._backlash_mm)
 
-    def _slide(self, state: State, force_n: float, step_s: float) -> Slide:
+    def _slide(self, state: PlantState, force_n: float, step_s: float) -> Slide:
         if state.obj is None or state.pull_n <= 0:
             return state.slide
         return state.slide.after(
@@ -234,7 +234,7 @@ class Plant:
     def _closure_mm(self, obj: TwinObject | None, finger_mm: float, *, error_mm: float) -> float:
         return -np.inf if obj is None else obj.size_mm - finger_mm + error_mm
 
-    def _contact_s(self, state: State) -> float:
+    def _contact_s(self, state: PlantState) -> float:
         """Return when the fingers will first touch, infinite if they won't on this way."""
         motion = state.motion
         if state.obj is None or state.closure_mm >= 0 or motion.to_mm > motion.from_mm:
@@ -245,7 +245,7 @@ class Plant:
             return np.inf
         return motion.start_s + max(motion.from_mm - touching_mm, 0.0) / motion.rate_mm_per_s
 
-    def _next_time_s(self, state: State, contact_s: float) -> float:
+    def _next_time_s(self, state: PlantState, contact_s: float) -> float:
         if state.pull_n > 0:
             return state.time_s + (_SLIDING_S if state.slide.speed_mm_per_s > 0 else _PULLED_S)
         still_s = state.time_s - state.motion.end_s
@@ -256,7 +256,7 @@ class Plant:
         nearest = min(state.time_s + step_s, state.motion.end_s)
         return contact_s if state.time_s < contact_s < nearest else nearest
 
-    def _clear_s(self, state: State) -> float:
+    def _clear_s(self, state: PlantState) -> float:
         """Return for how long nothing will press: what fades until then is exact over any step."""
         if state.closure_mm >= 0 or state.target.any():
             return 0.0
@@ -266,9 +266,9 @@ class Plant:
         lead_mm = self.placement(state.placed, state.contacts).lead_mm
         return (-state.closure_mm - lead_mm - _NEAR_MM) / motion.rate_mm_per_s
 
-    def _squeezed(self, state: State, closure_mm: float, step_s: float) -> Squeeze:
+    def _squeezed(self, state: PlantState, closure_mm: float, step_s: float) -> RelaxingForce:
         if state.obj is None:
-            return Squeeze()
+            return RelaxingForce()
         return state.squeeze.closed(
             state.obj,
             closure_mm,
@@ -278,10 +278,10 @@ class Plant:
         )
 
     def _squeeze_between(
-        self, state: State, following: State, share: float, *, touching: bool
-    ) -> Squeeze:
+        self, state: PlantState, following: PlantState, share: float, *, touching: bool
+    ) -> RelaxingForce:
         if state.obj is None:
-            return Squeeze()
+            return RelaxingForce()
         before_n, after_n = state.squeeze.elastic_n, following.squeeze.elastic_n
         return state.squeeze.changed(
             state.obj,
@@ -291,7 +291,7 @@ class Plant:
         )
 
     def _target(
-        self, state: State, closure_mm: float, force_n: float, placement: Placement
+        self, state: PlantState, closure_mm: float, force_n: float, placement: Placement
     ) -> tuple[FloatArray, FloatArray]:
         """Return the load that each pixel feels and the creep coordinate that it leads to."""
         load_n = self._load_n(state, closure_mm, force_n, placement)
@@ -303,7 +303,7 @@ class Plant:
         return felt_n, self.sheet.family.coordinate(excess)
 
     def _load_n(
-        self, state: State, closure_mm: float, force_n: float, placement: Placement
+        self, state: PlantState, closure_mm: float, force_n: float, placement: Placement
     ) -> FloatArray:
         """Return the load of every pixel: of the object, and of a hand that touches a finger."""
         load_n = np.zeros_like(state.felt_n)
@@ -326,14 +326,14 @@ class Plant:
             )
         return load_n + force_n * share
 
-    def _pushed_n(self, state: State, closure_mm: float, placement: Placement) -> float:
+    def _pushed_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
         """Return what the first finger feels of an object that it pushes to the middle."""
         if state.obj is None or state.pull_n > 0 or not -placement.lead_mm < closure_mm <= 0:
             return 0.0
         return _TABLE_FRICTION * N_PER_G * state.obj.mass_g
 
     def _relaxed(
-        self, state: State, time_s: float, target: FloatArray, width_mm: float, creep: Creep
+        self, state: PlantState, time_s: float, target: FloatArray, width_mm: float, creep: Creep
     ) -> tuple[FloatArray, FloatArray]:
         """Return creep and spikes, moved under a target that goes in a line."""
         step_s = time_s - state.time_s

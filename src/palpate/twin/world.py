@@ -13,10 +13,10 @@ from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.friction import AT_REST, N_PER_G
-from palpate.twin.mechanics import Compliance, Motion, Squeeze
+from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce
 from palpate.twin.objects import Truth, TwinObject
 from palpate.twin.placement import PixelGrid
-from palpate.twin.plant import Plant, State
+from palpate.twin.plant import Plant, PlantState
 from palpate.twin.ranges import ranges_of, uniform
 from palpate.twin.readout import Readout
 from palpate.twin.velostat import Environment, draw_sheet
@@ -107,7 +107,7 @@ class World:
         rng = np.random.default_rng([self.sheet_seed, 0])
         self.sheet = draw_sheet(rng, layout=layout, level=level, family=family)
         finger_mm_per_n = uniform(rng, ranges.finger_mm_per_n)
-        self.compliance = Compliance(
+        self.compliance = HandCompliance(
             finger_mm_per_n=finger_mm_per_n + (SOFT_MM_PER_N if gripper == "soft" else 0.0),
             pad_travel_mm=uniform(rng, ranges.pad_travel_mm),
             pad_force_n=uniform(rng, ranges.pad_force_n),
@@ -127,11 +127,11 @@ class World:
             backlash_mm=self.backlash_mm,
         )
         start_s = self.clock.now_s()
-        self._node: State
-        self._next: State
-        self._latest: State
+        self._node: PlantState
+        self._next: PlantState
+        self._latest: PlantState
         self._restart(self._plant.at_rest(time_s=start_s, width_mm=OPEN_MM, obj=obj))
-        self._hold: State | None = None
+        self._hold: PlantState | None = None
         self._readout = Readout(
             sheet=self.sheet,
             layout=layout,
@@ -211,7 +211,7 @@ class World:
                 obj=obj,
                 placed=now.placed + 1,
                 closure_mm=-np.inf if obj is None else obj.size_mm - now.finger_mm,
-                squeeze=Squeeze.none(obj),
+                squeeze=RelaxingForce.none(obj),
                 peak_force_n=0.0,
                 ruptured=False,
                 pull_n=0.0,
@@ -301,17 +301,17 @@ class World:
     def _to_width_mm(self, target: float) -> float:
         return target if self.gripper == "rigid" else OPEN_MM - SOFT_MM_PER_KPA * target
 
-    def _ohm(self, state: State) -> FloatArray:
+    def _ohm(self, state: PlantState) -> FloatArray:
         resistance = self._plant.resistance_ohm(state)
         return resistance.reshape(self.layout.rows, self.layout.cols)
 
-    def _at(self, time_s: float) -> State:
+    def _at(self, time_s: float) -> PlantState:
         """Advance to a time, let the watchers see what comes before it, and return the state."""
         for watcher in self.watchers:
             watcher(time_s)
         return self._advance(time_s)
 
-    def _advance(self, time_s: float) -> State:
+    def _advance(self, time_s: float) -> PlantState:
         if time_s < self._node.time_s - 1e-9:
             raise ValueError(
                 f"the world is at {self._node.time_s:.4f} s and can't go back to {time_s:.4f} s"
@@ -325,11 +325,11 @@ class World:
             self._latest = self._plant.between(self._node, self._next, time_s)
         return self._latest
 
-    def _restart(self, state: State) -> None:
+    def _restart(self, state: PlantState) -> None:
         self._node, self._next = state, self._plant.next_node(state)
         self._latest = state
 
-    def _aim(self, now: State, to_mm: float, rate_mm_per_s: float) -> None:
+    def _aim(self, now: PlantState, to_mm: float, rate_mm_per_s: float) -> None:
         motion = Motion(
             start_s=now.time_s,
             from_mm=now.motion.width_mm(now.time_s),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.produce.bruise.model import Example, Place
-from palpate.produce.bruise.shape import Shape, middle_of
+from palpate.produce.bruise.shape import LoadShape, middle_of
 from palpate_studies.bruise_grasps import CLOSURE_MM, GAP_MM, OPEN_MM, ApplePress, press
 from palpate_studies.fruit_ranges import BRUISES, BRUISES_OFF_THE_BELT, SMALL_BRUISES, BruiseRanges
 from palpate_studies.twin_apple import Apple, draw_apple
@@ -60,7 +60,7 @@ class Examined:
     apple: Apple
     angle_deg: float
     presses: Mapping[str, ApplePress]
-    sound: Mapping[float, Shape]
+    sound: Mapping[float, LoadShape]
 
     @property
     def bruised(self) -> bool:
@@ -177,7 +177,7 @@ def _examined(
     sensor: int,
     index: int,
     *,
-    sound: Mapping[float, Shape],
+    sound: Mapping[float, LoadShape],
     remade: Callable[[Apple], Apple],
 ) -> Examined:
     rng = np.random.default_rng([sensor, 2, index])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.produce.bruise.shape import Shape, shape_of
+from palpate.produce.bruise.shape import LoadShape, shape_of
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import (
     CONTACT_PERCENT,
@@ -51,7 +51,7 @@ class ApplePress:
     change_percent: FloatArray
     settled_percent: FloatArray
 
-    def shape(self, cutoff_s: float) -> Shape:
+    def shape(self, cutoff_s: float) -> LoadShape:
         """Return how the load lies: the last three frames before a time, or (20 s) the end."""
         change = self.settled_percent
         if cutoff_s < HOLD_S:

@@ -22,8 +22,8 @@ from palpate.commands.options import JsonOption
 from palpate.errors import needing
 from palpate.produce.bruise.learning import learn
 from palpate.produce.bruise.model import Example, usable
-from palpate.produce.bruise.shape import Shape, contrast, middle_of, shape_of
-from palpate.twin.mechanics import Compliance, series_force_n
+from palpate.produce.bruise.shape import LoadShape, contrast, middle_of, shape_of
+from palpate.twin.mechanics import HandCompliance, series_force_n
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid
 from palpate.twin.ranges import PAPER, uniform
@@ -51,7 +51,7 @@ class Side:
     load_n: FloatArray
     width_mm: float
 
-    def read(self, *, pixel_sd: float, width_sd_mm: float, rng: np.random.Generator) -> Shape:
+    def read(self, *, pixel_sd: float, width_sd_mm: float, rng: np.random.Generator) -> LoadShape:
         """Return what is judged of it, read with some scatter."""
         excess = self.load_n * np.exp(pixel_sd * rng.standard_normal(self.load_n.shape))
         return shape_of(
@@ -113,7 +113,7 @@ def drawn(apples: int, *, seed: int) -> list[dict[str, Side | bool]]:
     grid = PixelGrid.of(World(None, seed=1).layout)
     for number in range(apples):
         if number % PER_SENSOR == 0:
-            hand = Compliance(
+            hand = HandCompliance(
                 finger_mm_per_n=uniform(rng, PAPER.finger_mm_per_n),
                 pad_travel_mm=uniform(rng, PAPER.pad_travel_mm),
                 pad_force_n=uniform(rng, PAPER.pad_force_n),
@@ -142,7 +142,7 @@ def _presented(apple: Apple, rng: np.random.Generator) -> float:
     return float(apple.bruise.angle_deg + turned)
 
 
-def _side(obj: TwinObject, hand: Compliance, grid: PixelGrid, rng: np.random.Generator) -> Side:
+def _side(obj: TwinObject, hand: HandCompliance, grid: PixelGrid, rng: np.random.Generator) -> Side:
     """Close on a side by the study's way from where it is felt."""
     assert obj.faces is not None
     felt_mm = (_CONTACT_N / obj.force_at_1mm_n) ** (2.0 / 3.0) + hand.deflection_mm(_CONTACT_N)

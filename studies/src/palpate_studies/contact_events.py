@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.signal.events import ContactState, Event, running_median, watch_contact
+from palpate.signal.events import ContactState, SignalEvent, running_median, watch_contact
 from palpate.signal.relative import CONTACT_PERCENT
 
 
@@ -40,7 +40,7 @@ def contact_events(
     *,
     threshold_percent: float = CONTACT_PERCENT,
     smooth: int = 3,
-) -> list[Event]:
+) -> list[SignalEvent]:
     """Find contact, slip and removal of each finger.
 
     Parameters
@@ -56,7 +56,7 @@ def contact_events(
 
     Returns
     -------
-    list of Event
+    list of SignalEvent
         In order of time.
 
     Examples
@@ -67,7 +67,7 @@ def contact_events(
     """
     time = np.asarray(time_s, float)
     signal = running_median(finger_percent, length=smooth)
-    events: list[Event] = []
+    events: list[SignalEvent] = []
     states = [ContactState()] * signal.shape[1]
     for index, now_s in enumerate(time):
         for finger, change in enumerate(signal[index]):
@@ -75,5 +75,5 @@ def contact_events(
                 states[finger], float(change), threshold_percent=threshold_percent
             )
             if kind is not None:
-                events.append(Event(kind=kind, time_s=float(now_s), finger=finger))
+                events.append(SignalEvent(kind=kind, time_s=float(now_s), finger=finger))
     return events

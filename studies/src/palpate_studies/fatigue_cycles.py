@@ -7,9 +7,9 @@ from typing import TypeAlias
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.estimate.force import PowerForceLaw
 from palpate.gripper.interface import GripperState
-from palpate.settling.result import FloatArray
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import excess_conductance, mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray

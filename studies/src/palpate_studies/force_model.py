@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
+from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate_studies.force_states import FloatArray
 
 #: Candidates of bump width (in standard deviations of an input, times the root of their number)
 #: and of the ridge, from stiff to loose. The stiffest is taken whose error on groups left out is

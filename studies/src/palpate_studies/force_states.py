@@ -11,12 +11,11 @@ a gain of the sheet shifts the first input only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray: TypeAlias = NDArray[np.float64]
+from palpate.arrays import FloatArray
 
 #: Log-spaced, from one sample of a fast readout to the length of a press.
 TIME_CONSTANTS_S = (0.01, 0.03, 0.1, 0.3, 1.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.grasp.belief import Belief
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
@@ -178,7 +178,7 @@ def by_current(sample: Sample) -> Cycle:
     return _plain(sample, world, way="close until current", size_mm=size_mm, predicts_s=0.0)
 
 
-def _give(sample: Sample, gripper: TwinGripper) -> Give:
+def _give(sample: Sample, gripper: TwinGripper) -> Compliance:
     """Return how the calibrated rigid fingers give way."""
     calibration = calibration_of(sample.sheet, sample.level, sample.kind)
     give = plan_grasp(calibration, gripper=gripper).give

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
+from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
 from palpate_studies.force_model import ForceModel
 
-FloatArray: TypeAlias = NDArray[np.float64]
 Predicted: TypeAlias = ForceEstimate
 
 #: Loaded readings are taken to show at least this share of the conductance at rest.

@@ -6,15 +6,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.tables import read_table
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 #: A press is a run of force above this, and above this share of the recording's 90th percentile,
 SMALLEST_FORCE_N = 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.produce.records import Grasp
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.items import history_of
@@ -51,7 +51,7 @@ def drift_of(felt: Felt) -> Drift:
     drive, block = felt.grasps[0].drive, felt.calibration.block
     give = None
     if drive == "width":
-        give = Give.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
+        give = Compliance.fit(block.force_n, width_mm=block.width_mm, block_mm=block.block_mm)
     grasps = [grasp for grasp in felt.grasps if grasp.item_id == REFERENCE_ID]
     return Drift.learn(grasps, drive=drive, give=give)
 

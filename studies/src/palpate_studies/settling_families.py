@@ -11,8 +11,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.holds import Hold
-from palpate.settling.result import FloatArray
 
 #: Sampling rates met in practice, Hz, and how long a hold lasts, s.
 RATES_HZ = (5.0, 13.0, 15.0, 30.0, 70.0)

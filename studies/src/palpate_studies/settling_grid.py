@@ -10,13 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import METHODS, predict_settled
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray, SettlingMethod, Status
+from palpate.settling.result import SettlingMethod, Status
 from palpate.settling.scoring import settled_value
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.settling_families import FAMILIES, after_baseline, draw

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.holds import Hold, read_holds
 from palpate.settling.predict import METHODS, predict_settled
-from palpate.settling.result import FloatArray
 from palpate.settling.scoring import settled_value
 from palpate.signal.transient import peak_index
 from palpate_studies.report import OutOption, StudyReport, Table

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.holds import Hold
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray
 from palpate.settling.scoring import settled_value
 from palpate.settling.shapes import DEVIATIONS, N_CURVES
 from palpate_studies.settling_families import FAMILIES, draw
@@ -159,6 +159,7 @@ Learned, not written: `palpate study settling-families --odds` regenerates this 
 """
 
 from __future__ import annotations
+from palpate.arrays import FloatArray
 
 import numpy as np
 

@@ -18,9 +18,10 @@ import scipy
 import typer
 from scipy.optimize import OptimizeWarning, curve_fit
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.settling.predict import METHODS, method_named, predict_settled
-from palpate.settling.result import FloatArray, Status
+from palpate.settling.result import Status
 from palpate.settling.streaming import SettlingStream
 from palpate.signal.transient import WAIT_S
 from palpate_studies.report import OutOption, StudyReport, Table

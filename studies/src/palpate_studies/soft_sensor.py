@@ -16,6 +16,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate.tables import read_table
@@ -23,7 +24,6 @@ from palpate_studies.force_model import ForceModel
 from palpate_studies.force_states import states_of
 from palpate_studies.report import OutOption, StudyReport, Table
 
-FloatArray: TypeAlias = NDArray[np.float64]
 #: In samples: the recordings have no clock (about 22 Hz).
 TIME_CONSTANTS = (1.0, 2.0, 4.0, 8.0, 16.0)
 LAGS = (1, 2, 3, 4, 6)

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.settling.exponential import Exponential
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray, SettlingMethod, Status
+from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate_studies.equal_width import SEED
 from palpate_studies.report import OutOption, StudyReport, Table

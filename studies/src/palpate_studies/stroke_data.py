@@ -11,11 +11,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.tables import read_table
 from palpate_studies.force_states import log_reading, states_of
 
-FloatArray: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 #: Forces from here on are scored.

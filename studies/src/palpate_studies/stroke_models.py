@@ -12,9 +12,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from palpate.arrays import FloatArray
 from palpate.errors import needing
 from palpate_studies.force_model import ForceModel
-from palpate_studies.stroke_data import FloatArray, Touch
+from palpate_studies.stroke_data import Touch
 
 TOLD = ("nothing", "place", "five_percent", "eighty_percent")
 LEVEL = 0.9

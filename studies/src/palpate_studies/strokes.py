@@ -11,10 +11,11 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.stroke_data import SMALLEST_N, FloatArray, Mask, Touch, read_strokes
+from palpate_studies.stroke_data import SMALLEST_N, Mask, Touch, read_strokes
 from palpate_studies.stroke_models import LEVEL, MODELS, TOLD, Others, others_of
 
 PHASES = ("loading", "holding", "unloading")

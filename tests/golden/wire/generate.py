@@ -37,7 +37,7 @@ def frames() -> list[wm.FrameMessage]:
         given = {"sequence": 0, "time_us": 0, "stream": 1, "oversampling": 1, "status": 0} | rest
         return wm.FrameMessage(counts=counts, **given)
 
-    cells = (wm.LoadCell(raw=-8388608, sample=255), wm.LoadCell(raw=wm.NO_READING, sample=0))
+    cells = (wm.CellSample(raw=-8388608, sample=255), wm.CellSample(raw=wm.NO_READING, sample=0))
     return [
         frame(pixels(4, 2, 1023)),
         frame(np.zeros((1, 1)), sequence=2**32 - 1, time_us=2**32 - 1, stream=255),

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.sensor.health import Stretch
+from palpate.sensor.health import FrameColumns
 from palpate.signal.circuit import ohm_to_volts, volts_to_counts
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
@@ -54,7 +54,7 @@ def record_twin(tmp_path: Path) -> Callable[..., Path]:
     def record(*, seed: int = 1, order: list[tuple[int, int]] | None = None) -> Path:
         array = TwinArray(World(None, seed=seed))
         frames = [array.read(timeout_s=1.0) for _ in range(150)]
-        rest_ohm = Stretch.of(frames).rest_ohm(layout=RIGID_LAYOUT)
+        rest_ohm = FrameColumns.of(frames).rest_ohm(layout=RIGID_LAYOUT)
         for pixel in order or []:
             for k in range(45):
                 frame = array.read(timeout_s=1.0)

@@ -17,7 +17,7 @@ from palpate.commands.avrdude import meaning
 from palpate.errors import DeviceNotFoundError
 from palpate.firmware_image import IMAGES, image_path
 from palpate.sensor.wire import encode_message, unpack
-from palpate.sensor.wire_messages import CommandType, Identity
+from palpate.sensor.wire_messages import BoardIdentity, CommandType
 
 HEX = ":100000000C9434000C943E000C943E000C943E0082\n:00000001FF\n"
 
@@ -61,8 +61,8 @@ def board() -> Iterator[Board]:
     os.close(master)
 
 
-def identity(tag: int) -> Identity:
-    return Identity(
+def identity(tag: int) -> BoardIdentity:
+    return BoardIdentity(
         tag=tag, protocol=1, version=(1, 2, 3), features=3, rows=4, cols=2, oversampling=1,
         max_rows=16, max_cols=16, max_oversampling=64, settle_us=20, heartbeat_ms=500,
         reset_cause=1, streaming=False, conversion_us=104, baud=1_000_000, rate_hz=250.0,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.closing_stiffness import ClosingCurve, object_stiffness
-from palpate.estimate.compliance import Give
+from palpate.estimate.closing_stiffness import ClosingSteps, object_stiffness
+from palpate.estimate.compliance import Compliance
 from palpate.estimate.measurement import Measurement
 
-GIVE = Give(
+GIVE = Compliance(
     slope_mm_per_n=0.2, pad_mm=(0.0, 0.0, 0.3, 0.0, 0.0), zero_mm=0.0, residual_mm=0.02,
     largest_force_n=15.0,
 )  # fmt: skip
@@ -23,7 +23,7 @@ def answer(
     """Close on a spring; `gain` falsifies every force, `touches` are drift before the contact."""
     opening = 40.0 - FORCE_N / n_per_mm - GIVE.give_mm(FORCE_N)
     before = 40.0 + np.arange(len(touches), 0, -1)
-    curve = ClosingCurve(
+    curve = ClosingSteps(
         width_mm=np.concatenate([before, opening]),
         force_n=np.concatenate([touches, gain * FORCE_N]),
         gain_sd=gain_sd,
@@ -54,7 +54,7 @@ def test_what_is_stiffer_than_the_gripper_is_told_less_well() -> None:
 
 def test_what_relaxed_unseen_is_inside_though_the_force_was_sure() -> None:
     opening = 40.0 - FORCE_N / 2.0 - GIVE.give_mm(FORCE_N)
-    curve = ClosingCurve(width_mm=opening, force_n=FORCE_N, gain_sd=0.01, law_sd=0.03, floor_n=0.05)
+    curve = ClosingSteps(width_mm=opening, force_n=FORCE_N, gain_sd=0.01, law_sd=0.03, floor_n=0.05)
     said = Measurement(value=6.0, low=5.9, high=6.1, unit="n", level=0.9)
     found = object_stiffness(curve, give=GIVE, opening_mm=float(opening[-1]), force=said)
     assert found is not None
@@ -72,10 +72,10 @@ def test_doubt_of_the_gain_widens_the_interval_until_it_covers() -> None:
 
 def read_as(
     read_n: np.ndarray, *, n_per_mm: float, law_sd: float
-) -> tuple[Measurement, ClosingCurve]:
+) -> tuple[Measurement, ClosingSteps]:
     """Close on a spring in many steps, with forces read as given; the last one is right."""
     opening = 40.0 - STEPS_N / n_per_mm - GIVE.give_mm(STEPS_N)
-    curve = ClosingCurve(width_mm=opening, force_n=read_n, gain_sd=0.03, law_sd=law_sd, floor_n=0.1)
+    curve = ClosingSteps(width_mm=opening, force_n=read_n, gain_sd=0.03, law_sd=law_sd, floor_n=0.1)
     held = Measurement(value=8.0, low=7.6, high=8.4, unit="n", level=0.9)
     found = object_stiffness(curve, give=GIVE, opening_mm=float(opening[-1]), force=held)
     assert found is not None
@@ -118,7 +118,7 @@ def test_same_touch_same_answer() -> None:
 
 
 def test_one_step_is_not_enough() -> None:
-    curve = ClosingCurve(
+    curve = ClosingSteps(
         width_mm=np.array([41.0, 40.0]),
         force_n=np.array([0.0, 2.0]),
         gain_sd=0.1,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.compliance import Bend
+from palpate.estimate.compliance import SoftFingerCompliance
 from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
@@ -192,7 +192,7 @@ def test_unknown_gain_leaves_what_the_law_says_and_more_doubt_widens_it() -> Non
 def test_blocks_of_one_size_tell_no_millimetres() -> None:
     force_n = np.linspace(0.5, 6.0, 8)
     with pytest.raises(CalibrationError, match="two sizes"):
-        Bend.fit(24.0 + 2.6 * force_n, force_n=force_n, block_mm=np.full(8, 40.0))
+        SoftFingerCompliance.fit(24.0 + 2.6 * force_n, force_n=force_n, block_mm=np.full(8, 40.0))
     sizes = np.repeat([40.0, 50.0], 4)
     with pytest.raises(CalibrationError, match="higher pressure"):
-        Bend.fit(sizes + force_n, force_n=force_n, block_mm=sizes)
+        SoftFingerCompliance.fit(sizes + force_n, force_n=force_n, block_mm=sizes)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.estimate.size import ContactPoint, contact_point
 
 
@@ -45,7 +45,7 @@ def test_contact_point_needs_a_touch() -> None:
 def test_give_takes_pads_and_zero_out() -> None:
     force = np.linspace(0.2, 15, 25)
     true = 0.22 * force + 0.3 * -np.expm1(-force / 2.3)
-    give = Give.fit(force, width_mm=40.0 - true - 0.1, block_mm=40.0)
+    give = Compliance.fit(force, width_mm=40.0 - true - 0.1, block_mm=40.0)
     np.testing.assert_allclose(give.give_mm(force), true, atol=0.03)
     assert give.zero_mm == pytest.approx(-0.1, abs=0.03)
     assert 1 / give.stiffest_n_per_mm == pytest.approx(0.22, rel=0.03)
@@ -57,7 +57,7 @@ def test_give_takes_pads_and_zero_out() -> None:
 def test_give_refuses_what_is_no_block(width: list[float]) -> None:
     force = np.arange(1.0, len(width) + 1)
     with pytest.raises(CalibrationError, match="is the block rigid"):
-        Give.fit(force, width_mm=width, block_mm=40.0)
+        Compliance.fit(force, width_mm=width, block_mm=40.0)
 
 
 def test_stiff_object_found_by_a_whole_step() -> None:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from palpate.estimate.closing_stiffness import ClosingCurve
-from palpate.estimate.compliance import STIFFEST_N_PER_MM, Give
+from palpate.estimate.closing_stiffness import ClosingSteps
+from palpate.estimate.compliance import STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.soft_stiffness import soft_stiffness
 from palpate.settling.result import Status
 
-GIVE = Give(
+GIVE = Compliance(
     slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1, largest_force_n=15.0
 )
 FORCE_N = np.array([0.0, 0.6, 2.0, 4.0, 6.0])
@@ -24,7 +24,7 @@ def grasped(
     """Close on an object of 40 mm, on a sheet that reads every force times the gain."""
     width_mm = 40.0 - (3.5 + 1.0 / stiffness) * FORCE_N
     width_mm[0] = 40.5
-    curve = ClosingCurve(
+    curve = ClosingSteps(
         width_mm=width_mm, force_n=gain * FORCE_N, gain_sd=gain_sd, law_sd=0.1, floor_n=0.05
     )
     read_n = gain * float(FORCE_N[-1])
@@ -77,7 +77,7 @@ def test_first_and_last_force_are_read_with_one_gain() -> None:
 
 
 def test_a_touch_at_the_very_end_tells_nothing() -> None:
-    curve = ClosingCurve(
+    curve = ClosingSteps(
         width_mm=np.array([40.5, 40.0]),
         force_n=np.array([0.0, 1.0]),
         gain_sd=0.1,
@@ -89,7 +89,7 @@ def test_a_touch_at_the_very_end_tells_nothing() -> None:
 
 
 def test_nothing_felt_tells_nothing() -> None:
-    curve = ClosingCurve(
+    curve = ClosingSteps(
         width_mm=np.array([50.0, 40.0]), force_n=np.zeros(2), gain_sd=0.1, law_sd=0.1, floor_n=0.05
     )
     held = Measurement(value=1.0, low=0.9, high=1.1, unit="n", level=0.9)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.estimate.pixel_law import Placements
+from palpate.estimate.pixel_law import PlacedReadings
 from palpate.estimate.weights_check import held_out_of_placements
 
 
-def placements(count: int, *, reach_n: float = 12.0) -> Placements:
+def placements(count: int, *, reach_n: float = 12.0) -> PlacedReadings:
     """Return placements whose gains scatter by 10 %, read early and settled."""
     rng = np.random.default_rng(4)
     force = np.linspace(0.5, reach_n, 8)
@@ -19,7 +19,7 @@ def placements(count: int, *, reach_n: float = 12.0) -> Placements:
         for n in force
     ]
     run, early, force_n, pixel_excess = zip(*rows, strict=True)
-    return Placements(
+    return PlacedReadings(
         run=np.array(run, dtype=float),
         pixel_excess=np.array(pixel_excess),
         force_n=np.array(force_n),
@@ -55,7 +55,7 @@ def test_the_few_placements_that_reach_a_force_do_not_stand_for_all() -> None:
     ]
     run, early, force_n, pixel_excess = zip(*rows, strict=True)
     found = held_out_of_placements(
-        Placements(
+        PlacedReadings(
             run=np.array(run, dtype=float),
             pixel_excess=np.array(pixel_excess),
             force_n=np.array(force_n),

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.estimate.force import PowerForceLaw
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
@@ -88,7 +88,7 @@ def bench() -> Bench:
 def plan() -> Plan:
     force = np.array([0.3, 0.6, 1.2, 2.5, 5.0, 10.0])
     law = PowerForceLaw.fit(2 * force, force_n=force * np.exp([0.02, -0.02] * 3))
-    give = Give.fit(force, width_mm=40 - GIVE_MM_PER_N * force, block_mm=40.0)
+    give = Compliance.fit(force, width_mm=40 - GIVE_MM_PER_N * force, block_mm=40.0)
     return Plan(
         layout=RIGID_LAYOUT,
         rest_ohm=np.full((4, 2), REST_OHM),

@@ -19,7 +19,7 @@ from palpate.plots.many_items import (
 )
 from palpate.plots.style import GREY, INK
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.store.item_history import ItemPage
+from palpate.produce.store.item_history import ItemHistory
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
@@ -47,8 +47,8 @@ def grasp(hours: float, *, stiffness: float = 3.0, above: float = 0.5) -> Grasp:
 
 def page(
     *grasps: Grasp, kind: str | None = "avocado", verdicts: tuple[Verdict, ...] = ()
-) -> ItemPage:
-    return ItemPage(item=Item(item_id="A17", kind=kind), grasps=grasps, verdicts=verdicts)
+) -> ItemHistory:
+    return ItemHistory(item=Item(item_id="A17", kind=kind), grasps=grasps, verdicts=verdicts)
 
 
 def said(text: str, *, about: About = About.RIPENESS, source: Source = Source.PALPATE) -> Verdict:

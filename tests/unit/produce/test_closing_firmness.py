@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.estimate.gain import Gain
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.planning import plan_grasp
@@ -26,13 +26,15 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
-GIVE = Give(
+GIVE = Compliance(
     slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.3, residual_mm=0.02, largest_force_n=15.0
 )
 FORCES = np.array([1.0, 2.5, 4.0, 5.0])
 
 
-def closing(softness: float, *, give: Give = GIVE) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def closing(
+    softness: float, *, give: Compliance = GIVE
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the widths of a closing on a fruit that has relaxed by a tenth at its last force."""
     elastic = FORCES * np.exp([0.0, 0.0, 0.0, 0.1])
     return np.asarray(62.0 - softness * elastic ** (2 / 3) - give.give_mm(FORCES))

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.identify.features import Touch, put_together, touch_of
+from palpate.produce.identify.features import FeaturePoint, put_together, touch_of
 from palpate.produce.identify.identifier import UNKNOWN, Identifier, TaughtItem, as_labelled
 
 #: ln of size and stiffness of two kinds that differ in size, and one that differs in stiffness.
@@ -17,13 +17,15 @@ KINDS = {"small": (3.2, 1.0), "large": (4.1, 1.0), "hard": (4.1, 2.5)}
 SPREAD, ERROR = 0.08, 0.10
 
 
-def touch(value: Sequence[float], *, sd: float = ERROR, calibration: str = "monday") -> Touch:
-    return Touch(value=np.array(value), sd=np.full(2, sd), calibration=calibration)
+def touch(
+    value: Sequence[float], *, sd: float = ERROR, calibration: str = "monday"
+) -> FeaturePoint:
+    return FeaturePoint(value=np.array(value), sd=np.full(2, sd), calibration=calibration)
 
 
 def felt(
     rng: np.random.Generator, kind: str, *, grasps: int = 2, shift: float = 0.0, sd: float = ERROR
-) -> tuple[Touch, ...]:
+) -> tuple[FeaturePoint, ...]:
     """Grasps of one item; the calibration's own error shifts all of them alike."""
     true = np.array(KINDS[kind]) + SPREAD * rng.standard_normal(2) + shift
     return tuple(

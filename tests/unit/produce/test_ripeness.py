@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
@@ -272,7 +272,9 @@ def test_the_reference_object_takes_drift_out_of_fruit(fruit: float) -> None:
         for day, ratio in ((0.0, 1.0), (6.0, 0.85))
         for _ in range(6)
     ]
-    measured = Give.fit([0.0, 2.0, 4.0, 8.0], width_mm=[40.0, 39.5, 39.0, 38.0], block_mm=40.0)
+    measured = Compliance.fit(
+        [0.0, 2.0, 4.0, 8.0], width_mm=[40.0, 39.5, 39.0, 38.0], block_mm=40.0
+    )
     drift = Drift.learn(ball, drive="width", give=measured)
     worn = drifted("fruit", fruit, ratio=0.85, day=6.0)
     felt = firmness_of(worn)

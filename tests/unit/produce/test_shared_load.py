@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.estimate.compliance import Bend, Give
+from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.plan import Plan
@@ -25,9 +25,9 @@ from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 from palpate_studies.twin_avocado import draw_avocado
 
-BEND = Bend(
+BEND = SoftFingerCompliance(
     mm_per_kpa=1.4,
-    give=Give(
+    give=Compliance(
         slope_mm_per_n=3.5,
         pad_mm=(0.0,) * 5,
         zero_mm=-74.0,

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
-from palpate.produce.identify.features import Touch
+from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
 from palpate.produce.records import About, Grasp, Verdict
 from palpate.produce.sorting.decide import decide
@@ -123,7 +123,7 @@ def _identifier() -> Identifier:
         for _ in range(15):
             at = np.array([ln_mm, ln_k]) + np.array([0.04, 0.2]) * rng.standard_normal(2)
             touches = tuple(
-                Touch(
+                FeaturePoint(
                     value=at + 0.05 * rng.standard_normal(2),
                     sd=np.array([0.006, 0.14]),
                     calibration="monday",

@@ -15,7 +15,7 @@ from palpate.rig.bench import bench_of
 from palpate.rig.board_cell import BoardLoadCell, board_with_cells, mean_counts
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.serial_array import SerialArray
-from palpate.sensor.wire_messages import NO_READING, Contents, FrameMessage, LoadCell
+from palpate.sensor.wire_messages import NO_READING, CellSample, Contents, FrameMessage
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.world import World
 
@@ -39,7 +39,7 @@ class WeighingBoard(PtyBoard):
         return replace(
             message,
             load_cells=tuple(
-                LoadCell(raw=raw, sample=int(now_us * 1e-6 * hz) % 256)
+                CellSample(raw=raw, sample=int(now_us * 1e-6 * hz) % 256)
                 for raw, hz in zip(self.weighed(), self.reading_hz, strict=True)
             ),
         )

@@ -11,7 +11,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
 from palpate.sensor.findings import Severity
-from palpate.sensor.health import Health, Stretch, examine
+from palpate.sensor.health import FrameColumns, Health, examine
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.health_pixels import grouped
 from palpate.sensor.reference_resistor import fit_reference, nearest_e12
@@ -26,18 +26,20 @@ RATE_HZ = 15.0
 @cache
 def twin_rest(
     seed: int, level: str = "paper", gripper: str = "rigid"
-) -> tuple[Stretch, ArrayLayout]:
+) -> tuple[FrameColumns, ArrayLayout]:
     """Ten seconds of a twin that nothing touches."""
     world = World(None, seed=seed, level=level, gripper="soft" if gripper == "soft" else "rigid")
     array = TwinArray(world)
-    return Stretch.of([array.read(timeout_s=1.0) for _ in range(150)]), world.layout
+    return FrameColumns.of([array.read(timeout_s=1.0) for _ in range(150)]), world.layout
 
 
-def changed(stretch: Stretch, counts: np.ndarray) -> Stretch:
-    return Stretch(time_s=stretch.time_s, sequence=stretch.sequence, counts=counts)
+def changed(stretch: FrameColumns, counts: np.ndarray) -> FrameColumns:
+    return FrameColumns(time_s=stretch.time_s, sequence=stretch.sequence, counts=counts)
 
 
-def with_factor(stretch: Stretch, layout: ArrayLayout, pixel: tuple[int, int], factor: np.ndarray):
+def with_factor(
+    stretch: FrameColumns, layout: ArrayLayout, pixel: tuple[int, int], factor: np.ndarray
+):
     """The stretch with one pixel's resistance times a factor over time."""
     ohm = stretch.ohm(layout=layout)[:, *pixel] * factor
     counts = stretch.counts.copy()
@@ -46,7 +48,7 @@ def with_factor(stretch: Stretch, layout: ArrayLayout, pixel: tuple[int, int], f
     return changed(stretch, counts)
 
 
-def with_counts(stretch: Stretch, pixel: tuple, value: object) -> Stretch:
+def with_counts(stretch: FrameColumns, pixel: tuple, value: object) -> FrameColumns:
     counts = stretch.counts.copy()
     counts[(slice(None), *pixel)] = value
     return changed(stretch, counts)
@@ -73,7 +75,7 @@ def test_the_converters_noise_does_not_hide_a_dead_pixel(
     noise = np.random.default_rng(1).normal(end, 0.5, (oversampling, 150))
     counts = stretch.counts * oversampling
     counts[:, 2, 1] = np.clip(np.rint(noise), 0, 1023).sum(axis=0)
-    noisy = Stretch(
+    noisy = FrameColumns(
         time_s=stretch.time_s,
         sequence=stretch.sequence,
         counts=counts,
@@ -118,7 +120,7 @@ def test_a_pixel_in_the_lower_leg_reads_open_at_the_supply() -> None:
     )
     counts = np.random.default_rng(1).integers(700, 703, (60, 1, 2)).astype(np.int32)
     counts[:, 0, 1] = 1023
-    rest = Stretch(time_s=np.arange(60) / 15.0, sequence=np.arange(60), counts=counts)
+    rest = FrameColumns(time_s=np.arange(60) / 15.0, sequence=np.arange(60), counts=counts)
     assert codes(examine(rest, layout=layout)) == [("open", "R0 C1")]
 
 
@@ -194,7 +196,7 @@ def test_lost_frames_are_counted() -> None:
     stretch, layout = twin_rest(9)
     kept = np.delete(np.arange(150), [40, 41, 90])
     health = examine(
-        Stretch(
+        FrameColumns(
             time_s=stretch.time_s[kept],
             sequence=stretch.sequence[kept],
             counts=stretch.counts[kept],
@@ -212,7 +214,7 @@ def test_link_faults() -> None:
     shaken = stretch.time_s + np.random.default_rng(2).uniform(0, 0.03, 150)
     events = LinkEvents(corrupt=5, late=2, restarts=1, drift_ppm=-7000.0)
     health = examine(
-        Stretch(time_s=shaken, sequence=stretch.sequence, counts=stretch.counts),
+        FrameColumns(time_s=shaken, sequence=stretch.sequence, counts=stretch.counts),
         layout=layout,
         asked_hz=30.0,
         events=events,
@@ -232,7 +234,7 @@ def test_one_lost_frame_in_thousands_is_advice() -> None:
     stretch, layout = twin_rest(10)
     number = np.arange(3000)
     number[1500:] += 1
-    whole = Stretch(
+    whole = FrameColumns(
         time_s=number / 250.0, sequence=number, counts=np.tile(stretch.counts, (20, 1, 1))
     )
     health = examine(stretch, layout=layout, whole=whole)
@@ -250,7 +252,7 @@ def test_resistor_for_a_range_seen_under_load() -> None:
     counts = volts_to_counts(
         volts, divider=layout.divider, noise_counts=rng.normal(0, 0.4, ohm.shape)
     )
-    whole = Stretch(time_s=np.arange(400) / 50.0, sequence=np.arange(400), counts=counts)
+    whole = FrameColumns(time_s=np.arange(400) / 50.0, sequence=np.arange(400), counts=counts)
     health = examine(whole.first(3.9), layout=layout, whole=whole)
     assert codes(health) == [("resistor", "4700 ohm")]
     assert not health.healthy

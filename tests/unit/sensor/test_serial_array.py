@@ -23,9 +23,9 @@ from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire import encode_message, unpack
 from palpate.sensor.wire_messages import (
     Ack,
+    BoardIdentity,
     CommandType,
     FrameMessage,
-    Identity,
     Result,
     SetPressure,
 )
@@ -154,8 +154,8 @@ class PtyBoard:
         ack = Ack(command=kind, tag=tag, result=result, highest_rate_hz=self.highest_rate_hz)
         self.send(encode_message(ack))
 
-    def identity(self, *, tag: int) -> Identity:
-        return Identity(
+    def identity(self, *, tag: int) -> BoardIdentity:
+        return BoardIdentity(
             tag=tag, protocol=1, version=(1, 0, 0), features=3, rows=self.rows, cols=self.cols,
             oversampling=1, max_rows=16, max_cols=16, max_oversampling=64, settle_us=20,
             heartbeat_ms=500, reset_cause=1, streaming=self.started_us is not None,

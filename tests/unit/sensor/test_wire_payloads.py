@@ -10,11 +10,11 @@ import pytest
 from palpate.sensor.wire_messages import (
     NO_READING,
     Ack,
+    BoardIdentity,
+    CellSample,
     Command,
     CommandType,
     FrameMessage,
-    Identity,
-    LoadCell,
     Ping,
     ResetCause,
     Result,
@@ -43,7 +43,7 @@ ACK = Ack(
     time_us=123,
     highest_rate_hz=612.345,
 )
-IDENTITY = Identity(
+IDENTITY = BoardIdentity(
     tag=3, protocol=1, version=(1, 2, 3), features=3, rows=6, cols=2, oversampling=4,
     max_rows=16, max_cols=16, max_oversampling=64, settle_us=20, heartbeat_ms=500,
     reset_cause=ResetCause.WATCHDOG, streaming=True, conversion_us=104, baud=1_000_000,
@@ -56,7 +56,7 @@ FRAME = FrameMessage(
     oversampling=64,
     status=0x10,
     counts=np.array([[0, 65472]], dtype=np.uint16),
-    load_cells=(LoadCell(raw=NO_READING, sample=0), LoadCell(raw=-5, sample=255)),
+    load_cells=(CellSample(raw=NO_READING, sample=0), CellSample(raw=-5, sample=255)),
     pressure_set_kpa=50.0,
     pressure_kpa=49.951,
 )

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout
 from palpate.twin.mechanics import (
-    Compliance,
+    HandCompliance,
     Motion,
     PixelGrid,
     object_force_n,
@@ -30,9 +30,9 @@ def thing(**changes: object) -> TwinObject:
     return TwinObject(**(given | changes))  # type: ignore[arg-type]
 
 
-STIFF = Compliance(finger_mm_per_n=0.0, pad_travel_mm=0.0, pad_force_n=1.0)
-SPRING = Compliance(finger_mm_per_n=0.25, pad_travel_mm=0.0, pad_force_n=1.0)
-PADS = Compliance(finger_mm_per_n=0.2, pad_travel_mm=0.4, pad_force_n=2.0)
+STIFF = HandCompliance(finger_mm_per_n=0.0, pad_travel_mm=0.0, pad_force_n=1.0)
+SPRING = HandCompliance(finger_mm_per_n=0.25, pad_travel_mm=0.0, pad_force_n=1.0)
+PADS = HandCompliance(finger_mm_per_n=0.2, pad_travel_mm=0.4, pad_force_n=2.0)
 
 
 def test_two_springs_in_series() -> None:

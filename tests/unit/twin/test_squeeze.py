@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.twin.mechanics import Compliance, Squeeze
+from palpate.twin.mechanics import HandCompliance, RelaxingForce
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import World
 
-STIFF = Compliance(finger_mm_per_n=1e-9, pad_travel_mm=1e-9, pad_force_n=1.0)
-SOFT = Compliance(finger_mm_per_n=1e3, pad_travel_mm=1e-9, pad_force_n=1.0)
+STIFF = HandCompliance(finger_mm_per_n=1e-9, pad_travel_mm=1e-9, pad_force_n=1.0)
+SOFT = HandCompliance(finger_mm_per_n=1e3, pad_travel_mm=1e-9, pad_force_n=1.0)
 
 
 def fruit(share: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
@@ -31,9 +31,11 @@ def fruit(share: float = 0.3, *, tau_s: float = 2.0) -> TwinObject:
     )
 
 
-def held(obj: TwinObject, closure_mm: float, *, compliance: Compliance, until_s: float) -> Squeeze:
+def held(
+    obj: TwinObject, closure_mm: float, *, compliance: HandCompliance, until_s: float
+) -> RelaxingForce:
     """Close at once, and hold in small steps."""
-    squeeze = Squeeze.none(obj).closed(obj, closure_mm, step_s=1e-9, compliance=compliance)
+    squeeze = RelaxingForce.none(obj).closed(obj, closure_mm, step_s=1e-9, compliance=compliance)
     for start, end in pairwise(np.linspace(0.0, until_s, 400)):
         step_s = float(end - start)
         squeeze = squeeze.closed(obj, closure_mm, step_s=step_s, compliance=compliance)
@@ -61,7 +63,7 @@ def test_between_fingers_that_keep_their_force_it_creeps(at_s: float) -> None:
 def test_the_longer_it_is_held_the_less_force_is_left(
     share: float, closure: float, give: float
 ) -> None:
-    compliance = Compliance(finger_mm_per_n=give, pad_travel_mm=0.3, pad_force_n=2.0)
+    compliance = HandCompliance(finger_mm_per_n=give, pad_travel_mm=0.3, pad_force_n=2.0)
     obj = fruit(share)
     early = held(obj, closure, compliance=compliance, until_s=0.5)
     late = held(obj, closure, compliance=compliance, until_s=20.0)

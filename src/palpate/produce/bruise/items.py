@@ -22,7 +22,7 @@ from palpate.produce.bruise.judge import (
 )
 from palpate.produce.bruise.learning import learn
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, Example
-from palpate.produce.bruise.shape import Shape, middle_of, shape_of
+from palpate.produce.bruise.shape import LoadShape, middle_of, shape_of
 from palpate.produce.records import About, Grasp, Source, Verdict
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ def _labels(store: Store, *, kind: str) -> dict[str, Verdict]:
     }
 
 
-def _shape(grasp: Grasp) -> Shape:
+def _shape(grasp: Grasp) -> LoadShape:
     size = grasp.measurements.get("size_mm")
     return shape_of(pixels_of(grasp), width_mm=None if size is None else size.value)
 

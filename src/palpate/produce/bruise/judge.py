@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.produce.bruise.model import BruiseModel, Locator, at_share, usable
-from palpate.produce.bruise.shape import Shape, finger_contrast, pixel_contrast, slopes
+from palpate.produce.bruise.shape import LoadShape, finger_contrast, pixel_contrast, slopes
 
 #: Sides closer than this are one side, laid anew; and sides that face other flesh are at least so
 #: far apart, degrees.
@@ -54,11 +54,11 @@ class FeltSide:
     #: Which side faced the first finger.
     angle_deg: float
     #: How it loaded the pixels.
-    shape: Shape
+    shape: LoadShape
     #: Shape (rows, cols). Relative change of each pixel.
     change_percent: FloatArray
     #: References, by their names in `bruise_model.REFERENCES`.
-    against: Mapping[str, Shape]
+    against: Mapping[str, LoadShape]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

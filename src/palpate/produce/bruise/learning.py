@@ -10,7 +10,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import InputError, needing
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, Example, Locator, Logistic, Place
-from palpate.produce.bruise.shape import Shape, contrast, finger_contrast, slopes
+from palpate.produce.bruise.shape import LoadShape, contrast, finger_contrast, slopes
 
 #: Inverse strength of the ridge on standardised contrasts (there are up to 51), how many sides of
 #: each kind are the fewest to learn from, and in how many parts these are left out in turn.
@@ -99,7 +99,7 @@ def _fit(values: FloatArray, truth: Sequence[bool], *, even: bool = True) -> Log
     )
 
 
-def _fit_locator(known: Sequence[tuple[Place, Shape, Shape]]) -> Locator:
+def _fit_locator(known: Sequence[tuple[Place, LoadShape, LoadShape]]) -> Locator:
     """Fit to places, shapes, and what to hold them against."""
     values = np.array([finger_contrast(shape, reference) for _, shape, reference in known])
     # On the bruised finger load slopes away from the bruise.

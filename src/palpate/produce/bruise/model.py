@@ -20,7 +20,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.files import atomic_path
-from palpate.produce.bruise.shape import Shape, contrast
+from palpate.produce.bruise.shape import LoadShape, contrast
 
 #: What a side may be held against, the most telling first.
 REFERENCES = ("history", "class", "item")
@@ -43,9 +43,9 @@ class Example:
     """One side of which the truth is known."""
 
     #: How it loaded the pixels.
-    shape: Shape
+    shape: LoadShape
     #: References by name in `REFERENCES`: those that there are.
-    against: Mapping[str, Shape]
+    against: Mapping[str, LoadShape]
     #: The truth.
     bruised: bool
     #: Where the bruise was, if known.
@@ -89,7 +89,7 @@ class BruiseModel:
     #: By the name of one reference; empty where no places were known.
     locators: Mapping[str, Locator] = field(default_factory=dict)
 
-    def log_odds(self, shape: Shape, against: Mapping[str, Shape]) -> float:
+    def log_odds(self, shape: LoadShape, against: Mapping[str, LoadShape]) -> float:
         """Return the log odds that a side is bruised, as many being bruised as sound.
 
         Raises
@@ -180,7 +180,7 @@ def at_share(log_odds: float, *, bruised_share: float) -> float:
     return 1.0 / (1.0 + math.exp(-min(max(moved, -500.0), 500.0)))
 
 
-def usable(against: Mapping[str, Shape]) -> tuple[str, ...]:
+def usable(against: Mapping[str, LoadShape]) -> tuple[str, ...]:
     """Return the names of the references that there are, in their order."""
     return tuple(name for name in REFERENCES if name in against)
 

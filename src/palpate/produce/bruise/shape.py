@@ -59,7 +59,7 @@ _FINGER = _products((-1, 1, 1), (1, 2, 3))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shape:
+class LoadShape:
     """How load lay in one grasp."""
 
     #: Shape (2, 4). Mean, slope along, slope across and crossed term of log load on each finger.
@@ -74,7 +74,7 @@ class Shape:
         return np.concatenate([first - second, (first + second) / 2.0])
 
 
-def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Shape:
+def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> LoadShape:
     """Describe one grasp.
 
     Parameters
@@ -118,27 +118,27 @@ def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Sha
                 "can't be told from where the fruit lies"
             )
         modes[finger] = np.linalg.lstsq(basis[:, known].T, values[known], rcond=None)[0]
-    return Shape(modes=modes, width_mm=width_mm)
+    return LoadShape(modes=modes, width_mm=width_mm)
 
 
-def middle_of(shapes: Sequence[Shape], *, with_width: bool) -> Shape:
+def middle_of(shapes: Sequence[LoadShape], *, with_width: bool) -> LoadShape:
     """Return the median of several grasps, as a reference.
 
     Parameters
     ----------
-    shapes : sequence of Shape
+    shapes : sequence of LoadShape
         At least one.
     with_width : bool
         Whether their widths are of one item, so that its width may be compared with them.
     """
     widths_mm = [shape.width_mm for shape in shapes if shape.width_mm is not None]
-    return Shape(
+    return LoadShape(
         modes=np.median([shape.modes for shape in shapes], axis=0),
         width_mm=float(np.median(widths_mm)) if with_width and widths_mm else None,
     )
 
 
-def contrast(shape: Shape, reference: Shape) -> FloatArray:
+def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
     """Return what is judged of a grasp against a reference, shape (17,).
 
     Mean load; the sizes of the eight numbers; cube roots of their even products of three; and by
@@ -158,19 +158,19 @@ def contrast(shape: Shape, reference: Shape) -> FloatArray:
     return np.concatenate([[numbers[_MEAN]], np.abs(numbers), triples, [wider_mm]])
 
 
-def finger_contrast(shape: Shape, reference: Shape) -> FloatArray:
+def finger_contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
     """Return what tells the fingers apart, shape (8,): it changes sign when they change places."""
     numbers = shape.numbers - reference.numbers
     products = [(np.prod(numbers[list(chosen)]), len(chosen)) for chosen in _FINGER]
     return np.array([np.sign(value) * abs(value) ** (1.0 / size) for value, size in products])
 
 
-def slopes(shape: Shape, reference: Shape) -> FloatArray:
+def slopes(shape: LoadShape, reference: LoadShape) -> FloatArray:
     """Return how load slopes, along and across, on the first finger against the second."""
     return np.asarray((shape.numbers - reference.numbers)[1:3])
 
 
-def pixel_contrast(shape: Shape, reference: Shape, *, rows: int, cols: int) -> FloatArray:
+def pixel_contrast(shape: LoadShape, reference: LoadShape, *, rows: int, cols: int) -> FloatArray:
     """Return log load of each pixel against the one that it faces, shape (rows, cols)."""
     basis = _basis(rows // 2, cols)
     first = np.tensordot((shape.numbers - reference.numbers)[:MODES], basis, axes=1)

@@ -19,7 +19,7 @@ PRESSURE_FEATURES = ("contact_kpa", "gain_n_per_kpa")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Touch:
+class FeaturePoint:
     """One grasp in feature space."""
 
     #: Shape (n_features,). Natural logarithm of each quantity: a doubling counts alike wherever it
@@ -34,7 +34,7 @@ class Touch:
 
 def touch_of(
     measured: Mapping[str, Measurement], *, features: Sequence[str], calibration: str
-) -> Touch | None:
+) -> FeaturePoint | None:
     """Return a grasp as a point; None if a feature was not measured.
 
     Examples
@@ -48,7 +48,7 @@ def touch_of(
     given = [one for one in found if one is not None and 0 < one.low <= one.value <= one.high]
     if len(given) < len(features):
         return None
-    return Touch(
+    return FeaturePoint(
         value=np.log([one.value for one in given]),
         sd=np.array([_log_sd(one) for one in given]),
         calibration=calibration,

@@ -31,7 +31,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.produce.identify.features import Touch
+from palpate.produce.identify.features import FeaturePoint
 
 #: Share of items of the taught kinds that may be called unknown.
 FALSE_REJECT = 0.05
@@ -55,7 +55,7 @@ class TaughtItem:
     """An item whose kind is known, with its grasps."""
 
     kind: str
-    touches: tuple[Touch, ...]
+    touches: tuple[FeaturePoint, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +127,7 @@ class Identifier:
     >>> rng = np.random.default_rng(1)
     >>> def item(kind, ln_mm):
     ...     value = np.array([ln_mm + 0.05 * rng.standard_normal()])
-    ...     touch = Touch(value=value, sd=np.array([0.02]), calibration="monday")
+    ...     touch = FeaturePoint(value=value, sd=np.array([0.02]), calibration="monday")
     ...     return TaughtItem(kind=kind, touches=(touch,))
     >>> taught = [item("egg", 3.8) for _ in range(15)] + [item("grape", 2.9) for _ in range(15)]
     >>> known = Identifier(taught)
@@ -162,7 +162,7 @@ class Identifier:
         """Labelled items still missing before anything can be called unknown; 5 % needs 19."""
         return max(math.ceil(1.0 / self.false_reject - 1e-9) - 1 - len(self._taught), 0)
 
-    def identify(self, touches: Sequence[Touch]) -> Identity:
+    def identify(self, touches: Sequence[FeaturePoint]) -> Identity:
         """Say what an item is, from all its grasps.
 
         Raises
@@ -199,7 +199,7 @@ class Identifier:
             found.append(max(self._kind(item.kind, without=index).usual(felt), *others, 0.0))
         return np.array(found)
 
-    def _put_together(self, touches: Sequence[Touch]) -> _Felt:
+    def _put_together(self, touches: Sequence[FeaturePoint]) -> _Felt:
         """Average grasps; only the errors of their own shrink."""
         variance = np.array([touch.sd**2 for touch in touches])
         foreign = np.array([touch.calibration not in self._calibrations for touch in touches])

@@ -12,7 +12,7 @@ from palpate.grasp.result import Outcome
 from palpate.produce.identify.features import (
     PRESSURE_FEATURES,
     WIDTH_FEATURES,
-    Touch,
+    FeaturePoint,
     touch_of,
 )
 from palpate.produce.identify.identifier import (
@@ -75,13 +75,13 @@ def learn(
     return Identifier([one for kind in enough for one in kind], false_reject=false_reject)
 
 
-def touches_of(grasps: Iterable[Grasp], *, drive: Drive) -> tuple[Touch, ...]:
+def touches_of(grasps: Iterable[Grasp], *, drive: Drive) -> tuple[FeaturePoint, ...]:
     """Return those grasps that measured what kinds are told by, as points."""
     found = [touch_of_grasp(grasp) for grasp in grasps if grasp.drive == drive]
     return tuple(touch for touch in found if touch is not None)
 
 
-def touch_of_grasp(grasp: Grasp) -> Touch | None:
+def touch_of_grasp(grasp: Grasp) -> FeaturePoint | None:
     """Return a grasp as a point; None if it did not hold the item or did not measure enough."""
     if grasp.outcome is not Outcome.HELD:
         return None

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.estimate.compliance import Bend, Give
+from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
@@ -133,7 +133,7 @@ def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
 
 
 def round_softness(
-    width_mm: FloatArray, *, force_n: FloatArray, floor_n: float, give: Give
+    width_mm: FloatArray, *, force_n: FloatArray, floor_n: float, give: Compliance
 ) -> tuple[float, float]:
     """Fit the line; return its slope, mm per N^(2/3), and the slope's standard deviation.
 
@@ -145,14 +145,14 @@ def round_softness(
         Force read at each of them, newtons; the last is the settled one.
     floor_n : float
         Scatter of faint forces, newtons.
-    give : Give
+    give : Compliance
         Of pads, fingers and servo.
 
     Examples
     --------
     A fruit of 60 mm that takes 4 N at 1 mm and has relaxed by a tenth when it is held:
 
-    >>> give = Give(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
+    >>> give = Compliance(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
     ...     largest_force_n=15.0)
     >>> force_n = np.array([1.0, 2.5, 4.0, 5.0])
     >>> read_n = force_n * [1.0, 1.0, 1.0, np.exp(-0.1)]
@@ -219,7 +219,9 @@ def contact_width(belief: Belief, *, plan: Plan) -> Measurement | None:
     )
 
 
-def width_at_contact(pressure_kpa: FloatArray, *, force_n: FloatArray, bend: Bend) -> float:
+def width_at_contact(
+    pressure_kpa: FloatArray, *, force_n: FloatArray, bend: SoftFingerCompliance
+) -> float:
     """Return the width, mm, at which the force last rose above a newton, between steps in a line.
 
     Parameters
@@ -228,19 +230,19 @@ def width_at_contact(pressure_kpa: FloatArray, *, force_n: FloatArray, bend: Ben
         Steps of a closing.
     force_n : ndarray, shape (n,)
         Force read at each of them.
-    bend : Bend
+    bend : SoftFingerCompliance
         How the fingers close and give way.
 
     Examples
     --------
     Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and give way by 3.5 mm per newton:
 
-    >>> from palpate.estimate.compliance import Give
-    >>> give = Give(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0, residual_mm=0.1,
+    >>> from palpate.estimate.compliance import Compliance
+    >>> give = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=-74.0, residual_mm=0.1,
     ...     largest_force_n=12.0)
     >>> force_n = np.array([0.0, 0.4, 2.4])
     >>> pressure_kpa = 10.0 + 3.5 * force_n / 1.4
-    >>> bend = Bend(mm_per_kpa=1.4, give=give)
+    >>> bend = SoftFingerCompliance(mm_per_kpa=1.4, give=give)
     >>> round(width_at_contact(pressure_kpa, force_n=force_n, bend=bend), 6)
     60.0
     """

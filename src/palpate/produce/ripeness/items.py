@@ -10,7 +10,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
 from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
 from palpate.produce.ripeness.reference_object import Drift
@@ -28,7 +28,7 @@ _MOST_ITEMS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ItemHistory:
+class FirmnessHistory:
     """What one kind of gripper felt of an item, freed of drift where that is known."""
 
     #: Which item.
@@ -54,14 +54,14 @@ class ItemHistory:
 
 def history_of(
     grasps: Sequence[Grasp], *, item_id: str, drive: Drive, drift: Drift | None = None
-) -> ItemHistory:
+) -> FirmnessHistory:
     """Return what a kind of gripper felt of an item; without any day where it felt nothing."""
     felt: list[tuple[Grasp, float]] = []
     for grasp in grasps:
         firmness = firmness_of(grasp) if grasp.drive == drive else None
         if firmness is not None:
             felt.append((grasp, firmness if drift is None else drift.freed(firmness, grasp=grasp)))
-    return ItemHistory(
+    return FirmnessHistory(
         item_id=item_id,
         drive=drive,
         grasps=tuple(grasp for grasp, _ in felt),
@@ -114,7 +114,7 @@ def learn_rule(
     return RipenessRule.learn(days, labels=labels, stages=stages)
 
 
-def judge(history: ItemHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
+def judge(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
     """Judge an item by a rule, or by its own first day where there is none.
 
     Raises
@@ -137,7 +137,7 @@ def judge(history: ItemHistory, *, rule: RipenessRule | None, ripe: str) -> Ripe
     return judge_by_first_day(history.days)
 
 
-def verdict_of(ripeness: Ripeness, history: ItemHistory) -> Verdict:
+def verdict_of(ripeness: Ripeness, history: FirmnessHistory) -> Verdict:
     """Return what the store remembers of a judgement; the same one again is the same verdict."""
     last, days = history.grasps[-1], ripeness.days_to_ripe
     details: dict[str, object] = {
@@ -165,12 +165,12 @@ def verdict_of(ripeness: Ripeness, history: ItemHistory) -> Verdict:
     )
 
 
-def assumed(ripeness: Ripeness, history: ItemHistory) -> bool:
+def assumed(ripeness: Ripeness, history: FirmnessHistory) -> bool:
     """Whether a judgement is no finding: without labels the first day is hard by assumption."""
     return ripeness.basis == "first day" and len(history.days) == 1
 
 
-def explanation(ripeness: Ripeness, history: ItemHistory) -> str:
+def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
     """Return why, in a sentence that a person can check."""
     count, days = len(history.grasps), len(history.days)
     felt = f"felt {count} time{'s' * (count > 1)} on {days} day{'s' * (days > 1)}"
@@ -184,7 +184,7 @@ def explanation(ripeness: Ripeness, history: ItemHistory) -> str:
     return f"{felt}: {chance} {basis}"
 
 
-def _labels(history: ItemHistory, said: Iterable[Verdict]) -> list[str | None]:
+def _labels(history: FirmnessHistory, said: Iterable[Verdict]) -> list[str | None]:
     """Return the label of each day of an item: the last one given near it."""
     labels: list[str | None] = [None] * len(history.days)
     for verdict in said:
@@ -194,14 +194,16 @@ def _labels(history: ItemHistory, said: Iterable[Verdict]) -> list[str | None]:
     return labels
 
 
-def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Give | None:
+def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance | None:
     """Return how far the gripper gives way, where the store has a calibration that says so."""
     known = [grasp.calibration_id for grasp in grasps if grasp.calibration_id is not None]
     if drive != "width" or not known:
         return None
     block = json.loads(store.calibration(known[0])).get("block", {})
     try:
-        return Give.fit(block["force_n"], width_mm=block["width_mm"], block_mm=block["block_mm"])
+        return Compliance.fit(
+            block["force_n"], width_mm=block["width_mm"], block_mm=block["block_mm"]
+        )
     except (CalibrationError, KeyError, ValueError):
         # Made without a block: then drift is taken to reach every fruit alike.
         return None

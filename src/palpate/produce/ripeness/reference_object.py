@@ -25,7 +25,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.estimate.compliance import Give
+from palpate.estimate.compliance import Compliance
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.firmness import RIPENESS_N, by_day, firmness_of
 from palpate.produce.ripeness.reference_force import ForceRead
@@ -62,7 +62,9 @@ class Drift:
     force: ForceRead | None = None
 
     @classmethod
-    def learn(cls, grasps: Sequence[Grasp], *, drive: Drive, give: Give | None = None) -> Drift:
+    def learn(
+        cls, grasps: Sequence[Grasp], *, drive: Drive, give: Compliance | None = None
+    ) -> Drift:
         """Learn from the grasps of the reference object by one kind of gripper.
 
         Parameters
@@ -71,7 +73,7 @@ class Drift:
             Of the reference object.
         drive : {"width", "pressure"}
             Which grasps to use.
-        give : Give, optional
+        give : Compliance, optional
             How far the gripper gives way, from its calibration.
 
         Raises
@@ -176,6 +178,6 @@ def _smoothed(day: FloatArray, moved: FloatArray, *, variance: FloatArray) -> Fl
     return np.concatenate([[0.0], weight @ np.array(drifts) / weight.sum()])
 
 
-def _slope_mm_per_n(give: Give) -> float:
+def _slope_mm_per_n(give: Compliance) -> float:
     around = give.give_mm([0.9 * RIPENESS_N, 1.1 * RIPENESS_N])
     return float(np.diff(around)[0] / (0.2 * RIPENESS_N))

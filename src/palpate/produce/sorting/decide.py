@@ -12,7 +12,7 @@ Says = Literal["yes", "no", "unsure"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
+class BinDecision:
     """Where an item goes.
 
     Attributes
@@ -36,7 +36,7 @@ class Decision:
     why: str
 
 
-def decide(book: RuleBook, evidence: Evidence) -> Decision:
+def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     """Apply the rules: the first that is sure of all its conditions wins.
 
     Where an earlier rule can't tell yet, or none is sure, another grasp is asked for, as long as
@@ -77,13 +77,13 @@ def decide(book: RuleBook, evidence: Evidence) -> Decision:
     count = f"{evidence.grasps} grasp{'s' if evidence.grasps != 1 else ''}"
     if sure is None:
         why = f"{book.default_bin} (default): {_no_rule(book, evidence)}; {count}"
-        return Decision(bin=book.default_bin, rule=None, probability=None, again=again, why=why)
+        return BinDecision(bin=book.default_bin, rule=None, probability=None, again=again, why=why)
     probability = sure.probability(evidence)[0]
     why = (
         f"{sure.bin}: {_reasons(sure, evidence)}, together {_percent(probability)} "
         f"(rule of line {sure.line}); {count}"
     )
-    return Decision(bin=sure.bin, rule=sure, probability=probability, again=again, why=why)
+    return BinDecision(bin=sure.bin, rule=sure, probability=probability, again=again, why=why)
 
 
 def _verdict(rule: Rule, evidence: Evidence) -> tuple[Says, bool]:

@@ -12,7 +12,7 @@ from palpate.produce.identify.features import put_together
 from palpate.produce.identify.identifier import Identifier, Identity, as_labelled
 from palpate.produce.identify.items import touches_of
 from palpate.produce.records import About, Drive, Grasp, Verdict
-from palpate.produce.sorting.decide import Decision, decide
+from palpate.produce.sorting.decide import BinDecision, decide
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Evidence, RuleBook
 
@@ -27,7 +27,7 @@ class Sorted:
     #: Which item.
     item_id: str
     #: Its bin and the reason.
-    decision: Decision
+    decision: BinDecision
     #: What it is; None if no grasp told.
     identity: Identity | None
     #: Its size, from all grasps.

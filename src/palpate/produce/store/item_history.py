@@ -12,7 +12,7 @@ from palpate.produce.store.database import Store
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ItemPage:
+class ItemHistory:
     """One item with its history, oldest first."""
 
     #: Which.
@@ -37,7 +37,7 @@ class ItemPage:
         found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
         return next(found, None)
 
-    def within(self, since: datetime, until: datetime) -> ItemPage:
+    def within(self, since: datetime, until: datetime) -> ItemHistory:
         """Return what was felt and said at or after `since`, and before `until`."""
         return replace(
             self,
@@ -46,7 +46,7 @@ class ItemPage:
         )
 
 
-def item_page(store: Store, item_id: str) -> ItemPage:
+def item_page(store: Store, item_id: str) -> ItemHistory:
     """Gather the page of an item.
 
     Raises
@@ -57,10 +57,10 @@ def item_page(store: Store, item_id: str) -> ItemPage:
     return item_pages(store, [store.item(item_id)])[0]
 
 
-def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemPage, ...]:
+def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
     """Gather the pages of several items, in their order."""
     histories = store.histories([item.item_id for item in items])
     return tuple(
-        ItemPage(item=item, grasps=grasps, verdicts=verdicts)
+        ItemHistory(item=item, grasps=grasps, verdicts=verdicts)
         for item, (grasps, verdicts) in zip(items, histories, strict=True)
     )

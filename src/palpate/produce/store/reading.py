@@ -10,12 +10,12 @@ from typing import Any
 
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.records import MEASURED, About, Grasp, Item, Reading, Source, Verdict
+from palpate.produce.records import MEASURED, About, Grasp, Item, PastMeasurement, Source, Verdict
 from palpate.produce.store.engine import faults_of, sa
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
 from palpate.settling.result import Status
 
-_READING_COLUMNS = tuple(f.name for f in fields(Reading) if f.name != "measurement")
+_READING_COLUMNS = tuple(f.name for f in fields(PastMeasurement) if f.name != "measurement")
 #: Numbers in one IN list: below SQLite's bound on parameters in every build.
 _MOST_NUMBERS = 500
 
@@ -42,7 +42,7 @@ def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Grasp
     )
 
 
-def read_history(connection: sa.Connection, item_id: str, name: str) -> tuple[Reading, ...]:
+def read_history(connection: sa.Connection, item_id: str, name: str) -> tuple[PastMeasurement, ...]:
     """Return one measurement of an item over its grasps, oldest first."""
     query = (
         sa.select(*(GRASPS.c[column] for column in _READING_COLUMNS), MEASUREMENTS)
@@ -51,7 +51,7 @@ def read_history(connection: sa.Connection, item_id: str, name: str) -> tuple[Re
         .order_by(GRASPS.c.taken_at, GRASPS.c.number)
     )
     return tuple(
-        Reading(measurement=_measurement(row), **{c: row[c] for c in _READING_COLUMNS})
+        PastMeasurement(measurement=_measurement(row), **{c: row[c] for c in _READING_COLUMNS})
         for row in connection.execute(query).mappings()
     )
 
@@ -244,7 +244,7 @@ class StoreReader:
             yield from rows
             last = found[-1]
 
-    def history(self, item_id: str, name: str) -> tuple[Reading, ...]:
+    def history(self, item_id: str, name: str) -> tuple[PastMeasurement, ...]:
         """Return one measurement of an item over its grasps, oldest first.
 
         Parameters

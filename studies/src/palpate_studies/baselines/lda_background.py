@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import multivariate_normal
 
 from palpate.arrays import FloatArray
-from palpate.produce.identify.features import Touch
+from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import (
     FALSE_REJECT,
     UNKNOWN,
@@ -38,7 +38,8 @@ class LdaBackground(Identifier):
     --------
     >>> rng = np.random.default_rng(1)
     >>> def item(kind, ln_mm):
-    ...     touch = Touch(value=rng.normal((ln_mm, 1.0), 0.05), sd=np.ones(2), calibration="m")
+    ...     value = rng.normal((ln_mm, 1.0), 0.05)
+    ...     touch = FeaturePoint(value=value, sd=np.ones(2), calibration="m")
     ...     return TaughtItem(kind=kind, touches=(touch,))
     >>> known = LdaBackground([item(*k) for k in 20 * [("egg", 3.8), ("grape", 2.9)]])
     >>> known.identify(item("?", 3.8).touches).kind, known.identify(item("?", 5.5).touches).kind
@@ -63,7 +64,7 @@ class LdaBackground(Identifier):
         ]
         self._limit = float(np.quantile([chance[-1] for chance in unknown], 1.0 - FALSE_REJECT))
 
-    def identify(self, touches: Sequence[Touch]) -> Identity:
+    def identify(self, touches: Sequence[FeaturePoint]) -> Identity:
         """Say what an item is, from the mean of its grasps."""
         chance = self._chances(_mean(touches), self._means)
         rejected = bool(chance[-1] > self._limit)
@@ -82,5 +83,5 @@ class LdaBackground(Identifier):
         return np.asarray(chance / chance.sum())
 
 
-def _mean(touches: Sequence[Touch]) -> FloatArray:
+def _mean(touches: Sequence[FeaturePoint]) -> FloatArray:
     return np.asarray(np.mean([touch.value for touch in touches], axis=0))
