@@ -8,7 +8,8 @@ more than that the object is not softer than so much.
 
 Both ends give the softness (mm/N) of hand and object together, and its doubt is a proportion: that
 of the force. The hand's own softness is known; the object's is what goes beyond it, and can't be
-less than nothing. That makes it the measurement of something bounded (`palpate.estimate.bounded`).
+less than nothing. That makes it the measurement of something bounded
+(`palpate.estimate.feldman_cousins`).
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import norm
 
-from palpate.estimate.bounded import bounded_interval, bounded_middle
 from palpate.estimate.closing_stiffness import ClosingSteps
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
+from palpate.estimate.feldman_cousins import bounded_interval, bounded_middle
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw
-from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
+from palpate.estimate.sheet_creep import OwnCreep
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout

@@ -12,9 +12,9 @@ from palpate.errors import CalibrationError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.force import ForceLaw, PowerForceLaw
 from palpate.estimate.force_now import ForceNow
-from palpate.estimate.own_creep import OwnCreep
 from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
+from palpate.estimate.sheet_creep import OwnCreep
 from palpate.estimate.weights_check import held_out_of_pairs, held_out_of_placements
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import Gripper

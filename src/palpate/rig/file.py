@@ -15,7 +15,7 @@ from palpate.clock import RealClock
 from palpate.errors import CalibrationError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.rig import Rig, open_rig
-from palpate.rig.stated_options import fault_in
+from palpate.rig.option_types import fault_in
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 

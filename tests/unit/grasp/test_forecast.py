@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.estimate.own_creep import OwnCreep
+from palpate.estimate.sheet_creep import OwnCreep
 from palpate.grasp.answer import forecast
 from palpate.grasp.belief import Belief, Touch
 from palpate.grasp.plan import Plan

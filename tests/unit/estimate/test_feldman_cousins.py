@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
-from palpate.estimate.bounded import bounded_interval, bounded_middle
+from palpate.estimate.feldman_cousins import bounded_interval, bounded_middle
 
 #: Feldman and Cousins (1998), Table X: measured, ends of the 90 % interval of a normal error.
 TABLE_X = [

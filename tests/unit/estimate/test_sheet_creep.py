@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.own_creep import OwnCreep
+from palpate.estimate.sheet_creep import OwnCreep
 
 CREEP = OwnCreep(log_mean=0.2, log_sd=0.02, early_s=0.4, settled_s=20.0)
 
