@@ -1,4 +1,4 @@
-"""The pages that a newcomer reads first keep to the words that CONTRIBUTING.md lists."""
+"""The pages keep to the words that CONTRIBUTING.md lists."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FRONT = ("README.md", "docs/index.md", "docs/first-grasp.md", "docs/grasp-produce.md")
+#: Not yet in these words; the results are what studies print.
+LATER = {"dashboard", "results", "scoreboard", "troubleshooting"}
+PAGES = ["README.md"] + sorted(
+    str(page.relative_to(ROOT))
+    for folder in ("", "api", "decisions")
+    for page in (ROOT / "docs" / folder).glob("*.md")
+    if page.stem not in LATER
+)
 
 
 def odd_words() -> list[str]:
@@ -28,8 +35,8 @@ def test_the_list_is_read() -> None:
     assert {"told", "beside", "anew"} <= set(odd_words())
 
 
-@pytest.mark.parametrize("page", FRONT)
-def test_front_pages_use_plain_words(page: str) -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_pages_use_plain_words(page: str) -> None:
     text = prose(page)
     found = [w for w in odd_words() if re.search(rf"\b{w}\b", text, flags=re.IGNORECASE)]
     assert found == []
