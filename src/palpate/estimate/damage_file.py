@@ -7,21 +7,20 @@ ones of newtons and N/mm.
 from __future__ import annotations
 
 import json
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.damage_learning import HeldOut
 from palpate.estimate.strength import FEWEST, Strength
 from palpate.files import atomic_path
+from palpate.structure import structured
 
 FORMAT, VERSION = "palpate-damage-model", 1
 _BROKEN = "not whole JSON ({}); take it from a backup or run `palpate calibrate damage` again"
@@ -138,9 +137,9 @@ class DamageFile:
         """
         try:
             return _read(json.loads(text))
-        except CalibrationError as error:
+        except (CalibrationError, InputError) as error:
             raise CalibrationError(f"{where}: {error}") from error
-        except (ValueError, ArithmeticError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:
             raise CalibrationError(f"{where}: {_BROKEN.format(error)}") from error
 
 
@@ -157,15 +156,25 @@ def recorded_model(text: str | None) -> DamageModel | None:
     return DamageFile.from_text(text, where="the damage file in the recording").model
 
 
-_KEYS = (
-    "made_at",
-    "learned_from",
-    "closings",
-    "left_out",
-    "any_kind",
-    "kinds",
-    "critical_scores",
-)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Kind(Strength):
+    """What the file has of a kind."""
+
+    low_share: float
+    held_out: HeldOut | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Document:
+    """The file, without its format and version."""
+
+    made_at: str
+    learned_from: Mapping[str, str]
+    closings: Mapping[str, int]
+    left_out: Mapping[str, str]
+    any_kind: _Kind
+    kinds: Mapping[str, _Kind]
+    critical_scores: tuple[float, ...]
 
 
 def _read(document: Any) -> DamageFile:
@@ -176,113 +185,39 @@ def _read(document: Any) -> DamageFile:
             f"written by another version of palpate (file version {document.get('version')}, this "
             f"one reads {VERSION}); update palpate or run `palpate calibrate damage` again"
         )
-    stated = _table(document, ("format", "version", *_KEYS), where="the file")
-    tables = {"": stated["any_kind"], **_any_table(stated["kinds"], where="kinds")}
-    strengths, low_shares, held_out = {}, {}, {}
-    for kind, stored in tables.items():
-        where = f"kinds.{kind}" if kind else "any_kind"
-        table = dict(_table(stored, (*_STRENGTH, "low_share", "held_out"), where=where))
-        checked = table.pop("held_out")
-        low_shares[kind] = _positive(table.pop("low_share"), where=f"{where}.low_share")
-        strengths[kind] = _strength(table, where=where)
-        if checked is not None:
-            held_out[kind] = _held_out(checked, where=f"{where}.held_out")
+    read = structured(
+        _Document, {k: v for k, v in document.items() if k not in ("format", "version")}
+    )
+    scores = np.array(read.critical_scores)
+    if len(scores) < FEWEST or np.any(np.diff(scores) < 0):
+        raise CalibrationError(f"critical_scores must be {FEWEST} numbers or more, rising")
+    kinds = {"": read.any_kind, **read.kinds}
+    for kind, stored in kinds.items():
+        _check(stored, where=f"kinds.{kind}" if kind else "any_kind")
     return DamageFile(
         model=DamageModel(
-            critical_scores=_scores(stated["critical_scores"]),
-            strengths=strengths,
-            low_shares=low_shares,
+            critical_scores=scores,
+            strengths={
+                kind: Strength(**{name: getattr(stored, name) for name in _STRENGTH})
+                for kind, stored in kinds.items()
+            },
+            low_shares={kind: stored.low_share for kind, stored in kinds.items()},
         ),
-        closings={
-            kind: _whole(count, where=f"closings.{kind}")
-            for kind, count in _any_table(stated["closings"], where="closings").items()
-        },
-        learned_from=_texts(stated["learned_from"], where="learned_from"),
-        made_at=_texts({"made_at": stated["made_at"]}, where="the file")["made_at"],
-        left_out=_texts(stated["left_out"], where="left_out"),
-        held_out=held_out,
+        closings=read.closings,
+        learned_from=read.learned_from,
+        made_at=read.made_at,
+        left_out=read.left_out,
+        held_out={kind: one.held_out for kind, one in kinds.items() if one.held_out is not None},
     )
 
 
-def _strength(table: Mapping[str, Any], *, where: str) -> Strength:
-    numbers = {name: _number(value, where=f"{where}.{name}") for name, value in table.items()}
-    for name in ("stiffness_log_sd", "log_sd"):
-        _positive(numbers[name], where=f"{where}.{name}")
-    objects = _whole(table["objects"], where=f"{where}.objects")
-    if objects < FEWEST:
-        raise CalibrationError(f"{where} rests on {objects} closings; {FEWEST} are needed")
-    return Strength(
-        log_stiffness=numbers["log_stiffness"],
-        stiffness_log_sd=numbers["stiffness_log_sd"],
-        log_force=numbers["log_force"],
-        slope=numbers["slope"],
-        log_sd=numbers["log_sd"],
-        objects=objects,
-    )
-
-
-def _held_out(stored: Any, *, where: str) -> HeldOut:
-    table = _table(stored, [f.name for f in fields(HeldOut)], where=where)
-    numbers = {name: _number(value, where=f"{where}.{name}") for name, value in table.items()}
-    return HeldOut(
-        closings=_whole(table["closings"], where=f"{where}.closings"),
-        error_percent=numbers["error_percent"],
-        median_error_percent=numbers["median_error_percent"],
-        above_low=numbers["above_low"],
-    )
+def _check(kind: _Kind, *, where: str) -> None:
+    for name in ("stiffness_log_sd", "log_sd", "low_share"):
+        if not getattr(kind, name) > 0:
+            raise CalibrationError(f"{where}.{name} is {getattr(kind, name):g}; it must be above 0")
+    if kind.objects < FEWEST:
+        raise CalibrationError(f"{where} rests on {kind.objects} closings; {FEWEST} are needed")
 
 
 def _rounded(numbers: Mapping[str, float]) -> dict[str, float]:
     return {name: round(value, _DIGITS) for name, value in numbers.items()}
-
-
-def _scores(stored: Any) -> NDArray[np.float64]:
-    if not isinstance(stored, list):
-        raise CalibrationError("critical_scores must be a list of numbers")
-    scores = np.array([_number(score, where="critical_scores") for score in stored])
-    if len(scores) < FEWEST or np.any(np.diff(scores) < 0):
-        raise CalibrationError(f"critical_scores must be {FEWEST} numbers or more, rising")
-    return scores
-
-
-def _table(stored: Any, names: Sequence[str], *, where: str) -> Mapping[str, Any]:
-    """Return a table that has just these names."""
-    table = _any_table(stored, where=where)
-    missing, unknown = sorted(set(names) - set(table)), sorted(set(table) - set(names))
-    if missing or unknown:
-        lacks = [f"lacks {', '.join(missing)}"] if missing else []
-        has = [f"has {', '.join(unknown)}, which is not known"] if unknown else []
-        raise CalibrationError(f"{where} {' and '.join(lacks + has)}")
-    return table
-
-
-def _any_table(stored: Any, *, where: str) -> Mapping[str, Any]:
-    if not isinstance(stored, dict):
-        raise CalibrationError(f"{where} is {stored!r:.40}, not a table")
-    return stored
-
-
-def _texts(stored: Any, *, where: str) -> Mapping[str, str]:
-    for name, text in _any_table(stored, where=where).items():
-        if not isinstance(text, str):
-            raise CalibrationError(f"{where}: {name} is {text!r:.40}, not text")
-    return dict(stored)
-
-
-def _number(value: Any, *, where: str) -> float:
-    if type(value) not in (int, float) or not math.isfinite(value):
-        raise CalibrationError(f"{where} is {value!r:.40}, not a finite number")
-    return float(value)
-
-
-def _positive(value: Any, *, where: str) -> float:
-    number = _number(value, where=where)
-    if not number > 0:
-        raise CalibrationError(f"{where} is {number:g}; it must be above 0")
-    return number
-
-
-def _whole(value: Any, *, where: str) -> int:
-    if type(value) is not int or value < 0:
-        raise CalibrationError(f"{where} is {value!r:.40}, not a count")
-    return value

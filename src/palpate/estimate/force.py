@@ -17,7 +17,8 @@ from scipy.stats import t as student_t
 from scipy.stats import theilslopes
 
 from palpate.arrays import FloatArray
-from palpate.errors import CalibrationError
+from palpate.errors import CalibrationError, InputError
+from palpate.structure import structured
 
 #: Fewer calibration pairs than this can't show their own scatter.
 MIN_PAIRS = 4
@@ -76,14 +77,9 @@ def law_from_dict(stored: Mapping[str, Any]) -> PowerForceLaw:
         )
     numbers = {name: value for name, value in stored.items() if name != "law"}
     try:
-        numbers["coefficients"] = tuple(stored["coefficients"])
-        numbers["covariance"] = tuple(tuple(row) for row in stored["covariance"])
-        numbers["range"] = (stored["range"][0], stored["range"][1])
-        return PowerForceLaw(**numbers)
-    except KeyError as error:
-        raise CalibrationError(f"force law {stored['law']!r}: {error} is missing") from error
-    except TypeError as error:
-        raise CalibrationError(f"force law {stored['law']!r}: {error}") from error
+        return structured(PowerForceLaw, numbers, where=f"force law {stored['law']!r}")
+    except InputError as error:
+        raise CalibrationError(str(error)) from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,7 @@ from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.recording.contents import Event, LoadCells, Origin, RecordingInfo
 from palpate.sensor.array import ArrayLayout, Frame
-from palpate.signal.circuit import Divider
+from palpate.structure import structured
 
 Message = Frame | GripperState | Event | LoadCells
 
@@ -224,20 +224,19 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             "upgrade palpate"
         )
     try:
-        gripper = json.loads(texts["gripper"]) if "gripper" in texts else None
         target = texts.get("target_force_n")
-        fields = json.loads(texts["layout"])
-        fields["divider"] = Divider(**fields["divider"])
-        fields["finger_of_row"] = tuple(map(_whole, fields["finger_of_row"]))
+        layout, gripper = (json.loads(texts.get(name, "null")) for name in ("layout", "gripper"))
         return RecordingInfo(
-            layout=ArrayLayout(**fields),
+            layout=structured(ArrayLayout, layout, where="layout"),
             origin=_ORIGINS[texts["origin"]],
             rig=texts.get("rig"),
             firmware_version=texts.get("firmware_version"),
             calibration=texts.get("calibration"),
             seed=int(texts["seed"]) if "seed" in texts else None,
             versions=json.loads(texts["versions"]),
-            gripper=None if gripper is None else GripperLimits(**gripper),
+            gripper=None
+            if gripper is None
+            else structured(GripperLimits, gripper, where="gripper"),
             target_force_n=None if target is None else float(target),
             damage=texts.get("damage"),
             kind=texts.get("kind", ""),

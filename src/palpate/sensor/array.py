@@ -13,8 +13,6 @@ from palpate.signal.circuit import Divider
 
 #: What the lines that are not selected do: see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
-#: Fields of a layout that files written before them lack, with what was taken for granted then.
-ADDED_LATER: dict[str, object] = {"idle_lines": "isolated", "line_ohm": 0.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

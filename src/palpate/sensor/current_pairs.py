@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,28 +44,6 @@ class CurrentPairs:
             raise CalibrationError("current: width_mm and movement go together")
         if not np.isfinite([*self.force_n, *self.current_ma, *self.width_mm]).all():
             raise CalibrationError("current: every entry must be a finite number")
-
-
-def current_pairs_from_dict(stored: Mapping[str, Any]) -> CurrentPairs:
-    """Return the pairs that a calibration file holds.
-
-    Raises
-    ------
-    CalibrationError
-        If a column is missing or unknown, or the data are refused.
-
-    Examples
-    --------
-    >>> current_pairs_from_dict({"force_n": [0.0, 5.0], "current_ma": [30.0, 110.0]}).force_n
-    (0.0, 5.0)
-    """
-    # Files made before widths and movements were kept lack them.
-    known = {"width_mm": (), "movement": (), **stored}
-    names = {one.name for one in fields(CurrentPairs)}
-    if set(known) != names:
-        wrong = ", ".join(sorted(names ^ set(known)))
-        raise CalibrationError(f"current: missing or unknown: {wrong}; units are part of the names")
-    return CurrentPairs(**{name: tuple(known[name]) for name in names})
 
 
 def joined(*parts: CurrentPairs) -> CurrentPairs:

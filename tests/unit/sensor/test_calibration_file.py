@@ -84,13 +84,13 @@ def edited(calibration: Calibration, path: Path, **changes: object) -> Path:
         ({"version": 4}, r"file version 4, this one reads up to 3\); update palpate"),
         ({"format": "other"}, "not a calibration file"),
         ({"rest": None}, "lacks rest"),
-        ({"colour": "red"}, "found colour"),
+        ({"colour": "red"}, "has colour"),
         ({"block": {"block_cm": [4], "width_mm": [3], "force_n": [1]}}, "lacks block_mm.*block_cm"),
         ({"block": {"block_mm": [4], "width_mm": ["x"], "force_n": [1]}}, "finite number"),
         ({"block": {"block_mm": [4, 4], "width_mm": [3], "force_n": [1]}}, "unequal length"),
         ({"rest": {"ohm": [[1.0]], "spread_percent": [[0.1]], "frames": 5}}, "values for a layout"),
         ({"made_at": "yesterday"}, "made_at is 'yesterday'; it must be a date such as"),
-        ({"temperature_c": "warm"}, "temperature_c is 'warm'; it must be a number"),
+        ({"temperature_c": "warm"}, "temperature_c is 'warm', not a finite number"),
     ],
 )
 def test_faults_are_named(

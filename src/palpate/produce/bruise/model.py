@@ -11,9 +11,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.files import atomic_path
 from palpate.produce.bruise.shape import LoadShape, contrast
+from palpate.structure import structured
 
 #: What a side may be held against, the most telling first.
 REFERENCES = ("history", "class", "item")
@@ -79,13 +79,13 @@ class Locator:
 class BruiseModel:
     """What was learned."""
 
-    #: For each set of references, its names joined by ``+`` in the order of `REFERENCES`.
-    judges: Mapping[str, Logistic]
     #: From what, in words; simulated where it was.
     learned_on: str
     #: How many sides it was learned from.
     bruised: int
     sound: int
+    #: For each set of references, its names joined by ``+`` in the order of `REFERENCES`.
+    judges: Mapping[str, Logistic]
     #: By the name of one reference; empty where no places were known.
     locators: Mapping[str, Locator] = field(default_factory=dict)
 
@@ -109,18 +109,7 @@ class BruiseModel:
 
     def save(self, path: Path) -> None:
         """Write it as JSON, whole or not at all."""
-        document = {
-            "format": FORMAT,
-            "version": VERSION,
-            "learned_on": self.learned_on,
-            "bruised": self.bruised,
-            "sound": self.sound,
-            "judges": {name: _as_dict(judge) for name, judge in self.judges.items()},
-            "locators": {
-                name: {"finger": _as_dict(one.finger), "mm_per_slope": list(one.mm_per_slope)}
-                for name, one in self.locators.items()
-            },
-        }
+        document = {"format": FORMAT, "version": VERSION, **asdict(self)}
         with atomic_path(path) as partial:
             partial.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n")
 
@@ -134,33 +123,15 @@ class BruiseModel:
             If it is something else.
         """
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            if found["format"] != FORMAT or found["version"] != VERSION:
-                raise InputError(f"{path}: not a bruise model of version {VERSION}")
-            return cls(
-                judges={name: _logistic(one) for name, one in found["judges"].items()},
-                learned_on=found["learned_on"],
-                bruised=found["bruised"],
-                sound=found["sound"],
-                locators={
-                    name: Locator(
-                        finger=_logistic(one["finger"]),
-                        mm_per_slope=(one["mm_per_slope"][0], one["mm_per_slope"][1]),
-                    )
-                    for name, one in found["locators"].items()
-                },
-            )
+            document = json.loads(path.read_text(encoding="utf-8"))
+            head = {"format": FORMAT, "version": VERSION}
+            if not isinstance(document, dict) or not head.items() <= document.items():
+                raise InputError(f"its format is not {FORMAT} of version {VERSION}")
+            return structured(cls, {k: v for k, v in document.items() if k not in head})
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}") from error
-        except (
-            ValueError,
-            LookupError,
-            TypeError,
-            AttributeError,
-            ArithmeticError,
-            RecursionError,
-        ) as error:
-            raise InputError(f"{path}: not a bruise model ({error}); learn one anew") from error
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: not a bruise model ({error}); learn one again") from error
 
 
 def default_model() -> BruiseModel:
@@ -183,21 +154,3 @@ def at_share(log_odds: float, *, bruised_share: float) -> float:
 def usable(against: Mapping[str, LoadShape]) -> tuple[str, ...]:
     """Return the names of the references that there are, in their order."""
     return tuple(name for name in REFERENCES if name in against)
-
-
-def _as_dict(judge: Logistic) -> dict[str, Any]:
-    return {
-        "centre": list(judge.centre),
-        "scale": list(judge.scale),
-        "weight": list(judge.weight),
-        "intercept": judge.intercept,
-    }
-
-
-def _logistic(found: Mapping[str, Any]) -> Logistic:
-    return Logistic(
-        centre=tuple(found["centre"]),
-        scale=tuple(found["scale"]),
-        weight=tuple(found["weight"]),
-        intercept=float(found["intercept"]),
-    )
