@@ -413,7 +413,7 @@ def test_torque_that_is_off_is_known_by_the_width(
     struck_s: list[float] = []
 
     def limp(_: Observation) -> None:
-        if world.clock.now_s() > 2.0 and not struck_s:
+        if world.clock.now_s() > 1.0 and not struck_s:
             struck_s.append(world.clock.now_s())
             line.write(x.TORQUE_ENABLE, 0)
 

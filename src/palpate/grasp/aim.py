@@ -4,14 +4,46 @@ from __future__ import annotations
 
 import math
 
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.answer import stiffness_told
 from palpate.grasp.belief import Belief
+from palpate.grasp.closing import force_now, squeezed
 from palpate.grasp.plan import Plan
+
+#: An object that is surely stiffer gives way so much less than fingers and pads that a firmer
+#: squeeze would not tell by how much.
+_FIRM_N_PER_MM = 6.0
 
 
 def goal_n(plan: Plan) -> float:
     """Return the force that the plan is after."""
     target_n = plan.gentle_force_n if plan.target_force_n is None else plan.target_force_n
     return max(target_n, plan.lift_force_n or 0.0)
+
+
+def gentle_goal_n(belief: Belief, plan: Plan) -> float:
+    """Return where a squeeze without target ends: once the stiffness is known, or it may not go on.
+
+    An object that has given way a lot is known by then, and what is so soft often bears little. One
+    that surely gives way little is pressed harder, until it is known.
+    """
+    goal_n = max(plan.gentle_force_n, plan.lift_force_n or 0.0)
+    if plan.gripper.drive == "pressure" or plan.lift_force_n is not None:
+        return goal_n
+    if squeezed(belief, plan) > plan.gentle_mm:
+        return 0.5 * goal_n
+    if belief.force_n < goal_n:
+        return goal_n
+    stiffness = stiffness_told(belief, force_now(belief, plan), plan=plan)
+    if stiffness is None or _known(stiffness, share=plan.stiffness_share):
+        return goal_n
+    return max(goal_n, min(plan.firm_force_n, plan.firm_mm * stiffness.low))
+
+
+def _known(stiffness: Measurement, *, share: float) -> bool:
+    """Whether a stiffness is known well enough, or to be more than so small a force can tell."""
+    near = stiffness.high / stiffness.low <= (1.0 + share) / (1.0 - share)
+    return near or stiffness.low > _FIRM_N_PER_MM
 
 
 def missing_n(belief: Belief, plan: Plan) -> float:

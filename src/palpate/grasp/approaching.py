@@ -9,6 +9,7 @@ from palpate.grasp.belief import Belief, Touch
 from palpate.grasp.closing import approach_step, closure_of, pressed, whole
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.safety import largest_step
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand
 
@@ -19,20 +20,22 @@ _SHEET_LAG_S = 0.06
 QUIET_S = 0.21
 #: Steps of the approach that the hand may go on after a touch. On development sensors of the twin a
 #: touch at this speed presses no harder in the median than steps that are waited for.
-_OVERRUN_STEPS = 1.5
+_OVERRUN_STEPS = 2.0
 #: Commands reach so far ahead, beyond two frames: if no more comes, the hand stops by itself.
 _AHEAD_S = 0.02
 #: A hand that does not move is sent on after so long.
-_IDLE_S = 0.7
+_IDLE_S = 0.5
 #: A hand that comes back goes so many steps at most.
 _FURTHER_BACK_STEPS = 4.0
 #: A sheet remembers less than this share of a touch once the fingers have left the object.
 _STUCK_SHARE = 0.7
 #: What a sheet remembers is waited for until it reads as less than this share of the force that is
 #: lost before a pixel feels any (a size doubts that anyway), or for so long.
-_REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 3.0
+_REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 1.2
 #: An object that one finger pushes lies so many steps off the middle at most.
 _PUSHED_STEPS = 5.0
+#: A way that is cut to what is safe is not steady, and an unsteady one reads like a touch.
+_HASTE_SHARE = 0.85
 #: A size that is expected may be off by so much and the hand still comes near at full speed, mm.
 _EXPECTED_MM = 6.0
 
@@ -50,11 +53,27 @@ def sweep_rate(belief: Belief, plan: Plan) -> float:
 def begun(belief: Belief, plan: Plan) -> Belief:
     """Return the belief at the start of a way: near to an expected size, or to the end."""
     end, rate = plan.gripper.span, sweep_rate(belief, plan)
-    near = _near(plan)
-    if near - belief.closure > approach_step(plan):
-        end, rate = near, plan.gripper.fastest
-    sweep = Sweep(rate=rate, end=end, since_s=belief.now_s)
+    near, slowed = _near(plan), belief.sweep is not None
+    if not slowed and near - belief.closure > approach_step(plan):
+        end, rate = near, max(rate, _hasty_rate(belief, plan))
+    sweep = Sweep(rate=rate, end=end, since_s=belief.now_s, slowed=slowed)
     return replace(belief, sweep=sweep).enter(Phase.SWEEP)
+
+
+def _hasty_rate(belief: Belief, plan: Plan) -> float:
+    """Return how fast the hand may close where nothing is expected yet.
+
+    An expectation may be wrong, so no command goes further than is safe on whatever is there.
+    """
+    safe = largest_step(
+        force_high_n=belief.force_high_n,
+        steepest_n=plan.steepest_n,
+        rate=0.0,
+        damage_low_n=belief.damage_low_n,
+        limits=plan.safety,
+    )
+    late_s = _command_s(belief) + plan.safety.latency_s
+    return min(_HASTE_SHARE * (safe - belief.behind) / late_s, plan.gripper.fastest)
 
 
 def _near(plan: Plan) -> float:
@@ -79,11 +98,12 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
         here = whole(belief.closure - belief.behind, plan, within=True)
         stop = GripperCommand(target=here, rate=plan.gripper.fastest)
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), stop
+    ahead = sweep.rate * _command_s(belief)
+    if sweep.end < plan.gripper.span and belief.closure >= sweep.end - ahead:
+        # Before it comes to a stop there: that would read like a touch.
+        return begun(belief, plan), None
     if belief.closure >= sweep.end - plan.smallest_step:
-        if sweep.end < plan.gripper.span:
-            return begun(belief, plan), None
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), None
-    ahead = sweep.rate * (2.0 * _period_s(belief) + _AHEAD_S)
     target = whole(min(belief.closure + ahead, sweep.end), plan)
     further = closure_of(target, plan) > belief.sent + plan.resolution / 2
     # A hand that does not move is sent on now and then, so that it is noticed.
@@ -160,6 +180,11 @@ def _fall(now: Touch) -> Touch:
         relative_percent=min(now.relative_percent, 0.0),
         reading=max(now.reading, 0.0),
     )
+
+
+def _command_s(belief: Belief) -> float:
+    """Return how far ahead a command of the way reaches, in time."""
+    return 2.0 * _period_s(belief) + _AHEAD_S
 
 
 def _period_s(belief: Belief) -> float:

@@ -30,8 +30,8 @@ _REPORT = {"width": 0.06, "pressure": 0.3}
 _QUIET_S = 0.3
 #: Phases of an open hand: what is felt then is somebody's touch.
 _OPEN = (Phase.WAIT,)
-#: Frames whose mean is read as "now".
-_NOW_FRAMES = 3
+#: What is read as "now" is the mean of so many frames, or of all in so long where that are more.
+_NOW_FRAMES, _NOW_S = 3, 0.14
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,7 +207,9 @@ class Belief:
     @property
     def now(self) -> Touch:
         """Mean of the last few frames since the last movement."""
-        last = self.touches[-_NOW_FRAMES:]
+        since_s = self.touches[-1].time_s - _NOW_S
+        many = max(_NOW_FRAMES, sum(touch.time_s > since_s for touch in self.touches))
+        last = self.touches[-many:]
         return Touch(
             time_s=self.now_s,
             finger_percent=tuple(np.mean([t.finger_percent for t in last], axis=0).tolist()),

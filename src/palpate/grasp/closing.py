@@ -30,7 +30,7 @@ _UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 #: Share of the room to the damage limit that one step may take.
 _SHARE_OF_ROOM = 0.8
 #: A step that the servo's current is to tell of lasts so long: some frames must fall into it.
-_FELT_S = 0.3
+_FELT_S = 0.2
 #: Steps that differ by less, mm or kPa (or whole steps of a drive), differ by arithmetic only.
 _EXACT = 1e-9
 #: Share of what is missing to the target that one step of the squeeze may close.
@@ -66,6 +66,17 @@ def read(belief: Belief, plan: Plan) -> Belief:
     force = belief.gain.applied(plan.early_law.force_n(touch.reading, level=plan.level))
     belief = pressed(belief, force_n=float(force.value), force_high_n=float(force.high))
     return replace(belief, damage_low_n=_damage_low_n(belief, plan))
+
+
+def force_now(belief: Belief, plan: Plan) -> Measurement:
+    """Return the force of the last step read, as the sheet tells it soon after."""
+    return Measurement(
+        value=belief.force_n,
+        low=belief.force_n**2 / belief.force_high_n,
+        high=belief.force_high_n,
+        unit="n",
+        level=plan.level,
+    )
 
 
 def pressed(belief: Belief, *, force_n: float, force_high_n: float) -> Belief:
@@ -153,9 +164,7 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     already: how steeply the force rises is known only as far as it was felt.
     """
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
-    gripped = _gripped(belief, plan)
-    way = belief.closure - gripped[0].closure if gripped else 0.0
-    longest = _FURTHER * way + plan.fine_step
+    longest = _FURTHER * squeezed(belief, plan) + plan.fine_step
     wanted = max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
     if plan.damage is None:
         return wanted
@@ -165,6 +174,12 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     # The limit is measured again at every step: it is approached in several.
     room_n = belief.damage_low_n - belief.force_high_n
     return min(wanted, _SHARE_OF_ROOM * room_n / slope_high_n(belief, plan))
+
+
+def squeezed(belief: Belief, plan: Plan) -> float:
+    """Return how far the hand has closed since it grips the object, mm or kPa."""
+    gripped = _gripped(belief, plan)
+    return belief.closure - gripped[0].closure if gripped else 0.0
 
 
 def _unknown_step(belief: Belief, plan: Plan) -> float:
@@ -208,14 +223,7 @@ def _damage_low_n(belief: Belief, plan: Plan) -> float:
     """
     if plan.damage is None or not belief.force_n > 0:
         return math.inf
-    now = Measurement(
-        value=belief.force_n,
-        low=belief.force_n**2 / belief.force_high_n,
-        high=belief.force_high_n,
-        unit="n",
-        level=plan.level,
-    )
-    stiffness = stiffness_told(belief, now, plan=plan)
+    stiffness = stiffness_told(belief, force_now(belief, plan), plan=plan)
     if stiffness is None:
         return math.inf
     reach = float(ndtri(0.5 + plan.level / 2)) * belief.gain.log_sd

@@ -207,7 +207,7 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     felt = [c for c in belief.staircase if c.touch.shared_percent < plan.hint_percent]
     # A gentle squeeze is not corrected afterwards, and may pass its force to learn the stiffness.
     aimed = plan.target_force_n is not None
-    goal_n = aim.goal_n(plan) * (_NEAR if aimed else 1.0)
+    goal_n = _NEAR * aim.goal_n(plan) if aimed else aim.gentle_goal_n(belief, plan)
     if belief.force_n < goal_n or (not aimed and len(felt) < plan.fewest_steps):
         wish = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
         if wish is not None:

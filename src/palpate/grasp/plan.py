@@ -81,8 +81,14 @@ class Plan:
         How far the drive may go back before the fingers follow: more than the backlash of gears.
     force_step_n : float
         Rise of force aimed at with each step of the squeeze.
-    gentle_force_n : float
-        Where a squeeze without target ends.
+    gentle_force_n, gentle_mm : float
+        Where a squeeze without target ends. An object that rigid fingers have squeezed further than
+        `gentle_mm` is given half the force.
+    firm_force_n, firm_mm : float
+        How hard rigid fingers squeeze on while the stiffness is not known to `stiffness_share` to
+        either side, and by how much the object may surely not be deformed more.
+    stiffness_share : float
+        See above.
     fewest_steps : int
         Steps with a touch that size and stiffness need.
     rest_s, dwell_s, confirm_s : float
@@ -142,6 +148,10 @@ class Plan:
     play: float = 0.3
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0
+    gentle_mm: float = 2.0
+    firm_force_n: float = 6.0
+    firm_mm: float = 1.0
+    stiffness_share: float = 0.25
     fewest_steps: int = 3
     rest_s: float = 0.5
     dwell_s: float = 0.4
@@ -152,7 +162,7 @@ class Plan:
     tries: int = 1
     wait_s: float = 2.0
     decide_after_s: float = 0.8
-    decide_by_s: float = 2.5
+    decide_by_s: float = 1.6
     correct_after_s: float = 0.5
     decide_half_width: float = 0.08
     target_tolerance: float = 0.05

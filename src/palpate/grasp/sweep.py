@@ -27,10 +27,17 @@ _LEVEL_S = 0.2
 _SURE_SD, _LEAST_SHARE = 6.0, 0.008
 #: A hand at speed shakes every pixel: so many frames that are all alike are not new.
 _ASLEEP = 5
-#: A slow fall by this share from the level of the way, or below rest, is a touch too.
+#: A slow fall by this share from the level of the way, or below rest, is a touch too, where noise
+#: alone makes none.
 _SLOW_SHARE = 0.016
+#: What a faster movement before this one left behind is over after so long.
+_SLOWED_S = 0.25
 #: Fewest readings to compare with.
 _FEWEST = 3
+#: Noise of a pixel, as a share of its resistance, before enough frames have shown it.
+_UNSEEN_NOISE = 0.008
+#: Median of the square of a standard normal variable.
+_MEDIAN_SQUARE = 0.4549
 #: The current has to rise by so many deviations, and by this share of what the gears take: friction
 #: along the way is mapped no better.
 _CURRENT_SD, _GEARS_SHARE = 4.5, 0.15
@@ -56,6 +63,8 @@ class Sweep:
         Servo current less what the gears take there, while the hand moves; NaN where none is told.
     level : ndarray or None, shape (rows, cols)
         ln resistance over rest once the speed was steady; None before.
+    slowed : bool
+        Whether a faster way ended where this one begins: the rise that it made fades first.
     """
 
     rate: float
@@ -65,6 +74,7 @@ class Sweep:
     log_ohm: tuple[FloatArray, ...] = ()
     gears_ma: tuple[float, ...] = ()
     level: FloatArray | None = None
+    slowed: bool = False
 
     def seen(self, time_s: float, *, log_ohm: FloatArray, gears_ma: float) -> Sweep:
         """Return the way with one more frame."""
@@ -96,6 +106,8 @@ class Sweep:
         time_s = np.array(self.time_s)
         now = time_s > time_s[-1] - _NOW_S
         before = time_s < time_s[-1] - _APART_S
+        if self.slowed:
+            before &= time_s > self.since_s + _SLOWED_S
         if current is not None and self._pulls(current, now=now, before=before):
             return True
         steady = before & (time_s > self.since_s + _STEADY_S)
@@ -104,7 +116,7 @@ class Sweep:
         # A load that rises slowly takes its own recent past along: the level of this way, and that
         # at rest, which a movement only raises, are compared with besides.
         highest = 0.0 if self.level is None else np.maximum(self.level, 0.0)
-        if bool((latest < highest - _SLOW_SHARE).any()):
+        if bool((latest < highest - max(_SURE_SD * _noise(pixels), _SLOW_SHARE)).any()):
             return True
         many = int(np.count_nonzero(now))
         if np.count_nonzero(steady) // many >= _FEWEST:
@@ -139,6 +151,13 @@ def _means(pixels: FloatArray, many: int) -> FloatArray:
     """Return means of so many frames each, the latest ones whole."""
     blocks = pixels[pixels.shape[0] % many :]
     return np.asarray(blocks.reshape(-1, many, *pixels.shape[1:]).mean(axis=1))
+
+
+def _noise(pixels: FloatArray) -> float:
+    """Return the standard deviation of one pixel from frame to frame: no slow change counts."""
+    if len(pixels) <= _FEWEST:
+        return _UNSEEN_NOISE
+    return float(np.sqrt(0.5 * np.median(np.diff(pixels, axis=0) ** 2) / _MEDIAN_SQUARE))
 
 
 def _scatter(past: FloatArray) -> float:

@@ -77,7 +77,7 @@ def test_all_counts_at_the_top_while_closing_open_the_hand(plan: Plan, bench: An
     """One wire of the dividers' ground is off: the fingers close on a block that nobody feels."""
     bench.n_per_mm = 50.0
     peaks = list[float]()
-    spoil_frames(bench, lambda counts: counts * 0 + 1023, when=lambda: bench.clock.now_s() > 1.5)
+    spoil_frames(bench, lambda counts: counts * 0 + 1023, when=lambda: bench.clock.now_s() > 1.0)
     result = run(plan, bench, lambda _: peaks.append(bench.force_n))
     assert result.outcome in (Outcome.SENSOR_LOST, Outcome.FORCE_LIMIT)
     assert result.faults

@@ -10,13 +10,22 @@ from palpate.grasp.sweep import Sweep
 RATE_HZ, NOISE, SPIKE = 15.0, 0.001, 0.05
 
 
-def first_touch_s(change: dict[int, float], *, begins_s: float, seed: int = 0) -> float | None:
+def first_touch_s(
+    change: dict[int, float],
+    *,
+    begins_s: float,
+    seed: int = 0,
+    noise: float = NOISE,
+    slowed: bool = False,
+) -> float | None:
     """Return when a way of 3 s says that it touched; `change` per second of some pixels."""
-    rng, sweep = np.random.default_rng(seed), Sweep(rate=10.0, end=60.0, since_s=0.0)
+    rng = np.random.default_rng(seed)
+    sweep = Sweep(rate=10.0, end=60.0, since_s=0.0, slowed=slowed)
     for index in range(int(3.0 * RATE_HZ)):
         time_s = (index + 1) / RATE_HZ
-        spike = SPIKE * (1 - np.exp(-time_s / 0.1))
-        log_ohm = spike + NOISE * rng.standard_normal((4, 2))
+        before = 2.0 * SPIKE if slowed else 0.0
+        spike = SPIKE + (before - SPIKE) * np.exp(-time_s / 0.1)
+        log_ohm = spike + noise * rng.standard_normal((4, 2))
         for pixel, per_s in change.items():
             log_ohm.flat[pixel] += per_s * max(time_s - begins_s, 0.0)
         sweep = sweep.seen(time_s, log_ohm=log_ohm, gears_ma=float("nan"))
@@ -28,6 +37,24 @@ def first_touch_s(change: dict[int, float], *, begins_s: float, seed: int = 0) -
 @pytest.mark.parametrize("seed", range(20))
 def test_the_rise_of_the_movement_is_no_touch(seed: int) -> None:
     assert first_touch_s({}, begins_s=0.0, seed=seed) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_alone_is_no_touch(seed: int) -> None:
+    """Single frames of a noisy sheet fall by more than the slow falls that are looked for."""
+    assert first_touch_s({}, begins_s=0.0, seed=seed, noise=0.005) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_slowing_down_is_no_touch(seed: int) -> None:
+    assert first_touch_s({}, begins_s=0.0, seed=seed, slowed=True) is None
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.005])
+def test_a_hard_touch_while_slowing_down_is_one(noise: float) -> None:
+    found = first_touch_s({3: -2.0}, begins_s=0.1, noise=noise, slowed=True)
+    assert found is not None
+    assert found < 0.4
 
 
 @pytest.mark.parametrize("begins_s", [0.3, 1.5])

@@ -1,0 +1,59 @@
+"""Where a squeeze without a target ends: once the stiffness is known, or the object gives way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from palpate.grasp.belief import Belief
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import run_grasp
+
+
+def squeezed(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, float]:
+    """Grasp a spring; return the result and the largest force."""
+    bench.n_per_mm = n_per_mm
+    forces = list[float]()
+
+    def watch(_: Belief) -> None:
+        forces.append(bench.force_n)
+
+    result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
+    assert result.outcome is Outcome.HELD
+    return result, max(forces)
+
+
+def test_what_gives_way_a_lot_gets_half_the_force(plan: Plan, bench: Any) -> None:
+    result, most_n = squeezed(plan, bench, 0.4)
+    assert 0.5 * plan.gentle_force_n <= most_n < 0.8 * plan.gentle_force_n
+    assert result.stiffness_n_per_mm is not None
+    assert result.stiffness_n_per_mm.number
+
+
+def test_what_is_to_be_lifted_gets_all_of_it(plan: Plan, bench: Any) -> None:
+    _, most_n = squeezed(replace(plan, lift_force_n=0.5), bench, 0.4)
+    assert most_n >= plan.gentle_force_n
+
+
+def test_what_gives_way_little_is_pressed_until_it_is_known(plan: Plan, bench: Any) -> None:
+    """Two newtons don't tell; more do, and deform it by less than is allowed."""
+    soon = replace(plan, firm_force_n=0.0)
+    before, gentle_n = squeezed(soon, bench, 10.0)
+    after, firm_n = squeezed(plan, type(bench)(), 10.0)
+    assert gentle_n < firm_n <= 1.2 * plan.firm_force_n
+    assert firm_n / 10.0 <= plan.firm_mm
+    wide, narrow = (
+        found.stiffness_n_per_mm.high / found.stiffness_n_per_mm.low
+        for found in (before, after)
+        if found.stiffness_n_per_mm is not None
+    )
+    assert narrow < wide
+
+
+@pytest.mark.parametrize("n_per_mm", [0.4, 2.0, 5.0, 50.0])
+def test_no_squeeze_passes_what_is_firm(plan: Plan, bench: Any, n_per_mm: float) -> None:
+    _, most_n = squeezed(plan, bench, n_per_mm)
+    assert most_n <= 1.2 * plan.firm_force_n
