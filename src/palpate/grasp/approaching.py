@@ -24,7 +24,7 @@ _OVERRUN_STEPS = 2.0
 #: Commands reach so far ahead, beyond two frames: if no more comes, the hand stops by itself.
 _AHEAD_S = 0.02
 #: A hand that does not move is sent on after so long.
-_IDLE_S = 0.5
+_IDLE_S = 0.7
 #: A hand that comes back goes so many steps at most.
 _FURTHER_BACK_STEPS = 4.0
 #: A sheet remembers less than this share of a touch once the fingers have left the object.
