@@ -6,7 +6,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from palpate.dashboard.grip_force import ForceLaws
 from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
 from palpate.dashboard.station import FRAME_TIMEOUT_S, CellBench, Station
 from palpate.errors import DeviceError
@@ -116,7 +115,6 @@ def _renewed(made: Calibration, *, file: Path, station: Station) -> Calibrated:
         rest_ohm=made.rest_ohm,
         change_percent=100.0 * (made.rest_ohm / before_ohm - 1.0),
         held_out=made.held_out.get("error_percent", {}),
-        laws=ForceLaws.of(made),
     )
 
 

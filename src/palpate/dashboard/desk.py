@@ -5,13 +5,17 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.dashboard.folder import (
+    delete_recording,
+    new_recording,
+    recordings_in,
+    rename_recording,
+)
 from palpate.dashboard.handle import DeviceProcess
 from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.ledger import Ledger
@@ -20,7 +24,7 @@ from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.station import BenchOpener
 from palpate.dashboard.view import kind_of
 from palpate.dashboard.wishes import Wishes
-from palpate.errors import PalpateError
+from palpate.errors import InputError, PalpateError
 from palpate.estimate.damage_file import DamageFile
 from palpate.rig.file import stated_in
 
@@ -117,21 +121,41 @@ class Desk:
 
     def recordings(self) -> list[tuple[Path, os.stat_result]]:
         """Return the recordings in the folder, newest first, with what the folder tells of them."""
-        found = []
-        for file in self.settings.folder.glob("*.mcap"):
-            with suppress(OSError):  # a dangling link, or it has gone meanwhile
-                found.append((file, file.stat()))
-        return sorted(found, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
+        return recordings_in(self.settings.folder)
 
     def new_recording(self, what: str) -> Path:
         """Return the name of a recording that does not exist yet."""
-        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-        file = self.settings.folder / f"{what}-{stamp}.mcap"
-        number = 1
-        while file.exists():
-            number += 1
-            file = self.settings.folder / f"{what}-{stamp}-{number}.mcap"
-        return file
+        return new_recording(self.settings.folder, what)
+
+    def rename(self, name: str, stem: str) -> None:
+        """Give a recording another name.
+
+        Raises
+        ------
+        InputError
+            As `rename_recording`, or if it is in use.
+        """
+        self._check_idle(name)
+        renamed = rename_recording(self.settings.folder, name, stem)
+        try:
+            self.history.rename(name, renamed.name)
+        except OSError as error:
+            self.session.trouble = f"the history still has the old name: {error}"
+
+    def delete(self, name: str) -> None:
+        """Delete a recording.
+
+        Raises
+        ------
+        InputError
+            As `delete_recording`, or if it is in use.
+        """
+        self._check_idle(name)
+        delete_recording(self.settings.folder, name)
+
+    def _check_idle(self, name: str) -> None:
+        if name in self.session.files_in_use:
+            raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
 
     def calibration_file(self) -> Path:
         """Return where the calibration of the rig is kept: the rig file says, or the folder."""

@@ -31,10 +31,12 @@ from palpate.dashboard.messages import (
     OpenHand,
     OpenRig,
     Order,
+    Pause,
     Play,
     Record,
     Recording,
     ReleaseNow,
+    Seek,
     SetSpeed,
     StopNow,
     Stopped,
@@ -45,6 +47,7 @@ from palpate.dashboard.outlet import Outlet
 from palpate.dashboard.pacing import PacedArray
 from palpate.dashboard.replaying import play
 from palpate.dashboard.station import BenchOpener, Station, state_of
+from palpate.dashboard.transport import Transport
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.requests import Requests
 from palpate.recording import RecordingWriter
@@ -83,6 +86,7 @@ class Devices:
         self._station: Station | None = None
         self._requests = Requests()
         self._confirmed = threading.Event()
+        self._transport: Transport | None = None
         self._stop_asked_s: float | None = None
         self._stop_number = self._stop_confirmed = 0
         self._writer: RecordingWriter | None = None
@@ -128,9 +132,13 @@ class Devices:
                 self._requests.release.set()
             case Confirm():
                 self._confirmed.set()
+            case Seek() | Pause() | SetSpeed() if (transport := self._transport) is not None:
+                _steer(transport, message)
             case SetSpeed():
                 if station is not None and isinstance(station.array, PacedArray):
                     station.array.speed = message.speed
+            case Seek() | Pause():
+                pass  # the replay has just ended
             case _:
                 with self._lock:
                     self._orders.append(message)
@@ -208,7 +216,7 @@ class Devices:
             self._open(order)
             return None
         if isinstance(order, Play):
-            play(order, outlet=self._outlet, requests=self._requests, confirmed=self._confirmed)
+            self._play(order)
             return None
         if self._station is None:
             raise DeviceError("no rig is open: choose one")
@@ -225,6 +233,21 @@ class Devices:
             case Examine():
                 return look_at(order, station=self._station)
         return None
+
+    def _play(self, order: Play) -> None:
+        def steered(transport: Transport) -> None:
+            self._transport = transport
+
+        try:
+            play(
+                order,
+                outlet=self._outlet,
+                requests=self._requests,
+                confirmed=self._confirmed,
+                steered=steered,
+            )
+        finally:
+            self._transport = None
 
     def _took_s(self) -> float | None:
         """Return how long ago a stop was asked for, on the rig's clock; None if it was not."""
@@ -306,3 +329,13 @@ class Devices:
         if text != self._troubled:
             self._troubled = text
             self._outlet.note(Trouble(text))
+
+
+def _steer(transport: Transport, message: Seek | Pause | SetSpeed) -> None:
+    match message:
+        case Seek():
+            transport.seek(message.time_s)
+        case Pause():
+            transport.pause(message.paused)
+        case SetSpeed():
+            transport.set_speed(message.speed)

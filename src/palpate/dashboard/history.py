@@ -74,11 +74,19 @@ class History:
         self.since = datetime.now(UTC)
         #: Grows with every change.
         self.version = 0
+        self._indexed, self._by_recording = -1, dict[str, Entry]()
 
     @property
     def recent(self) -> list[Entry]:
         """The last grasps, the newest first."""
         return list(reversed(self._recent))
+
+    def of(self, recording: str) -> Entry | None:
+        """Return the grasp of a recording; None where it holds none, or none that was kept."""
+        if self._indexed != self.version:
+            self._by_recording = {entry.recording: entry for entry in self.all()}
+            self._indexed = self.version
+        return self._by_recording.get(recording)
 
     @property
     def outcomes(self) -> Counter[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +12,15 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.dashboard.grip_force import GripForce
-from palpate.dashboard.messages import Calibrated, Frames, Pulse, Source, Thought
+from palpate.dashboard.messages import (
+    Frames,
+    Past,
+    Playing,
+    Pulse,
+    Source,
+    Thought,
+    Timeline,
+)
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, watch_contact
@@ -72,6 +81,8 @@ class Live:
 
     def __init__(self) -> None:
         self.generation = 0
+        self.timeline: Timeline | None = None
+        self.playing: Playing | None = None
         self.pulse = Pulse()
         self.source: Source | None = None
         self.begin(None)
@@ -81,6 +92,7 @@ class Live:
         self.source = source
         self.percent: FloatArray | None = None
         self.ohm: FloatArray | None = None
+        self.time_s = math.nan
         self.reported, self.moving = math.nan, False
         self.pulse = Pulse()
         fingers = 0 if source is None else source.layout.fingers
@@ -89,13 +101,23 @@ class Live:
         self._laws = None if source is None else source.laws
         self.clear()
 
-    def recalibrate(self, made: Calibrated) -> None:
-        """Read by a renewed calibration from now on."""
-        self._rest_ohm, self._laws = made.rest_ohm, made.laws
-        self.clear()
+    def recall(self, past: Past) -> None:
+        """Take a stretch of a recording into the curve."""
+        self.add(past.frames)
+        if past.thought is not None:
+            self.think(past.thought)
+
+    def unfold(self, timeline: Timeline) -> None:
+        """Keep the curve as it is: it is all of a recording, of which moments are shown now."""
+        self.timeline = timeline
+
+    def play(self, playing: Playing) -> None:
+        """Show this moment of the recording."""
+        self.playing = playing
 
     def clear(self) -> None:
         """Begin the curve anew."""
+        self.timeline = self.playing = None
         self.generation += 1
         self.curve: deque[Point] = deque(maxlen=int(POINTS_PER_S * CURVE_S))
         self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
@@ -111,7 +133,12 @@ class Live:
             self._rest_ohm = thought.rest_ohm
         before, settled = self.thought, thought.settled
         fresh = before is None or settled != before.settled
-        if settled is not None and fresh and math.isfinite(settled.low + settled.high):
+        if (
+            self.timeline is None
+            and settled is not None
+            and fresh
+            and math.isfinite(settled.low + settled.high)
+        ):
             self.band.append(
                 Band(thought.time_s, settled.low, settled.value, settled.high, thought.settled_n)
             )
@@ -131,6 +158,10 @@ class Live:
             self._rest_ohm = np.asarray(np.median(ohm[:_REST_FRAMES], axis=0))
         percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
         self.ohm, self.percent = ohm[-1], percent[-1]
+        self.time_s = float(frames.time_s[-1])
+        if self.timeline is not None:
+            self.reported, self.moving = float(frames.reported[-1]), bool(frames.moving[-1])
+            return
         self._extend(frames.time_s, np.nan_to_num(mean_change(percent)), ohm)
         self._contacts = [
             watch_contact(state, mean)[0]
@@ -170,7 +201,10 @@ class Live:
     @property
     def force(self) -> Measurement | None:
         """The force now; None where it is not calibrated, or before the first frame."""
-        return self.curve[-1].force if self.curve else None
+        if self.playing is None:
+            return self.curve[-1].force if self.curve else None
+        at = bisect_right(self.curve, self.playing.time_s, key=lambda point: point.time_s)
+        return self.curve[max(at - 1, 0)].force if self.curve else None
 
     def _extend(self, time_s: FloatArray, percent: FloatArray, ohm: FloatArray) -> None:
         for time, value, pixels in zip(time_s.tolist(), percent.tolist(), ohm, strict=True):

@@ -123,11 +123,25 @@ class SetSpeed:
 
 
 @dataclass(frozen=True, slots=True)
+class Seek:
+    """Show the replay from this time of the recording on."""
+
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Let the replay stand still, or go on."""
+
+    paused: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Goodbye:
     """The page ends: stop what runs, and end too."""
 
 
-Urgent: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Goodbye
+Urgent: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Seek | Pause | Goodbye
 
 # -- what the devices' process tells -------------------------------------------------------------
 
@@ -305,15 +319,12 @@ class Calibrated:
         Rest values, and how far they are from those before.
     held_out : mapping
         Expected errors of the force, percent, by force; empty after a rest calibration.
-    laws : ForceLaws or None
-        What newtons are read by from now on.
     """
 
     file: Path
     rest_ohm: NDArray[np.float64]
     change_percent: NDArray[np.float64]
     held_out: Mapping[str, float | None] = field(default_factory=dict)
-    laws: ForceLaws | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -360,6 +371,37 @@ class Ended:
     stopped_after_s: float | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Past:
+    """A stretch of a recording, for its curve, and what was thought at its end."""
+
+    frames: Frames
+    thought: Thought | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timeline:
+    """A recording as a whole: every stretch of it was sent."""
+
+    start_s: float
+    end_s: float
+    #: When each phase of its grasp began; empty where it holds none.
+    phases: tuple[tuple[float, str], ...]
+    #: What was thought at its end.
+    ended: Thought | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Playing:
+    """Where a replay is."""
+
+    time_s: float
+    paused: bool
+    speed: float
+    #: How the grasp ended, once the replay is there.
+    grasped: Grasped | None
+
+
 @dataclass(frozen=True, slots=True)
 class Stopped:
     """The hand was told to stop, or there is none that could move: stops up to this number."""
@@ -388,7 +430,19 @@ class Lost:
     text: str
 
 
-Note: TypeAlias = Source | Began | Guide | Grasped | Ended | Stopped | Trouble | Recording
+Note: TypeAlias = (
+    Source
+    | Began
+    | Guide
+    | Grasped
+    | Ended
+    | Stopped
+    | Trouble
+    | Recording
+    | Past
+    | Timeline
+    | Playing
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -112,6 +112,12 @@ class Outlet:
         """Take what the controller makes of the last frame."""
         self._belief = belief
 
+    def recall(self, frame: Frame, gripper: GripperState | None, thought: Thought | None) -> None:
+        """Show a moment of a recording, and what was thought then; nothing is counted."""
+        with self._lock:
+            self._frames.append((frame, gripper))
+            self._thought = thought
+
     def observe(self, observation: Observation) -> None:
         """Take a frame and the gripper's state."""
         self.see(observation.frame, observation.gripper)
@@ -161,7 +167,7 @@ class Outlet:
         with suppress(OSError):  # a port that was just pulled out
             events = self._events()
             pulse = replace(pulse, corrupt=events.corrupt, late=events.late)
-        thought = None
+        thought = self._thought if plan is None else None
         if plan is not None and belief is not None and belief.frames:
             thought = self._thought = self._thinking(belief, plan)
         return Update(

@@ -47,6 +47,9 @@ def build_page(desk: Desk, client: Client, *, tab: str, item_id: str | None = No
     """Fill the page of one viewer, with a tab of `TABS` open, and an item on the tab of items."""
     hands = _begin(desk, client, script="live.js")
     _header(desk, hands, other=("/operate", "Operate"))
+    ui.on("seek", lambda event: hands.seek(float(event.args)))
+    ui.on("pause", lambda event: hands.pause(bool(event.args)))
+    ui.on("speed", lambda event: hands.set_speed(float(event.args)))
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
             _alerts(desk, hands)

@@ -1,14 +1,19 @@
-"""The panel of recordings: what there is, and replaying it."""
+"""The panel of recordings: what there is, replaying it, and keeping the folder in order."""
 
 from __future__ import annotations
 
+import html
 import os
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
+from urllib.parse import quote
 
 from nicegui import ui
 
 from palpate.dashboard.desk import Desk
+from palpate.dashboard.folder import is_simulated
+from palpate.dashboard.history import Entry
 from palpate.dashboard.messages import Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.pressing import Hands
@@ -22,14 +27,15 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
     with ui.element("div").classes("form"):
         ui.html("<h3>Recordings</h3>", sanitize=False)
         ui.html(
-            f"<p>In {desk.settings.folder}. A replay decides the recorded grasp again from its raw "
-            "counts.</p>",
+            f"<p>In {html.escape(str(desk.settings.folder))}. A replay decides the recorded grasp "
+            "again from its raw counts.</p>",
             sanitize=False,
         )
         speed = ui.toggle(SPEEDS, value=1.0).props('unelevated no-caps aria-label="Replay speed"')
         rows = ui.element("div").classes("w-full").props("id=recordings")
         none = ui.label("None yet: every grasp leaves one here.").classes("muted")
     shown: dict[Path, _Row] = {}
+    care = _Care(desk, hands, changed=lambda: show())
 
     def show() -> None:
         """Bring the list up to date, and leave every row that stays where a finger may be on it."""
@@ -39,9 +45,9 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
         with rows:
             for file, status in reversed(files.items()):
                 if file not in shown:
-                    shown[file] = _Row(file, hands, speed)
+                    shown[file] = _Row(file, hands, speed, care)
                     shown[file].move(target_index=0)
-                shown[file].say(status)
+                shown[file].say(status, desk.history.of(file.name))
         none.set_visibility(not files)
 
     show()
@@ -49,21 +55,82 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
 
 
 class _Row(ui.element):
-    """One recording with its button."""
+    """One recording with its buttons."""
 
-    def __init__(self, file: Path, hands: Hands, speed: ui.toggle) -> None:
+    def __init__(self, file: Path, hands: Hands, speed: ui.toggle, care: _Care) -> None:
         super().__init__("div")
+        self._file = file
         self.classes("file")
         with self:
             with ui.element("div").classes("what"):
                 ui.label(file.stem)
+                self._ended = ui.html("", sanitize=False)
                 self._about = ui.label().classes("muted")
             button = ui.button("Replay", color=None)
             button.on_click(lambda: hands.order(Play(file=file, speed=speed.value)))
             button.classes("btn plain small").props("flat no-caps")
             hands.gate(button, Action.PLAY)
+            more = ui.button(icon="more_vert", on_click=lambda: care.open(file), color=None)
+            more.classes("btn plain small").props(f'flat aria-label="More about {file.stem}"')
 
-    def say(self, status: os.stat_result) -> None:
-        """Say when it was written last, and how long it is."""
+    def say(self, status: os.stat_result, entry: Entry | None) -> None:
+        """Say how its grasp ended, when it was written last, and how long it is."""
         when = datetime.fromtimestamp(status.st_mtime).strftime("%d %b %H:%M")
         self._about.set_text(f"{when} · {status.st_size / 1024:.0f} kB")
+        simulated = entry.simulated if entry else is_simulated(self._file, status)
+        badge = "<span class='badge-sim'>SIMULATED</span>" if simulated else ""
+        words = "" if entry is None else entry.outcome.replace("_", " ")
+        item = f" <b>{html.escape(entry.item_id)}</b>" if entry and entry.item_id else ""
+        self._ended.set_content(f"{words}{item} {badge}")
+
+
+class _Care:
+    """One dialog for all rows: to take a recording along, rename it or delete it."""
+
+    def __init__(self, desk: Desk, hands: Hands, *, changed: Callable[[], None]) -> None:
+        self._desk, self._hands, self._changed = desk, hands, changed
+        self._file = Path()
+        with ui.dialog() as self._dialog, ui.card().classes("care"):
+            self._dialog.props('aria-label="A recording"')
+            self._name = ui.input("Name").props("outlined dense maxlength=80").classes("w-full")
+            self._asked = ui.label().classes("note").props("role=status")
+            with ui.element("div").classes("two"):
+                self._button("Download", self._download)
+                self._button("Rename", self._rename, gated=True)
+                self._delete_button = self._button("Delete", self._delete, gated=True)
+                self._button("Close", self._dialog.close)
+
+    def open(self, file: Path) -> None:
+        """Ask what to do with a recording."""
+        self._file = file
+        self._name.set_value(file.stem)
+        self._ask("")
+        self._dialog.open()
+
+    def _button(self, text: str, act: Callable[[], object], *, gated: bool = False) -> ui.button:
+        button = ui.button(text, on_click=act, color=None).props("flat no-caps")
+        button.classes("btn plain small")
+        if gated:
+            self._hands.gate(button, Action.FILES)
+        return button
+
+    def _ask(self, question: str) -> None:
+        self._asked.set_text(question)
+        self._delete_button.set_text("Delete for good" if question else "Delete")
+
+    def _download(self) -> None:
+        ui.download(f"/recordings/file/{quote(self._file.name)}")
+
+    def _rename(self) -> None:
+        self._do(lambda: self._desk.rename(self._file.name, self._name.value or ""))
+
+    def _delete(self) -> None:
+        if not self._asked.text:
+            self._ask(f"Delete {self._file.stem}? Nothing brings it back.")
+            return
+        self._do(lambda: self._desk.delete(self._file.name))
+
+    def _do(self, act: Callable[[], object]) -> None:
+        if self._hands.do(Action.FILES, act):
+            self._dialog.close()
+            self._changed()

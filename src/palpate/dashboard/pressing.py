@@ -44,13 +44,36 @@ class Hands:
         self._try(lambda: self._session.confirm(self._viewer))
 
     def set_speed(self, speed: float) -> None:
-        """Let simulated time run so fast."""
+        """Let simulated time, or the replay, run so fast."""
         self._try(lambda: self._session.set_speed(self._viewer, speed))
+
+    def seek(self, time_s: float) -> None:
+        """Show the replay from this time of the recording on."""
+        self._try(lambda: self._session.seek(self._viewer, time_s))
+
+    def pause(self, paused: bool) -> None:
+        """Let the replay stand still, or go on."""
+        self._try(lambda: self._session.pause(self._viewer, paused=paused))
 
     def take_over(self) -> None:
         """Drive from now on."""
         self._session.take_over(self._viewer)
         self.refresh()
+
+    def do(self, action: Action, act: Callable[[], object]) -> bool:
+        """Do something that needs no devices; return whether it was done, a refusal is shown."""
+        done = False
+
+        def checked() -> None:
+            nonlocal done
+            why = self._session.refusal(action, viewer=self._viewer)
+            if why:
+                raise InputError(why)
+            act()
+            done = True
+
+        self._try(checked)
+        return done
 
     def gate(self, button: ui.button | ui.switch, action: Action) -> None:
         """Enable a button only while it may be pressed; else its tooltip says why not."""

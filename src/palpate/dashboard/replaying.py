@@ -1,16 +1,31 @@
-"""A recording on the page: its frames at their own pace, and its grasp decided again."""
+"""A recording on the page: its grasp decided again as a whole, then shown at any of its moments."""
 
 from __future__ import annotations
 
-from contextlib import closing
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 
-from palpate.clock import RealClock
+from palpate.clock import ManualClock
 from palpate.dashboard.grip_force import ForceLaws
-from palpate.dashboard.messages import Grasped, Guide, Play, Source
-from palpate.dashboard.outlet import Outlet
-from palpate.errors import DeviceTimeoutError, RecordingError
+from palpate.dashboard.live import CURVE_S, POINTS_PER_S
+from palpate.dashboard.messages import (
+    Grasped,
+    Guide,
+    Past,
+    Play,
+    Playing,
+    Source,
+    Thought,
+    Timeline,
+)
+from palpate.dashboard.outlet import Outlet, columns
+from palpate.dashboard.thinking import thought_of
+from palpate.dashboard.transport import Transport
+from palpate.errors import RecordingError
 from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import released, step
@@ -19,19 +34,32 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.gripper.interface import GripperState
-from palpate.recording import PacedClock, RecordingReader, Replay, ReplayGripper
+from palpate.recording import RecordingReader, Replay, ReplayGripper
 from palpate.recording.replay import observations
 from palpate.sensor.array import Frame
 from palpate.sensor.calibration import Calibration
 
-#: A stop is heard within this time where a recording has nothing to show.
-_PATIENCE_S = 0.05
+Seen = tuple[Frame, GripperState | None]
+
+#: The picture is renewed so often; a stop, or the wish to leave, is heard within this time.
+_TICK_S = 0.04
+#: A forecast is made for each stretch of this length, as live; of a long recording, for fewer.
+_STRETCH_S, _MOST_STRETCHES = 0.2, 450
+_MOST_POINTS = int(CURVE_S * POINTS_PER_S)
 
 
-def play(order: Play, *, outlet: Outlet, requests: Requests, confirmed: Event) -> None:
+def play(
+    order: Play,
+    *,
+    outlet: Outlet,
+    requests: Requests,
+    confirmed: Event,
+    steered: Callable[[Transport], None] = lambda transport: None,
+) -> None:
     """Show a recording, and what the controller makes of its grasp, if it holds one.
 
-    It stays on the screen until the user wants to see the rig again, or stops it.
+    It stays on the screen until the user wants to see the rig again, or stops it. `steered` gets
+    what pauses and moves it, once it can.
 
     Raises
     ------
@@ -39,31 +67,98 @@ def play(order: Play, *, outlet: Outlet, requests: Requests, confirmed: Event) -
         If it can't be read or holds no frames.
     """
     with RecordingReader(order.file) as reader:
-        first = next(observations(reader), None)
-    if first is None:
+        seen = list(observations(reader))
+    if not seen:
         raise RecordingError(f"{order.file}: no frames to show")
-    clock = PacedClock(RealClock(), start_s=first[0].time_s, speed=order.speed)
-    with closing(Replay(order.file, clock=clock)) as replay:
-        plan = _plan_of(replay)
-        outlet.begin(_source_of(replay, order.file, plan))
-        outlet.think(plan)
-        again = None if plan is None else _Again(plan)
-        while not replay.ended and not requests.stop.is_set():
-            try:
-                frame = replay.read(timeout_s=_PATIENCE_S)
-            except DeviceTimeoutError:  # frames were lost there
-                continue
-            state = replay.gripper_state
-            outlet.see(frame, state)
+    confirmed.clear()
+    plan, source = _plan_and_source(order.file)
+    outlet.begin(source)
+    outlet.think(None)
+    whole = _decided_again(seen, plan=plan, source=source, outlet=outlet, requests=requests)
+    if whole is None:
+        return
+    outlet.note(whole.timeline)
+    outlet.note(Guide(text=f"Replay of {order.file.stem}", asks=True))
+    start_s, end_s = whole.timeline.start_s, whole.timeline.end_s
+    transport = Transport(start_s=start_s, end_s=end_s, speed=order.speed)
+    steered(transport)
+    shown: tuple[float, bool, float] | None = None
+    while not requests.stop.is_set():
+        now = transport.at_s, transport.paused, transport.speed
+        if now != shown:
+            shown = now
+            _show(whole, now, outlet=outlet, file=order.file)
+        if confirmed.wait(_TICK_S):
+            return
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Whole:
+    """A recording with everything that was decided on it."""
+
+    seen: list[Seen]
+    time_s: list[float]
+    #: At the end of each stretch.
+    thoughts: list[Thought]
+    timeline: Timeline
+
+
+def _show(whole: _Whole, now: tuple[float, bool, float], *, outlet: Outlet, file: Path) -> None:
+    """Send the frame of a moment, and what was thought of it then."""
+    at_s, paused, speed = now
+    frame, state = whole.seen[max(bisect_right(whole.time_s, at_s) - 1, 0)]
+    at_end, thought, grasped = at_s >= whole.timeline.end_s, None, None
+    if whole.thoughts:
+        before = bisect_right(whole.thoughts, at_s, key=lambda one: one.time_s) - 1
+        thought = whole.thoughts[-1 if at_end else max(before, 0)]
+        grasped = Grasped(result=thought.answer, recording=file) if at_end else None
+    outlet.recall(frame, state, thought)
+    outlet.note(Playing(time_s=at_s, paused=paused or at_end, speed=speed, grasped=grasped))
+
+
+def _decided_again(
+    seen: list[Seen], *, plan: Plan | None, source: Source, outlet: Outlet, requests: Requests
+) -> _Whole | None:
+    """Go through the recording as fast as it goes, and send its curve; None if that was stopped."""
+    time_s = [frame.time_s for frame, _ in seen]
+    length_s = time_s[-1] - time_s[0]
+    again = None if plan is None else _Again(plan)
+    every = math.ceil(len(seen) / min(_MOST_POINTS, max(length_s * POINTS_PER_S, 1.0)))
+    thoughts: list[Thought] = []
+    phases: list[tuple[float, str]] = []
+    for stretch in _stretches(seen, lasting_s=max(_STRETCH_S, length_s / _MOST_STRETCHES)):
+        if requests.stop.is_set():
+            return None
+        for frame, state in stretch:
             if again is not None and state is not None:
                 again.see(frame, state)
-                outlet.believe(again.belief)
-    if again is not None:
-        outlet.note(Grasped(result=again.belief.result, recording=order.file))
-    confirmed.clear()
-    outlet.note(Guide(text="The recording has ended", share=1.0, asks=True))
-    while not confirmed.wait(_PATIENCE_S) and not requests.stop.is_set():
-        pass
+                if not phases or phases[-1][1] != again.belief.phase:
+                    phases.append((frame.time_s, str(again.belief.phase)))
+        if again is not None and again.belief.frames:
+            before = thoughts[-1] if thoughts else None
+            thoughts.append(again.thought(before))
+        thinned = stretch[::-every][::-1]
+        past = Past(frames=columns(thinned, source), thought=thoughts[-1] if thoughts else None)
+        outlet.note(past)
+        share = (stretch[-1][0].time_s - time_s[0]) / (length_s or 1.0)
+        outlet.note(Guide(text="Deciding the recorded grasp again", share=share))
+    timeline = Timeline(
+        start_s=time_s[0],
+        end_s=time_s[-1],
+        phases=tuple(phases),
+        ended=thoughts[-1] if thoughts else None,
+    )
+    return _Whole(seen=seen, time_s=time_s, thoughts=thoughts, timeline=timeline)
+
+
+def _stretches(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
+    """Yield the frames in stretches of about one length."""
+    first = 0
+    for index, (frame, _) in enumerate(seen):
+        if frame.time_s - seen[first][0].time_s >= lasting_s:
+            yield seen[first:index]
+            first = index
+    yield seen[first:]
 
 
 class _Again:
@@ -81,36 +176,39 @@ class _Again:
         if self.belief.phase is Phase.HOLD and state.moving and self.belief.closure < held_at:
             self.belief, _ = released(self.belief, plan=self._plan)
 
-
-def _calibration_of(replay: Replay) -> Calibration | None:
-    stated = replay.info.calibration
-    return None if stated is None else Calibration.from_text(stated, where="the recording")
+    def thought(self, before: Thought | None) -> Thought:
+        return thought_of(self.belief, plan=self._plan, before=before, forecasts=True)
 
 
-def _plan_of(replay: Replay) -> Plan | None:
-    info, calibration = replay.info, _calibration_of(replay)
-    if info.gripper is None or calibration is None:
-        return None
-    gripper = ReplayGripper(replay)
-    # It holds for as long as the recording does.
-    endless = {"hold_s": float("inf"), "longest_s": float("inf")}
-    return plan_grasp(
-        calibration,
-        gripper=gripper,
-        target_force_n=info.target_force_n,
-        damage=recorded_model(info.damage),
-        kind=info.kind,
-        **endless,
-    )
-
-
-def _source_of(replay: Replay, file: Path, plan: Plan | None) -> Source:
-    return Source(
+def _plan_and_source(file: Path) -> tuple[Plan | None, Source]:
+    """Return how the grasp was planned, and what the page is to know of the recording."""
+    replay = Replay(file, clock=ManualClock())
+    try:
+        info = replay.info
+        calibration = None
+        if info.calibration is not None:
+            calibration = Calibration.from_text(info.calibration, where="the recording")
+        plan = None
+        if calibration is not None and info.gripper is not None:
+            plan = plan_grasp(
+                calibration,
+                gripper=ReplayGripper(replay),
+                target_force_n=info.target_force_n,
+                damage=recorded_model(info.damage),
+                kind=info.kind,
+                # It holds for as long as the recording does.
+                hold_s=math.inf,
+                longest_s=math.inf,
+            )
+    finally:
+        replay.close()
+    source = Source(
         name=file.name,
-        layout=replay.layout,
-        rest_ohm=None if plan is None else plan.rest_ohm,
-        gripper=replay.info.gripper,
-        origin=replay.info.origin,
+        layout=info.layout,
+        rest_ohm=None if calibration is None else calibration.rest_ohm,
+        gripper=info.gripper,
+        origin=info.origin,
         replayed=True,
-        laws=ForceLaws.of(_calibration_of(replay)),
+        laws=ForceLaws.of(calibration),
     )
+    return plan, source

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from palpate.dashboard.desk import Desk, Settings
+from palpate.dashboard.folder import recording_named
 from palpate.dashboard.realtime import check_realtime
 from palpate.dashboard.view import document
-from palpate.errors import DeviceError, needing
+from palpate.errors import DeviceError, InputError, needing
 
 _STATIC = Path(__file__).parent / "static"
 #: A viewer whose connection breaks keeps the wheel for so long.
@@ -85,7 +86,7 @@ def serve(
 
 def _routes(desk: Desk) -> None:
     """Add the pages, what they poll, and where they stop."""
-    from fastapi.responses import JSONResponse, Response
+    from fastapi.responses import FileResponse, JSONResponse, Response
     from nicegui import Client, app, ui
 
     from palpate.dashboard.page import TABS, build_operator_page, build_page
@@ -115,6 +116,14 @@ def _routes(desk: Desk) -> None:
     def grasps() -> Response:
         named = {"Content-Disposition": 'attachment; filename="grasps.csv"'}
         return Response(desk.history.as_csv(), media_type="text/csv", headers=named)
+
+    @app.get("/recordings/file/{name}")
+    def recording(name: str) -> Response:
+        try:
+            file = recording_named(desk.settings.folder, name)
+        except InputError as error:
+            return Response(str(error), status_code=404, media_type="text/plain")
+        return FileResponse(file, filename=file.name)
 
     @app.post("/stop")
     async def stop() -> JSONResponse:

@@ -28,14 +28,19 @@ from palpate.dashboard.messages import (
     OpenHand,
     OpenRig,
     Order,
+    Past,
+    Pause,
     Play,
+    Playing,
     Record,
     Recording,
     ReleaseNow,
+    Seek,
     SetSpeed,
     Source,
     StopNow,
     Stopped,
+    Timeline,
     Trouble,
     Update,
     Urgent,
@@ -71,6 +76,8 @@ class Action(StrEnum):
     RECORD = "record"
     CONFIRM = "confirm"
     SPEED = "change the speed"
+    STEER = "move the replay"
+    FILES = "rename or delete"
 
 
 _ACTIVITIES: dict[type[Order], Activity] = {
@@ -167,6 +174,7 @@ class Session:
         self.recording: Path | None = None
         self.rig: OpenRig | None = None
         self._opened = False
+        self._file: Path | None = None
 
     # -- who drives -----------------------------------------------------------------------------
 
@@ -194,6 +202,11 @@ class Session:
         silent_s = self._silent_s()
         return silent_s if silent_s > _HUNG_S else None
 
+    @property
+    def files_in_use(self) -> set[str]:
+        """Names of the recordings that are being written or shown."""
+        return {file.name for file in (self.recording, self._file) if file is not None}
+
     # -- what may be pressed --------------------------------------------------------------------
 
     def refusal(self, action: Action, *, viewer: str) -> str:
@@ -207,8 +220,10 @@ class Session:
             return f"{taken}: take over first"
         if action is Action.CONFIRM:
             return "" if self.guide is not None and self.guide.asks else "nothing is asked"
-        if action is Action.SPEED:
+        if action in (Action.SPEED, Action.FILES):
             return ""
+        if action is Action.STEER:
+            return "" if self.activity is Activity.REPLAYING else "nothing is replayed"
         if action is Action.RELEASE and self.activity is Activity.GRASPING:
             return ""
         if self.activity not in (Activity.WATCHING, Activity.IDLE):
@@ -244,6 +259,7 @@ class Session:
         if not isinstance(order, Record):
             # Before the devices answer: a second press must not order it twice.
             self.activity, self.guide = _ACTIVITIES[type(order)], None
+            self._file = _file_of(order)
         self._send(order)
 
     def open_first(self, order: OpenRig) -> None:
@@ -285,9 +301,31 @@ class Session:
             If this viewer doesn't drive.
         """
         self._check(Action.SPEED, viewer)
-        if self.rig is not None:
+        if self.rig is not None and self.activity is not Activity.REPLAYING:
             self.rig = replace(self.rig, speed=speed)
         self._send(SetSpeed(speed))
+
+    def seek(self, viewer: str, time_s: float) -> None:
+        """Show the replay from this time of the recording on.
+
+        Raises
+        ------
+        InputError
+            If nothing is replayed, or this viewer doesn't drive.
+        """
+        self._check(Action.STEER, viewer)
+        self._send(Seek(time_s))
+
+    def pause(self, viewer: str, *, paused: bool) -> None:
+        """Let the replay stand still, or go on.
+
+        Raises
+        ------
+        InputError
+            As `seek`.
+        """
+        self._check(Action.STEER, viewer)
+        self._send(Pause(paused))
 
     def stop(self) -> int:
         """Stop what runs, at once, whoever asks; return the number by which it is confirmed."""
@@ -327,6 +365,13 @@ class Session:
                 self.guide = note
             case Grasped():
                 self.grasped = note
+            case Past():
+                self.live.recall(note)
+            case Timeline():
+                self.live.unfold(note)
+            case Playing():
+                self.live.play(note)
+                self.grasped = note.grasped
             case Recording():
                 self.recording = note.file
             case Stopped():
@@ -349,6 +394,7 @@ class Session:
         self.activity = Activity.WATCHING if self._opened else Activity.IDLE
         self.guide, self.trouble = None, note.trouble
         self.stopped_after_s = note.stopped_after_s
+        self._file = None
         if isinstance(note.order, Play):
             self.grasped = None
         match note.found:
@@ -358,6 +404,14 @@ class Session:
                     self._on_grasped(note.found, note.order.item_id)
             case Calibrated():
                 self.calibrated = note.found
-                self.live.recalibrate(note.found)
             case Health():
                 self.health = note.found
+
+
+def _file_of(order: Order) -> Path | None:
+    match order:
+        case Grasp():
+            return order.recording
+        case Play():
+            return order.file
+    return None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from palpate.dashboard.live import Live, finite
-from palpate.dashboard.messages import Grasped
+from palpate.dashboard.messages import Grasped, Thought
 from palpate.dashboard.operating import operator_view
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.wishes import Wishes
@@ -68,7 +68,8 @@ def document(
             for band in live.band
             if band.time_s > after_s - 1.0
         ],
-        "grasp": _grasp(live),
+        "grasp": _grasp(live.thought, live),
+        "replay": _replay(live),
         "verdict": said,
         "operator": operator_view(session, said=said, target_force_n=wishes.target_force_n),
         "measured": _measured(session),
@@ -82,9 +83,24 @@ def _newtons(force: Measurement | None) -> list[float]:
     return [] if force is None else [round(n, 3) for n in (force.low, force.value, force.high)]
 
 
-def _grasp(live: Live) -> dict[str, Any] | None:
+def _replay(live: Live) -> dict[str, Any] | None:
+    """Return where a replay is, and what happens in the recording as a whole."""
+    timeline, playing = live.timeline, live.playing
+    if timeline is None or playing is None:
+        return None
+    return {
+        "start_s": timeline.start_s,
+        "end_s": timeline.end_s,
+        "phases": [[time_s, _PHASES.get(phase, "")] for time_s, phase in timeline.phases],
+        "grasp": _grasp(timeline.ended, live),
+        "time_s": playing.time_s,
+        "paused": playing.paused,
+        "speed": playing.speed,
+    }
+
+
+def _grasp(thought: Thought | None, live: Live) -> dict[str, Any] | None:
     """Return what the controller notes of the grasp that runs, or ran last."""
-    thought = live.thought
     if thought is None:
         return None
     return {
@@ -157,7 +173,7 @@ def _pixels(session: Session) -> dict[str, Any] | None:
     if live.source is None or live.percent is None or live.ohm is None:
         return None
     return {
-        "time_s": live.curve[-1].time_s if live.curve else None,
+        "time_s": finite([live.time_s])[0],
         "finger_of_row": live.source.layout.finger_of_row,
         "percent": [finite(row) for row in live.percent],
         "ohm": [finite(row) for row in live.ohm],

@@ -31,12 +31,17 @@ from palpate.dashboard.messages import (
     OpenHand,
     OpenRig,
     Order,
+    Past,
+    Pause,
     Play,
+    Playing,
     Record,
     Recording,
     ReleaseNow,
+    Seek,
     StopNow,
     Stopped,
+    Timeline,
     Trouble,
     Update,
 )
@@ -311,14 +316,60 @@ def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path
     live = opened.ended(order).found
     play = Play(file=order.recording, speed=FAST)
     opened.send(play)
-    update = opened.until(lambda update: any(isinstance(n, Grasped) for n in update.notes))
-    again = next(n for n in update.notes if isinstance(n, Grasped))
+    again = played_to(opened, lambda playing: playing.grasped is not None).grasped
     assert isinstance(live, Grasped)
+    assert again is not None
     assert again.result.outcome is Outcome.HELD
     for name in ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent"):
         assert getattr(again.result, name) == getattr(live.result, name)
     opened.send(Confirm())
     assert not opened.ended(play).trouble
+
+
+def played_to(page: Page, wanted: Callable[[Playing], bool]) -> Playing:
+    """Return the first place of a replay that is as wanted."""
+    found: list[Playing] = []
+
+    def is_there(update: Update) -> bool:
+        places = (note for note in update.notes if isinstance(note, Playing))
+        found.extend(place for place in places if wanted(place))
+        return bool(found)
+
+    page.until(is_there)
+    return found[0]
+
+
+def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: Path) -> None:
+    order = Grasp(target_force_n=None, recording=tmp_path / "grasp.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+    opened.send(ReleaseNow())
+    opened.ended(order)
+    opened.updates.clear()
+    opened.send(Play(file=order.recording))
+    played_to(opened, lambda playing: not playing.paused)
+    notes = [note for update in opened.updates for note in update.notes]
+    (timeline,) = (note for note in notes if isinstance(note, Timeline))
+    recorded = load_recording(order.recording)
+    assert (timeline.start_s, timeline.end_s) == (recorded.time_s[0], recorded.time_s[-1])
+    assert [phase for _, phase in timeline.phases][-3:-1] == ["hold", "release"]
+    past = [note.frames.time_s for note in notes if isinstance(note, Past)]
+    assert np.array_equal(np.concatenate(past), recorded.time_s), "nothing of 15 Hz is thinned"
+    (hold_s,) = (time_s for time_s, phase in timeline.phases if phase == "hold")
+    opened.send(Pause(True))
+    opened.send(Seek(hold_s + 0.5))
+    place = played_to(opened, lambda playing: playing.time_s == hold_s + 0.5)
+    assert place.paused
+    shown = next(update for update in reversed(opened.updates) if update.frames is not None)
+    assert shown.thought is not None
+    assert shown.thought.phase == "hold"
+    assert shown.frames is not None
+    assert hold_s < shown.frames.time_s[-1] <= hold_s + 0.5
+    opened.send(Seek(timeline.end_s + 99.0))
+    assert played_to(opened, lambda playing: playing.time_s == timeline.end_s).grasped is not None
+    opened.send(Seek(hold_s))
+    assert played_to(opened, lambda playing: playing.time_s == hold_s).grasped is None
+    opened.send(Confirm())
 
 
 @pytest.mark.parametrize(

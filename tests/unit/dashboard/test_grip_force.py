@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import pickle
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from tests.unit.dashboard.test_live import SOURCE, frames, thought
 
 from palpate.dashboard.grip_force import ContactGains, ForceLaws, GripForce
 from palpate.dashboard.live import Live
-from palpate.dashboard.messages import Bounds, Calibrated
+from palpate.dashboard.messages import Bounds
 from palpate.dashboard.session import Session
 from palpate.dashboard.view import document
 from palpate.dashboard.wishes import Wishes
@@ -73,20 +72,6 @@ def test_what_the_grasp_learned_of_its_contact_counts(live: Live) -> None:
     live.add(frames(1, from_s=0.2, counts=PRESSED))
     assert live.force is not None
     assert live.force.value == pytest.approx(wide.value), "the next contact is another one"
-
-
-def test_a_renewed_calibration_is_read_by_at_once(live: Live) -> None:
-    made = Calibrated(
-        file=Path("calibration.json"),
-        rest_ohm=2.0 * np.asarray(SOURCE.rest_ohm),
-        change_percent=np.zeros((4, 2)),
-        laws=None,
-    )
-    live.recalibrate(made)
-    live.add(frames(1))
-    assert live.force is None
-    assert live.percent is not None
-    assert live.percent[0, 0] == pytest.approx(-50.0)
 
 
 def test_the_laws_pass_through_the_pipe() -> None:

@@ -19,7 +19,7 @@ function ticks(low, high, most) {
 // What both curves share: the window of time, and what happened in it.
 function shared(doc) {
   const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : 0, first = seen.curve.length ? seen.curve[0][0] : 0;
-  const grasp = doc.grasp, zero = grasp ? (grasp.touched_s ?? grasp.began_s) : first;
+  const grasp = doc.replay ? doc.replay.grasp : doc.grasp, zero = grasp ? (grasp.touched_s ?? grasp.began_s) : first;
   const start = doc.replay ? first : Math.max(grasp ? Math.min(grasp.began_s, last - WINDOW_S) : first, first, last - WINDOW_S);
   const end = doc.replay ? last : Math.max(last, start + WINDOW_S);
   const all = seen.curve.filter(([t]) => t >= start), every = Math.max(1, Math.ceil(all.length / POINTS));
@@ -73,11 +73,12 @@ function forecast(c, view, id, [low, value, high], digits, unit) {
   const band = view.band.filter((b) => b[high] !== undefined);
   if (!band.length) return "";
   // It speaks of the hold: a movement after the last forecast ends it.
-  const now = band[band.length - 1], after = view.moves.find(([from]) => from > now[0]), until = Math.max(after ? after[0] : view.last, now[0]);
-  const shown = [...band, Object.assign([...now], { 0: until })], right = c.x(until) > c.width - 190;
+  const last = band[band.length - 1], after = view.moves.find(([from]) => from > last[0]), until = Math.max(after ? after[0] : view.last, last[0]);
+  const now = band.filter((b) => b[0] <= view.now).pop() ?? band[0];
+  const shown = [...band, Object.assign([...last], { 0: until })], right = c.x(until) > c.width - 190;
   const outline = [...shown.map((b) => [b[0], b[high]]), ...[...shown].reverse().map((b) => [b[0], b[low]])];
   const top = Math.max(BOX.t + 14, Math.min(...shown.map((b) => c.y(b[high]))) - 8);
-  return `<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
+  return `<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${seen.band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
     <polyline points="${c.line(shown.map((b) => [b[0], b[value]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/></g>
     <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">settles at ${fixed(now[value], digits)} ${unit} [${fixed(now[low], digits)}, ${fixed(now[high], digits)}]</text>`;
 }

@@ -2,6 +2,7 @@
 import { $, fixed, follow, say, whys } from "/static/follow.js";
 import { begin as beginCurves, drawCurves } from "/static/curves.js";
 import { begin as beginHand, drawFingers } from "/static/hand.js";
+import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
 
 const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20 s", "%", 1] };
 const STATUS = { too_short: "short hold", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
@@ -67,4 +68,5 @@ document.addEventListener("click", (event) => {
 });
 beginHand();
 beginCurves();
-follow((doc) => { drawVerdict(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); });
+beginTimeline();
+follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); });

@@ -1,0 +1,99 @@
+"""The folder of recordings: what is in it, and what may be done with it. Nothing outside of it."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from datetime import datetime
+from functools import lru_cache
+from pathlib import Path
+
+from palpate.dashboard.history import checked_name
+from palpate.errors import InputError, PalpateError
+from palpate.recording import RecordingReader
+
+_ENDING = ".mcap"
+
+
+def recordings_in(folder: Path) -> list[tuple[Path, os.stat_result]]:
+    """Return the recordings, newest first, with what the folder knows of them."""
+    found = []
+    for file in folder.glob(f"*{_ENDING}"):
+        with suppress(OSError):  # a dangling link, or it has gone meanwhile
+            found.append((file, file.stat()))
+    return sorted(found, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
+
+
+def new_recording(folder: Path, what: str) -> Path:
+    """Return the name of a recording that does not exist yet."""
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    file = folder / f"{what}-{stamp}{_ENDING}"
+    number = 1
+    while file.exists():
+        number += 1
+        file = folder / f"{what}-{stamp}-{number}{_ENDING}"
+    return file
+
+
+def recording_named(folder: Path, name: str) -> Path:
+    """Return a recording of the folder by its name.
+
+    Raises
+    ------
+    InputError
+        If the name is no plain one, there is no such file, or it is a link to somewhere else.
+    """
+    file = folder / name
+    plain = name == Path(name).name and name.endswith(_ENDING) and "\0" not in name
+    if not plain or file.is_symlink() or not file.is_file():
+        raise InputError(f"{name!r}: no recording of this folder")
+    return file
+
+
+def rename_recording(folder: Path, name: str, stem: str) -> Path:
+    """Give a recording another name in the same folder; return it.
+
+    Raises
+    ------
+    InputError
+        If there is no such recording, the new name is no plain one, or it is taken.
+    """
+    file, renamed = recording_named(folder, name), folder / checked_name(stem)
+    try:
+        # Unlike a renaming it never takes the place of another file.
+        os.link(file, renamed)
+        file.unlink()
+    except FileExistsError as error:
+        raise InputError(f"{renamed.stem}: there is a recording of this name") from error
+    except OSError as error:
+        raise InputError(f"{name} can't be renamed: {error.strerror}") from error
+    return renamed
+
+
+def delete_recording(folder: Path, name: str) -> None:
+    """Delete a recording.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name, or it can't be deleted.
+    """
+    try:
+        recording_named(folder, name).unlink()
+    except OSError as error:
+        raise InputError(f"{name} can't be deleted: {error.strerror}") from error
+
+
+def is_simulated(file: Path, status: os.stat_result) -> bool:
+    """Return whether a recording is of simulated frames; false for what can't be read."""
+    return _origin(file, status.st_mtime_ns) not in ("hardware", "")
+
+
+@lru_cache(maxsize=1000)
+def _origin(file: Path, changed_ns: int) -> str:
+    del changed_ns  # a file that grew may have become readable
+    try:
+        with RecordingReader(file) as reader:
+            return reader.info.origin
+    except (PalpateError, OSError):
+        return ""

@@ -1,0 +1,140 @@
+"""A recording on the page: its timeline, and the folder kept in order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+from tests.loop.test_dashboard import (
+    PATIENCE_MS,
+    SIMULATED,
+    WIDE,
+    browser,
+    fresh,
+    grasp,
+    release,
+    served,
+    tab,
+    verdict,
+)
+
+__all__ = ["browser"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("replay")
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, folder: Path) -> Iterator[Page]:
+    """One viewer for all, with the recording of one grasp."""
+    with served(folder, *SIMULATED) as address:
+        context = browser.new_context(viewport=WIDE)
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(address)
+        fresh(page)
+        page.get_by_label("Item (empty: not remembered)").fill("berry-7")
+        grasp(page)
+        # It holds for long enough to be found on the timeline.
+        page.wait_for_function("+document.querySelector('#band')?.dataset.count > 15")
+        release(page)
+        tab(page, "Recordings")
+        yield page
+        context.close()
+
+
+def row(page: Page) -> Locator:
+    return page.locator("#recordings .file").first
+
+
+def seek(page: Page, share: float) -> None:
+    page.locator("#seek").evaluate(
+        "(slider, share) => { slider.value = +slider.min + share * (slider.max - slider.min);"
+        " slider.dispatchEvent(new Event('input', { bubbles: true })); }",
+        share,
+    )
+
+
+def test_the_list_says_how_it_ended_of_what_and_that_it_is_simulated(page: Page) -> None:
+    expect(row(page)).to_contain_text(re.compile(r"grasp-\d+-\d+.*held.*berry-7", re.DOTALL))
+    expect(row(page).locator(".badge-sim")).to_have_text("SIMULATED")
+
+
+def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> None:
+    row(page).get_by_role("button", name="Replay").click()
+    expect(page.locator("#timeline")).to_be_visible()
+    page.locator("#play").click()
+    expect(page.locator("#play")).to_have_text("Play")
+    expect(page.locator("#phases .phase")).not_to_have_count(0)
+    expect(page.locator("#phase-names")).to_contain_text("holding")
+    seek(page, 0.0)
+    expect(page.locator("#played")).to_have_text(re.compile(r"^0\.0 / "))
+    expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
+    expect(page.locator("#fingers .pad.touching")).to_have_count(0)
+    # All of its curve is known from the start; what is still to come lies under a veil.
+    expect(page.locator("#force .future")).to_be_attached()
+    seek(page, 0.8)
+    verdict(page, "holding")
+    expect(page.locator("#fingers .pad.touching")).to_have_count(2)
+    at = page.locator("#played").inner_text()
+    page.wait_for_function("+document.body.dataset.drawn > 0")
+    expect(page.locator("#played")).to_have_text(at)
+    # By keyboard too: one step is a hundredth of a second, and a page is a tenth of the whole.
+    page.locator("#seek").focus()
+    page.keyboard.press("PageUp")
+    expect(page.locator("#played")).not_to_have_text(at)
+    page.locator("#pace").select_option("10")
+    page.locator("#play").click()
+    verdict(page, "held and given back")
+    expect(page.locator("#play")).to_have_text("Again")
+    page.get_by_role("button", name="Back to the rig").click()
+    expect(page.locator("#timeline")).to_be_hidden()
+    fresh(page)
+
+
+def test_whoever_only_watches_moves_nothing(page: Page, browser: Browser) -> None:
+    row(page).get_by_role("button", name="Replay").click()
+    expect(page.locator("#timeline")).to_be_visible()
+    page.locator("#play").click()
+    seek(page, 0.8)
+    verdict(page, "holding")
+    at = page.locator("#played").inner_text()
+    context = browser.new_context(viewport=WIDE)
+    other = context.new_page()
+    other.goto(page.url)
+    expect(other.locator("#played")).to_have_text(at)
+    seek(other, 0.1)
+    expect(other.locator(".q-notification").first).to_contain_text("take over first")
+    expect(page.locator("#played")).to_have_text(at)
+    context.close()
+    page.get_by_role("button", name="Back to the rig").click()
+    fresh(page)
+
+
+def test_a_recording_is_taken_along_renamed_and_deleted(page: Page, folder: Path) -> None:
+    (file,) = (folder / "data").glob("*.mcap")
+    row(page).get_by_role("button", name="More").click()
+    with page.expect_download() as taken:
+        page.get_by_role("button", name="Download").click()
+    assert taken.value.suggested_filename == file.name
+    assert Path(taken.value.path()).read_bytes() == file.read_bytes()
+    name = page.get_by_label("Name")
+    for wrong in ("../elsewhere", ""):
+        name.fill(wrong)
+        page.get_by_role("button", name="Rename").click()
+        expect(page.locator(".q-notification").first).to_contain_text("make a name")
+    name.fill("monday 3")
+    page.get_by_role("button", name="Rename").click()
+    expect(row(page)).to_contain_text(re.compile("monday 3.*held.*berry-7", re.DOTALL))
+    row(page).get_by_role("button", name="More").click()
+    page.get_by_role("button", name="Delete").click()
+    expect(page.locator(".care")).to_contain_text("Nothing brings it back")
+    assert (folder / "data" / "monday 3.mcap").exists(), "not before it is confirmed"
+    page.get_by_role("button", name="Delete for good").click()
+    expect(page.locator("#recordings .file")).to_have_count(0)
+    assert list((folder / "data").glob("*.mcap")) == []

@@ -1,0 +1,75 @@
+"""The folder of recordings: nothing outside of it is given away, renamed or deleted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from palpate.dashboard.folder import (
+    delete_recording,
+    is_simulated,
+    recording_named,
+    rename_recording,
+)
+from palpate.errors import InputError
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.sensor.array import RIGID_LAYOUT
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    (tmp_path / "secret.mcap").write_bytes(b"secret")
+    (folder / "one.mcap").write_bytes(b"one")
+    (folder / "notes.txt").write_bytes(b"notes")
+    (folder / "link.mcap").symlink_to(tmp_path / "secret.mcap")
+    return folder
+
+
+OUTSIDE = ["../secret.mcap", "/etc/passwd", "notes.txt", "link.mcap", "..", "", "two.mcap"]
+
+
+@pytest.mark.parametrize("name", [*OUTSIDE, "one.mcap/../../secret.mcap", "one.mcap\0"])
+def test_only_recordings_of_the_folder_are_given(folder: Path, name: str) -> None:
+    for act in (
+        recording_named,
+        delete_recording,
+        lambda folder, name: rename_recording(folder, name, "mine"),
+    ):
+        with pytest.raises(InputError, match="no recording of this folder"):
+            act(folder, name)
+    assert (folder.parent / "secret.mcap").read_bytes() == b"secret"
+    assert (folder / "notes.txt").exists()
+
+
+def test_a_recording_is_renamed_and_deleted(folder: Path) -> None:
+    assert rename_recording(folder, "one.mcap", " ripe 3 ") == folder / "ripe 3.mcap"
+    assert (folder / "ripe 3.mcap").read_bytes() == b"one"
+    assert not (folder / "one.mcap").exists()
+    delete_recording(folder, "ripe 3.mcap")
+    assert not (folder / "ripe 3.mcap").exists()
+
+
+@pytest.mark.parametrize("stem", ["../mine", "a/b", "", ".mine", "two"])
+def test_a_name_that_leads_out_or_is_taken_is_refused(folder: Path, stem: str) -> None:
+    (folder / "two.mcap").write_bytes(b"two")
+    with pytest.raises(InputError):
+        rename_recording(folder, "one.mcap", stem)
+    assert (folder / "one.mcap").read_bytes() == b"one"
+    assert (folder / "two.mcap").read_bytes() == b"two"
+    assert sorted(folder.parent.glob("*.mcap")) == [folder.parent / "secret.mcap"]
+
+
+@pytest.mark.parametrize(("origin", "simulated"), [("twin", True), ("hardware", False)])
+def test_what_is_simulated_says_so(tmp_path: Path, origin: str, simulated: bool) -> None:
+    file = tmp_path / f"{origin}.mcap"
+    info = RecordingInfo(layout=RIGID_LAYOUT, origin=origin)  # type: ignore[arg-type]
+    with RecordingWriter(file, info=info):
+        pass
+    assert is_simulated(file, file.stat()) is simulated
+
+
+def test_what_cannot_be_read_is_not_called_simulated(folder: Path) -> None:
+    assert not is_simulated(folder / "one.mcap", (folder / "one.mcap").stat())
