@@ -25,7 +25,9 @@ def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
     if not pages:
         console.print("no items; `palpate grasp --item NAME` adds one")
         return
-    table = _table("item", "kind", "batch", "last grasp", ">grasps", ">size, mm", ">N/mm", "said")
+    table = _table(
+        "item", "kind", "batch", "last grasp", ">grasps", ">size, mm", ">N/mm", "verdict"
+    )
     for page in pages:
         size, stiffness = page.latest("size_mm"), page.latest("stiffness_n_per_mm")
         said = [one for about in About if (one := page.said(about)) is not None]
@@ -87,7 +89,7 @@ def _grasps(page: ItemHistory) -> Table:
 
 
 def _verdicts(page: ItemHistory) -> Table:
-    table = _table("said", "about", "verdict", ">sure", "why")
+    table = _table("given", "about", "verdict", ">sure", "why")
     for one in page.verdicts[-_SHOWN:]:
         person = one.source is Source.PERSON
         table.add_row(

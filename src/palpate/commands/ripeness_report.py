@@ -85,8 +85,7 @@ def print_report(judged: Sequence[Judged]) -> None:
     ]
     if unsure:
         console.print(
-            f"less than {100 * SURE:.0f} % sure: {', '.join(unsure)}; more grasps on the same day "
-            "tell better"
+            f"less than {100 * SURE:.0f} % sure: {', '.join(unsure)}; grasp them again that day"
         )
     for advice in dict.fromkeys(one.drift.advice for one in judged if one.drift is not None):
         if advice:
