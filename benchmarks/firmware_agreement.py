@@ -34,8 +34,7 @@ from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.world import World

@@ -51,7 +51,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             os.fsync(written.fileno())
         partial.chmod(_mode(final))
         partial.replace(final)
-        _sync_folder(final.parent)
+        sync_folder(final.parent)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
@@ -67,8 +67,8 @@ def _mode(final: Path) -> int:
         return 0o666 & ~umask
 
 
-def _sync_folder(folder: Path) -> None:
-    # After a power cut the new name must not point at the old content.
+def sync_folder(folder: Path) -> None:
+    """Bring a folder's entries to the disk: after a power cut a new name has its new content."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

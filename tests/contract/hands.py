@@ -24,8 +24,7 @@ from palpate.sensor.array import SOFT_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
-from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.servo_bus import ServoBus
 from palpate.twin.world import World

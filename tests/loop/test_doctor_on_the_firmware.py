@@ -10,7 +10,7 @@ import pytest
 from palpate.cli import build_app, run
 
 _OPENER = """
-from palpate.twin.firmware_stream import open_firmware_array
+from palpate.twin.firmware import open_firmware_array
 from palpate.twin.world import World
 
 class Broken(World):

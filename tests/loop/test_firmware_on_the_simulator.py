@@ -15,8 +15,7 @@ from palpate.errors import DeviceNotFoundError
 from palpate.sensor import wire_messages as wm
 from palpate.sensor.wire import Decoder, encode_command
 from palpate.twin import firmware
-from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import open_firmware_array
+from palpate.twin.firmware import FirmwareBoard, open_firmware_array
 from palpate.twin.world import World
 
 ROOT = Path(__file__).resolve().parents[2]

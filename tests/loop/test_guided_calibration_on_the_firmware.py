@@ -22,8 +22,7 @@ from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
-from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 

@@ -17,8 +17,7 @@ from palpate.rig.simulated import calibrated
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.twin.devices import TwinGripper
-from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 

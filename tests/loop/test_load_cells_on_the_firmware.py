@@ -12,8 +12,7 @@ from palpate.rig.board_cell import BoardLoadCell
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
-from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import FirmwareStream
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.world import World
 
 pytestmark = pytest.mark.usefixtures("firmware_built")

@@ -16,8 +16,7 @@ from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, Frame, 
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents, ResetCause, SetPressure
 from palpate.twin.devices import TwinArray
-from palpate.twin.firmware import FirmwareBoard
-from palpate.twin.firmware_stream import FirmwareStream, open_firmware_array
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream, open_firmware_array
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 

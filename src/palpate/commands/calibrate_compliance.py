@@ -72,7 +72,7 @@ def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> C
     from palpate.grasp.calibrating import measure_block
     from palpate.grasp.calibrating_current import measure_current, measure_gears
     from palpate.grasp.planning import DWELL_S
-    from palpate.sensor.current_pairs import joined
+    from palpate.sensor.calibration import joined
 
     bench = guided.bench
     limits = bench.gripper.limits

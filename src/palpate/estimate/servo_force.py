@@ -6,6 +6,12 @@ tenths of a newton), and so is one movement, because friction differs from one t
 closing has several, and the sheet tells how the force rose through them. What they say together of
 the force at the end is as good as a calibrated sheet, and knows nothing of wear or of where on the
 sheet the object lies.
+
+What a servo's gears take without load: along the way, and from one movement to the next.
+
+Friction of gears is never twice the same. Part of it comes back at the same places, as the teeth
+turn: an empty hand that closes slowly shows it. The rest has another size in every movement and
+stays through it: the scatter of many short movements tells how much that is.
 """
 
 from __future__ import annotations
@@ -18,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.gain import MeasuredForce
-from palpate.sensor.current_pairs import CurrentPairs
+from palpate.sensor.calibration import CurrentPairs
 
 #: A calibration of the current needs so many readings under load, and this range of force.
 _FEWEST, _RANGE_N = 10, 2.0

@@ -7,7 +7,7 @@ import math
 from palpate.errors import CalibrationError
 from palpate.grasp.calibrating import Bench
 from palpate.gripper.interface import GripperCommand
-from palpate.sensor.current_pairs import CurrentPairs
+from palpate.sensor.calibration import CurrentPairs
 
 #: So slowly (mm or kPa a second) that the cell's reading and the current are of one moment.
 _RATE, _POLL_S = 1.5, 0.05

@@ -1,4 +1,4 @@
-"""Reading a recording, finished or cut short, in bounded memory."""
+"""Reading a recording, finished or cut short, in bounded memory; and counting what it holds."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TypeVar
 
 import numpy as np
@@ -87,12 +86,7 @@ class RecordingReader:
     def __enter__(self) -> RecordingReader:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _decode(self, record: RawMessage, *, topic: str) -> Message | None:

@@ -16,10 +16,9 @@ from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.recording.contents import Origin
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import BlockPairs, Calibration
-from palpate.sensor.current_pairs import CurrentPairs, joined
+from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, joined
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
-from palpate.twin.firmware_stream import open_firmware_array
+from palpate.twin.firmware import open_firmware_array
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.world import GripperKind, World

@@ -1,4 +1,4 @@
-"""What chance gives to each object and each contact: where it lies, and how the sheet answers."""
+"""Where pixels are on their fingers, and what chance gives to each object and each contact."""
 
 from __future__ import annotations
 

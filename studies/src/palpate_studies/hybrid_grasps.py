@@ -16,7 +16,7 @@ from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.reference_resistor import fit_reference
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
-from palpate.twin.firmware_stream import open_firmware_array
+from palpate.twin.firmware import open_firmware_array
 from palpate_studies.hybrid_world import ADC_NOISE_COUNTS, Curve, RecordedSheet, RecordedWorld
 from palpate_studies.stoppable import uninterrupted
 

@@ -10,7 +10,7 @@ from palpate.estimate.compliance import SoftFingerCompliance
 from palpate.estimate.force import ForceEstimate
 from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
-from palpate.sensor.current_pairs import CurrentPairs
+from palpate.sensor.calibration import CurrentPairs
 
 
 def pairs(*, ma_per_n: float = 16.0, noise_ma: float = 6.0, count: int = 200) -> CurrentPairs:

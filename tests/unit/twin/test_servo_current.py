@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.settling.result import FloatArray
+from palpate.twin.devices import ServoCurrent
 from palpate.twin.ranges import PAPER, Ranges
-from palpate.twin.servo_current import ServoCurrent
 
 #: No warmth, so that friction alone differs; 40 mA of it and none by load.
 PLAIN = replace(

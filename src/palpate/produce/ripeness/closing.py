@@ -27,6 +27,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
@@ -34,7 +35,6 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.normal import normal_half_width
 from palpate.produce.records import MEASURED, Grasp
 from palpate.produce.ripeness.firmness import RIPENESS_N
 from palpate.settling.result import Status
@@ -279,3 +279,19 @@ def log_gain(grasp: Grasp) -> float | None:
     """Return the logarithm of the gain that was kept of a grasp; None where none was."""
     kept = grasp.measurements.get(SHEET_GAIN)
     return None if kept is None else math.log(kept.value)
+
+
+def normal_half_width(level: float) -> float:
+    """Return the half width, in standard deviations, of the central interval of a level.
+
+    Parameters
+    ----------
+    level : float
+        Probability of covering, 0 to 1.
+
+    Examples
+    --------
+    >>> round(normal_half_width(0.9), 3)
+    1.645
+    """
+    return float(ndtri(0.5 + level / 2))

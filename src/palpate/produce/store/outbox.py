@@ -9,9 +9,9 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 
 from palpate.errors import InputError, StoreAwayError, StoreError
+from palpate.files import sync_folder
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.records_json import CalibrationText, Record, record_from_json, record_to_json
 from palpate.produce.store.database import Store
@@ -133,12 +133,7 @@ class Keeper:
     def __enter__(self) -> Keeper:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _opened(self) -> Store:
@@ -198,6 +193,10 @@ def spool_path(store: str) -> Path:
 class Spool:
     """Records that wait, in the order they came; several processes may add.
 
+    Each record is a line with its checksum, on the disk before it is acknowledged. A line that a
+    crash has cut was never acknowledged; it is told from whole ones and passed over. Records carry
+    their own ids, so draining twice does no harm.
+
     Parameters
     ----------
     path : path
@@ -238,7 +237,8 @@ class Spool:
             except OSError:
                 os.ftruncate(descriptor, end)
                 raise
-        _sync_folder(self.path.parent)
+        # A new file is safe only once its folder's entry is.
+        sync_folder(self.path.parent)
 
     def waiting(self) -> tuple[Record, ...]:
         """Return the records that wait, oldest first."""
@@ -324,12 +324,3 @@ def _write_all(descriptor: int, data: bytes) -> None:
     rest = memoryview(data)
     while rest:
         rest = rest[os.write(descriptor, rest) :]
-
-
-def _sync_folder(folder: Path) -> None:
-    # A new file is safe only once its folder's entry is.
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
