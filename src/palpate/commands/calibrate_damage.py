@@ -116,7 +116,7 @@ def _print(made: DamageFile, *, path: Path) -> None:
         print(f"left out: {name}, {why}")
     print("each closing left out once: error of the predicted rupture force, of the kind's median")
     print("rupture force in its place, and how many bore the lower bound (95 % meant):")
-    width = max(len("not told"), *map(len, made.held_out))
+    width = max(len("unknown"), *map(len, made.held_out))
     for kind, one in made.held_out.items():
         print(
             f"  {kind or 'unknown':<{width}}  {one.error_percent:3.0f} %  "

@@ -85,7 +85,8 @@ def print_report(judged: Sequence[Judged]) -> None:
     ]
     if unsure:
         console.print(
-            f"less than {100 * SURE:.0f} % sure: {', '.join(unsure)}; grasp them again that day"
+            f"less than {100 * SURE:.0f} % sure: {', '.join(unsure)}; "
+            "more grasps on the same day help"
         )
     for advice in dict.fromkeys(one.drift.advice for one in judged if one.drift is not None):
         if advice:
