@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,15 @@ class AsWritten(griffe.Extension):
         """Keep `array_like, shape (n,)`, which griffe takes for Python."""
         if obj.docstring is not None:
             obj.docstring.value = obj.docstring.value.replace(", shape (", " of shape (")
+
+    def on_attribute(self, *, attr: griffe.Attribute, **_: Any) -> None:
+        """Read what `#:` comments above a field have to say of it."""
+        if attr.docstring is None and attr.lineno and isinstance(attr.filepath, Path):
+            above = reversed(attr.lines_collection[attr.filepath][: attr.lineno - 1])
+            comment = [*takewhile(lambda line: line.startswith("#:"), map(str.strip, above))]
+            if comment:
+                text = " ".join(line[2:].strip() for line in reversed(comment))
+                attr.docstring = griffe.Docstring(text, parent=attr)
 
     def on_function(self, *, func: griffe.Function, **_: Any) -> None:
         """Give parameters described together each its own default; griffe repeats the first's."""
