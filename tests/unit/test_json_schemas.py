@@ -30,6 +30,7 @@ FILES = (
     "demo packhouse",
     "grasp --seed 3 --object strawberry --record g.mcap",
     "grasp --seed 2 --item A1",
+    "calibrate force --rig sim-rigid --out pad-force.json",
 )
 #: Schema and a command whose output it describes.
 COMMANDS = (
@@ -57,6 +58,13 @@ COMMANDS = (
     ),
     ("sort", "sort --rules demo-packhouse/by-size.toml --rig sim-rigid --items 2 --taught 3"),
     ("bruise", "bruise A17 --store apples.sqlite"),
+    ("calibrate-rest", "calibrate rest --rig sim-rigid --out pad.json"),
+    ("calibrate-force", "calibrate force --rig sim-rigid --seed 1 --out pad-1.json"),
+    ("calibrate-compliance", "calibrate compliance --rig sim-rigid --out pad-force.json"),
+    (
+        "calibrate-damage",
+        "calibrate damage --curves curves.csv --index index.csv --out other.json",
+    ),
 )
 
 
