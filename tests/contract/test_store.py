@@ -131,17 +131,17 @@ def test_items_are_found_by_kind_batch_and_time(store: Store) -> None:
     assert [item.item_id for item in store.of_batch("M")] == ["i0", "i2"]
 
 
-def test_history_is_one_measurement_oldest_first(store: Store) -> None:
+def test_grasps_of_an_item_are_oldest_first(store: Store) -> None:
     late, early = grasp(hours=48, value=2.0), grasp(hours=0, value=3.0)
     store.add_grasps([late, early, grasp("B2", hours=1)])
-    found = store.history("A17", "stiffness_n_per_mm")
-    assert [reading.measurement for reading in found] == [stiffness(3.0), stiffness(2.0)]
-    assert [reading.grasp_id for reading in found] == [early.grasp_id, late.grasp_id]
+    found = store.grasps_of("A17")
+    assert [one.measurements["stiffness_n_per_mm"] for one in found] == [
+        stiffness(3.0),
+        stiffness(2.0),
+    ]
+    assert [one.grasp_id for one in found] == [early.grasp_id, late.grasp_id]
     assert found[0].taken_at == MORNING
     assert found[0].angle_deg == 90.0
-    assert store.history("A17", "size_mm") == ()
-    with pytest.raises(InputError, match="measurement 'weight_g': must be one of"):
-        store.history("A17", "weight_g")
 
 
 def test_verdicts_come_back_as_they_went_in(store: Store) -> None:

@@ -248,23 +248,6 @@ class Verdict:
             object.__setattr__(self, "probability", float(self.probability))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PastMeasurement:
-    """One measurement of an item's history, and how it was taken."""
-
-    #: When.
-    taken_at: datetime
-    #: Value with its interval.
-    measurement: Measurement
-    #: Of the grasp it comes from.
-    grasp_id: str
-    rig: str
-    drive: Drive
-    origin: Origin
-    #: Which side of the item was felt.
-    angle_deg: float | None = None
-
-
 def printable(text: str, *, what: str) -> None:
     """Refuse text that is empty, too long or not for reading."""
     if not text.strip() or len(text) > _LONGEST or not text.isprintable():

@@ -13,7 +13,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import FloatArray
 from palpate.signal.relative import CONTACT_PERCENT
 
 #: Share by which the change held follows a signal that rises, per sample.
@@ -39,28 +38,6 @@ class SignalEvent:
     time_s: float
     #: On which finger, where it is seen per finger.
     finger: int | None = None
-
-
-def running_median(values: ArrayLike, *, length: int) -> FloatArray:
-    """Return the median of each sample and the `length` - 1 before it; NaN is left out.
-
-    It drops single outliers and delays a step by half its length.
-
-    Examples
-    --------
-    >>> running_median([0.0, 9.0, 0.0, 1.0], length=3).tolist()
-    [0.0, 4.5, 0.0, 1.0]
-    """
-    signal = np.asarray(values, dtype=np.float64)
-    padding = np.full((length - 1, *signal.shape[1:]), np.nan)
-    padded = np.concatenate([padding, signal])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)
-    ordered = np.sort(windows, axis=-1)
-    count = np.sum(~np.isnan(windows), axis=-1, keepdims=True)
-    middle = [np.maximum(count - 1, 0) // 2, np.minimum(count // 2, length - 1)]
-    pair = [np.take_along_axis(ordered, index, axis=-1)[..., 0] for index in middle]
-    median: FloatArray = 0.5 * (pair[0] + pair[1])
-    return median
 
 
 def actuation_spikes(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
-from palpate.signal.events import ContactState, SignalEvent, running_median, watch_contact
+from palpate.signal.events import ContactState, SignalEvent, watch_contact
 from palpate.signal.relative import CONTACT_PERCENT
 
 
@@ -32,6 +32,28 @@ def lowpass(time_s: ArrayLike, values: ArrayLike, *, time_constant_s: float) -> 
     for index, share in enumerate(keep, start=1):
         smooth[index] = share * smooth[index - 1] + (1.0 - share) * smooth[index]
     return smooth
+
+
+def running_median(values: ArrayLike, *, length: int) -> FloatArray:
+    """Return the median of each sample and the `length` - 1 before it; NaN is left out.
+
+    It drops single outliers and delays a step by half its length.
+
+    Examples
+    --------
+    >>> running_median([0.0, 9.0, 0.0, 1.0], length=3).tolist()
+    [0.0, 4.5, 0.0, 1.0]
+    """
+    signal = np.asarray(values, dtype=np.float64)
+    padding = np.full((length - 1, *signal.shape[1:]), np.nan)
+    padded = np.concatenate([padding, signal])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)
+    ordered = np.sort(windows, axis=-1)
+    count = np.sum(~np.isnan(windows), axis=-1, keepdims=True)
+    middle = [np.maximum(count - 1, 0) // 2, np.minimum(count // 2, length - 1)]
+    pair = [np.take_along_axis(ordered, index, axis=-1)[..., 0] for index in middle]
+    median: FloatArray = 0.5 * (pair[0] + pair[1])
+    return median
 
 
 def contact_events(

@@ -10,8 +10,8 @@ from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
-from palpate.signal.events import running_median
 from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
+from palpate_studies.contact_events import running_median
 from palpate_studies.equal_width import SEED
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import GAP_MM, LEVELS, STILL_S, Session, drawn, grasps

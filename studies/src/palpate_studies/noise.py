@@ -11,9 +11,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.settling.relaxation import Relaxation
-from palpate.signal.events import running_median
 from palpate.signal.relative import CONTACT_PERCENT
-from palpate_studies.contact_events import lowpass
+from palpate_studies.contact_events import lowpass, running_median
 from palpate_studies.noise_signal import CleanHold, Disturbance, clean_hold, sampled_percent
 from palpate_studies.notch import notch
 from palpate_studies.report import OutOption, StudyReport, Table

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.signal.events import EventKind, actuation_spikes, running_median
-from palpate_studies.contact_events import contact_events, lowpass
+from palpate.signal.events import EventKind, actuation_spikes
+from palpate_studies.contact_events import contact_events, lowpass, running_median
 
 TIME_S = np.arange(0, 10, 1 / 15)
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from typing import Any
 
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
-from palpate.produce.records import MEASURED, About, Grasp, Item, PastMeasurement, Source, Verdict
+from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
 from palpate.produce.store.engine import faults_of, sa
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
 from palpate.settling.result import Status
 
-_READING_COLUMNS = tuple(f.name for f in fields(PastMeasurement) if f.name != "measurement")
 #: Numbers in one IN list: below SQLite's bound on parameters in every build.
 _MOST_NUMBERS = 500
 
@@ -39,20 +37,6 @@ def read_grasps(connection: sa.Connection, query: sa.Select[Any]) -> tuple[Grasp
     return tuple(
         Grasp(**_grasp_values(row), measurements=measured.get(number, {}))
         for number, row in zip(numbers, rows, strict=True)
-    )
-
-
-def read_history(connection: sa.Connection, item_id: str, name: str) -> tuple[PastMeasurement, ...]:
-    """Return one measurement of an item over its grasps, oldest first."""
-    query = (
-        sa.select(*(GRASPS.c[column] for column in _READING_COLUMNS), MEASUREMENTS)
-        .join(MEASUREMENTS, MEASUREMENTS.c.grasp_number == GRASPS.c.number)
-        .where(GRASPS.c.item_id == item_id, MEASUREMENTS.c.name == name)
-        .order_by(GRASPS.c.taken_at, GRASPS.c.number)
-    )
-    return tuple(
-        PastMeasurement(measurement=_measurement(row), **{c: row[c] for c in _READING_COLUMNS})
-        for row in connection.execute(query).mappings()
     )
 
 
@@ -243,26 +227,6 @@ class StoreReader:
                 rows = read_grasps(connection, batch_of.order_by(GRASPS.c.number))
             yield from rows
             last = found[-1]
-
-    def history(self, item_id: str, name: str) -> tuple[PastMeasurement, ...]:
-        """Return one measurement of an item over its grasps, oldest first.
-
-        Parameters
-        ----------
-        item_id : str
-            Which item.
-        name : str
-            One of `MEASURED`: ``"stiffness_n_per_mm"``, ...
-
-        Raises
-        ------
-        InputError
-            If there is no such measurement.
-        """
-        if name not in MEASURED:
-            raise InputError(f"measurement {name!r}: must be one of {', '.join(MEASURED)}")
-        with self._read() as connection:
-            return read_history(connection, item_id, name)
 
     def verdicts_of(
         self, item_id: str, *, about: About | None = None, source: Source | None = None
