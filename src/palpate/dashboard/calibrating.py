@@ -6,16 +6,26 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
+
 from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
 from palpate.dashboard.station import FRAME_TIMEOUT_S, CellBench, Station
 from palpate.errors import DeviceError
 from palpate.grasp.calibrating import Bench, measure_force, measure_rest
 from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
-from palpate.sensor.calibration import Calibration, ForcePairs
+from palpate.rig import Rig
+from palpate.rig.sensor_only import SensorRig
+from palpate.sensor.array import ArrayLayout, Frame
+from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.sensor.dead_weights import checked_loads, weigh
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import rest_baseline
 
 #: Settled holds beside the load cell, newtons, one list for each placement: small and large mixed.
 _HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
+
+#: The rest is taken for so long.
+_REST_S = 3.0
 
 
 class _NoCell:
@@ -35,6 +45,17 @@ def calibrate_rest(order: CalibrateRest, *, station: Station) -> Calibrated:
         If the sensor does not come to rest, or a pixel gives no signal.
     """
     rig = station.rig
+    rest = _rest_alone(station) if isinstance(rig, SensorRig) else _rest_open(rig, station)
+    before = rig.calibration
+    if before is None:
+        return _renewed(_begun(rig.array.layout, rest), file=order.file, station=station)
+    # The date is what its age is judged by: that of the force readings, where there are any.
+    made_at = before.made_at if before.force.force_n else _now()
+    made = replace(before, rest=rest, made_at=made_at)
+    return _renewed(made, file=order.file, station=station)
+
+
+def _rest_open(rig: Rig, station: Station) -> RestValues:
     station.guide("The hand opens. Leave the sensor alone")
     bench = Bench(
         array=station.watched(),
@@ -43,11 +64,41 @@ def calibrate_rest(order: CalibrateRest, *, station: Station) -> Calibrated:
         clock=rig.clock,
         start=rig.gripper.limits.target(0.0),
     )
-    rest = measure_rest(bench, duration_s=3.0)
-    # The date is what its age is judged by: that of the force readings, where there are any.
-    made_at = rig.calibration.made_at if rig.calibration.force.force_n else _now()
-    made = replace(rig.calibration, rest=rest, made_at=made_at)
-    return _renewed(made, file=order.file, station=station)
+    return measure_rest(bench, duration_s=_REST_S)
+
+
+def _rest_alone(station: Station) -> RestValues:
+    """Take the rest values of a sensor that no hand holds."""
+    station.guide("Leave the sensor alone")
+    array, taken = station.watched(), list[Frame]()
+    station.catch_up()
+    while not taken or taken[-1].time_s - taken[0].time_s < _REST_S:
+        taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
+    ohm = pixel_resistance_ohm(
+        np.array([frame.counts for frame in taken]),
+        layout=array.layout,
+        oversampling=taken[0].oversampling,
+    )
+    rest = rest_baseline(ohm)
+    if not np.all(np.isfinite(rest.rest_ohm) & (rest.rest_ohm > 0)):
+        raise DeviceError("a pixel is open or short: the doctor names it")
+    return RestValues(
+        ohm=tuple(map(tuple, rest.rest_ohm.tolist())),
+        spread_percent=tuple(map(tuple, rest.spread_percent.tolist())),
+        frames=rest.frames,
+    )
+
+
+def _begun(layout: ArrayLayout, rest: RestValues) -> Calibration:
+    return Calibration(
+        sensor_id=layout.name,
+        origin="hardware",
+        layout=layout,
+        rest=rest,
+        force=ForcePairs(run=(), since_move_s=(), excess=(), relative_percent=(), force_n=()),
+        block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
+        made_at=_now(),
+    )
 
 
 def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
@@ -62,13 +113,16 @@ def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
     DeviceError
         If the rig has no load cell and no loads were given.
     """
+    before = station.rig.calibration
+    if before is None:
+        raise DeviceError("the rest was not calibrated: take the rest values first")
     if order.loads_n:
         pairs = _weighed(checked_loads(order.loads_n, where="the loads"), station)
     elif station.open_bench is not None:
         pairs = _by_cell(station.open_bench(station.rig.name, station.seed), station)
     else:
         raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
-    made = with_force_law(replace(station.rig.calibration, force=pairs))
+    made = with_force_law(replace(before, force=pairs))
     made = replace(made, made_at=_now())
     return _renewed(made, file=order.file, station=station)
 
@@ -106,7 +160,8 @@ def _weighed(loads_n: list[float], station: Station) -> ForcePairs:
 
 def _renewed(made: Calibration, *, file: Path, station: Station) -> Calibrated:
     """Keep the calibration in its file, and work with it from now on."""
-    before_ohm = station.rig.calibration.rest_ohm
+    before = station.rig.calibration
+    before_ohm = made.rest_ohm if before is None else before.rest_ohm
     file.parent.mkdir(parents=True, exist_ok=True)
     made.save(file)
     station.rig = replace(station.rig, calibration=made)

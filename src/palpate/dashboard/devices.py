@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 from palpate.clock import ManualClock
 from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
@@ -51,8 +52,9 @@ from palpate.dashboard.transport import Transport
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.requests import Requests
 from palpate.recording import RecordingWriter
-from palpate.rig import open_rig
+from palpate.rig import Rig, open_rig
 from palpate.rig.recorded import recording_info
+from palpate.rig.sensor_only import SensorRig, names_no_gripper, open_sensor
 from palpate.sensor.health import Health
 
 #: A silent sensor must not make an order wait; a lost one is asked again after a while.
@@ -260,7 +262,7 @@ class Devices:
 
     def _open(self, order: OpenRig) -> None:
         self._let_go()
-        rig = open_rig(order.name, object_name=order.object_name, seed=order.seed)
+        rig = _opened(order)
         paced = isinstance(rig.clock, ManualClock)
         self._station = station = Station(
             rig=rig,
@@ -315,7 +317,8 @@ class Devices:
         if station is None:
             return
         self._record(Record(None))
-        self._try(station.rig.gripper.stop)
+        if station.rig.gripper is not None:
+            self._try(station.rig.gripper.stop)
         self._try(station.rig.close)
 
     def _try(self, act: Callable[[], None]) -> None:
@@ -339,3 +342,9 @@ def _steer(transport: Transport, message: Seek | Pause | SetSpeed) -> None:
             transport.pause(message.paused)
         case SetSpeed():
             transport.set_speed(message.speed)
+
+
+def _opened(order: OpenRig) -> Rig | SensorRig:
+    if order.name.endswith(".toml") and names_no_gripper(Path(order.name)):
+        return open_sensor(Path(order.name))
+    return open_rig(order.name, object_name=order.object_name, seed=order.seed)

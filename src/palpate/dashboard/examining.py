@@ -34,7 +34,7 @@ def look_at(order: Examine, *, station: Station) -> Health:
     return examine(
         FrameColumns.of(taken),
         layout=layout,
-        known_ohm=station.rig.calibration.rest_ohm,
+        known_ohm=station.source().rest_ohm,
         asked_hz=None if identity is None else identity.rate_hz,
         events=LinkEvents(
             corrupt=after.corrupt - before.corrupt,

@@ -24,7 +24,7 @@ _OPENING_S = 10.0
 
 def grasp(order: Grasp, *, station: Station) -> Grasped:
     """Run one grasp; every frame of it is recorded."""
-    rig, outlet = station.rig, station.outlet
+    rig, outlet = station.whole, station.outlet
     plan = plan_grasp(
         rig.calibration,
         gripper=rig.gripper,
@@ -76,7 +76,7 @@ def grasp(order: Grasp, *, station: Station) -> Grasped:
 
 def open_hand(order: OpenHand, *, station: Station) -> None:
     """Open the hand and watch it arrive; a stop request stops it where it is."""
-    gripper, clock, array = station.rig.gripper, station.rig.clock, station.watched()
+    gripper, clock, array = station.whole.gripper, station.rig.clock, station.watched()
     gripper.release()
     until_s = clock.now_s() + _OPENING_S
     try:

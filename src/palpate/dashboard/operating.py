@@ -72,6 +72,8 @@ def _word(session: Session, said: Mapping[str, object]) -> str:
         return "Off target" if said["on_target"] is False else _capital(str(firmness or "held"))
     if thought is None and session.activity is Activity.GRASPING:
         return "Closing"
+    if session.sensor_alone:
+        return "Watching"
     if thought is None:
         return "Ready" if session.live.open_hand is not False else "Hand closed"
     known = thought.decided and thought.phase == "hold" and said["on_target"] is not False
@@ -96,6 +98,8 @@ def _next(session: Session, said: Mapping[str, object]) -> str:
         return "Wait"
     if said["kind"] == "bad" and grasped is None:
         return _capital(str(said.get("why", "")))
+    if session.sensor_alone:
+        return "No gripper: press the pads"
     if session.live.open_hand is False:
         return "Press Release: the hand opens"
     if grasped is None:

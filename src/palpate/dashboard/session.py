@@ -234,7 +234,15 @@ class Session:
             return "no rig is open: choose one"
         return self._not_ready(action)
 
+    @property
+    def sensor_alone(self) -> bool:
+        """Whether the rig that is watched has no gripper."""
+        source = self.live.source
+        return source is not None and source.gripper is None and not source.replayed
+
     def _not_ready(self, action: Action) -> str:
+        if self.sensor_alone and action in (Action.GRASP, Action.RELEASE):
+            return "this rig has no gripper"
         if action in (Action.GRASP, Action.CALIBRATE, Action.EXAMINE) and self.live.pulse.stale:
             return "no fresh frames: look at the link"
         if action in _NEEDS_OPEN_HAND and self.live.open_hand is False:

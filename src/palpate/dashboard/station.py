@@ -16,10 +16,12 @@ from palpate.grasp.calibrating import Bench
 from palpate.grasp.requests import Requests
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.rig import Rig
+from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import ArrayLayout, Frame, PressureArray
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
+NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
 FRAME_TIMEOUT_S = 2.0
 #: A stop is heard within this while the sensor is silent.
 _PATIENCE_S = 0.1
@@ -75,7 +77,7 @@ class Station:
         When that was, on the rig's clock.
     """
 
-    rig: Rig
+    rig: Rig | SensorRig
     array: PressureArray
     seed: int
     outlet: Outlet
@@ -85,17 +87,25 @@ class Station:
     requests: Requests = field(default_factory=Requests)
     reacted_s: float | None = None
 
+    @property
+    def whole(self) -> Rig:
+        """The rig with its gripper; raises `DeviceError` where there is a sensor alone."""
+        if isinstance(self.rig, SensorRig):
+            raise DeviceError(NO_GRIPPER)
+        return self.rig
+
     def source(self) -> Source:
         """Return what the page is to know about the rig."""
+        calibration, gripper = self.rig.calibration, self.rig.gripper
         return Source(
             name=self.rig.name,
             layout=self.rig.array.layout,
-            rest_ohm=self.rig.calibration.rest_ohm,
-            gripper=self.rig.gripper.limits,
+            rest_ohm=None if calibration is None else calibration.rest_ohm,
+            gripper=None if gripper is None else gripper.limits,
             origin=self.rig.origin,
             subject=self.rig.subject,
             has_load_cell=self.open_bench is not None,
-            laws=ForceLaws.of(self.rig.calibration),
+            laws=ForceLaws.of(calibration),
         )
 
     def link_events(self) -> LinkEvents:
@@ -120,14 +130,15 @@ class Station:
         self.outlet.note(Guide(text=text, share=share, asks=asks))
 
     def stop_hand(self) -> None:
-        """Stop the hand, and confirm it.
+        """Stop the hand, and confirm it; a sensor alone has none that could move.
 
         Raises
         ------
         DeviceError
             If the hand can't be told; nothing is confirmed then.
         """
-        self.rig.gripper.stop()
+        if self.rig.gripper is not None:
+            self.rig.gripper.stop()
         self.confirm_stop()
 
     def confirm_stop(self) -> None:
@@ -146,7 +157,7 @@ class Station:
 class Watched:
     """An array whose every frame is shown, until the user stops what reads it."""
 
-    def __init__(self, array: PressureArray, *, gripper: Gripper, station: Station) -> None:
+    def __init__(self, array: PressureArray, *, gripper: Gripper | None, station: Station) -> None:
         self._array, self._gripper, self._station = array, gripper, station
 
     @property
@@ -182,9 +193,9 @@ class Watched:
         """Leave the array open: it is the rig's."""
 
 
-def state_of(gripper: Gripper) -> GripperState | None:
-    """Return the gripper's state, None while it does not answer."""
+def state_of(gripper: Gripper | None) -> GripperState | None:
+    """Return the gripper's state, None while it does not answer or where there is none."""
     try:
-        return gripper.state()
+        return None if gripper is None else gripper.state()
     except DeviceError:
         return None

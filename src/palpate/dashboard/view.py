@@ -212,7 +212,9 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
         said = verdict(grasped.result, target_force_n=session.target_force_n)
         return {**said, "kind": kind_of(grasped, target_force_n=session.target_force_n)}
     if thought is None:
-        text = "ready" if session.activity is Activity.WATCHING else session.activity.value
+        text = session.activity.value
+        if session.activity is Activity.WATCHING and not session.sensor_alone:
+            text = "ready"
         begins = session.activity is Activity.GRASPING
         return {**_WORDLESS, "text": text, "kind": "busy" if begins else "idle"}
     # In its last phase, for a moment, the grasp has ended.

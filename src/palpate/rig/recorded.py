@@ -10,6 +10,7 @@ from palpate import __version__
 from palpate.errors import DeviceError
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.rig import Rig
+from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
 
@@ -45,7 +46,7 @@ def open_grasp_recording(
     return RecordingWriter(path, info=info)
 
 
-def recording_info(rig: Rig, *, seed: int) -> RecordingInfo:
+def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:
     """Return what a recording of a rig says of itself: a replay plays it, and decides nothing.
 
     `seed` counts for simulated rigs.
@@ -60,7 +61,7 @@ def recording_info(rig: Rig, *, seed: int) -> RecordingInfo:
         origin=rig.origin,
         rig=rig.name,
         firmware_version=firmware_version(rig.array),
-        calibration=rig.calibration.as_text(),
+        calibration=None if rig.calibration is None else rig.calibration.as_text(),
         seed=seed if rig.simulated else None,
         versions={"palpate": __version__},
         clock_zero_unix_ns=0 if rig.simulated else clock_zero_unix_ns(),

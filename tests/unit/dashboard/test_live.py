@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import Frames, Grasped, Lost, Pulse, Source, Thought
-from palpate.dashboard.session import Activity, Session
+from palpate.dashboard.messages import Frames, Grasped, Lost, Pulse, Source, Thought, Update
+from palpate.dashboard.session import Action, Activity, Session
 from palpate.dashboard.view import document
 from palpate.dashboard.wishes import Wishes
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.health import FrameColumns, examine
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -133,6 +134,34 @@ def test_an_open_pixel_is_null_in_the_document() -> None:
     pixels = document(session, Wishes(), generation=-1, after_s=0.0)["pixels"]
     assert pixels["percent"][0] == [None, None]
     assert pixels["ohm"][0] == [None, None]
+
+
+def test_what_the_doctor_found_stands_on_its_pixels() -> None:
+    counts = np.rint(np.random.default_rng(1).normal(300, 0.6, (100, 4, 2))).astype(np.int32)
+    counts[:, 2, 1] = 0
+    counts[:, 3] = 0
+    columns = FrameColumns(time_s=np.arange(100) / 15, sequence=np.arange(100), counts=counts)
+    session = Session(send=lambda message: None)
+    session.live.begin(SOURCE)
+    session.live.add(frames(1))
+    session.health = examine(columns, layout=RIGID_LAYOUT)
+    findings = document(session, Wishes(), generation=-1, after_s=0.0)["pixels"]["findings"]
+    assert {(one["row"], one["col"]) for one in findings} == {(2, 1), (3, 0), (3, 1)}
+    assert {one["severity"] for one in findings} == {"fault"}
+    assert "reads open" in findings[0]["text"]
+
+
+def test_without_a_gripper_it_is_watched_and_not_grasped_with() -> None:
+    session = Session(send=lambda message: None)
+    session.take(Update(notes=(replace(SOURCE, gripper=None),), pulse=Pulse(stale=False)))
+    session.join("a")
+    session.activity = Activity.WATCHING
+    assert session.refusal(Action.GRASP, viewer="a") == "this rig has no gripper"
+    assert session.refusal(Action.RELEASE, viewer="a") == "this rig has no gripper"
+    assert session.refusal(Action.EXAMINE, viewer="a") == ""
+    doc = document(session, Wishes(), generation=-1, after_s=0.0)
+    assert (doc["verdict"]["text"], doc["operator"]["word"]) == ("watching", "Watching")
+    assert doc["hand"] is None
 
 
 def watched(*, stale: bool = False, counts: int = 300) -> dict:

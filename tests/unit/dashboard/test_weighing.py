@@ -5,20 +5,21 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from palpate.clock import ManualClock
-from palpate.dashboard.calibrating import calibrate_force
-from palpate.dashboard.messages import CalibrateForce, Guide, Update
+from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
+from palpate.dashboard.messages import CalibrateForce, CalibrateRest, Guide, Update
 from palpate.dashboard.outlet import Outlet
 from palpate.dashboard.station import Station, StoppedByUserError
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.rig import Rig
-from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.rig.sensor_only import SensorRig
+from palpate.sensor.array import RIGID_LAYOUT, Frame, PressureArray
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 
 LOADS = (0.5, 1.0, 2.0, 4.0, 2.0, 1.0)
@@ -112,6 +113,7 @@ def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path:
     assert asked == list(LOADS)
     saved = Calibration.load(order.file)
     assert saved.force.force_n == LOADS
+    assert pad.station.rig.calibration is not None
     assert pad.station.rig.calibration.force == saved.force
     errors = [error for error in made.held_out.values() if error is not None]
     assert errors
@@ -138,3 +140,22 @@ def test_without_load_cell_and_weights_nothing_begins(pad: PadAndUser, tmp_path:
         calibrate_force(order, station=pad.station)
     with pytest.raises(InputError, match="are the loads in grams"):
         calibrate_force(replace(order, loads_n=(50.0, 100.0, 200.0, 400.0)), station=pad.station)
+
+
+def test_a_sensor_alone_is_calibrated_from_nothing(pad: PadAndUser, tmp_path: Path) -> None:
+    station, devices = pad.station, cast("PressureArray", pad)
+    assert station is not None
+    station.rig = SensorRig(name="pad.toml", array=devices, clock=pad.clock, calibration=None)
+    weigh = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
+    with pytest.raises(DeviceError, match="take the rest values first"):
+        calibrate_force(weigh, station=station)
+    assert station.source().rest_ohm is None
+    made = calibrate_rest(CalibrateRest(file=weigh.file), station=station)
+    assert made.rest_ohm == pytest.approx(np.full((4, 2), REST_OHM), rel=1e-3)
+    assert np.array_equal(made.change_percent, np.zeros((4, 2)))
+    calibrate_force(weigh, station=station)
+    saved = Calibration.load(weigh.file)
+    assert saved.force.force_n == LOADS
+    assert saved.rest_ohm == pytest.approx(made.rest_ohm)
+    station.stop_hand()
+    assert station.reacted_s is not None

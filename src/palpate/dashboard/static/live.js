@@ -17,6 +17,12 @@ function bar(one) {
     ${typeof one.truth === "number" ? `<path d="M${x(one.truth) - 5} 0h10l-5 8z" fill="${inside ? "var(--good)" : "var(--bad)"}"/>` : ""}</svg>`;
 }
 
+// Without a hand nothing but a force is measured.
+function hideUnmeasured(doc) {
+  const alone = doc.source !== null && doc.hand === null && doc.grasp === null;
+  for (const name of Object.keys(UNITS)) $(`measure-${name}`)?.classList.toggle("hidden", alone && !(name === "force_n" && doc.measured.force_now));
+}
+
 function drawMeasures(measured) {
   for (const [name, [title, unit, digits]] of Object.entries(UNITS)) {
     const card = $(`measure-${name}`), one = measured.values[name];
@@ -69,4 +75,4 @@ document.addEventListener("click", (event) => {
 beginHand();
 beginCurves();
 beginTimeline();
-follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); });
+follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); hideUnmeasured(doc); });
