@@ -10,7 +10,7 @@ from rich.console import Console
 
 from palpate.clock import ManualClock
 from palpate.commands.live_view import LiveView
-from palpate.commands.sensor_source import Source
+from palpate.commands.sensor_source import SensorSource
 from palpate.grasp.planning import force_now
 from palpate.gripper.interface import GripperCommand
 from palpate.rig.simulated import calibrated
@@ -33,7 +33,7 @@ def test_newtons_with_an_interval_at_every_frame() -> None:
     world = World(ball, seed=5, sheet_seed=3, clock=clock, layout=RIGID_LAYOUT)
     stream = FirmwareStream(world, board=FirmwareBoard(seed=1))
     array = SerialArray(stream, clock=clock, layout=RIGID_LAYOUT, rate_hz=RATE_HZ, oversampling=1)
-    source = Source(name="pad", array=array, calibration=calibration)
+    source = SensorSource(name="pad", array=array, calibration=calibration)
     follower = force_now(calibration.force)
     view = LiveView(source, rest_ohm=source.rest_ohm(), clock=clock, force=follower)
     gripper = TwinGripper(world)

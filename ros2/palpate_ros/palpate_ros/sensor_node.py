@@ -9,7 +9,7 @@ from dataclasses import replace
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from palpate import __version__
-from palpate.commands.sensor_source import Source, open_source
+from palpate.commands.sensor_source import SensorSource, open_source
 from palpate.dashboard.pacing import PacedArray
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.recording import RecordingInfo
@@ -35,7 +35,7 @@ class SensorNode(LifecycleNode):
             self,
             SHARED | {"autostart": (True, "Configure and activate without a lifecycle manager.")},
         )
-        self._source: Source | None = None
+        self._source: SensorSource | None = None
         self._topics: SensorTopics | None = None
         self._timer = None
         self._reader: threading.Thread | None = None
@@ -134,7 +134,7 @@ class SensorNode(LifecycleNode):
                 topics.see(frame)
 
 
-def _calibration(source: Source) -> Calibration | None:
+def _calibration(source: SensorSource) -> Calibration | None:
     """Return the calibration, checked against the sensor; None where none has been made."""
     source.rest_ohm()
     path = source.calibration_path

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from palpate.commands.doctor_report import Examined
-    from palpate.commands.sensor_source import Source
+    from palpate.commands.sensor_source import SensorSource
     from palpate.sensor.array import ArrayLayout, Frame
     from palpate.sensor.findings import Finding
     from palpate.sensor.health import FrameColumns
@@ -88,7 +88,7 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _live(source: Source, *, duration_s: float, press: bool) -> Examined:
+def _live(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     from palpate.commands.doctor_report import Examined
     from palpate.commands.sensor_source import FRAME_TIMEOUT_S
     from palpate.sensor.health import examine

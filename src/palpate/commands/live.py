@@ -19,7 +19,7 @@ from palpate.commands.board_options import (
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.commands.sensor_source import Source
+    from palpate.commands.sensor_source import SensorSource
     from palpate.estimate.force_now import ForceNow
 
 
@@ -89,7 +89,7 @@ def live(
                     break
 
 
-def _followed(source: Source) -> ForceNow:
+def _followed(source: SensorSource) -> ForceNow:
     """Return what follows the force by the source's calibration."""
     from palpate.grasp.planning import force_now
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from palpate.arrays import FloatArray
 from palpate.clock import Clock
-from palpate.commands.sensor_source import Source
+from palpate.commands.sensor_source import SensorSource
 from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import Gripper, GripperCommand
 from palpate.sensor.array import Frame
@@ -21,12 +21,12 @@ _APPROACH, _SQUEEZE, _TOUCH_PERCENT = 0.3, 0.02, -3.0
 _DEPTHS_PERCENT, _KEEP_S, _OPEN_S = (-30.0, -50.0), 4.0, 5.0
 
 
-def paced(source: Source, *, clock: Clock) -> Iterator[Frame | None]:
+def paced(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]:
     """Yield frames as they come; None where none came for a while.
 
     Parameters
     ----------
-    source : Source
+    source : SensorSource
         An open sensor. A simulated one is held back to the pace of `clock`.
     clock : Clock
         The clock on the wall.

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.clock import Clock
-from palpate.commands.sensor_source import Source
+from palpate.commands.sensor_source import SensorSource
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
@@ -49,7 +49,7 @@ class LiveView:
 
     Parameters
     ----------
-    source : Source
+    source : SensorSource
         Where the frames come from.
     rest_ohm : ndarray or None, shape (rows, cols)
         Calibrated rest values; None takes them from the first second.
@@ -61,7 +61,7 @@ class LiveView:
 
     def __init__(
         self,
-        source: Source,
+        source: SensorSource,
         *,
         rest_ohm: NDArray[np.float64] | None,
         clock: Clock,

@@ -24,7 +24,7 @@ from palpate.sensor.wire_messages import NO_READING
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class RecordSource:
     """Something open that gives frames.
 
     Attributes
@@ -70,7 +70,7 @@ class Source:
         )
 
 
-def board_source(given: Mapping[str, Any], *, stack: ExitStack) -> Source:
+def board_source(given: Mapping[str, Any], *, stack: ExitStack) -> RecordSource:
     """Open the board on a port; `given` goes to `open_board`, and `stack` closes it.
 
     Raises
@@ -89,12 +89,12 @@ def board_source(given: Mapping[str, Any], *, stack: ExitStack) -> Source:
         versions={"palpate": __version__},
         clock_zero_unix_ns=clock_zero_unix_ns(),
     )
-    return Source(name=array.name, array=array, clock=RealClock(), info=info)
+    return RecordSource(name=array.name, array=array, clock=RealClock(), info=info)
 
 
 def rig_source(
     name: str, given: Mapping[str, Any], *, stack: ExitStack, seed: int, endless: bool
-) -> Source:
+) -> RecordSource:
     """Open a rig with its gripper, where it has one; `stack` closes it.
 
     Raises
@@ -115,7 +115,9 @@ def rig_source(
         raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
     info = recording_info(rig, seed=seed)
     said = f"{name} (simulated)" if rig.simulated else name
-    return Source(name=said, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state)
+    return RecordSource(
+        name=said, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state
+    )
 
 
 def _lacks_gripper(name: str) -> bool:
@@ -129,7 +131,7 @@ def _lacks_gripper(name: str) -> bool:
     return not stated.keys() & {"use", "gripper"}
 
 
-def _array_source(path: str, *, stack: ExitStack) -> Source:
+def _array_source(path: str, *, stack: ExitStack) -> RecordSource:
     """Open the array that a rig file names; its calibration goes along if it has been made."""
     opened = open_source(rig=path)
     stack.callback(opened.array.close)
@@ -144,4 +146,4 @@ def _array_source(path: str, *, stack: ExitStack) -> Source:
         versions={"palpate": __version__},
         clock_zero_unix_ns=clock_zero_unix_ns(),
     )
-    return Source(name=path, array=opened.array, clock=RealClock(), info=info)
+    return RecordSource(name=path, array=opened.array, clock=RealClock(), info=info)

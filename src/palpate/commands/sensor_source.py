@@ -27,7 +27,7 @@ FRAME_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class SensorSource:
     """An open array and what is known about it.
 
     Attributes
@@ -137,7 +137,7 @@ def open_source(
     reference_ohm: float | None = None,
     rate_hz: float | None = None,
     baud: int | None = None,
-) -> Source:
+) -> SensorSource:
     """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
 
     Parameters
@@ -165,7 +165,7 @@ def open_source(
         rig = stated_rig()
     if rig is None:
         array = open_board(**given)
-        return Source(name=array.name, array=array)
+        return SensorSource(name=array.name, array=array)
     if given:
         option = next(iter(given)).replace("_", "-")
         raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
@@ -178,11 +178,11 @@ def open_source(
     return _of_file(path, described)
 
 
-def _of_rig(name: str) -> Source:
+def _of_rig(name: str) -> SensorSource:
     from palpate.rig import open_rig
 
     devices = open_rig(name)
-    return Source(
+    return SensorSource(
         name=name,
         array=devices.array,
         calibration=devices.calibration,
@@ -191,10 +191,10 @@ def _of_rig(name: str) -> Source:
     )
 
 
-def _of_file(path: Path, stated: Mapping[str, object]) -> Source:
+def _of_file(path: Path, stated: Mapping[str, object]) -> SensorSource:
     """Open the array of a rig file; its calibration may still be to make."""
     from palpate.rig.file import open_stated
 
     place = path.parent / str(stated["calibration"]) if "calibration" in stated else None
     array: PressureArray = open_stated(path, "array", stated.get("array"))
-    return Source(name=path.name, array=array, calibration_path=place)
+    return SensorSource(name=path.name, array=array, calibration_path=place)

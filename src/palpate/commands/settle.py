@@ -13,7 +13,7 @@ from palpate.commands.progress import progress
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.commands.settle_source import Source
+    from palpate.commands.settle_source import HoldSource
     from palpate.holds import Hold
     from palpate.readings.holds import CutAt
     from palpate.settling.evaluate import Prediction
@@ -54,15 +54,15 @@ def settle(
     Example: palpate settle recording.csv --plot cuts.png
     """
     from palpate.commands import settle_report as report
-    from palpate.commands.settle_source import Reading, Source
+    from palpate.commands.settle_source import HoldSource, ReadingOptions
 
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
     if plot is not None or (cutoffs_s and until_half_width):
         _check_rereadable(holds)
-    source = Source(
+    source = HoldSource(
         paths=holds,
-        reading=Reading(
+        reading=ReadingOptions(
             time_column=time_column,
             time_unit=time_unit.value if time_unit else None,
             value_columns=tuple(value_column or ()),
@@ -258,10 +258,10 @@ def _settled_holds(
     """Return the holds that reach the horizon; refuse where `--learn-from` has none."""
     from math import isnan
 
-    from palpate.commands.settle_source import Reading, Source
+    from palpate.commands.settle_source import HoldSource, ReadingOptions
     from palpate.settling.scoring import settled_value
 
-    source = Source(paths=files, reading=Reading(unit="percent" if percent else None))
+    source = HoldSource(paths=files, reading=ReadingOptions(unit="percent" if percent else None))
     holds = [hold for file in source.files() for hold in source.holds(file, until_s=horizon_s)]
     kept = [h for h in holds if not isnan(settled_value(h.time_s, h.values, horizon_s=horizon_s))]
     if option == "--learn-from" and not kept:
@@ -273,7 +273,7 @@ def _settled_holds(
 
 
 def _predict(
-    source: Source,
+    source: HoldSource,
     *,
     methods: Mapping[str, SettlingMethod],
     cutoffs_s: Sequence[float],

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.commands.settle_source import Source
+from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError, needing
 from palpate.files import atomic_path, keep_inputs
 from palpate.settling.evaluate import Prediction, score_predictions
@@ -164,7 +164,7 @@ def _sortable(scores: Scores, predictions: Sequence[Prediction]) -> np.ndarray[A
 
 def draw(
     document: Document,
-    source: Source,
+    source: HoldSource,
     plot: Path,
     *,
     methods: Mapping[str, SettlingMethod],
@@ -208,7 +208,7 @@ def draw(
     save_figure(figure, plot)
 
 
-def _overviews(source: Source) -> list[Overview]:
+def _overviews(source: HoldSource) -> list[Overview]:
     """Return the first few recordings with the places where they were cut."""
     from palpate.plots.settle import MOST_OVERVIEWS, Overview
 

@@ -23,7 +23,7 @@ _MCAP_MAGIC = b"\x89MCA"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class ReadingOptions:
     """What the user says of recordings; of holds files, the unit alone.
 
     Attributes
@@ -43,23 +43,27 @@ class Reading:
 
     def is_about_units(self) -> bool:
         """Return whether the user said nothing but perhaps that readings are in ohm or percent."""
-        return self in (Reading(), Reading(unit="percent"), Reading(unit="ohm"))
+        return self in (
+            ReadingOptions(),
+            ReadingOptions(unit="percent"),
+            ReadingOptions(unit="ohm"),
+        )
 
 
 @dataclass(slots=True, kw_only=True)
-class Source:
+class HoldSource:
     """The files of one run, as holds.
 
     Attributes
     ----------
     paths : sequence of Path
         As the user named them; a folder stands for the recordings in it.
-    reading : Reading
+    reading : ReadingOptions
         How recordings are to be read.
     """
 
     paths: Sequence[Path]
-    reading: Reading = field(default_factory=Reading)
+    reading: ReadingOptions = field(default_factory=ReadingOptions)
     _said: set[Path] = field(default_factory=set)
 
     def files(self) -> list[Path]:
@@ -206,7 +210,7 @@ def _starts_with(file: Path, magic: bytes) -> bool:
         return False
 
 
-def _from_mcap(file: Path, reading: Reading) -> CutColumn:
+def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
     """Return the holds of a recording of our own, as `palpate export --holds` cuts them."""
     import numpy as np
 

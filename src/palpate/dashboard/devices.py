@@ -20,6 +20,7 @@ from palpate.dashboard.examining import look_at
 from palpate.dashboard.grasping import grasp, open_hand
 from palpate.dashboard.messages import (
     Began,
+    BeingRecorded,
     Calibrated,
     CalibrateForce,
     CalibrateRest,
@@ -27,15 +28,14 @@ from palpate.dashboard.messages import (
     Ended,
     Examine,
     Goodbye,
-    Grasp,
     Grasped,
+    GraspOrder,
     OpenHand,
     OpenRig,
     Order,
     Pause,
     Play,
     Record,
-    Recording,
     ReleaseNow,
     Seek,
     SetSpeed,
@@ -223,7 +223,7 @@ class Devices:
         if self._station is None:
             raise DeviceError("no rig is open: choose one")
         match order:
-            case Grasp():
+            case GraspOrder():
                 self._record(Record(None))
                 return grasp(order, station=self._station)
             case OpenHand():
@@ -310,7 +310,7 @@ class Devices:
         except (PalpateError, OSError) as error:
             self._writer = None
             self._complain(str(error))
-        self._outlet.note(Recording(None if self._writer is None else self._writer.path))
+        self._outlet.note(BeingRecorded(None if self._writer is None else self._writer.path))
 
     def _let_go(self) -> None:
         station, self._station = self._station, None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from palpate.dashboard.messages import Grasp, Grasped, OpenHand
+from palpate.dashboard.messages import Grasped, GraspOrder, OpenHand
 from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
 from palpate.errors import DeviceError
 from palpate.estimate.damage_file import recorded_model
@@ -22,7 +22,7 @@ HOLD_S, LONGEST_S = 60.0, 240.0
 _OPENING_S = 10.0
 
 
-def grasp(order: Grasp, *, station: Station) -> Grasped:
+def grasp(order: GraspOrder, *, station: Station) -> Grasped:
     """Run one grasp; every frame of it is recorded."""
     rig, outlet = station.whole, station.outlet
     plan = plan_grasp(

@@ -14,10 +14,10 @@ from palpate.arrays import FloatArray
 from palpate.dashboard.grip_force import GripForce
 from palpate.dashboard.messages import (
     Frames,
+    FrameSource,
     Past,
     Playing,
     Pulse,
-    Source,
     Thought,
     Timeline,
 )
@@ -84,10 +84,10 @@ class Live:
         self.timeline: Timeline | None = None
         self.playing: Playing | None = None
         self.pulse = Pulse()
-        self.source: Source | None = None
+        self.source: FrameSource | None = None
         self.begin(None)
 
-    def begin(self, source: Source | None) -> None:
+    def begin(self, source: FrameSource | None) -> None:
         """Frames are another source's from now on."""
         self.source = source
         self.percent: FloatArray | None = None

@@ -32,7 +32,7 @@ class OpenRig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Grasp:
+class GraspOrder:
     """Close on what is there and hold it; every frame goes to the recording.
 
     `item_id` names what it is, where it is to be remembered. `damage` is the text of a damage file
@@ -89,7 +89,7 @@ class Record:
 
 
 Order: TypeAlias = (
-    OpenRig | Grasp | OpenHand | CalibrateRest | CalibrateForce | Examine | Play | Record
+    OpenRig | GraspOrder | OpenHand | CalibrateRest | CalibrateForce | Examine | Play | Record
 )
 
 # -- what is heard at once, whatever runs --------------------------------------------------------
@@ -147,7 +147,7 @@ Urgent: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Seek | Pause | G
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class FrameSource:
     """Where the frames come from, from now on.
 
     Attributes
@@ -417,7 +417,7 @@ class Trouble:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class BeingRecorded:
     """What is watched is being recorded to this file; None: no more."""
 
     file: Path | None
@@ -431,14 +431,14 @@ class Lost:
 
 
 Note: TypeAlias = (
-    Source
+    FrameSource
     | Began
     | Guide
     | Grasped
     | Ended
     | Stopped
     | Trouble
-    | Recording
+    | BeingRecorded
     | Past
     | Timeline
     | Playing

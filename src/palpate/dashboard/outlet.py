@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.dashboard.messages import Frames, Note, Pulse, Source, Thought, Update
+from palpate.dashboard.messages import Frames, FrameSource, Note, Pulse, Thought, Update
 from palpate.dashboard.thinking import thought_of
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.plan import Plan
@@ -65,7 +65,7 @@ class Outlet:
         self._lock = threading.Lock()
         self._frames: deque[tuple[Frame, GripperState | None]] = deque(maxlen=_MOST_FRAMES)
         self._notes: list[Note] = []
-        self._source: Source | None = None
+        self._source: FrameSource | None = None
         self._events: Callable[[], LinkEvents] = LinkEvents
         self._tally = _Tally()
         self._recent: deque[tuple[float, int]] = deque()
@@ -94,7 +94,7 @@ class Outlet:
         if at_once:
             self._hurry.set()
 
-    def begin(self, source: Source, *, events: Callable[[], LinkEvents] = LinkEvents) -> None:
+    def begin(self, source: FrameSource, *, events: Callable[[], LinkEvents] = LinkEvents) -> None:
         """Frames are another source's from now on; `events` tells what its link counted."""
         with self._lock:
             self._frames.clear()
@@ -200,7 +200,7 @@ class Outlet:
         )
 
 
-def columns(frames: list[tuple[Frame, GripperState | None]], source: Source) -> Frames:
+def columns(frames: list[tuple[Frame, GripperState | None]], source: FrameSource) -> Frames:
     """Return frames as columns; the gripper's are what its commands set, mm or kPa."""
     states = [state for _, state in frames]
     limits = source.gripper

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from palpate.dashboard.desk import Desk
-from palpate.dashboard.messages import Grasp, OpenRig, Record
+from palpate.dashboard.messages import GraspOrder, OpenRig, Record
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
 from palpate.dashboard.wishes import Wishes
@@ -95,7 +95,7 @@ def grasp_buttons(desk: Desk, hands: Hands) -> None:
             ui.notify(f"target force: above 0 and at most {FORCE_CEILING_N:g} N", type="warning")
             return
         damage = desk.settings.damage
-        order = Grasp(
+        order = GraspOrder(
             target_force_n=wanted,
             recording=desk.new_recording("grasp"),
             item_id=wishes.item_id.strip(),

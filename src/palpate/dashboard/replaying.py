@@ -13,12 +13,12 @@ from palpate.clock import ManualClock
 from palpate.dashboard.grip_force import ForceLaws
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S
 from palpate.dashboard.messages import (
+    FrameSource,
     Grasped,
     Guide,
     Past,
     Play,
     Playing,
-    Source,
     Thought,
     Timeline,
 )
@@ -117,7 +117,7 @@ def _show(whole: _Whole, now: tuple[float, bool, float], *, outlet: Outlet, file
 
 
 def _decided_again(
-    seen: list[Seen], *, plan: Plan | None, source: Source, outlet: Outlet, requests: Requests
+    seen: list[Seen], *, plan: Plan | None, source: FrameSource, outlet: Outlet, requests: Requests
 ) -> _Whole | None:
     """Go through the recording as fast as it goes, and send its curve; None if that was stopped."""
     time_s = [frame.time_s for frame, _ in seen]
@@ -180,7 +180,7 @@ class _Again:
         return thought_of(self.belief, plan=self._plan, before=before, forecasts=True)
 
 
-def _plan_and_source(file: Path) -> tuple[Plan | None, Source]:
+def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:
     """Return how the grasp was planned, and what the page is to know of the recording."""
     replay = Replay(file, clock=ManualClock())
     try:
@@ -202,7 +202,7 @@ def _plan_and_source(file: Path) -> tuple[Plan | None, Source]:
             )
     finally:
         replay.close()
-    source = Source(
+    source = FrameSource(
         name=file.name,
         layout=info.layout,
         rest_ohm=None if calibration is None else calibration.rest_ohm,

@@ -14,14 +14,16 @@ from pathlib import Path
 from palpate.dashboard.live import Live
 from palpate.dashboard.messages import (
     Began,
+    BeingRecorded,
     Calibrated,
     CalibrateForce,
     CalibrateRest,
     Confirm,
     Ended,
     Examine,
-    Grasp,
+    FrameSource,
     Grasped,
+    GraspOrder,
     Guide,
     Lost,
     Note,
@@ -33,11 +35,9 @@ from palpate.dashboard.messages import (
     Play,
     Playing,
     Record,
-    Recording,
     ReleaseNow,
     Seek,
     SetSpeed,
-    Source,
     StopNow,
     Stopped,
     Timeline,
@@ -82,7 +82,7 @@ class Action(StrEnum):
 
 _ACTIVITIES: dict[type[Order], Activity] = {
     OpenRig: Activity.OPENING,
-    Grasp: Activity.GRASPING,
+    GraspOrder: Activity.GRASPING,
     OpenHand: Activity.RELEASING,
     CalibrateRest: Activity.RESTING,
     CalibrateForce: Activity.WEIGHING,
@@ -91,7 +91,7 @@ _ACTIVITIES: dict[type[Order], Activity] = {
 }
 _ACTIONS: dict[type[Order], Action] = {
     OpenRig: Action.OPEN,
-    Grasp: Action.GRASP,
+    GraspOrder: Action.GRASP,
     OpenHand: Action.RELEASE,
     CalibrateRest: Action.CALIBRATE,
     CalibrateForce: Action.CALIBRATE,
@@ -260,7 +260,7 @@ class Session:
             If it can't be carried out now; says why.
         """
         self._check(_ACTIONS[type(order)], viewer)
-        if isinstance(order, Grasp):
+        if isinstance(order, GraspOrder):
             self.target_force_n = order.target_force_n
         if isinstance(order, OpenRig):
             self.rig = order
@@ -364,7 +364,7 @@ class Session:
 
     def _take_note(self, note: Note) -> None:
         match note:
-            case Source():
+            case FrameSource():
                 self.live.begin(note)
                 self._opened = self._opened or not note.replayed
             case Began():
@@ -380,7 +380,7 @@ class Session:
             case Playing():
                 self.live.play(note)
                 self.grasped = note.grasped
-            case Recording():
+            case BeingRecorded():
                 self.recording = note.file
             case Stopped():
                 self.stops_confirmed = max(self.stops_confirmed, note.number)
@@ -394,7 +394,7 @@ class Session:
         self.guide, self.trouble, self.stopped_after_s = None, "", None
         if isinstance(order, OpenRig):
             self._opened = False
-        if isinstance(order, OpenRig | Grasp | Play):
+        if isinstance(order, OpenRig | GraspOrder | Play):
             self.grasped = None
             self.live.clear()
 
@@ -408,7 +408,7 @@ class Session:
         match note.found:
             case Grasped():
                 self.grasped = note.found
-                if isinstance(note.order, Grasp):
+                if isinstance(note.order, GraspOrder):
                     self._on_grasped(note.found, note.order.item_id)
             case Calibrated():
                 self.calibrated = note.found
@@ -418,7 +418,7 @@ class Session:
 
 def _file_of(order: Order) -> Path | None:
     match order:
-        case Grasp():
+        case GraspOrder():
             return order.recording
         case Play():
             return order.file

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from palpate.dashboard.grip_force import ForceLaws
-from palpate.dashboard.messages import Guide, Source
+from palpate.dashboard.messages import FrameSource, Guide
 from palpate.dashboard.outlet import Outlet
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.calibrating import Bench
@@ -94,10 +94,10 @@ class Station:
             raise DeviceError(NO_GRIPPER)
         return self.rig
 
-    def source(self) -> Source:
+    def source(self) -> FrameSource:
         """Return what the page is to know about the rig."""
         calibration, gripper = self.rig.calibration, self.rig.gripper
-        return Source(
+        return FrameSource(
             name=self.rig.name,
             layout=self.rig.array.layout,
             rest_ohm=None if calibration is None else calibration.rest_ohm,

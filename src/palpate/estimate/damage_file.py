@@ -157,7 +157,7 @@ def recorded_model(text: str | None) -> DamageModel | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Kind(Strength):
+class _StoredKind(Strength):
     """What the file has of a kind."""
 
     low_share: float
@@ -172,8 +172,8 @@ class _Document:
     learned_from: Mapping[str, str]
     closings: Mapping[str, int]
     left_out: Mapping[str, str]
-    any_kind: _Kind
-    kinds: Mapping[str, _Kind]
+    any_kind: _StoredKind
+    kinds: Mapping[str, _StoredKind]
     critical_scores: tuple[float, ...]
 
 
@@ -211,7 +211,7 @@ def _read(document: Any) -> DamageFile:
     )
 
 
-def _check(kind: _Kind, *, where: str) -> None:
+def _check(kind: _StoredKind, *, where: str) -> None:
     for name in ("stiffness_log_sd", "log_sd", "low_share"):
         if not getattr(kind, name) > 0:
             raise CalibrationError(f"{where}.{name} is {getattr(kind, name):g}; it must be above 0")

@@ -136,7 +136,7 @@ def test_a_place_that_can_not_be_written_to_is_refused_before_the_work(
     def measure(*_: object, **__: object) -> None:
         raise AssertionError("measured in vain")
 
-    monkeypatch.setattr("palpate.commands.sensor_source.Source.frames", measure)
+    monkeypatch.setattr("palpate.commands.sensor_source.SensorSource.frames", measure)
     monkeypatch.setattr("palpate.commands.calibrate_bench.open_bench", measure)
     path = tmp_path / "none" / "pad.json"
     assert call(step, "--rig", "sim-rigid", "--out", str(path)) == 2

@@ -14,7 +14,7 @@ from palpate.cli import build_app, run
 from palpate.clock import ManualClock
 from palpate.commands.live_squeeze import Squeeze
 from palpate.commands.live_view import LiveView
-from palpate.commands.sensor_source import Source
+from palpate.commands.sensor_source import SensorSource
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
 from palpate.sensor.array import RIGID_LAYOUT, Frame
@@ -34,7 +34,9 @@ class Screen:
 
     def __init__(self, *, calibrated: bool = True, simulated: bool = False) -> None:
         rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
-        source = Source(name="bench", array=TwinArray(World(None, seed=1)), simulated=simulated)
+        source = SensorSource(
+            name="bench", array=TwinArray(World(None, seed=1)), simulated=simulated
+        )
         self.clock = ManualClock()
         self.view = LiveView(source, rest_ohm=rest_ohm if calibrated else None, clock=self.clock)
         self.sequence = 0
@@ -108,7 +110,7 @@ def test_one_frame_has_no_rate_yet() -> None:
 
 def test_the_largest_matrix_fits_a_terminal() -> None:
     array = TwinArray(World(None, seed=1, layout=layout_named("16x16")))
-    source = Source(name="bench", array=array)
+    source = SensorSource(name="bench", array=array)
     view = LiveView(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock())
     view.add(array.read(timeout_s=1.0))
     file = StringIO()
@@ -173,7 +175,7 @@ def test_force_is_shown_at_every_frame() -> None:
         log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01, range=(0.1, 50.0)
     )
     screen = Screen()
-    source = Source(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
+    source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
     screen.view = LiveView(
         source,
         rest_ohm=resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider),

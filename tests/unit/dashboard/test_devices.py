@@ -18,6 +18,7 @@ from palpate.commands.serve import open_simulated_bench
 from palpate.dashboard.devices import Devices
 from palpate.dashboard.messages import (
     Began,
+    BeingRecorded,
     Calibrated,
     CalibrateForce,
     CalibrateRest,
@@ -25,8 +26,8 @@ from palpate.dashboard.messages import (
     Ended,
     Examine,
     Goodbye,
-    Grasp,
     Grasped,
+    GraspOrder,
     Guide,
     OpenHand,
     OpenRig,
@@ -36,7 +37,6 @@ from palpate.dashboard.messages import (
     Play,
     Playing,
     Record,
-    Recording,
     ReleaseNow,
     Seek,
     StopNow,
@@ -123,7 +123,7 @@ def opened() -> Iterator[Page]:
 def test_a_grasp_from_order_to_release_with_every_frame_recorded(
     opened: Page, tmp_path: Path
 ) -> None:
-    order = Grasp(target_force_n=None, recording=tmp_path / "grasp.mcap")
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
     opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
     opened.send(ReleaseNow())
@@ -144,13 +144,13 @@ def test_a_grasp_keeps_to_the_damage_file_and_its_recording_has_it(
     opened: Page, tmp_path: Path
 ) -> None:
     learned = write_damage_file(tmp_path).read_text()
-    order = Grasp(
+    order = GraspOrder(
         target_force_n=8.0,
         recording=tmp_path / "limited.mcap",
         damage=learned,
         kind="kiwi",
     )
-    free = Grasp(target_force_n=8.0, recording=tmp_path / "free.mcap")
+    free = GraspOrder(target_force_n=8.0, recording=tmp_path / "free.mcap")
     peak_n = {}
     for one in (free, order):
         opened.send(one)
@@ -166,7 +166,7 @@ def test_a_grasp_keeps_to_the_damage_file_and_its_recording_has_it(
 
 
 def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: Path) -> None:
-    order = Grasp(target_force_n=None, recording=tmp_path / "stopped.mcap")
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "stopped.mcap")
     opened.send(order)
     opened.until(lambda update: update.frames is not None and update.frames.reported[-1] < 60.0)
     opened.send(StopNow())
@@ -192,8 +192,8 @@ def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: P
 
 
 def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
-    first = Grasp(target_force_n=None, recording=tmp_path / "first.mcap")
-    second = Grasp(target_force_n=None, recording=tmp_path / "second.mcap")
+    first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
+    second = GraspOrder(target_force_n=None, recording=tmp_path / "second.mcap")
     opened.send(first)
     opened.until(lambda update: Began(order=first) in update.notes)
     opened.send(second)
@@ -211,7 +211,7 @@ def confirmations(page: Page) -> list[int]:
 
 
 def test_a_stop_is_confirmed_once_the_hand_was_told(opened: Page, tmp_path: Path) -> None:
-    order = Grasp(target_force_n=None, recording=tmp_path / "confirmed.mcap")
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "confirmed.mcap")
     opened.send(order)
     opened.until(lambda update: update.frames is not None and bool(update.frames.moving[-1]))
     opened.updates.clear()
@@ -261,7 +261,7 @@ def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: P
     assert made.force_law["pairs"] >= 8
     assert made.held_out["error_percent"] == dict(ended.found.held_out)
     # It can be grasped with at once.
-    order = Grasp(target_force_n=None, recording=tmp_path / "after.mcap")
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "after.mcap")
     opened.send(order)
     opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
     opened.send(ReleaseNow())
@@ -289,11 +289,11 @@ def test_the_doctor_finds_a_sound_twin_healthy(opened: Page) -> None:
 def test_what_is_watched_is_recorded_without_a_gap(opened: Page, tmp_path: Path) -> None:
     file = tmp_path / "watched.mcap"
     opened.send(Record(file))
-    opened.until(lambda update: Recording(file) in update.notes)
+    opened.until(lambda update: BeingRecorded(file) in update.notes)
     for _ in range(5):
         opened.until(lambda update: update.frames is not None)
     opened.send(Record(None))
-    opened.until(lambda update: Recording(None) in update.notes)
+    opened.until(lambda update: BeingRecorded(None) in update.notes)
     recorded = load_recording(file)
     assert len(recorded.sequence) > 10
     assert recorded.info.gripper is None, "no grasp: a replay plays it and decides nothing"
@@ -303,13 +303,13 @@ def test_what_is_watched_is_recorded_without_a_gap(opened: Page, tmp_path: Path)
 def test_a_recording_that_exists_is_refused_in_words(opened: Page, tmp_path: Path) -> None:
     taken = tmp_path / "taken.mcap"
     taken.write_bytes(b"something else")
-    ended = opened.done(Grasp(target_force_n=None, recording=taken))
+    ended = opened.done(GraspOrder(target_force_n=None, recording=taken))
     assert "exists already" in ended.trouble
     assert taken.read_bytes() == b"something else"
 
 
 def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path: Path) -> None:
-    order = Grasp(target_force_n=None, recording=tmp_path / "grasp.mcap")
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
     opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
     opened.send(ReleaseNow())
@@ -340,7 +340,7 @@ def played_to(page: Page, wanted: Callable[[Playing], bool]) -> Playing:
 
 
 def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: Path) -> None:
-    order = Grasp(target_force_n=None, recording=tmp_path / "grasp.mcap")
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
     opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
     opened.send(ReleaseNow())

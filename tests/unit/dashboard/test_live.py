@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import Frames, Grasped, Lost, Pulse, Source, Thought, Update
+from palpate.dashboard.messages import Frames, FrameSource, Grasped, Lost, Pulse, Thought, Update
 from palpate.dashboard.session import Action, Activity, Session
 from palpate.dashboard.view import document
 from palpate.dashboard.wishes import Wishes
@@ -23,7 +23,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 REST = np.full((4, 2), 300, dtype=np.int32)
-SOURCE = Source(
+SOURCE = FrameSource(
     name="sim-rigid",
     layout=RIGID_LAYOUT,
     rest_ohm=pixel_resistance_ohm(REST, layout=RIGID_LAYOUT),

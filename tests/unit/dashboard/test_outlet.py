@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from palpate.dashboard import outlet as outlet_module
-from palpate.dashboard.messages import Source, Trouble, Update
+from palpate.dashboard.messages import FrameSource, Trouble, Update
 from palpate.dashboard.outlet import Outlet
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
-SOURCE = Source(name="rig", layout=RIGID_LAYOUT, rest_ohm=None, gripper=None, origin="hardware")
+SOURCE = FrameSource(
+    name="rig", layout=RIGID_LAYOUT, rest_ohm=None, gripper=None, origin="hardware"
+)
 
 
 def frame(sequence: int) -> Frame:

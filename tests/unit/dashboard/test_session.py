@@ -15,8 +15,9 @@ from palpate.dashboard.messages import (
     Ended,
     Examine,
     Frames,
-    Grasp,
+    FrameSource,
     Grasped,
+    GraspOrder,
     Guide,
     Lost,
     OpenHand,
@@ -25,7 +26,6 @@ from palpate.dashboard.messages import (
     Pulse,
     Record,
     ReleaseNow,
-    Source,
     StopNow,
     Stopped,
     Update,
@@ -38,11 +38,11 @@ from palpate.sensor.array import RIGID_LAYOUT
 
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 FRESH = Pulse(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
-GRASP = Grasp(target_force_n=2.0, recording=Path("new.mcap"))
+GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
 
 
-def source(*, replayed: bool = False) -> Source:
-    return Source(
+def source(*, replayed: bool = False) -> FrameSource:
+    return FrameSource(
         name="sim-rigid",
         layout=RIGID_LAYOUT,
         rest_ohm=np.full((4, 2), 9000.0),
