@@ -19,8 +19,8 @@ from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
 from palpate.grasp.belief import Belief
-from palpate.grasp.contact_gain import felt_by_gripper
 from palpate.grasp.plan import Plan
+from palpate.grasp.servo_evidence import felt_by_gripper
 from palpate.settling.percent import as_percent, of_rest
 from palpate.settling.result import SettledEstimate, Status
 

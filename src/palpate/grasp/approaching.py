@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from palpate.grasp.answer import FELT_PERCENT
 from palpate.grasp.belief import Belief, Touch
-from palpate.grasp.closing import approach_step, closure_of, pressed, whole
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import largest_step
+from palpate.grasp.step_size import approach_step, closure_of, pressed, whole
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.estimate.gain import Gain
-from palpate.grasp.contact_gain import Pull, pulled
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Moment, Outcome
+from palpate.grasp.servo_evidence import Pull, pulled
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.sensor.array import Frame

@@ -6,11 +6,17 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from palpate.grasp import aim
+from palpate.grasp import target
 from palpate.grasp.answer import FELT_PERCENT, answered, examined, forecast, sure_enough
 from palpate.grasp.approaching import begun, remembered, stood, swept, unreleased
 from palpate.grasp.belief import Belief, Observation, observed
-from palpate.grasp.closing import (
+from palpate.grasp.correcting import come_back, eased, pressed_on
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.result import Outcome
+from palpate.grasp.rezero import proved, rezeroed
+from palpate.grasp.safety import Danger, Reaction, reaction
+from palpate.grasp.step_size import (
     approach_step,
     clamped,
     closed_by,
@@ -18,12 +24,6 @@ from palpate.grasp.closing import (
     sent_to,
     wanted_step,
 )
-from palpate.grasp.correcting import come_back, eased, pressed_on
-from palpate.grasp.phases import Phase
-from palpate.grasp.plan import Plan
-from palpate.grasp.result import Outcome
-from palpate.grasp.rezero import proved, rezeroed
-from palpate.grasp.safety import Danger, Reaction, reaction
 from palpate.gripper.interface import GripperCommand
 
 #: A handler's answer: what it believes now, and what it wants of the gripper (None: nothing).
@@ -207,7 +207,7 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     felt = [c for c in belief.staircase if c.touch.shared_percent < plan.hint_percent]
     # A gentle squeeze is not corrected afterwards, and may pass its force to learn the stiffness.
     aimed = plan.target_force_n is not None
-    goal_n = _NEAR * aim.goal_n(plan) if aimed else aim.gentle_goal_n(belief, plan)
+    goal_n = _NEAR * target.goal_n(plan) if aimed else target.gentle_goal_n(belief, plan)
     if belief.force_n < goal_n or (not aimed and len(felt) < plan.fewest_steps):
         wish = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
         if wish is not None:
@@ -225,9 +225,9 @@ def _settle(belief: Belief, plan: Plan) -> Move:
     belief = replace(belief, next_forecast_s=belief.still_s + _FORECAST_EVERY_S)
     settled = forecast(belief, plan=plan)
     belief = answered(belief, settled, plan=plan)
-    belief = aim.noted_on_target(belief, plan)
+    belief = target.noted_on_target(belief, plan)
     if (
-        aim.astray(belief, plan)
+        target.astray(belief, plan)
         or sure_enough(settled, plan=plan)
         or belief.still_s >= plan.decide_by_s
     ):
@@ -237,19 +237,19 @@ def _settle(belief: Belief, plan: Plan) -> Move:
 
 def _adjust(belief: Belief, plan: Plan) -> Move:
     """Correct the settled force, up or down, until it is near the target."""
-    limited = aim.limited(belief, plan)
+    limited = target.limited(belief, plan)
     if belief.adjustments < plan.most_adjustments:
         # Up to a damage limit one correction goes as far as it may; more would only wait there.
-        if aim.short(belief, plan) and not (limited and belief.adjustments):
-            moved, command = pressed_on(belief, plan, missing_n=aim.missing_n(belief, plan))
+        if target.short(belief, plan) and not (limited and belief.adjustments):
+            moved, command = pressed_on(belief, plan, missing_n=target.missing_n(belief, plan))
             if command is not None:
                 return moved.enter(Phase.SETTLE, note="adjusted"), command
-        elif aim.over(belief, plan):
-            moved, command = eased(belief, plan, goal_n=aim.goal_n(plan))
+        elif target.over(belief, plan):
+            moved, command = eased(belief, plan, goal_n=target.goal_n(plan))
             return moved.enter(Phase.EASE, note="eased"), command
-    if limited and aim.short(belief, plan):
+    if limited and target.short(belief, plan):
         belief = belief.noted("damage_limit")
-    if not aim.lifts(belief, plan):
+    if not target.lifts(belief, plan):
         return _release(belief, plan, Outcome.TOO_WEAK)
     return belief.enter(Phase.HOLD, note="answer"), None
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from palpate.grasp.belief import Belief
-from palpate.grasp.closing import closed_by, pressed, slope_n, whole
 from palpate.grasp.plan import Plan
+from palpate.grasp.step_size import closed_by, pressed, slope_n, whole
 from palpate.gripper.interface import GripperCommand
 
 #: An object that relaxes presses a little harder now than when settled.

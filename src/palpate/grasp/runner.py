@@ -17,7 +17,6 @@ from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.belief import Belief, Observation, commanded, counted
 from palpate.grasp.controller import Move, released, step, stopped
 from palpate.grasp.current_watch import CurrentWatch
-from palpate.grasp.following import Following, unbelievable
 from palpate.grasp.phases import Phase
 from palpate.grasp.pixel_watch import PixelWatch
 from palpate.grasp.plan import Plan
@@ -25,6 +24,7 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.rezero import strange_rest
 from palpate.grasp.safety import Alarm, Danger
+from palpate.grasp.tracking_error import Following, unbelievable
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.sensor.array import Frame, PressureArray, wrong_counts
 

@@ -94,5 +94,5 @@ def test_file_keeps_the_current_and_older_files_lack_it(rigid: Calibration) -> N
     del older["current"]
     assert Calibration.from_text(json.dumps(older)).current is None
     older["current"] = {"force_n": [1.0], "current_a": [0.05]}
-    with pytest.raises(CalibrationError, match="current_a, current_ma"):
+    with pytest.raises(CalibrationError, match="current lacks current_ma and has current_a"):
         Calibration.from_text(json.dumps(older))

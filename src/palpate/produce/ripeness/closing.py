@@ -16,7 +16,7 @@ under a force (`palpate.estimate.compliance`). Early on the sheet reads faint fo
 the fingers have given way by centimetres; at one newton both leave some tenths of a millimetre.
 
 **Gain**: the force believed over what the sheet alone reads. A servo's current seconds the sheet
-(`palpate.grasp.contact_gain`). It makes one force truer; but it errs alike in all grasps of one
+(`palpate.grasp.servo_evidence`). It makes one force truer; but it errs alike in all grasps of one
 morning, for the servo is as warm as it is. Kept with the force, it can be weighed again when days
 are compared.
 """

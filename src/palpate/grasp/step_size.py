@@ -15,9 +15,9 @@ from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answer import floor_n, stiffness_told
 from palpate.grasp.belief import Belief, Closing
-from palpate.grasp.contact_gain import early_gain
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import DAMAGE_RATE, largest_step
+from palpate.grasp.servo_evidence import early_gain
 from palpate.gripper.interface import GripperCommand
 
 #: Room for stiffening over a step beyond what the last steps showed.

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from palpate.grasp.plan import Plan
     from palpate.gripper.interface import GripperState
 
+
 #: A grasp loads the sheet in a few large steps, the calibration in many small ones: read soon
 #: after a step, the sheet lags by another amount than it was calibrated with (log sd).
 _HASTE_SD = 0.12

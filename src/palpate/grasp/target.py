@@ -7,8 +7,8 @@ import math
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answer import stiffness_told
 from palpate.grasp.belief import Belief
-from palpate.grasp.closing import force_now, squeezed
 from palpate.grasp.plan import Plan
+from palpate.grasp.step_size import force_now, squeezed
 
 #: An object that is surely stiffer gives way so much less than fingers and pads that a firmer
 #: squeeze would not tell by how much.
