@@ -21,8 +21,9 @@ QUIET_S = 0.21
 #: Steps of the approach that the hand may go on after a touch. On development sensors of the twin a
 #: touch at this speed presses no harder in the median than steps that are waited for.
 _OVERRUN_STEPS = 2.0
-#: Commands reach so far ahead, beyond two frames: if no more comes, the hand stops by itself.
-_AHEAD_S = 0.02
+#: Commands reach so many frames ahead, and a little more: if no more comes, the hand stops by
+#: itself. Where nothing is expected yet, going faster is worth a halt at a frame that is late.
+_FRAMES, _HASTE_FRAMES, _AHEAD_S = 2.0, 1.25, 0.02
 #: A hand that does not move is sent on after so long.
 _IDLE_S = 0.7
 #: A hand that comes back goes so many steps at most.
@@ -72,7 +73,7 @@ def _hasty_rate(belief: Belief, plan: Plan) -> float:
         damage_low_n=belief.damage_low_n,
         limits=plan.safety,
     )
-    late_s = _command_s(belief) + plan.safety.latency_s
+    late_s = _command_s(belief, frames=_HASTE_FRAMES) + plan.safety.latency_s
     return min(_HASTE_SHARE * (safe - belief.behind) / late_s, plan.gripper.fastest)
 
 
@@ -98,8 +99,9 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
         here = whole(belief.closure - belief.behind, plan, within=True)
         stop = GripperCommand(target=here, rate=plan.gripper.fastest)
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), stop
-    ahead = sweep.rate * _command_s(belief)
-    if sweep.end < plan.gripper.span and belief.closure >= sweep.end - ahead:
+    near = sweep.end < plan.gripper.span
+    ahead = sweep.rate * _command_s(belief, frames=_HASTE_FRAMES if near else _FRAMES)
+    if near and belief.closure >= sweep.end - ahead:
         # Before it comes to a stop there: that would read like a touch.
         return begun(belief, plan), None
     if belief.closure >= sweep.end - plan.smallest_step:
@@ -182,9 +184,9 @@ def _fall(now: Touch) -> Touch:
     )
 
 
-def _command_s(belief: Belief) -> float:
+def _command_s(belief: Belief, *, frames: float) -> float:
     """Return how far ahead a command of the way reaches, in time."""
-    return 2.0 * _period_s(belief) + _AHEAD_S
+    return frames * _period_s(belief) + _AHEAD_S
 
 
 def _period_s(belief: Belief) -> float:

@@ -49,7 +49,7 @@ class CurrentWatch:
         self._plan = plan
         self._pull = deque[tuple[float, float]](maxlen=_MOVING)
         self._stand = deque[tuple[float, float]](maxlen=_STANDING)
-        self._closure = math.inf
+        self._closure, self._moved_s = math.inf, math.nan
         self._turning = deque[float](maxlen=_EQUAL)
         self._judged = True
         self._twice = 0
@@ -60,15 +60,20 @@ class CurrentWatch:
         if math.isnan(state.current_ma):
             return None
         reading = (state.current_ma, self._plan.gripper.reported(state))
+        closure, before = self._plan.gripper.closure(state), self._closure
+        self._closure = closure
+        if self._stand and (state.moving or belief.moved_s != self._moved_s):
+            # What was read before the last command tells nothing of what came after, even if that
+            # was too short to be seen.
+            self._stand.clear()
+            self._pull.clear()
+            self._judged = True
+        self._moved_s = belief.moved_s
         if not state.moving:
             self._stand.append(reading)
             return self._too_much(self._stand) or self._unseen(belief)
-        if self._stand:
-            self._stand.clear()
-            self._pull.clear()
-        closure, before = self._plan.gripper.closure(state), self._closure
-        self._closure = closure
-        if not (closure <= belief.sent or closure > before):
+        # A hand that is sent back and closes all the same is watched too.
+        if not (closure <= belief.sent or closure > before + self._plan.resolution):
             self._judged = True
             return None
         self._pull.append(reading)

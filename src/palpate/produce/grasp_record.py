@@ -115,11 +115,7 @@ def held_at(
     ]
     if not reported or not np.isfinite(reported).all():
         return {}
-    return {
-        name: Measurement(
-            value=float(np.mean(reported)),
-            low=min(reported),
-            high=max(reported),
-            unit=MEASURED[name],
-        )
-    }
+    low, high = min(reported), max(reported)
+    # A mean of equal numbers may be off by a rounding.
+    value = min(max(float(np.mean(reported)), low), high)
+    return {name: Measurement(value=value, low=low, high=high, unit=MEASURED[name])}

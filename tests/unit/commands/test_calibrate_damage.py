@@ -120,7 +120,7 @@ def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
     assert 0 < limit["low_n"] < 4
     # The limit of such kiwis lies below what this sheet feels: the first touch passed it.
     assert limit["passed"] is (told["peak_force_n"] > limit["low_n"]) is True
-    assert told["truth"]["peak_force_n"] < 0.6 * without["truth"]["peak_force_n"]
+    assert told["truth"]["peak_force_n"] < 0.7 * without["truth"]["peak_force_n"]
 
 
 def test_its_recording_is_decided_again_with_the_limit(

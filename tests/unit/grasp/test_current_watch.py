@@ -148,3 +148,20 @@ def test_a_current_that_never_changes_is_stuck(calibrated: Plan) -> None:
     assert found[18] is not None
     assert found[18].danger is Danger.GRIPPER_FAULT
     assert "it is stuck" in found[18].words
+
+
+def test_a_step_back_that_falls_between_two_frames_is_no_grip(calibrated: Plan) -> None:
+    """The hand has let go of what it touched, and nothing showed it moving."""
+    watch = CurrentWatch(calibrated)
+    touching = [
+        GripperState(time_s=0.0, width_mm=54.0 - part, current_ma=of_force(6.0), moving=True)
+        for part in (0.0, 0.3, 0.6, 0.9)
+    ]
+    for state in touching:
+        assert watch.alarm(state, belief=belief_of(12.0, closure=20.0, still=False)) is None
+    stands = GripperState(time_s=0.0, width_mm=53.0, current_ma=of_force(2.0))
+    soon = replace(belief_of(12.0, closure=21.0, still=True), still_since_s=9.95)
+    assert watch.alarm(stands, belief=soon) is None
+    back = GripperState(time_s=0.0, width_mm=55.0, current_ma=0.0)
+    away = replace(belief_of(0.0, closure=19.0, still=True), sent=19.0, moved_s=9.5)
+    assert watch.alarm(back, belief=away) is None

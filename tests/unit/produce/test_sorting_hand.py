@@ -99,7 +99,7 @@ def test_it_stays_well_clear_of_an_item_that_may_be_thicker(
     replace(hand, gripper=unknown).grasp("kiwi-1")
     slow = unknown.sent[1].rate
     # It comes near faster than where nothing is known, but only as far as it is clear of the item.
-    swift = list(takewhile(lambda command: command.rate > 1.5 * slow, watched.sent))
+    swift = list(takewhile(lambda command: command.rate > 1.3 * slow, watched.sent))
     assert len(swift) > 3
     assert all(command.target >= 40.5 * 1.15 + 4 for command in swift)
 
