@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.errors import DeviceTimeoutError
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import step
 from palpate.grasp.phases import Phase
@@ -190,6 +191,27 @@ def test_one_odd_interval_does_not_move_the_stale_limit(
     result = run(plan, bench)
     assert result.outcome is Outcome.SENSOR_LOST
     assert "no frame in 0.33 s" in result.faults[0]
+
+
+def test_two_frames_close_together_do_not_move_the_stale_limit(plan: Plan, bench: Any) -> None:
+    """A late frame that the next one follows at once, and then a gap of three periods."""
+    read, gap_s = bench.read, [3 * PERIOD_S]
+
+    def bunched(*, timeout_s: float) -> Frame:
+        if bench.sequence == 22 and gap_s[0] > 0:
+            waited_s = min(gap_s[0], timeout_s)
+            gap_s[0] -= waited_s
+            bench.clock.sleep_s(waited_s)
+            if gap_s[0] > 0:
+                raise DeviceTimeoutError("no frame yet")
+        frame = read(timeout_s=timeout_s)
+        early_s = PERIOD_S - 0.005 if frame.sequence == 22 else 0.0
+        return replace(frame, time_s=frame.time_s - early_s)
+
+    bench.read = bunched
+    result = run(plan, bench)
+    assert result.outcome is Outcome.HELD
+    assert result.faults == ()
 
 
 # -- the gripper -----------------------------------------------------------------------------------

@@ -348,3 +348,11 @@ def test_half_of_the_range_is_where_a_gap_becomes_a_restart(
     decoder = Decoder()
     decoder.feed(encode_message(frame) + encode_message(replace(frame, sequence=1 + ahead)))
     assert (decoder.counters.lost, decoder.counters.restarts) == (lost, restarts)
+
+
+@pytest.mark.parametrize(("ahead", "lost"), [(2**31 - 1, 2**31 - 1), (2**31, 0)])
+def test_an_answer_that_lies_half_of_the_range_ahead_lies_behind(ahead: int, lost: int) -> None:
+    """It is older than the frames that came before it: nothing was lost."""
+    decoder = Decoder()
+    decoder.feed(sent(0) + ack((1 + ahead) % 2**32))
+    assert decoder.counters.lost == lost
