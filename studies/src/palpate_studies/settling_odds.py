@@ -150,8 +150,8 @@ def source(odds: FloatArray) -> str:
 
     def rows(numbers: FloatArray) -> str:
         words = [f"{number:.2f}".replace("-0.00", "0.00") for number in numbers]
-        lines = [", ".join(words[i : i + 12]) for i in range(0, len(words), 12)]
-        return "".join(f"        {line},\n" for line in lines)
+        lines = [" ".join(words[i : i + 14]) for i in range(0, len(words), 14)]
+        return "\n".join(lines)
 
     return f'''"""Prior log odds of deviations and curves, as ordered in `shapes`.
 
@@ -159,19 +159,16 @@ Learned, not written: `palpate study settling-families --odds` regenerates this 
 """
 
 from __future__ import annotations
-from palpate.arrays import FloatArray
 
 import numpy as np
 
-_DEVIATIONS = np.array(
-    [
-{rows(odds[:N_DEVIATIONS])}    ]
-)
-_CURVES = np.array(
-    [
-{rows(odds[N_DEVIATIONS:])}    ]
-)
+_DEVIATIONS = """
+{rows(odds[:N_DEVIATIONS])}
+"""
+_CURVES = """
+{rows(odds[N_DEVIATIONS:])}
+"""
 #: Of a component: a deviation around a curve, shape (n_deviations, n_curves).
-LOG_ODDS = _DEVIATIONS[:, None] + _CURVES
+LOG_ODDS = np.add.outer(*(np.array(t.split(), dtype=float) for t in (_DEVIATIONS, _CURVES)))
 LOG_ODDS.setflags(write=False)
 '''
