@@ -26,7 +26,7 @@ _LEVEL_S = 0.2
 #: A change is a touch from so many standard deviations on, and above this share of the resistance.
 _SURE_SD, _LEAST_SHARE = 6.0, 0.008
 #: A hand at speed shakes every pixel: so many frames that are all alike are not new.
-_ASLEEP = 5
+_ASLEEP, _ASLEEP_S = 4, 0.2
 #: A slow fall by this share from the level of the way, or below rest, is a touch too, where noise
 #: alone makes none.
 _SLOW_SHARE = 0.016
@@ -97,9 +97,11 @@ class Sweep:
 
     @property
     def asleep(self) -> bool:
-        """Whether no pixel has changed for long: frames arrive, and are not new."""
-        long = len(self.time_s) > _ASLEEP and self.time_s[-1] - self.time_s[0] > _STEADY_S
-        return long and all(np.array_equal(self.log_ohm[0], other) for other in self.log_ohm)
+        """Whether no pixel has changed lately: frames arrive, and are not new."""
+        last = [time_s > self.time_s[-1] - _ASLEEP_S for time_s in self.time_s]
+        many = max(_ASLEEP, sum(last))
+        latest = self.log_ohm[-many:]
+        return len(latest) == many and all(np.array_equal(latest[0], one) for one in latest)
 
     def touched(self, current: CurrentLaw | None) -> bool:
         """Whether something is felt now, by a pixel or by the servo."""

@@ -70,3 +70,13 @@ def test_a_load_that_rises_slowly_is_noticed_too() -> None:
     found = first_touch_s(dict.fromkeys(range(8), -0.015), begins_s=1.0)
     assert found is not None
     assert found < 2.5
+
+
+def test_frames_that_repeat_are_known_within_a_third_of_a_second() -> None:
+    """What came before them does not keep them from being noticed."""
+    rng, sweep = np.random.default_rng(3), Sweep(rate=10.0, end=60.0, since_s=0.0)
+    frozen = NOISE * rng.standard_normal((4, 2))
+    for index in range(12):
+        log_ohm = NOISE * rng.standard_normal((4, 2)) if index < 8 else frozen
+        sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
+        assert sweep.asleep == (index >= 11)
