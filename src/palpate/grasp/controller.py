@@ -206,13 +206,16 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     belief = read(belief, plan)
     felt = [c for c in belief.staircase if c.touch.shared_percent < plan.hint_percent]
     # A gentle squeeze is not corrected afterwards, and may pass its force to learn the stiffness.
-    aimed = plan.target_force_n is not None
-    goal_n = _NEAR * target.goal_n(plan) if aimed else target.gentle_goal_n(belief, plan)
+    aimed, why = plan.target_force_n is not None, None
+    if aimed:
+        goal_n = _NEAR * target.goal_n(plan)
+    else:
+        goal_n, why = target.gentle_goal(belief, plan)
     if belief.force_n < goal_n or (not aimed and len(felt) < plan.fewest_steps):
         wish = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
         if wish is not None:
             return belief, wish
-    return belief.enter(Phase.SETTLE), None
+    return belief.enter(Phase.SETTLE, note=why), None
 
 
 def _settle(belief: Belief, plan: Plan) -> Move:

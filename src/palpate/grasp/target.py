@@ -21,23 +21,26 @@ def goal_n(plan: Plan) -> float:
     return max(target_n, plan.lift_force_n or 0.0)
 
 
-def gentle_goal_n(belief: Belief, plan: Plan) -> float:
-    """Return where a squeeze without target ends: once the stiffness is known, or it may not go on.
+def gentle_goal(belief: Belief, plan: Plan) -> tuple[float, str]:
+    """Return where a squeeze without target ends, newtons, and why it ends there.
 
     An object that has given way a lot is known by then, and what is so soft often bears little. One
-    that surely gives way little is pressed harder, until it is known.
+    that surely gives way little is pressed harder, until it is known or is deformed as far as it
+    may be.
     """
     goal_n = max(plan.gentle_force_n, plan.lift_force_n or 0.0)
     if plan.gripper.drive == "pressure" or plan.lift_force_n is not None:
-        return goal_n
+        return goal_n, "force_reached"
     if squeezed(belief, plan) > plan.gentle_mm:
-        return 0.5 * goal_n
+        return 0.5 * goal_n, "gave_way"
     if belief.force_n < goal_n:
-        return goal_n
+        return goal_n, "force_reached"
     stiffness = stiffness_told(belief, force_now(belief, plan), plan=plan)
-    if stiffness is None or _known(stiffness, share=plan.stiffness_share):
-        return goal_n
-    return max(goal_n, min(plan.firm_force_n, plan.firm_mm * stiffness.low))
+    if stiffness is None:
+        return goal_n, "force_reached"
+    if _known(stiffness, share=plan.stiffness_share):
+        return goal_n, "stiffness_known"
+    return max(goal_n, min(plan.firm_force_n, plan.firm_mm * stiffness.low)), "firm_enough"
 
 
 def _known(stiffness: Measurement, *, share: float) -> bool:

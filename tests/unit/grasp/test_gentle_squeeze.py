@@ -26,6 +26,23 @@ def squeezed(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, floa
     return result, max(forces)
 
 
+@pytest.mark.parametrize(
+    ("n_per_mm", "why"),
+    [(0.4, "gave_way"), (2.0, "firm_enough"), (10.0, "firm_enough"), (60.0, "stiffness_known")],
+)
+def test_the_answer_says_what_ended_the_squeeze(
+    plan: Plan, bench: Any, n_per_mm: float, why: str
+) -> None:
+    result, _ = squeezed(plan, bench, n_per_mm)
+    ends = {"gave_way", "firm_enough", "stiffness_known", "force_reached"}
+    assert [moment.name for moment in result.moments if moment.name in ends] == [why]
+
+
+def test_a_squeeze_to_a_target_names_none(plan: Plan, bench: Any) -> None:
+    result, _ = squeezed(replace(plan, target_force_n=3.0), bench, 2.0)
+    assert "firm_enough" not in {moment.name for moment in result.moments}
+
+
 def test_what_gives_way_a_lot_gets_half_the_force(plan: Plan, bench: Any) -> None:
     result, most_n = squeezed(plan, bench, 0.4)
     assert 0.5 * plan.gentle_force_n <= most_n < 0.8 * plan.gentle_force_n
