@@ -59,7 +59,7 @@ REAL = (
 SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
     "table1": {"Family": ("1 ", "2.5 ", "5 ", "10 ", "20 ")},
     "table2": {"Settled": ()},
-    "table3": {"R^2": ("in a fixture, placed anew", "laid anywhere")},
+    "table3": {"R^2": ("in a fixture, placed again", "laid anywhere")},
     "springs": {"R^2": tuple(f"closed by {step} mm | mean" for step in (1, 2, 3))},
     "table4": {"Level paper": (), "Why": ()},
     "table5": {

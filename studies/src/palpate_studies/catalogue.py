@@ -54,16 +54,16 @@ STUDIES: dict[str, tuple[str, str]] = {
     ),
     "rupture-limits": (
         "palpate_studies.rupture_limits",
-        "How much of a rupture the curve before it can tell",
+        "How much of a rupture the curve before it can show",
     ),
-    "realism": ("palpate_studies.realism", "The twin's scatter beside real recordings"),
+    "realism": ("palpate_studies.realism", "The twin's scatter compared with real recordings"),
     "bruise": (
         "palpate_studies.bruise",
-        "Table 6 and Figure 17, bruised apples told from sound ones, simulated",
+        "Table 6 and Figure 17, bruised and sound apples, simulated",
     ),
     "bruise-limits": (
         "palpate_studies.bruise_limits",
-        "How well a bruise could be told without a sheet's scatter",
+        "How well a bruise could be found without a sheet's scatter",
     ),
     "detection-limit": (
         "palpate_studies.detection_limit",
@@ -100,7 +100,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     ),
     "settling-families": (
         "palpate_studies.settling_grid",
-        "Settled values on every kind of hold, real and drawn, beside every simpler rule",
+        "Settled values on every kind of hold, real and drawn, compared with every simpler rule",
     ),
     "settling-limits": (
         "palpate_studies.settling_limits",

@@ -136,7 +136,7 @@ def _rows(found: dict[str, list[Wearing]], cycles: int) -> list[list[str]]:
         quantities[f"force, {kind}, %"] = partial(_force_drift_percent, k)
     middle = min(CHECKED_AT[1], cycles // 2)
     offset = _cells(found, _offset_percent, 0, BEGINNING)
-    rows = [["force told against the load cell, %", f"0 to {BEGINNING}", *offset]]
+    rows = [["measured force against the load cell, %", f"0 to {BEGINNING}", *offset]]
     for low, high in ((0, middle), (middle, cycles)):
         for name, of in quantities.items():
             rows.append([f"drift of {name}", f"{low} to {high}", *_cells(found, of, low, high)])

@@ -173,8 +173,8 @@ def _table(title: str, summary: Rows) -> Table:
         "median_abs_error_percent": "error %",
         "median_abs_log_ratio": "abs ln ratio",
         "coverage": "coverage",
-        "median_abs_log_ratio_beyond_calibration": "abs ln ratio, not told",
-        "coverage_beyond_calibration": "coverage, not told",
+        "median_abs_log_ratio_beyond_calibration": "abs ln ratio, other weights",
+        "coverage_beyond_calibration": "coverage, other weights",
     }
     shown = [key for key in keys if key in summary[0]]
     rows = [[one["ladder"], one["model"], *(f"{one[key]:.3g}" for key in shown)] for one in summary]
@@ -188,7 +188,7 @@ def _table(title: str, summary: Rows) -> Table:
 def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> StudyReport:
     summary = _summary(rows)
     payload: dict[str, Any] = {"rows": rows, "summary": summary, "level": LEVEL}
-    tables = [_table("New sensor, told its first three weights, medians", summary)]
+    tables = [_table("New sensor, given its first three weights, medians", summary)]
     if left_out:
         payload["left_out_steps"] = {"rows": left_out, "summary": _summary(left_out)}
         tables.append(

@@ -177,7 +177,7 @@ def _report(rows: Rows, *, own: bool) -> StudyReport:
             f"Real recordings (carbon-black silicone). {split} Causal; no force of the tested "
             "recording is known.",
             "`displacement` is no sensor: the gripper's or clip's position. `zero known` takes the "
-            "mean error of each recording away: the load cell's zero was set anew in each, in "
+            "mean error of each recording away: the load cell's zero was set again in each, in "
             "another state of the rubber, and no reading shows where.",
         ),
         tables=[

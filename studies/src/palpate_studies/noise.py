@@ -114,7 +114,7 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
             "are against the noise-free signal.",
             "At 15 Hz, 60 Hz mains is seen as a constant (60 is a multiple of 15), which the rest "
             "values take out as long as the rate is exact, and 50 Hz as 5 Hz, which no notch can "
-            "tell from the signal; a capacitor before the converter or a higher rate can.",
+            "separate from the signal; a capacitor before the converter or a higher rate can.",
         ],
         tables=tables,
         payload={

@@ -159,7 +159,7 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
         ("final_coverage", "coverage, end"),
     )
     table = Table(
-        title="Force after it was told, medians over presses",
+        title="Force after it was given, medians over presses",
         columns=("setting", "model", "presses", *(title for _, title in columns)),
         rows=[
             [one["setting"], one["model"], str(one["presses"])]
@@ -181,9 +181,9 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
         title="Force now on real Velostat under a robot's presses",
         provenance=(
             f"Real recordings with a reference load cell. {split}",
-            "All models are told the force once per press, then `static` and `observer` see "
+            "All models are given the force once per press, then `static` and `observer` see "
             "resistance alone, `constant` and `clock` no sensor: how much force rises after "
-            "telling, and when, is learned like everything else. Presses here are alike, which "
+            "that, and when, is learned like everything else. Presses here are alike, which "
             "helps them; the release shows what the sheet is worth. The end of a press is inside "
             "its release, which lasts two or three samples.",
         ),
@@ -204,7 +204,7 @@ def _with_stretches(report: StudyReport, stretches: Sequence[Press]) -> StudyRep
         report,
         provenance=(
             *report.provenance,
-            "Stretches: specimens left out; told the force once, 0.5 s after the peak. The clock "
+            "Stretches: specimens left out; given the force once, 0.5 s after the peak. The clock "
             "reads no sensor.",
         ),
         tables=[*report.tables, table],

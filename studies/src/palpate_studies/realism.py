@@ -51,11 +51,11 @@ COMPARED: dict[str, tuple[str, str]] = {
 }
 MEANING = {
     "exponent": "of excess conductance in force, sensor by sensor",
-    "scatter of ln force": "about the sensor's own power law, every weight seated anew",
+    "scatter of ln force": "about the sensor's own power law, every weight placed again",
     "ln force missed": "by the power law of two other sensors",
     "gain scatter": "sd of ln conductance at equal force, place to place",
     SUMMED: "pressed together: drawn from all of a real sheet; the twin's eight pixels",
-    NEXT: "difference / sqrt 2: real, one half of the sheet to the other; twin, seated anew",
+    NEXT: "difference / sqrt 2: real, one half of the sheet to the other; twin, placed again",
     "creep, %": "of conductance within 1 s of plateau, the force's share taken out",
     "still to come, %": "of the settled ohm value at 2.5 s",
     "noise, %": "of one sample on a settled hold",
@@ -176,7 +176,7 @@ def report(real: Mapping[str, Quantities], *, sensors: int = SENSORS) -> StudyRe
         tables = [_twin_table(twin)]
     return StudyReport(
         name="realism",
-        title="The twin beside real recordings",
+        title="The twin compared with real recordings",
         provenance=_provenance(sensors, given=bool(real)),
         tables=tables,
         payload={
@@ -204,9 +204,9 @@ def _provenance(sensors: int, *, given: bool) -> list[str]:
         "for the places, and their sum for eight places pressed at once. Real places keep their "
         "gain from one repeat to the next (to about 0.1) and neighbours are alike, so half a "
         "sheet differs from the other half by more than eight independent places would. The twin "
-        "draws its places anew for each grasp, which a thing that is seated anew in a gripper, and "
-        "not moved by half a sheet, does not bring; weights seated anew at one place (ladders) "
-        "scatter less on the real sheets than on `field`.",
+        "draws its places again for each grasp, which a thing that is placed again in a gripper, "
+        "and not moved by half a sheet, does not bring; weights placed again at one place "
+        "(ladders) scatter less on the real sheets than on `field`.",
         "Kinder: the twin's median (or sd) lies below the bootstrap 90 % interval of the real one.",
     ]
     if not given:

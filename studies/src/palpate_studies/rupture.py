@@ -91,11 +91,11 @@ def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
         "decision.",
         "Trade-off: each method's setting is chosen for a nominal rate on the training fruit alone "
         "(the rank that the shipped guard takes, of scores by models fitted without each fruit); "
-        "the rate that it then has on the tested fruit stands beside it.",
+        "the rate that it then has on the tested fruit stands next to it.",
         "Stiffness rule: a line per fruit fitted to the training fruit, with our stiffness. Rule "
         "as published: with its authors' constants and window; they fitted them to fruit that may "
         "be among these.",
-        "What learners that are told everything do on such fruit: palpate study rupture-limits.",
+        "What learners that are given everything do on such fruit: palpate study rupture-limits.",
     )
     return StudyReport(
         name="rupture",

@@ -78,7 +78,7 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
     entries = tradeoff(methods, closings=tested)
     provenance = (
         f"Real recordings of fruit closed on until rupture, copies left out; {FOLDS}-fold.",
-        "Learners are told all of each curve that came before: stiffness over several stretches, "
+        "Learners are given all of each curve that came before: stiffness over several stretches, "
         "bend, roughness, force lost on the way, sampling, size, force; one is trained for each "
         "fruit. They show what the curves hold, and are no part of palpate.",
         "Settings of the grip are chosen for each part on the scores of the other parts' fruit, by "

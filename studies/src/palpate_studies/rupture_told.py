@@ -62,7 +62,7 @@ def _points(closings: Sequence[FruitClosing]) -> NDArray[np.float64]:
 def table(entries: Sequence[dict[str, Any]]) -> Table:
     """Return the table of `told_half_load`."""
     return Table(
-        title="What limits the prediction: a line per fruit told the true half load",
+        title="What limits the prediction: a line per fruit given the true half load",
         columns=("fruit", "grasps", "mean error, %"),
         rows=[
             (entry["fruit"], str(entry["grasps"]), f"{entry['mean_abs_error_percent']:.1f}")

@@ -116,7 +116,7 @@ def _learners(holds: Sequence[Hold]) -> dict[str, list[FloatArray]]:
         "extra trees": lambda: ExtraTreesRegressor(100, min_samples_leaf=3, random_state=0),
     }
     return {
-        f"{name}, same specimens{', told the ohm value' if told else ''}": [
+        f"{name}, same specimens{', given the ohm value' if told else ''}": [
             _cross_validated(holds, make, cutoff_s=cutoff_s, told=told) for cutoff_s in CUTOFFS_S
         ]
         for name, make in kinds.items()

@@ -64,7 +64,7 @@ def report(
             f"level, first seed {first_sensor}; each strawberry three times on the same spot.",
             "Published: section 4.1, ten strawberries. Sizes to the nearest mm and widths in whole "
             "mm leave errors of -1, 0 and 1 alone: a root mean square of 0.89 means eight of ten "
-            "off by 1 mm. So the row `to the nearest mm` is the one to put beside it.",
+            "off by 1 mm. So the row `to the nearest mm` is the one to compare it with.",
             "No published figure was an input. The paper names neither the fruits' stiffness nor "
             "its waiting time: a soft fruit is closed on further before the sheet falls by 10 %.",
         ],

@@ -82,9 +82,9 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         provenance=[
             f"Simulated: {sensors} sensors per level, {repeats} holds of {OBJECT} at each speed. "
             "The paper expects an effect (section 2.2) and prints no numbers.",
-            "`ok`: share of holds of which ours says that its interval can be believed; covered: "
-            "share of all holds whose interval holds the truth (0.9). Where contact comes after "
-            "the cut-off every figure is a guess, and `ok` should be 0.",
+            "`ok`: share of holds of which ours reports that its interval can be believed; "
+            "covered: share of all holds whose interval holds the truth (0.9). Where contact "
+            "comes after the cut-off every figure is a guess, and `ok` should be 0.",
             f"Closing goes {GAP_MM + CLOSURE_MM:g} mm: at 3 mm/s it takes 3 s, longer than the "
             "paper's delay of 2.5 s from actuation, so nothing can be predicted then; counted from "
             "the end of the movement the speed matters little.",

@@ -219,10 +219,11 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
             "third, the others hardly. True: secant stiffness at the settled force.",
             "The give of the hand is in series: where it is a times the object's own, an error of "
             "the force comes back 1 + a times in the stiffness.",
-            "Soft fingers give way by nearly 4 mm/N: they tell the softest things, and of others a "
-            "lower end. Where most have no upper end no error is given; `low / true` says how near "
-            "the lower end comes. Their intervals cover at every stiffness as often as they say, "
-            "so of things that are rigid to them one in ten gets an upper end.",
+            "Soft fingers give way by nearly 4 mm/N: they measure the softest things, and of "
+            "others a lower end. Where most have no upper end no error is given; `low / true` "
+            "shows how near the lower end comes. Their intervals cover at every stiffness as "
+            "often as they claim, so of things that are rigid to them one in ten gets an upper "
+            "end.",
         ),
         tables=[table],
         payload={

@@ -153,7 +153,7 @@ def stretch_table(
         "median_abs_log_error": "median abs ln error",
         "final_log_error": "at 20 s",
         "coverage": "coverage",
-        "told_force_held_log_error": "told force held",
+        "told_force_held_log_error": "given force held",
     }
     table = Table(
         title="Relaxation of stretched silicone from its resistance, specimens held out",

@@ -62,10 +62,10 @@ def report(
     return STUDY.report(
         {
             "in a fixture, once": held,
-            "in a fixture, placed anew each time": anew,
+            "in a fixture, placed again each time": anew,
             "laid anywhere, once": free,
         },
-        main="in a fixture, placed anew each time",
+        main="in a fixture, placed again each time",
         provenance=[
             f"Simulated: {repeats} grasps of each ball at {width_mm:g} mm on each of {sensors} "
             "sensors per level; the pixel that changes most; median sensor's mean ± sd (range of "
@@ -75,15 +75,15 @@ def report(
             "In a fixture the ball lies within 1 mm of the middle: the published spread of 1 % "
             "over 30 trials allows for no more. Laid anywhere, it lies up to 6 mm off.",
             "Placed once, a ball's place is an error that all its grasps share, and the largest "
-            "pixel feels it most; placed anew each time, 30 trials average it out. The paper "
+            "pixel feels it most; placed again each time, 30 trials average it out. The paper "
             "speaks of trials, and of a container that holds things in place for its silicone pads "
-            "alone: `placed anew` is taken for its protocol. It was added after `once` had given "
+            "alone: `placed again` is taken for its protocol. It was added after `once` had given "
             "0.83.",
             "The fixture, and one size for all the balls, were chosen after a first run without "
             "them had given R^2 = 0.09 for the largest pixel.",
         ],
         changes=(
-            "Largest settled change of a pixel, percent, in a fixture, placed anew each time",
+            "Largest settled change of a pixel, percent, in a fixture, placed again each time",
             ("ball", "published"),
             [[name, "{1:g} ± {2:g}".format(*row)] for name, row in PUBLISHED.items()],
         ),
