@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.estimate.compliance import Compliance
+from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.belief import Belief
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
@@ -15,7 +16,7 @@ from palpate.gripper.interface import GripperCommand
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
-from palpate_studies.force_control_baselines import close_until, current_line, read_ohm, touched_by
+from palpate_studies.force_control_baselines import close_until, read_ohm, touched_by
 from palpate_studies.force_control_grasps import calibration_of
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, thing
 from palpate_studies.stoppable import uninterrupted
@@ -159,22 +160,27 @@ def paper(sample: Sample) -> Cycle:
 
 
 def by_current(sample: Sample) -> Cycle:
-    """Close at speed until the servo's current shows 2 N; rigid fingers only."""
+    """Close at speed until the servo's current shows 2 N; rigid fingers only.
+
+    What the gears take along the way is known from the calibration, as it is to ours.
+    """
     world = sample.world()
     gripper = TwinGripper(world)
-    _, ma_per_n = current_line(sample.sheet, sample.level)
+    plan = plan_grasp(calibration_of(sample.sheet, sample.level, sample.kind), gripper=gripper)
+    assert plan.current is not None
+    assert plan.give is not None
     world.clock.sleep_s(0.5)
     gripper.command(GripperCommand(target=gripper.limits.lowest, rate=_CURRENT_MM_PER_S))
     # The motor gathers speed; then the empty hand shows what its gears take.
     world.clock.sleep_s(0.3)
-    empty_ma = _currents_ma(gripper, world, count=_EMPTY_READINGS)
+    empty_ma = _pull_ma(gripper, world, current=plan.current, count=_EMPTY_READINGS)
     while gripper.state().moving:
-        pull_ma = _currents_ma(gripper, world, count=_READINGS) - empty_ma
-        if pull_ma >= ma_per_n * _CURRENT_N:
+        pull_ma = _pull_ma(gripper, world, current=plan.current, count=_READINGS) - empty_ma
+        if pull_ma >= plan.current.ma_per_n * _CURRENT_N:
             break
     gripper.stop()
-    give = _give(sample, gripper)
-    size_mm = gripper.state().width_mm - give.zero_mm + float(give.give_mm(_CURRENT_N))
+    give_mm = float(plan.give.give_mm(_CURRENT_N))
+    size_mm = gripper.state().width_mm - plan.give.zero_mm + give_mm
     return _plain(sample, world, way="close until current", size_mm=size_mm, predicts_s=0.0)
 
 
@@ -186,12 +192,13 @@ def _give(sample: Sample, gripper: TwinGripper) -> Compliance:
     return give
 
 
-def _currents_ma(gripper: TwinGripper, world: World, *, count: int) -> float:
-    """Return the mean of the next readings of the current."""
+def _pull_ma(gripper: TwinGripper, world: World, *, current: CurrentLaw, count: int) -> float:
+    """Return the mean of the next readings of the current, less what the gears take there."""
     readings = list[float]()
     for _ in range(count):
         world.clock.sleep_s(_CURRENT_EVERY_S)
-        readings.append(gripper.state().current_ma)
+        state = gripper.state()
+        readings.append(state.current_ma - float(current.gears.at(np.array(state.width_mm))))
     return float(np.mean(readings))
 
 
@@ -207,10 +214,11 @@ def _plain(
     touch_s, touch_peak_n = world.clock.now_s(), world.truth().peak_force_n
     world.clock.sleep_s(predicts_s)
     truth = world.truth()
+    held = world.force_n(world.clock.now_s()) > 0.0
     return Cycle(
         sample=sample,
         way=way,
-        outcome="held" if truth.force_n > 0 else "nothing_there",
+        outcome="held" if held else "nothing_there",
         touch_s=touch_s,
         answer_s=touch_s + predicts_s,
         touch_peak_n=touch_peak_n,
