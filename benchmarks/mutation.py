@@ -57,12 +57,16 @@ def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "text", ast.Constant("")
     elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call | ast.Await):
         yield "call", ast.Pass()
-    elif isinstance(node, ast.Return) and node.value is not None:
+    elif isinstance(node, ast.Return) and not _nothing(node.value):
         yield "return", ast.Return(ast.Constant(None))
     elif isinstance(node, ast.Raise):
         yield "raise", ast.Pass()
     elif isinstance(node, ast.AugAssign | ast.Delete):
         yield "statement", ast.Pass()
+
+
+def _nothing(value: ast.expr | None) -> bool:
+    return value is None or (isinstance(value, ast.Constant) and value.value is None)
 
 
 def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None, str, ast.AST]]:

@@ -165,3 +165,40 @@ def test_a_step_back_that_falls_between_two_frames_is_no_grip(calibrated: Plan) 
     back = GripperState(time_s=0.0, width_mm=55.0, current_ma=0.0)
     away = replace(belief_of(0.0, closure=19.0, still=True), sent=19.0, moved_s=9.5)
     assert watch.alarm(back, belief=away) is None
+
+
+def smallest_n(plan: Plan, movements: int) -> float:
+    """Return the smallest force that is an alarm after so many movements, to a twentieth of 1 N."""
+    for force_n in np.arange(0.0, 8.0, 0.05):
+        watch = CurrentWatch(plan)
+        for movement in range(movements):
+            alarm = moved(watch, of_force(force_n), closure=20.0 + movement)[-1]
+        if alarm is not None:
+            return float(force_n)
+    raise AssertionError("no force is an alarm")
+
+
+@pytest.mark.parametrize(("movements", "deviations"), [(1, 4.5), (2, 3.0), (3, 3.0)])
+def test_the_least_force_that_is_known(calibrated: Plan, movements: int, deviations: float) -> None:
+    """Gears at their most, four readings, a cold motor; twice what the sheet shows at most."""
+    shown_n = float(calibrated.early_law.force_n(0.0, level=calibrated.level).high)
+    gears_ma = GEARS_MA * np.exp(deviations * 4.0 / GEARS_MA) + deviations * 6.0 / np.sqrt(4)
+    per_n = MA_PER_N * (1.0 + 2.0 * 0.035)
+    least_n = (gears_ma + 2.0 * shown_n * per_n - GEARS_MA) / MA_PER_N
+    assert smallest_n(calibrated, movements) == pytest.approx(least_n, abs=0.051)
+
+
+def test_the_gears_are_learned_from_four_movements_however_long_the_hand_stands(
+    plan: Plan,
+) -> None:
+    watch = CurrentWatch(plan)
+    for closure in range(3):
+        moved(watch, GEARS_MA, closure=closure)
+        stands = GripperState(time_s=0.0, width_mm=73.0 - closure, current_ma=0.0)
+        for _ in range(5):
+            assert watch.alarm(stands, belief=belief_of(0.0, closure=closure, still=True)) is None
+    assert moved(watch, of_force(6.0), closure=3.0)[-1] is None, "three movements are too few"
+    fresh = CurrentWatch(plan)
+    for closure in range(4):
+        moved(fresh, GEARS_MA, closure=closure)
+    assert moved(fresh, of_force(6.0), closure=4.0)[-1] is not None
