@@ -53,8 +53,9 @@ def test_a_row_shows_the_worst() -> None:
         safe_s=0.1,
     )
     found = reported([first, replace(first, reason="pixel open", peak_n=6.0, damaged=True)])
-    assert found.tables[0].rows == [
+    assert found.tables[0].rows == [("sheet", "rigid", "2", "6.0", "2.0", "1 of 2", "1")]
+    assert found.tables[1].rows == [
         ("pixel open", "2", "sensor_lost 2", "6.0", "2.0", "1 of 2", "1", "0.1")
     ]
-    assert found.tables[1].rows == []
+    assert found.tables[2].rows == []
     assert found.payload["grasps"][1]["peak_n"] == 6.0

@@ -53,7 +53,7 @@ def reported(found: Sequence[Struck]) -> StudyReport:
             f"The ceiling is {FORCE_CEILING_N:g} N. Forces are the twin's own. Rigid fingers "
             "report current, soft ones pressure.",
         ],
-        tables=[_table(found, kind) for kind in KINDS],
+        tables=[_parts(found), *(_table(found, kind) for kind in KINDS)],
         payload={
             "study": "faults",
             "origin": "twin",
@@ -73,6 +73,34 @@ def _as_json(one: Struck) -> dict[str, Any]:
     return {**plain.pop("cell"), **plain, "safe_s": one.safe_s if one.struck else None}
 
 
+def _parts(found: Sequence[Struck]) -> Table:
+    """Return the worst of each part that fails, over everything else."""
+    groups = dict[tuple[str, str], list[Struck]]()
+    for one in found:
+        if one.struck:
+            groups.setdefault((FAULTS[one.cell.fault]().part, one.cell.kind), []).append(one)
+    return Table(
+        title="The worst of the faults of each part",
+        columns=(
+            *("fault of", "fingers", "n", "largest peak, N", "most that stays, N"),
+            *("strawberries crushed", "no reason given"),
+        ),
+        rows=[(part, kind, *_worst(hit)) for (part, kind), hit in sorted(groups.items())],
+    )
+
+
+def _worst(hit: Sequence[Struck]) -> tuple[str, ...]:
+    berries = [one for one in hit if one.cell.thing == "strawberry"]
+    stays_n = max(one.stays_n for one in hit)
+    return (
+        str(len(hit)),
+        f"{max(one.peak_n for one in hit):.1f}",
+        f"{stays_n:.1f}" if stays_n > _NOTHING_N else "0",
+        f"{sum(one.damaged for one in berries)} of {len(berries)}",
+        str(sum(unexplained(one) for one in hit)),
+    )
+
+
 def _table(found: Sequence[Struck], kind: str) -> Table:
     rows = []
     for name in FAULTS:
@@ -86,8 +114,8 @@ def _table(found: Sequence[Struck], kind: str) -> Table:
             "fault",
             "n",
             "outcomes",
-            "peak, n",
-            "stays, n",
+            "peak, N",
+            "stays, N",
             "crushed berries",
             "no reason",
             "safe within, s",
@@ -98,15 +126,6 @@ def _table(found: Sequence[Struck], kind: str) -> Table:
 
 def _row(name: str, hit: Sequence[Struck]) -> tuple[str, ...]:
     outcomes = {one.outcome: sum(o.outcome == one.outcome for o in hit) for one in hit}
-    berries = [one for one in hit if one.cell.thing == "strawberry"]
-    stays_n = max(one.stays_n for one in hit)
-    return (
-        name,
-        str(len(hit)),
-        ", ".join(f"{outcome} {count}" for outcome, count in sorted(outcomes.items())),
-        f"{max(one.peak_n for one in hit):.1f}",
-        f"{stays_n:.1f}" if stays_n > _NOTHING_N else "0",
-        f"{sum(one.damaged for one in berries)} of {len(berries)}",
-        str(sum(unexplained(one) for one in hit)),
-        f"{max(one.safe_s for one in hit):.1f}",
-    )
+    count, *worst = _worst(hit)
+    said = ", ".join(f"{outcome} {count}" for outcome, count in sorted(outcomes.items()))
+    return (name, count, said, *worst, f"{max(one.safe_s for one in hit):.1f}")
