@@ -174,6 +174,9 @@ CALM = {"reduced_motion": "reduce"}
 
 
 def breaks_no_rule(page: Page) -> None:
+    # A hint under the pointer lies outside of all landmarks, as the framework lays it.
+    page.mouse.move(5, 5)
+    expect(page.locator(".q-tooltip")).to_have_count(0)
     found = Axe().run(page)
     assert found.violations_count == 0, found.generate_report()
 
@@ -212,4 +215,4 @@ def test_nor_while_it_holds_replays_or_asks(browser: Browser, address: str, shad
         page.get_by_role("button", name="More about").first.click()
         expect(page.locator(".care")).to_be_visible()
         breaks_no_rule(page)
-        page.get_by_role("button", name="Close").click()
+        page.locator(".care").get_by_role("button", name="Close").click()

@@ -133,7 +133,7 @@ def _alerts(desk: Desk, hands: Hands) -> None:
     ).classes("contents")
     with ui.element("div").classes("alert guide").props("id=guide role=status") as box:
         text = ui.label()
-        bar = ui.linear_progress(value=0.0, show_value=False)
+        bar = ui.linear_progress(value=0.0, show_value=False).props("aria-label=Progress")
         done = ui.button("Done, go on", on_click=hands.confirm, color=None)
         done.classes("btn main small").props("flat no-caps id=confirm")
 
