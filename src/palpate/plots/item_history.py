@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.plots.inline_svg import page_figure
-from palpate.plots.style import BLUE, GREY, INK, ORANGE
+from palpate.plots.pixel_colors import DEEPEST_PERCENT, change_colormap, is_dark
+from palpate.plots.style import BLUE, GREY, INK, ORANGE, plain_number
 from palpate.produce.records import About, Grasp, Source
 from palpate.produce.store.item_history import ItemHistory
 from palpate.settling.result import Status
@@ -74,10 +75,9 @@ def pixels_figure(grasps: Sequence[Grasp]) -> Figure | None:
     if not shown:
         return None
     maps = [np.array(g.pixel_settled_percent, dtype=float) for _, g in shown]
-    deepest = min(float(np.nanmin(m)) for m in maps if np.isfinite(m).any())
     with page_figure(columns=len(shown), height_in=2.6) as (figure, axes):
         for axis, (angle, _), pixels in zip(axes, shown, maps, strict=True):
-            _draw_pixels(axis, pixels, deepest=deepest)
+            _draw_pixels(axis, pixels)
             axis.set_title("last grasp" if angle is None else f"{angle:g}°", color=INK)
     return figure
 
@@ -124,30 +124,30 @@ def _mark_words(axis: Any, page: ItemHistory, zone: tzinfo | None) -> None:
             )
 
 
-def _draw_pixels(axis: Any, pixels: np.ndarray, *, deepest: float) -> None:
+def _draw_pixels(axis: Any, pixels: np.ndarray) -> None:
     rows, columns = pixels.shape
     axis.pcolormesh(
         np.arange(columns + 1),
         np.arange(rows + 1),
         pixels,
-        cmap="Blues_r",
-        vmin=min(deepest, -1.0) * 1.1,
-        vmax=0,
+        cmap=change_colormap(),
+        vmin=-DEEPEST_PERCENT,
+        vmax=DEEPEST_PERCENT,
         edgecolors=GREY,
         lw=0.5,
     )
     for row in range(rows):
         for column in range(columns):
             read = pixels[row, column]
-            dark = np.isfinite(read) and read < 0.55 * deepest
+            reads = bool(np.isfinite(read))
             axis.text(
                 column + 0.5,
                 row + 0.5,
-                f"{read:.0f}" if np.isfinite(read) else "-",
+                plain_number(round(float(read))) if reads else "–",
                 ha="center",
                 va="center",
                 fontsize=8,
-                color=_ON_DARK if dark else _ON_LIGHT,
+                color=_ON_DARK if reads and is_dark(float(read)) else _ON_LIGHT,
             )
     axis.invert_yaxis()
     axis.set_xticks([])

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from datetime import timedelta, tzinfo
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.grasp.result import Outcome
 from palpate.plots.inline_svg import page_figure
 from palpate.plots.item_history import date_axis, local
-from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY
+from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, log_axis
 from palpate.produce.records import About, Grasp
 from palpate.produce.store.item_history import ItemHistory
 
@@ -24,8 +24,6 @@ _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER)
 _MARKERS = "osD^vP"
 #: More points than these are a picture in the figure: the file stays small.
 _MOST_VECTORS = 1500
-#: Of the minor ticks of a logarithmic axis, these leading digits are written out.
-_LABELLED_DIGITS = "25"
 
 
 def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
@@ -52,7 +50,7 @@ def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
                 label="others" if colour == GREY else kind,
                 rasterized=len(points) > _MOST_VECTORS,
             )
-        _log_axis(axis)
+        log_axis(axis.yaxis)
         axis.set_xlabel("size (mm)")
         axis.set_ylabel("stiffness (N/mm)")
         if len(looks) > 1:
@@ -100,7 +98,7 @@ def softening_figure(pages: Sequence[ItemHistory], *, zone: tzinfo | None = None
                 alpha=_faint(len(tracks)),
                 rasterized=len(tracks) > _MOST_VECTORS,
             )
-        _log_axis(axis)
+        log_axis(axis.yaxis)
         axis.set_ylabel("stiffness (N/mm)")
         date_axis(axis, [time for _, track in tracks for time, _ in track])
     return figure
@@ -170,12 +168,6 @@ def _looks(pages: Sequence[ItemHistory]) -> dict[str, tuple[str, str]]:
     kinds = [kind for kind, _ in Counter(map(kind_of, pages)).most_common()]
     own = list(zip(_COLOURS, _MARKERS, strict=True))
     return {kind: own[k] if k < len(own) else (GREY, ".") for k, kind in enumerate(kinds)}
-
-
-def _log_axis(axis: Any) -> None:
-    axis.set_yscale("log")
-    axis.yaxis.set_major_formatter("{x:g}")
-    axis.yaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in _LABELLED_DIGITS else "")
 
 
 def _faint(tracks: int) -> float:

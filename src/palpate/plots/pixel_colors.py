@@ -38,6 +38,18 @@ def pixel_color(change_percent: float) -> tuple[int, int, int]:
     return red, green, blue
 
 
+def is_dark(change_percent: float) -> bool:
+    """Return whether words on this colour must be light.
+
+    Examples
+    --------
+    >>> is_dark(-5.0), is_dark(-70.0)
+    (True, False)
+    """
+    red, green, blue = pixel_color(change_percent)
+    return 0.3 * red + 0.6 * green + 0.1 * blue <= 120
+
+
 def change_colormap() -> LinearSegmentedColormap:
     """Return the same as matplotlib takes it, for values from -80 % (0) to 80 % (1)."""
     from matplotlib.colors import LinearSegmentedColormap

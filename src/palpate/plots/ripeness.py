@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.plots.style import BLUE, GREY, ORANGE, new_figure
+from palpate.plots.style import BLUE, GREY, ORANGE, log_axis, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,13 +44,11 @@ def item_figure(
         days = [day.day for day in history.days]
         means = [day.firmness for day in history.days]
         axis.plot(days, _shown(means, width), "o", color=BLUE, label="mean of the day")
-        axis.set_yscale("log")
+        log_axis(axis.yaxis)
         axis.set(
             xlabel="days since the first grasp", xlim=(-0.2, end), title=_title(history, ripeness)
         )
         axis.set_ylabel("stiffness at 5 N (N/mm)" if width else "load shared by (pixels)")
-        axis.yaxis.set_major_formatter("{x:g}")
-        axis.yaxis.set_minor_formatter("{x:g}")
         axis.tick_params(axis="y", which="minor", labelsize=7)
         if not width:
             axis.invert_yaxis()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.holds import Hold
-from palpate.plots.style import GREY, INK, legend_below, look_of, new_figure
+from palpate.plots.style import GREY, INK, legend_below, log_axis, look_of, new_figure
 from palpate.settling.result import SettlingMethod
 from palpate.settling.scoring import settled_value
 
@@ -108,7 +108,7 @@ def _draw_overview(figure: Figure, row: Any, overview: Overview) -> None:
     axis.plot(overview.time_s[kept], overview.values[kept], color=INK, lw=0.7)
     low, high = float(overview.values.min()), float(overview.values.max())
     if low > 0 and high > LOGARITHMIC_FROM * low:
-        axis.set_yscale("log")
+        log_axis(axis.yaxis)
     for number, (begin_s, end_s) in enumerate(overview.spans, start=1):
         axis.axvspan(begin_s, end_s, color="#0072B2", alpha=0.2, lw=0)
         axis.annotate(str(number), (begin_s, 0.97), xycoords=("data", "axes fraction"), va="top")

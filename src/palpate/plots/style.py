@@ -11,6 +11,7 @@ from palpate.errors import InputError, needing
 from palpate.files import atomic_path
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 #: Okabe and Ito, "Color universal design" (2008), without its yellow, which is faint on white.
@@ -29,6 +30,10 @@ METHOD_LOOKS: dict[str, tuple[str, str]] = {
 SPARE_LOOKS = ((SKY, "P"), (AMBER, "X"), (INK, "*"))
 
 PLOT_ENDINGS = (".png", ".svg", ".pdf")
+#: Dots per inch of PNG files: sharp in print.
+DPI = 300
+#: Between two powers of ten these are labelled, so that an axis within one decade has numbers too.
+_LABELLED_DIGITS = "125"
 
 #: Width of a legend's entry, with its handle, at our size of letters.
 _ENTRY_IN = 1.75
@@ -47,6 +52,11 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.4,
     "lines.markersize": 5,
     "svg.hashsalt": "palpate",
+    # Text stays text: it can be searched, and edited for print. Type 42 is what journals take.
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "axes.unicode_minus": True,
 }
 
 
@@ -93,6 +103,27 @@ def legend_below(figure: Figure, axes: Any) -> None:
     figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns)
 
 
+def log_axis(axis: Axis) -> None:
+    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of each decade."""
+    scale = axis.axes.set_xscale if axis is axis.axes.xaxis else axis.axes.set_yscale
+    scale("log")
+    axis.set_major_formatter(lambda value, _: plain_number(value))
+    axis.set_minor_formatter(
+        lambda value, _: plain_number(value) if f"{value:e}"[0] in _LABELLED_DIGITS else ""
+    )
+
+
+def plain_number(value: float) -> str:
+    """Return a number as labels have it, with a minus that is no hyphen.
+
+    Examples
+    --------
+    >>> plain_number(-0.25), plain_number(1000.0)
+    ('\N{MINUS SIGN}0.25', '1000')
+    """
+    return f"{value:g}".replace("-", "\N{MINUS SIGN}")
+
+
 def require_plots() -> None:
     """Refuse early, before any long work, where plots can't be drawn.
 
@@ -134,4 +165,4 @@ def save_figure(figure: Figure, path: Path) -> None:
     # Without dates the same plot is the same file.
     dated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with atomic_path(path) as partial, mpl.rc_context(_STYLE):
-        figure.savefig(partial, dpi=150, metadata=dated.get(path.suffix.lower()))
+        figure.savefig(partial, dpi=DPI, metadata=dated.get(path.suffix.lower()))

@@ -171,7 +171,7 @@ def _cell(values: FloatArray) -> str:
 
 def draw(ranges: dict[str, list[tuple[FloatArray, FloatArray, FloatArray]]]) -> Figure:
     """Draw mean change and summed excess against force for every sensor."""
-    from palpate.plots.style import BLUE, ORANGE, new_figure
+    from palpate.plots.style import BLUE, ORANGE, log_axis, new_figure
 
     with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
         for level, colour in zip(LEVELS, (BLUE, ORANGE), strict=True):
@@ -182,5 +182,7 @@ def draw(ranges: dict[str, list[tuple[FloatArray, FloatArray, FloatArray]]]) -> 
         axes[0, 0].set(xlabel="force (N)", ylabel="mean relative change (%)")
         axes[0, 0].legend()
         axes[0, 1].set(xlabel="force (N)", ylabel="summed excess conductance")
+        for axis in (axes[0, 1].xaxis, axes[0, 1].yaxis):
+            log_axis(axis)
         figure.suptitle("One line per sensor")
     return figure

@@ -76,7 +76,7 @@ def test_pixels_are_shown_for_the_last_grasp_of_each_side() -> None:
     figure = pixels_figure([grasp(0), grasp(1), grasp(24)])
     assert figure is not None
     assert [axis.get_title() for axis in figure.axes] == ["0°", "90°"]
-    assert [text.get_text() for text in figure.axes[0].texts] == ["-30", "-", "-60", "-5"]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["−30", "–", "−60", "−5"]
     assert pixels_figure([]) is None
 
 

@@ -1,0 +1,68 @@
+"""Pictures for print: text stays text, minus signs are one, axes have numbers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from palpate.plots.pixel_colors import FALL, RISE, change_colormap, is_dark, pixel_color
+from palpate.plots.style import PLOT_ENDINGS, log_axis, new_figure, save_figure
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    """A figure with a negative axis and a logarithmic one, in every format."""
+    with new_figure(columns=2) as (figure, axes):
+        axes[0, 0].plot([-20.0, 0.0], [-40.0, 0.0])
+        axes[0, 0].set_xlabel("change of resistance, %")
+        axes[0, 1].plot([1.0, 2.0], [0.7, 6.0])
+        log_axis(axes[0, 1].yaxis)
+    for ending in PLOT_ENDINGS:
+        save_figure(figure, tmp_path / f"plot{ending}")
+    return tmp_path
+
+
+def test_text_in_svg_is_text_with_one_kind_of_minus(written: Path) -> None:
+    text = (written / "plot.svg").read_text()
+    assert "change of resistance, %" in text
+    labels = re.findall(r"<text[^>]*>([^<]*)</text>", text)
+    assert "\N{MINUS SIGN}20" in labels
+    assert not [label for label in labels if re.match(r"-\d", label)]
+
+
+def test_fonts_in_pdf_can_be_edited(written: Path) -> None:
+    document = (written / "plot.pdf").read_bytes()
+    assert b"/FontType 42" in document or b"/Type0" in document
+    assert b"/Type3" not in document
+
+
+def test_an_axis_within_one_decade_has_numbers(written: Path) -> None:
+    labels = re.findall(r"<text[^>]*>([^<]*)</text>", (written / "plot.svg").read_text())
+    assert {"1", "2", "5"} <= set(labels)
+
+
+def test_png_is_sharp_in_print(written: Path) -> None:
+    header = (written / "plot.png").read_bytes()[16:20]
+    assert int.from_bytes(header) == 2100, "7 inches at 300 dots"
+
+
+@pytest.mark.parametrize(("arm", "sign"), [(FALL, -1), (RISE, 1)])
+def test_the_colours_grow_lighter_from_rest_both_ways(
+    arm: tuple[tuple[int, int, int], ...], sign: int
+) -> None:
+    light = [0.3 * red + 0.6 * green + 0.1 * blue for red, green, blue in arm]
+    assert light == sorted(light)
+    steps = [pixel_color(sign * percent) for percent in (0.0, 20.0, 40.0, 60.0, 80.0)]
+    assert steps == list(arm)
+    assert is_dark(0.0)
+    assert not is_dark(sign * 80.0)
+
+
+def test_plots_have_the_colours_of_the_page() -> None:
+    colors = change_colormap()
+    for percent in (-80.0, 0.0, 80.0):
+        red, green, blue, _ = colors((percent + 80.0) / 160.0)
+        expected = [channel / 255 for channel in pixel_color(percent)]
+        assert [red, green, blue] == pytest.approx(expected, abs=0.02)
