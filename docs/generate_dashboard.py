@@ -55,6 +55,7 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
             page.goto(address)
             expect(page.locator("#link")).to_have_attribute("data-state", "fresh", timeout=30_000)
     driver = pages["wide-light"]
+    driver.get_by_label("Target force").first.fill("3")
     driver.get_by_label("Item").first.fill("berry-7")
     driver.locator("#grasp").click()
     driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 0")
