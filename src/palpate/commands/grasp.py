@@ -18,6 +18,7 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.commands.grasp_limit import Limit
+    from palpate.grasp.plan import Plan
     from palpate.grasp.runner import Subscriber, Watcher
     from palpate.rig import Rig
 
@@ -53,6 +54,15 @@ def grasp(
     seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
     target_force_n: Annotated[
         float | None, typer.Option(help="Grip force to reach; a gentle squeeze by default.")
+    ] = None,
+    expect_size_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--expect-size",
+            help="About how thick it is: the hand comes near faster.",
+            metavar="MM",
+            min=1.0,
+        ),
     ] = None,
     damage: Annotated[
         Path | None,
@@ -109,6 +119,7 @@ def grasp(
             devices.calibration,
             gripper=devices.gripper,
             target_force_n=target_force_n,
+            expect_size_mm=expect_size_mm,
             damage=None if limit is None else limit.model,
             kind="" if limit is None else limit.kind,
         )
@@ -124,7 +135,7 @@ def grasp(
                         record,
                         rig=devices,
                         seed=seed,
-                        target_force_n=target_force_n,
+                        plan=plan,
                         limit=limit,
                     )
                 )
@@ -166,7 +177,7 @@ def grasp(
 
 @contextmanager
 def _recorder(
-    path: Path, *, rig: Rig, seed: int, target_force_n: float | None, limit: Limit | None
+    path: Path, *, rig: Rig, seed: int, plan: Plan, limit: Limit | None
 ) -> Iterator[Subscriber]:
     """Yield a subscriber that writes every observation to a recording."""
     from palpate.grasp.belief import Observation
@@ -176,7 +187,8 @@ def _recorder(
         path,
         rig=rig,
         seed=seed,
-        target_force_n=target_force_n,
+        target_force_n=plan.target_force_n,
+        expect_size_mm=plan.expect_size_mm,
         damage=None if limit is None else limit.text,
         kind="" if limit is None else limit.kind,
     ) as writer:

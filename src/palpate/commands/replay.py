@@ -80,6 +80,7 @@ def _decide_again(source: Replay, *, clock: Clock) -> GraspResult:
         calibration,
         gripper=gripper,
         target_force_n=source.info.target_force_n,
+        expect_size_mm=source.info.expect_size_mm,
         damage=recorded_model(source.info.damage),
         kind=source.info.kind,
     )

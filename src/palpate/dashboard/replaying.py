@@ -194,6 +194,7 @@ def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:
                 calibration,
                 gripper=ReplayGripper(replay),
                 target_force_n=info.target_force_n,
+                expect_size_mm=info.expect_size_mm,
                 damage=recorded_model(info.damage),
                 kind=info.kind,
                 # It holds for as long as the recording does.

@@ -203,11 +203,16 @@ def encode_info(info: RecordingInfo) -> dict[str, str]:
         "calibration": info.calibration,
         "seed": None if info.seed is None else str(info.seed),
         "gripper": None if info.gripper is None else _compact(asdict(info.gripper)),
-        "target_force_n": None if info.target_force_n is None else repr(info.target_force_n),
+        "target_force_n": _number(info.target_force_n),
+        "expect_size_mm": _number(info.expect_size_mm),
         "damage": info.damage,
         "kind": info.kind or None,
     }
     return {name: text for name, text in texts.items() if text is not None}
+
+
+def _number(value: float | None) -> str | None:
+    return None if value is None else repr(value)
 
 
 def decode_info(texts: dict[str, str]) -> RecordingInfo:
@@ -224,7 +229,7 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             "upgrade palpate"
         )
     try:
-        target = texts.get("target_force_n")
+        target, expected = (texts.get(name) for name in ("target_force_n", "expect_size_mm"))
         layout, gripper = (json.loads(texts.get(name, "null")) for name in ("layout", "gripper"))
         return RecordingInfo(
             layout=structured(ArrayLayout, layout, where="layout"),
@@ -238,6 +243,7 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             if gripper is None
             else structured(GripperLimits, gripper, where="gripper"),
             target_force_n=None if target is None else float(target),
+            expect_size_mm=None if expected is None else float(expected),
             damage=texts.get("damage"),
             kind=texts.get("kind", ""),
             clock_zero_unix_ns=int(texts["clock_zero_unix_ns"]),

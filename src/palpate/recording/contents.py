@@ -42,6 +42,8 @@ class RecordingInfo:
     target_force_n : float or None
         Grip force that was asked for: with the calibration and the limits, what a replay needs to
         decide again as it was decided live.
+    expect_size_mm : float or None
+        Size that the object was expected to have.
     damage : str or None
         The damage file's whole text, where a learned limit was kept to: a replay needs it too.
     kind : str
@@ -60,6 +62,7 @@ class RecordingInfo:
     versions: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     gripper: GripperLimits | None = None
     target_force_n: float | None = None
+    expect_size_mm: float | None = None
     damage: str | None = None
     kind: str = ""
     clock_zero_unix_ns: int = 0

@@ -21,12 +21,14 @@ def open_grasp_recording(
     rig: Rig,
     seed: int,
     target_force_n: float | None,
+    expect_size_mm: float | None = None,
     damage: str | None = None,
     kind: str = "",
 ) -> RecordingWriter:
     """Begin the recording of a grasp: with what its decisions rest on, for a replay.
 
-    That is the gripper's limits, the target, and the text of a damage file with the kind told.
+    That is the gripper's limits, the target, the expected size, and the text of a damage file with
+    its kind.
 
     Raises
     ------
@@ -40,6 +42,7 @@ def open_grasp_recording(
         info,
         gripper=rig.gripper.limits,
         target_force_n=target_force_n,
+        expect_size_mm=expect_size_mm,
         damage=damage,
         kind=kind,
     )

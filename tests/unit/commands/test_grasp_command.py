@@ -49,11 +49,12 @@ def test_card_says_simulated_and_recording_holds_every_frame(
 
 
 @pytest.mark.parametrize("rig", ["sim-rigid", "sim-soft"])
+@pytest.mark.parametrize("wish", [["--target-force-n", "2.5"], ["--expect-size", "40"]])
 def test_its_recording_is_decided_again_alike(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, rig: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, rig: str, wish: list[str]
 ) -> None:
     path = tmp_path / "grasp.mcap"
-    arguments = ["--rig", rig, "--seed", "1", "--target-force-n", "2.5"]
+    arguments = ["--rig", rig, "--seed", "1", *wish]
     assert grasp(*arguments, "--record", str(path), "--json") == 0
     live = json.loads(capsys.readouterr().out)
     assert run(build_app(), ["replay", str(path), "--json"], name="palpate") == 0
@@ -62,6 +63,15 @@ def test_its_recording_is_decided_again_alike(
         name: live[name] for name in again.keys() & live.keys()
     }
     assert again["force_n"] is not None
+
+
+def test_an_expected_size_comes_near_sooner(capsys: pytest.CaptureFixture[str]) -> None:
+    felt_s = list[float]()
+    for wish in ([], ["--expect-size", "36"]):
+        assert grasp("--object", "strawberry", "--seed", "3", *wish, "--json") == 0
+        moments = json.loads(capsys.readouterr().out)["moments"]
+        felt_s.append(next(m["time_s"] for m in moments if m["name"] == "contact"))
+    assert felt_s[1] < felt_s[0] - 0.3
 
 
 def test_soft_fingers_tell_no_size_and_little_of_stiffness(
