@@ -17,14 +17,14 @@ default = "by hand"
 bin = "small"
 size_mm = [0, 45]
 """
-SORT = ["sort", "--rules", "rules.toml", "--rig", "sim-rigid", "--items", "1"]
+SORT = ["-m", "palpate", "sort", "--rules", "rules.toml", "--rig", "sim-rigid", "--items", "1"]
 
 
 def on_a_terminal(arguments: list[str], *, folder: Path) -> tuple[str, bytes]:
-    """Run the command with a terminal for standard error; return both outputs."""
+    """Run Python with a terminal for standard error; return both outputs."""
     terminal, end = pty.openpty()
     done = subprocess.Popen(
-        [sys.executable, "-m", "palpate", *arguments],
+        [sys.executable, *arguments],
         cwd=folder,
         env={**os.environ, "TERM": "xterm", "COLUMNS": "80"},
         stdout=subprocess.PIPE,
@@ -57,8 +57,13 @@ def test_sorting_shows_a_bar_on_a_terminal(more: list[str], bar: bool, tmp_path:
     assert "sorting" not in out
 
 
-def test_a_study_shows_that_it_goes_on_and_keeps_its_output_apart(tmp_path: Path) -> None:
-    out, shown = on_a_terminal(["study", "springs"], folder=tmp_path)
-    assert b"study springs" in shown
-    assert "Figure 10b" in out
-    assert b"Figure 10b" not in shown
+def test_what_is_printed_meanwhile_stays_out_of_the_terminal(tmp_path: Path) -> None:
+    script = (
+        "from palpate.commands.progress import progress\n"
+        "with progress('counting') as show:\n"
+        "    print('answer')\n"
+    )
+    out, shown = on_a_terminal(["-c", script], folder=tmp_path)
+    assert b"counting" in shown
+    assert out == "answer\n"
+    assert b"answer" not in shown
