@@ -51,6 +51,7 @@ class CurrentWatch:
         self._stand = deque[tuple[float, float]](maxlen=_STANDING)
         self._closure, self._moved_s = math.inf, math.nan
         self._turning = deque[float](maxlen=_EQUAL)
+        self._read_s = math.nan
         self._judged = True
         self._twice = 0
         self._empty_ma = list[float]()
@@ -77,7 +78,10 @@ class CurrentWatch:
             self._judged = True
             return None
         self._pull.append(reading)
-        self._turning.append(state.current_ma)
+        # A recording that is decided again gives one report several times.
+        if state.time_s != self._read_s:
+            self._turning.append(state.current_ma)
+        self._read_s = state.time_s
         self._judged = False
         return self._too_much(self._pull) or self._stuck()
 
