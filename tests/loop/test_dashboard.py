@@ -306,7 +306,7 @@ def test_a_list_that_grows_keeps_the_buttons_under_the_finger(driver: Page, fold
     old.write_bytes(b"begun")
     tab(driver, "Recordings")
     rows = driver.locator("#recordings .file")
-    button = rows.filter(has_text="old").get_by_role("button").element_handle()
+    button = rows.filter(has_text="old").get_by_role("button", name="Replay").element_handle()
     old.write_bytes(b"and ended" * 1000)
     new.write_bytes(b"another")
     expect(rows.filter(has_text="new")).to_be_visible()
