@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.sweep import Sweep
 
 RATE_HZ, NOISE, SPIKE = 15.0, 0.001, 0.05
@@ -80,3 +81,44 @@ def test_frames_that_repeat_are_known_within_a_third_of_a_second() -> None:
         log_ohm = NOISE * rng.standard_normal((4, 2)) if index < 8 else frozen
         sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
         assert sweep.asleep == (index >= 11)
+
+
+@pytest.mark.parametrize(
+    ("noise", "step", "felt"),
+    [(0.0005, 0.006, False), (0.0005, 0.012, True), (0.004, 0.016, False), (0.004, 0.04, True)],
+)
+def test_a_change_counts_from_six_deviations_and_a_hundredth_on(
+    noise: float, step: float, felt: bool
+) -> None:
+    """A pixel that rises or falls at once, long after the speed was steady."""
+    rng = np.random.default_rng(2)
+    for sign in (1.0, -1.0):
+        sweep, touched = Sweep(rate=10.0, end=60.0, since_s=0.0), list[bool]()
+        for index in range(24):
+            log_ohm = noise * rng.standard_normal((4, 2)).clip(-2.5, 2.5)
+            log_ohm[1, 1] += sign * step * (index >= 20)
+            sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=float("nan"))
+            touched.append(sweep.touched(None))
+        assert not any(touched[:20])
+        assert touched[20] is felt
+
+
+def test_a_moderate_touch_soon_after_slowing_down_is_noticed() -> None:
+    """What the faster movement left behind is over after a quarter of a second."""
+    found = first_touch_s({3: -0.5}, begins_s=0.6, slowed=True)
+    assert found is not None
+    assert 0.6 < found < 0.8
+
+
+@pytest.mark.parametrize(("more_ma", "felt"), [(0.0, False), (33.0, False), (41.0, True)])
+def test_a_pull_of_the_servo_is_a_touch_beside_the_pixels(more_ma: float, felt: bool) -> None:
+    """From 4.5 deviations of noise (6 mA) and 15 % of what the gears take (54 mA) on."""
+    gears = GearFriction(mean_ma=54.0, mean_sd_ma=1.0, movement_ma=4.0)
+    current = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0)
+    rng, sweep = np.random.default_rng(4), Sweep(rate=10.0, end=60.0, since_s=0.0)
+    for index in range(16):
+        pull_ma = more_ma if index == 15 else 0.0
+        log_ohm = NOISE * rng.standard_normal((4, 2))
+        sweep = sweep.seen((index + 1) / RATE_HZ, log_ohm=log_ohm, gears_ma=pull_ma)
+        assert not sweep.touched(None)
+    assert sweep.touched(current) is felt
