@@ -303,6 +303,7 @@ def test_a_recording_is_replayed_and_left_again(driver: Page, folder: Path) -> N
 
 def test_a_list_that_grows_keeps_the_buttons_under_the_finger(driver: Page, folder: Path) -> None:
     old, new = (folder / "data" / name for name in ("old.mcap", "new.mcap"))
+    old.parent.mkdir(exist_ok=True)
     old.write_bytes(b"begun")
     tab(driver, "Recordings")
     rows = driver.locator("#recordings .file")
