@@ -62,7 +62,7 @@ def test_report_is_written_with_both_figures(report: StudyReport, tmp_path: Path
     assert written == {
         "table1.json",
         "table1.md",
-        *(f"figure{number}.{ending}" for number in (5, 6) for ending in ("png", "svg")),
+        *(f"figure{number}.{ending}" for number in (5, 6) for ending in ("png", "svg", "pdf")),
     }
     assert json.loads((tmp_path / "table1.json").read_text())["holds"] == {"two-mode": 40}
     assert "Simulated" in (tmp_path / "table1.md").read_text()

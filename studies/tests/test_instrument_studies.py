@@ -68,6 +68,7 @@ def test_a_study_is_written_with_its_figures(made: dict[str, StudyReport], tmp_p
         "springs.md",
         "figure10b.png",
         "figure10b.svg",
+        "figure10b.pdf",
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from palpate_studies.stoppable import uninterrupted
 
 #: An expected size is off by up to so much, mm.
 EXPECTED_WITHIN_MM = 5.0
+#: The paper's rate: its steps are read at it, whatever ours are.
+PAPER_FRAME_RATE_HZ = 15.0
 #: The paper's steps, mm or kPa, and its time from contact to the prediction.
 _PAPER_STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
 _PAPER_PREDICTS_S = 2.5
@@ -39,7 +41,7 @@ class Sample:
     seed: int
     level: str
     kind: GripperKind
-    frame_rate_hz: float = 15.0
+    frame_rate_hz: float = PAPER_FRAME_RATE_HZ
 
     @property
     def sheet(self) -> int:
@@ -148,7 +150,7 @@ def ours(sample: Sample, *, expected: bool = False) -> Cycle:
 
 def paper(sample: Sample) -> Cycle:
     """Close in the paper's steps until both fingers pass its threshold, then predict at 2.5 s."""
-    world = sample.world()
+    world = replace(sample, frame_rate_hz=PAPER_FRAME_RATE_HZ).world()
     array, gripper = TwinArray(world), TwinGripper(world)
     touched = touched_by(array, world, read_ohm(array, seconds=0.5))
     step = _PAPER_STEP[sample.kind]
