@@ -78,7 +78,7 @@ class Hand:
     hold_s : float
         How long an object is held before it is given back unasked.
     options : dict
-        Further fields of each plan, e.g. `damage`.
+        Further options of each plan: `damage`.
     viewer, complain : callable
         Get every frame, and every fault outside a grasp.
     """

@@ -18,6 +18,8 @@ from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout
 from palpate.settling.result import SettlingMethod
 
+HOLD_S, LONGEST_S = 0.5, 120.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
@@ -167,6 +169,6 @@ class Plan:
     decide_half_width: float = 0.08
     target_tolerance: float = 0.05
     most_adjustments: int = 6
-    hold_s: float = 0.5
-    longest_s: float = 120.0
+    hold_s: float = HOLD_S
+    longest_s: float = LONGEST_S
     level: float = 0.9

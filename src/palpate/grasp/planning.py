@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from palpate.errors import CalibrationError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
+from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw, PowerForceLaw
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.sheet_creep import OwnCreep
 from palpate.estimate.weights_check import held_out_of_pairs, held_out_of_placements
-from palpate.grasp.plan import Plan
+from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.gripper.interface import Gripper
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
 from palpate.settling.relaxation import Relaxation
@@ -41,8 +42,46 @@ _PRESSURE_STEPS = {
 }
 
 
-def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) -> Plan:
-    """Plan a grasp with a calibrated sensor; `options` are fields of `Plan`.
+def plan_grasp(
+    calibration: Calibration,
+    *,
+    gripper: Gripper,
+    target_force_n: float | None = None,
+    lift_force_n: float | None = None,
+    expect_size_mm: float | None = None,
+    damage: DamageModel | None = None,
+    kind: str = "",
+    tries: int = 1,
+    hold_s: float = HOLD_S,
+    longest_s: float = LONGEST_S,
+) -> Plan:
+    """Plan a grasp with a calibrated sensor.
+
+    What stands in `Plan` beyond these options is for those who study grasping:
+    ``dataclasses.replace(plan, gentle_force_n=1.0)`` changes it.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the sensor on this gripper.
+    gripper : Gripper
+        That will do it; only its limits are asked for.
+    target_force_n : float, optional
+        Grip force to reach; a gentle squeeze, just enough to measure, by default.
+    lift_force_n : float, optional
+        Grip force that lifting takes: weight over twice the friction, with a margin.
+    expect_size_mm : float, optional
+        About how thick the object is: the hand comes near faster.
+    damage : DamageModel, optional
+        What such objects bear, learned from closings that ended in damage.
+    kind : str
+        Kind of object that the damage model knows; empty if unknown.
+    tries : int
+        How often to close where nothing is found.
+    hold_s : float
+        How long to hold after the answer, seconds.
+    longest_s : float
+        A grasp that takes longer is given up, seconds.
 
     Raises
     ------
@@ -63,8 +102,15 @@ def plan_grasp(calibration: Calibration, *, gripper: Gripper, **options: Any) ->
         settling=Relaxation(),
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
+        target_force_n=target_force_n,
+        lift_force_n=lift_force_n,
+        expect_size_mm=expect_size_mm,
+        damage=damage,
+        kind=kind,
+        tries=tries,
+        hold_s=hold_s,
+        longest_s=longest_s,
         **found(calibration.block),
-        **options,
     )
 
 

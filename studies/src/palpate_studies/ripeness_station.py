@@ -141,13 +141,8 @@ class _Bench:
         )
         calibration = replace(self.calibration, rest=_rest_of(self._world))
         self._array, self._hand = TwinArray(self._world), TwinGripper(self._world)
-        self._plan = plan_grasp(
-            calibration,
-            gripper=self._hand,
-            target_force_n=RIPENESS_N,
-            force_step_n=_FORCE_STEP_N,
-            hold_s=0.0,
-        )
+        plan = plan_grasp(calibration, gripper=self._hand, target_force_n=RIPENESS_N, hold_s=0.0)
+        self._plan = replace(plan, force_step_n=_FORCE_STEP_N)
 
     def feel_reference(self, times: int) -> None:
         """Grasp the object that does not ripen."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -109,12 +110,12 @@ def _grasped(
     sensor: int,
     berry: int,
     calibration: Calibration,
-    options: dict[str, float],
+    options: dict[str, Any],
 ) -> tuple[Measurement | None, bool]:
     """Grasp it; return the size that was found and whether it took damage."""
     session = _faced(obj, level, sensor, berry)
     world, gripper = session.world, session.gripper
-    plan = plan_grasp(calibration, gripper=gripper, **options)
+    plan = replace(plan_grasp(calibration, gripper=gripper), **options)
     array = TwinArray(world)
     result = uninterrupted(run_grasp(plan, array=array, gripper=gripper, clock=world.clock))
     return result.size_mm, world.truth().damaged

@@ -90,9 +90,9 @@ def on_sensor(seed: int) -> dict[float, Felt]:
             calibration,
             gripper=TwinGripper(world),
             target_force_n=RIPENESS_N,
-            force_step_n=1.2,
             hold_s=0.0,
         )
+        plan = replace(plan, force_step_n=1.2)
         found[size_mm] = grasped(world, plan)
     return found
 
