@@ -213,7 +213,7 @@ def confirmations(page: Page) -> list[int]:
 def test_a_stop_is_confirmed_once_the_hand_was_told(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "confirmed.mcap")
     opened.send(order)
-    opened.until(lambda update: update.frames is not None and bool(update.frames.moving[-1]))
+    opened.until(lambda update: update.frames is not None and bool(update.frames.moving.any()))
     opened.updates.clear()
     opened.send(StopNow(41))
     assert opened.ended(order).found is not None
