@@ -1,0 +1,62 @@
+"""What a stop means to the hand, and which limits are limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import Literal
+
+import pytest
+
+from palpate.grasp.phases import Phase
+from palpate.grasp.safety import Danger, Reaction, SafetyLimits, largest_step, reaction
+
+#: Danger -> what a width-driven and a pressure-driven hand do in the hold.
+IN_THE_HOLD = {
+    Danger.SENSOR_LOST: (Reaction.HOLD_STILL, Reaction.OPEN),
+    Danger.STOPPED: (Reaction.HOLD_STILL, Reaction.OPEN),
+    Danger.GRIPPER_FAULT: (Reaction.HOLD_STILL, Reaction.HOLD_STILL),
+    Danger.FORCE_LIMIT: (Reaction.OPEN, Reaction.OPEN),
+    Danger.UNSEEN_FORCE: (Reaction.OPEN, Reaction.OPEN),
+}
+
+
+@pytest.mark.parametrize("danger", list(Danger))
+@pytest.mark.parametrize(("column", "drive"), [(0, "width"), (1, "pressure")])
+def test_every_danger_has_its_reaction(
+    danger: Danger, column: int, drive: Literal["width", "pressure"]
+) -> None:
+    assert reaction(danger, phase=Phase.HOLD, drive=drive) is IN_THE_HOLD[danger][column]
+
+
+@pytest.mark.parametrize("danger", [Danger.SENSOR_LOST, Danger.STOPPED])
+def test_an_opening_that_has_begun_is_completed(danger: Danger) -> None:
+    assert reaction(danger, phase=Phase.RELEASE) is Reaction.OPEN
+
+
+def test_every_danger_ends_with_an_outcome_of_its_name() -> None:
+    assert {danger: danger.outcome for danger in Danger} == {
+        Danger.SENSOR_LOST: "sensor_lost",
+        Danger.GRIPPER_FAULT: "gripper_fault",
+        Danger.FORCE_LIMIT: "force_limit",
+        Danger.STOPPED: "stopped",
+        Danger.UNSEEN_FORCE: "sensor_lost",
+    }
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(SafetyLimits)])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_a_limit_that_is_none_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} must be positive"):
+        SafetyLimits(**{name: value})
+
+
+def test_a_step_leaves_room_for_how_late_the_hand_stops() -> None:
+    limits = SafetyLimits(force_ceiling_n=15.0, latency_s=0.02)
+    still, moving = (
+        largest_step(
+            force_high_n=5.0, steepest_n=5.0, rate=rate, damage_low_n=math.inf, limits=limits
+        )
+        for rate in (0.0, 20.0)
+    )
+    assert (still, moving) == (pytest.approx(2.0), pytest.approx(1.6))
