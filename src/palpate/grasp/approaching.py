@@ -8,8 +8,7 @@ from palpate.grasp.answer import FELT_PERCENT
 from palpate.grasp.belief import Belief, Touch
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.safety import largest_step
-from palpate.grasp.step_size import approach_step, closure_of, pressed, whole
+from palpate.grasp.step_size import approach_step, closure_of, pressed, safe_step, whole
 from palpate.grasp.sweep import Sweep
 from palpate.gripper.interface import GripperCommand
 
@@ -66,15 +65,8 @@ def _hasty_rate(belief: Belief, plan: Plan) -> float:
 
     An expectation may be wrong, so no command goes further than is safe on whatever is there.
     """
-    safe = largest_step(
-        force_high_n=belief.force_high_n,
-        steepest_n=plan.steepest_n,
-        rate=0.0,
-        damage_low_n=belief.damage_low_n,
-        limits=plan.safety,
-    )
     late_s = _command_s(belief, frames=_HASTE_FRAMES) + plan.safety.latency_s
-    return min(_HASTE_SHARE * (safe - belief.behind) / late_s, plan.gripper.fastest)
+    return min(_HASTE_SHARE * safe_step(belief, plan) / late_s, plan.gripper.fastest)
 
 
 def _near(plan: Plan) -> float:
@@ -94,7 +86,9 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Go on closing, a little ahead of where the hand is; stop where something is felt."""
     sweep = belief.sweep
     assert sweep is not None
-    if sweep.time_s and (sweep.asleep or sweep.touched(plan.current)):
+    # A hand that stands shakes nothing: that it did not arrive is told by its way.
+    asleep = sweep.asleep and belief.still_since_s is None
+    if sweep.time_s and (asleep or sweep.touched(plan.current)):
         # No further than it reports to be: a stop is never cut.
         here = whole(belief.closure - belief.behind, plan, within=True)
         stop = GripperCommand(target=here, rate=plan.gripper.fastest)

@@ -109,15 +109,8 @@ def clamped(belief: Belief, wish: GripperCommand | None, plan: Plan) -> GripperC
     if wish is None or closure_of(wish.target, plan) <= belief.closure:
         return wish
     way = min(closure_of(wish.target, plan), plan.gripper.span) - belief.closure
-    safe = largest_step(
-        force_high_n=belief.force_high_n,
-        steepest_n=plan.steepest_n,
-        rate=0.0,
-        damage_low_n=belief.damage_low_n,
-        limits=plan.safety,
-    )
     overrun = wish.rate * plan.safety.latency_s / way if way > 0 else 0.0
-    room = min((safe - belief.behind) / (1.0 + overrun), _unknown_step(belief, plan))
+    room = min(safe_step(belief, plan) / (1.0 + overrun), _unknown_step(belief, plan))
     target = plan.gripper.target(belief.closure + way)
     if way > room + _EXACT:
         target = whole(belief.closure + room, plan, within=True)
@@ -125,6 +118,18 @@ def clamped(belief: Belief, wish: GripperCommand | None, plan: Plan) -> GripperC
     if cut < plan.smallest_step - _EXACT:
         return None
     return GripperCommand(target=target, rate=wish.rate * min(cut / way, 1.0))
+
+
+def safe_step(belief: Belief, plan: Plan) -> float:
+    """Return how far the hand may close on whatever it meets, from where it reports to be."""
+    safe = largest_step(
+        force_high_n=belief.force_high_n,
+        steepest_n=plan.steepest_n,
+        rate=0.0,
+        damage_low_n=belief.damage_low_n,
+        limits=plan.safety,
+    )
+    return safe - belief.behind
 
 
 def whole(closure: float, plan: Plan, *, within: bool = False) -> float:

@@ -267,7 +267,7 @@ def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench
     """The steps are so short that each alone is within what a loaded servo may be off."""
     sent = list[Any]()
     bench.command = lambda wanted: sent.append(wanted) or wanted
-    result = run(replace(plan, step=0.4, fine_step=0.25), bench)
+    result = run(replace(plan, step=0.2, fine_step=0.2), bench)
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "sent on 4 times and did not move" in result.faults[0]
     assert len(sent) <= 6

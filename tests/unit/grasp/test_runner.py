@@ -188,8 +188,8 @@ def test_gripper_that_does_not_follow_is_stopped(plan: Plan, bench: Any) -> None
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "is it blocked" in result.faults[0]
     assert bench.stops == 1
-    # Its sheet no longer trembles, which ends the way; after a look four half steps move nothing.
-    assert bench.clock.now_s() - jammed_s[0] < 0.3 + 0.3 + 4 * 0.5
+    # The ways of 2 mm at 14 mm/s, done and not done, 0.4 s of grace, and a frame that shows it.
+    assert bench.clock.now_s() - jammed_s[0] < 2 * 0.15 + 0.4 + 0.1
 
 
 def test_given_up_after_the_longest_time(plan: Plan, bench: Any) -> None:
