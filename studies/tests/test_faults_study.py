@@ -16,6 +16,8 @@ CASES = {
     "a ground wire off": ("all pixels short", "approach", "rigid-block", "rigid"),
     "beside the sheet": ("object beside the sheet", "start", "strawberry", "rigid"),
     "frozen frames": ("frames constant", "approach", "ball-44lbs", "soft"),
+    "all pixels alike": ("all pixels 512", "squeeze", "strawberry", "rigid"),
+    "a sheet turned round": ("inverted", "squeeze", "strawberry", "rigid"),
     "runs on": ("gripper runs on", "squeeze", "rigid-block", "rigid"),
 }
 

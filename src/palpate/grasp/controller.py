@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from palpate.grasp import target
 from palpate.grasp.answer import FELT_PERCENT, answered, examined, forecast, sure_enough
 from palpate.grasp.approaching import begun, remembered, stood, swept, unreleased
@@ -32,8 +34,15 @@ Move = tuple[Belief, GripperCommand | None]
 _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
 #: Less than this share of the strongest touch of this grip means that the object is gone.
 _LOST_SHARE = 0.35
+#: A sheet that shows this much less than at its strongest step, though the hand has closed on so
+#: often since, does not show the force, or the object gives way: neither is pressed on.
+_FALLS_SHARE, _FALLS_STEPS = 0.25, 2
 #: The squeeze ends a little below the target: what is left is corrected by settled forces.
 _NEAR = 0.93
+_FALLS = (
+    "the sheet shows less and less while the hand closes on: the object gives way, or the sheet "
+    "does not show the force; see what `palpate doctor` reports"
+)
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
 
@@ -68,6 +77,8 @@ def _wished(belief: Belief, plan: Plan) -> Move:
             return stopped(belief, Danger.FORCE_LIMIT, plan=plan)
         if belief.phase in _HOLDING and _grip_lost(belief):
             return _release(belief, plan, Outcome.SLIPPED)
+        if belief.phase in _HOLDING and _falls(belief):
+            return _release(belief.with_fault(_FALLS), plan, Outcome.SENSOR_LOST)
         if belief.lasted_s > plan.longest_s:
             return _release(belief, plan, Outcome.TIMED_OUT)
     return HANDLERS[belief.phase](belief, plan)
@@ -329,6 +340,20 @@ def _grip_lost(belief: Belief) -> bool:
     if belief.staircase and not came_back:
         strongest = max(strongest, belief.staircase[-1].touch.reading)
     return belief.now.reading < _LOST_SHARE * strongest
+
+
+def _falls(belief: Belief) -> bool:
+    """Whether the sheet has shown less and less while the hand closed on."""
+    gripped = [
+        c.touch.reading
+        for c in belief.staircase
+        if belief.contact_s is not None and c.touch.time_s >= belief.contact_s
+    ]
+    if not gripped or belief.staircase[-1].touch.deepest_percent > FELT_PERCENT:
+        return False
+    strongest = int(np.argmax(gripped))
+    fallen = gripped[-1] < (1.0 - _FALLS_SHARE) * gripped[strongest]
+    return fallen and len(gripped) - 1 - strongest >= _FALLS_STEPS
 
 
 def _release(belief: Belief, plan: Plan, outcome: Outcome) -> Move:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from palpate.grasp.belief import Belief
@@ -24,7 +25,8 @@ def pressed_on(
     belief: Belief, plan: Plan, *, missing_n: float
 ) -> tuple[Belief, GripperCommand | None]:
     """Close by what raises the settled force by as much as is missing."""
-    step = max(missing_n / _corrected_slope_n(belief, plan), plan.smallest_step)
+    step = missing_n / _corrected_slope_n(belief, plan)
+    step = max(min(step, _fruitless(belief)), plan.smallest_step)
     moved = _settled(belief)
     wish = closed_by(moved, step, plan, lasting_s=_CORRECTED_S)
     corrected = (belief.closure, moved.force_n)
@@ -47,6 +49,15 @@ def _corrected_slope_n(belief: Belief, plan: Plan) -> float:
     if not way > 0:
         return slope
     return min(slope, max((force.value - force_n) / way, slope / _LESS_STEEP))
+
+
+def _fruitless(belief: Belief) -> float:
+    """Return the last correction if it raised nothing: the next one goes no further than that."""
+    force = belief.result.force_n
+    if belief.corrected is None or force is None or force.value > belief.corrected[1]:
+        return math.inf
+    way = belief.closure - belief.corrected[0]
+    return way if way > 0 else math.inf
 
 
 def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, GripperCommand]:

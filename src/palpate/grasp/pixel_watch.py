@@ -29,6 +29,9 @@ _ANSWERED_S, _SAME = 0.3, 0.1
 #: A sensor that flickers, so that of so many frames never more than a few in a row were alike, is
 #: not quiet all at once: from so many alike on they are no new ones.
 _SEEN, _FEW_ALIKE, _MOST_ALIKE = 30, 2, 10
+#: No two pixels rest alike: where so many differ by this many counts at rest, a frame in which none
+#: differs from another by more than one is no picture of them.
+_SEVERAL, _UNLIKE, _EQUAL = 4, 8, 1
 _SEE_DOCTOR = "see what `palpate doctor` says"
 
 
@@ -43,7 +46,8 @@ class PixelWatch:
     any more, and that is an alarm too. A pixel that sticks in the middle of its range is known
     after eight movements of the fingers (five in three seconds or more, where the others are
     lively), all of them together after four, and in a hand that stands too where the sensor
-    flickers. A single one that sticks in the hold is not known here.
+    flickers. Pixels that all read the same are known at the second frame. A single one that sticks
+    in the hold is not known here.
 
     Parameters
     ----------
@@ -57,6 +61,9 @@ class PixelWatch:
         self._known = np.isfinite(rest_ohm) & (rest_ohm > 0)
         # Resistance over reference: what the counts tell without it.
         self._rest = np.where(self._known, rest_ohm, 1.0) / plan.layout.divider.reference_ohm
+        resting = plan.layout.divider.full_scale / (1.0 + self._rest[self._known])
+        self._unlike = resting.size >= _SEVERAL and float(np.ptp(resting)) >= _UNLIKE
+        self._equal = 0
         self._counts: NDArray[np.float64] | None = None
         self._opened = np.zeros(rest_ohm.shape, dtype=int)
         self._ended = np.zeros(rest_ohm.shape, dtype=int)
@@ -98,6 +105,8 @@ class PixelWatch:
         self._awake_s = np.where(changed, frame.time_s, np.fmin(self._awake_s, frame.time_s))
         self._now_s = frame.time_s
         self._count_alike(alike=bool((counts == before)[self._known].all()))
+        equal = self._unlike and float(np.ptp(counts[self._known])) <= _EQUAL
+        self._equal = self._equal + 1 if equal else 0
         moving, closure = (
             observation.gripper.moving,
             self._plan.gripper.closure(observation.gripper),
@@ -152,6 +161,9 @@ class PixelWatch:
         if (lost & self._known).any():
             words = f"{self._first(ended)} is pressed beyond what can be read: force unknown"
             return Alarm(danger=Danger.FORCE_LIMIT, words=words)
+        if self._equal >= _FRAMES:
+            words = f"all pixels read the same, which no sheet does; {_SEE_DOCTOR}"
+            return Alarm(danger=Danger.SENSOR_LOST, words=words)
         return None
 
     def _first(self, mask: NDArray[np.bool_]) -> str:

@@ -210,3 +210,26 @@ def test_corrections_are_steps_of_the_closing_too(plan: Plan, bench: Any) -> Non
     assert last.closure == pytest.approx(max(belief.closure for belief in seen), abs=0.05)
     closures = [stair.closure for stair in seen[-1].staircase]
     assert closures == sorted(set(closures))
+
+
+def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> None:
+    """A spring that gets shorter than the hand closes on, from 2 N on."""
+    read = type(bench).read
+    widest = bench.size_mm
+
+    def yielding(*, timeout_s: float) -> Any:
+        closed_mm = widest - bench.width_mm
+        bench.size_mm = widest - 1.3 * max(closed_mm - 1.4, 0.0)
+        return read(bench, timeout_s=timeout_s)
+
+    bench.read = yielding
+    closures = list[float]()
+    result = run(
+        replace(plan, target_force_n=6.0),
+        bench,
+        watch=lambda belief: closures.append(belief.closure),
+    )
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "less and less while the hand closes on" in result.faults[0]
+    assert bench.width_mm == 74.0
+    assert widest - (74.0 - max(closures)) < 6.0, "it doesn't close on for long"

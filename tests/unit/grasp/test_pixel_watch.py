@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -190,3 +191,16 @@ def test_a_hand_that_stands_notices_frames_that_repeat(plan: Plan) -> None:
 def test_a_sensor_that_repeats_itself_is_let_be(plan: Plan) -> None:
     frames = [np.full((4, 2), REST + number // 12) for number in range(200)]
     assert watched(plan, frames) == [None] * 200
+
+
+def test_pixels_that_all_read_the_same_are_no_picture_of_the_sheet(plan: Plan) -> None:
+    """Their flicker keeps each of them awake, and at rest no two of them are alike."""
+    unlike = np.linspace(8000.0, 10_000.0, 8).reshape(4, 2)
+    frames = [np.linspace(300, 380, 8).reshape(4, 2).round() for _ in range(3)]
+    frames += [512 + np.arange(8).reshape(4, 2) % 2 * (number % 2) for number in range(2)]
+    said = watched(replace(plan, rest_ohm=unlike), frames)
+    assert said[:4] == [None] * 4
+    assert (
+        said[4] == "all pixels read the same, which no sheet does; see what `palpate doctor` says"
+    )
+    assert watched(plan, frames) == [None] * 5, "these rest alike"
