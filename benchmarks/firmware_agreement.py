@@ -5,9 +5,9 @@
 For each seed (object, sheet, gripper, calibration) the same grasp is repeated on both readouts with
 fresh noise of sheet and converter, begun at a random phase of the frame raster. Nothing else
 differs between repeats, so their spread is what noise alone does. Criterion, for settled change,
-size and grip force: the two readouts differ by no more than chance allows, neither one way over all
-seeds nor either way within seeds (rank tests by permutation within seeds, p > 0.01 each), and on
-average by less than the standard deviation of one draw.
+size, grip force and the times of touch and answer: the two readouts differ by no more than chance
+allows, neither one way over all seeds nor either way within seeds (rank tests by permutation within
+seeds, p > 0.01 each), and on average by less than the standard deviation of one draw.
 
 The array is scanned at 16 Hz by default. At the rigs' own 15 Hz (`--rate-hz 15`) the frame times of
 twin and board (66.667 and 66.665 ms, mapped to the host's clock) fall on either side of a wait now
@@ -39,7 +39,10 @@ from palpate.twin.objects import draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.world import World
 
-QUANTITIES = ("settled_percent", "size_mm", "force_n")
+MEASURED = ("settled_percent", "size_mm", "force_n")
+#: Moments, by when they came after the start of the grasp.
+MOMENTS = ("contact", "answer")
+QUANTITIES = (*MEASURED, *(f"{name}_s" for name in MOMENTS))
 _LEVEL = "paper"
 _PERMUTATIONS = 20_000
 
@@ -63,7 +66,7 @@ def through_firmware(world: World, *, draw: int) -> PressureArray:
 def grasp(
     calibration: Calibration, *, seed: int, draw: int, firmware: bool, rate_hz: float
 ) -> list[float]:
-    """Grasp once; return settled change, size and force."""
+    """Grasp once; return settled change, size, force and when touch and answer came."""
     obj = draw_object(np.random.default_rng([seed, 10]))
     world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, frame_rate_hz=rate_hz)
     phase = np.random.default_rng([seed, draw, firmware]).uniform()
@@ -73,10 +76,15 @@ def grasp(
     array = through_firmware(world, draw=draw) if firmware else TwinArray(world)
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper)
+    began_s = world.clock.now_s()
     result = run_grasp(plan, array=array, gripper=gripper, clock=world.clock)
     array.close()
-    measured = [getattr(result, name) for name in QUANTITIES]
-    return [np.nan if each is None else each.value for each in measured]
+    measured = [getattr(result, name) for name in MEASURED]
+    came_s = {moment.name: moment.time_s - began_s for moment in result.moments}
+    return [
+        *(np.nan if each is None else each.value for each in measured),
+        *(came_s.get(name, np.nan) for name in MOMENTS),
+    ]
 
 
 def agreement(twin: Floats, firmware: Floats, *, rng: np.random.Generator) -> dict[str, Any]:
