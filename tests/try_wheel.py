@@ -65,6 +65,8 @@ def check_dashboard(palpate: str) -> None:
         address = server.stdout.readline().split()[2]
         with urllib.request.urlopen(address, timeout=30) as page:
             assert "<title>palpate" in page.read().decode()
+        with urllib.request.urlopen(f"{address}api/openapi.json", timeout=30) as described:
+            assert "stiffness_n_per_mm" in described.read().decode()
         server.send_signal(signal.SIGINT)
         status = server.wait(timeout=30)
     finally:

@@ -99,6 +99,7 @@ def grasp(
     """
     from palpate.commands.grasp_card import print_card
     from palpate.commands.grasp_limit import open_limit
+    from palpate.grasp.document import grasp_document
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
     from palpate.grasp.safety import FORCE_CEILING_N
@@ -149,15 +150,20 @@ def grasp(
             watchers=watchers,
         )
         truth = None if devices.truth is None else dict(devices.truth())
-        said = verdict(result, target_force_n=target_force_n)
         limited = None if limit is None else limit.as_json(result)
         kept = {} if memory is None else memory.take(result, rig=devices, recording=record)
         if as_json:
-            document = {**result.as_json(), "verdict": said, "damage_limit": limited, **kept}
-            if truth is not None:
-                document |= {"simulated": True, "object": devices.subject, "truth": truth}
+            document = grasp_document(
+                result,
+                target_force_n=target_force_n,
+                damage_limit=limited,
+                names=kept,
+                truth=truth,
+                subject=devices.subject,
+            )
             print(json.dumps(document, allow_nan=False, indent=1), flush=True)
         else:
+            said = verdict(result, target_force_n=target_force_n)
             print_card(result, said=said, rig=devices, seed=seed, truth=truth, limited=limited)
             sys.stdout.flush()
         # After the answer: the store may not give one.

@@ -32,18 +32,11 @@ class Limit:
 
     def as_json(self, result: GraspResult) -> dict[str, object]:
         """Return what the limit was and did, as the JSON of the grasp says it."""
-        from palpate.grasp.safety import DAMAGE_RATE
+        from palpate.grasp.document import limit_document
 
-        learned, told = self._file.closings, math.isfinite(self._low_n)
-        return {
-            "file": str(self._path),
-            "kind": self.kind or None,
-            "closings": learned[self.kind] if self.kind else sum(learned.values()),
-            "rate": DAMAGE_RATE,
-            "low_n": self._low_n if told else None,
-            "passed": told and (result.peak_force_n or 0.0) > self._low_n,
-            "kept_below_target": result.limited,
-        }
+        return limit_document(
+            self._file, path=self._path, kind=self.kind, low_n=self._low_n, result=result
+        )
 
 
 def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:

@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -65,6 +65,8 @@ def items(
     """
     if item is None and (changes or labels):
         raise InputError("--set and --say tell something of one item: palpate items ITEM --set ...")
+    from palpate.produce.store.item_json import item_document, items_document
+
     with opened(store, create=bool(changes or labels)) as known:
         if item is not None and (changes or labels):
             _tell(known, item, changes=changes or [], labels=labels or [])
@@ -72,7 +74,8 @@ def items(
         if export is not None:
             _export(known, export, item=item, kind=kind, batch=batch, day=day)
         elif as_json:
-            print(json.dumps(_document(pages, one=item is not None), allow_nan=False, indent=1))
+            document = items_document(pages) if item is None else item_document(pages[0])
+            print(json.dumps(document, allow_nan=False, indent=1))
         else:
             from palpate.commands.items_tables import print_list, print_page
 
@@ -216,38 +219,3 @@ def _export(
     rows = export_grasps(path, grasps, items=items)
     said_rows = export_verdicts(beside, verdicts)
     print(f"{path}: {rows} grasps; {beside}: {said_rows} verdicts", file=sys.stderr)
-
-
-def _document(pages: tuple[ItemHistory, ...], *, one: bool) -> dict[str, Any]:
-    from palpate.produce.records_json import record_as_dict
-
-    if one:
-        page = pages[0]
-        return {
-            "item": record_as_dict(page.item),
-            "simulated": page.simulated,
-            "grasps": [record_as_dict(grasp) for grasp in page.grasps],
-            "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
-        }
-    return {"items": [_line(page) for page in pages]}
-
-
-def _line(page: ItemHistory) -> dict[str, Any]:
-    from palpate.produce.records import MEASURED, About
-    from palpate.produce.records_json import record_as_dict
-
-    latest = {name: page.latest(name) for name in MEASURED}
-    said = {about: page.said(about) for about in About}
-    return {
-        **record_as_dict(page.item),
-        "simulated": page.simulated,
-        "grasps": len(page.grasps),
-        "last_taken_at": page.grasps[-1].taken_at.isoformat() if page.grasps else None,
-        **{name: None if value is None else value.as_json() for name, value in latest.items()},
-        "verdicts": {
-            str(about): None
-            if one is None
-            else {"text": one.text, "probability": one.probability, "source": str(one.source)}
-            for about, one in said.items()
-        },
-    }

@@ -97,6 +97,7 @@ def serve(
         benches={"sim-rigid": open_simulated_bench},
         realtime=realtime,
         damage=None if damage is None else DamageFile.load(damage),
+        damage_path=damage,
         rules=None if rules is None else _rules(rules),
     )
     # In an address it stands in brackets.

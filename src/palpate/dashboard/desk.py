@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,13 +21,24 @@ from palpate.dashboard.folder import (
 from palpate.dashboard.handle import DeviceProcess
 from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.ledger import Ledger
-from palpate.dashboard.messages import Grasped, Lost, OpenRig, Order, Update, Urgent
+from palpate.dashboard.messages import (
+    Grasped,
+    GraspOrder,
+    Lost,
+    OpenRig,
+    Order,
+    Update,
+    Urgent,
+)
 from palpate.dashboard.session import Activity, Session
 from palpate.dashboard.station import BenchOpener
 from palpate.dashboard.view import kind_of
 from palpate.dashboard.wishes import Wishes
 from palpate.errors import InputError, PalpateError
 from palpate.estimate.damage_file import DamageFile
+from palpate.grasp.document import grasp_document, limit_document
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.produce.records import Item
 from palpate.rig.file import stated_in
 
 if TYPE_CHECKING:
@@ -54,8 +67,8 @@ class Settings:
         Opens the bench with a load cell, by the rig's name.
     realtime : bool
         Whether the devices' process comes before all others.
-    damage : DamageFile or None
-        The learned limit that grasps keep to.
+    damage, damage_path : DamageFile or None, Path or None
+        The learned limit that grasps keep to, and its file.
     rules : RuleBook or None
         What says which bin an item goes to.
     """
@@ -70,6 +83,7 @@ class Settings:
     benches: dict[str, BenchOpener]
     realtime: bool = False
     damage: DamageFile | None = None
+    damage_path: Path | None = None
     rules: RuleBook | None = None
 
 
@@ -81,6 +95,10 @@ class Desk:
         self.ledger = Ledger(settings.store, rules=settings.rules)
         self.history = History(settings.folder)
         self.wishes = Wishes()
+        #: The last grasp, as `palpate grasp --json` prints it; None before the first.
+        self.result: dict[str, object] | None = None
+        #: Called with each such document.
+        self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(
             send=self._send, on_grasped=self._keep, silent_s=lambda: self.silent_s
         )
@@ -118,6 +136,33 @@ class Desk:
                 return False
             await asyncio.sleep(_LOOK_S)
         return True
+
+    def grasp_order(
+        self, *, target_force_n: float | None, item_id: str = "", kind: str = ""
+    ) -> GraspOrder:
+        """Return the order of a grasp with a recording of its own.
+
+        Raises
+        ------
+        InputError
+            If the force is out of range, the item can't be named so, or the kind is not known.
+        """
+        if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
+            raise InputError(f"target force: above 0 and at most {FORCE_CEILING_N:g} N")
+        if item_id:
+            Item(item_id=item_id)
+        damage = self.settings.damage
+        if kind and damage is None:
+            raise InputError(f"kind {kind}: palpate serve was started without --damage")
+        if kind and damage is not None:
+            damage.known_kind(kind, where="the damage file")
+        return GraspOrder(
+            target_force_n=target_force_n,
+            recording=self.new_recording("grasp"),
+            item_id=item_id,
+            damage=None if damage is None else damage.as_text(),
+            kind=kind,
+        )
 
     def recordings(self) -> list[tuple[Path, os.stat_result]]:
         """Return the recordings in the folder, newest first, with what the folder tells of them."""
@@ -173,22 +218,46 @@ class Desk:
         """How long ago the devices' process said anything, seconds; 0 while it starts."""
         return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
 
-    def _keep(self, grasped: Grasped, item_id: str) -> None:
+    def _keep(self, grasped: Grasped, order: GraspOrder) -> None:
         """Remember a grasp; the database of named items may take its time."""
         live = self.session.live
         entry = entry_of(
             grasped,
-            kind=kind_of(grasped, target_force_n=self.session.target_force_n),
-            item_id=item_id,
-            target_force_n=self.session.target_force_n,
+            kind=kind_of(grasped, target_force_n=order.target_force_n),
+            item_id=order.item_id,
+            target_force_n=order.target_force_n,
             simulated=live.source is not None and live.source.simulated,
             curve=list(live.curve),
         )
-        if item_id and grasped.recording is not None:
+        self.result = self._document(grasped, order, ended_at=entry.ended_at)
+        for tell in self.on_result:
+            tell(self.result)
+        if order.item_id and grasped.recording is not None:
             keep = partial(self._keep_item, grasped, grasped.recording, entry)
             asyncio.get_running_loop().run_in_executor(None, keep).add_done_callback(self._kept)
         else:
             self._note(entry)
+
+    def _document(self, grasped: Grasped, order: GraspOrder, *, ended_at: str) -> dict[str, object]:
+        settings, live, limited = self.settings, self.session.live, None
+        if settings.damage is not None and settings.damage_path is not None:
+            low_n = None if live.thought is None else live.thought.bounds.damage_low_n
+            limited = limit_document(
+                settings.damage,
+                path=settings.damage_path,
+                kind=order.kind,
+                low_n=math.inf if low_n is None else low_n,
+                result=grasped.result,
+            )
+        names = {"recording": order.recording.name, "ended_at": ended_at}
+        return grasp_document(
+            grasped.result,
+            target_force_n=order.target_force_n,
+            damage_limit=limited,
+            names=names | ({"item_id": order.item_id} if order.item_id else {}),
+            truth=grasped.truth,
+            subject=None if live.source is None else live.source.subject,
+        )
 
     def _keep_item(self, grasped: Grasped, recording: Path, entry: Entry) -> Entry:
         """Write a named item's grasp to the store, and find its bin."""

@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from starlette.datastructures import Headers
 from starlette.requests import Request, cookie_parser
-from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from palpate.errors import InputError
@@ -27,6 +27,8 @@ _MOST_VISITORS = 1000
 #: A form with the longest token that makes sense; nothing longer is read.
 _LONGEST_FORM = 4096
 _LOOPBACK_NAMES = ("localhost",)
+#: Nobody reads a page there.
+_FOR_MACHINES = "/api/"
 
 
 def is_loopback(host: str) -> bool:
@@ -74,7 +76,8 @@ class Gate:
     app : ASGI application
         What is behind the gate; kept under the name by which servers look for it.
     token : str or None
-        What a visitor must have told once; a cookie remembers it.
+        What a visitor must have told once; a cookie remembers it. A machine sends it each time, in
+        the header ``Authorization: Bearer TOKEN``.
     loopback : bool
         Whether it is served on the loopback alone.
     """
@@ -93,7 +96,10 @@ class Gate:
         if not self._ours(headers):
             answer = _page(403, "This address is not for other sites.")
         elif self._token is not None and not self._knows(headers, self._token):
-            answer = await self._ask(scope, receive, self._token)
+            if scope["path"].startswith(_FOR_MACHINES):
+                answer = self._weigh(headers, _visitor(scope), self._token)
+            else:
+                answer = await self._ask(scope, receive, self._token)
         if answer is None:
             await self.app(scope, receive, send)
         elif scope["type"] == "websocket":
@@ -114,6 +120,18 @@ class Gate:
         # Every port of a host shares its cookies: those of others may be odd.
         return _same(cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), _kept(token))
 
+    def _weigh(self, headers: Headers, visitor: str, token: str) -> Response | None:
+        """Refuse a machine in one line, unless it sends the token."""
+        scheme, _, told = headers.get("authorization", "").partition(" ")
+        if scheme.lower() != "bearer":
+            return _line(401, "send the token in a header: Authorization: Bearer TOKEN")
+        if self._wrong.too_many(visitor):
+            return _line(429, "too many wrong tokens: wait a minute")
+        if _same(told, token):
+            return None
+        self._wrong.add(visitor)
+        return _line(403, "that is not the token")
+
     async def _ask(self, scope: Scope, receive: Receive, token: str) -> Response:
         """Take the token from the form or the address, or ask for it."""
         told = _field(scope.get("query_string", b""))
@@ -124,7 +142,7 @@ class Gate:
             told = _field(form)
         if not told:
             return _page(401, "Whoever started this dashboard knows its token.", form=True)
-        visitor = str((scope.get("client") or ("",))[0])
+        visitor = _visitor(scope)
         if self._wrong.too_many(visitor):
             return _page(429, "Too many wrong tokens: wait a minute.", form=True)
         if not _same(told, token):
@@ -161,6 +179,14 @@ class WrongTries:
                 del self._tries[one]
         full = len(self._tries) >= _MOST_VISITORS
         return self._tries.get("" if full and visitor not in self._tries else visitor, deque())
+
+
+def _visitor(scope: Scope) -> str:
+    return str((scope.get("client") or ("",))[0])
+
+
+def _line(status: int, text: str) -> Response:
+    return JSONResponse({"detail": text}, status_code=status)
 
 
 async def _form(request: Request) -> bytes | None:

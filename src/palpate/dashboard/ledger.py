@@ -116,6 +116,22 @@ class Ledger:
                 return []
             raise
 
+    def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
+        """Return the pages of items, the last met first; none where there is no store yet.
+
+        Raises
+        ------
+        PalpateError
+            If the store can't be used, or does not answer.
+        """
+        if not self.items(limit=1):
+            return ()
+        from palpate.produce.store import Store
+        from palpate.produce.store.item_history import item_pages
+
+        with Store.open(self._where, create=False) as store:
+            return item_pages(store, store.items(limit=limit))
+
     def page(self, item_id: str) -> ItemHistory:
         """Return what is known of an item.
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from nicegui import ui
 
 from palpate.dashboard.desk import Desk
-from palpate.dashboard.messages import GraspOrder, OpenRig, Record
+from palpate.dashboard.messages import OpenRig, Record
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
 from palpate.dashboard.wishes import Wishes
+from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
-from palpate.grasp.safety import FORCE_CEILING_N
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
 _DRAWN = "drawn by the seed"
@@ -90,19 +90,16 @@ def grasp_buttons(desk: Desk, hands: Hands) -> None:
     wishes = desk.wishes
 
     def grasp() -> None:
-        wanted = wishes.target_force_n
-        if wanted is not None and not 0 < wanted <= FORCE_CEILING_N:
-            ui.notify(f"target force: above 0 and at most {FORCE_CEILING_N:g} N", type="warning")
-            return
-        damage = desk.settings.damage
-        order = GraspOrder(
-            target_force_n=wanted,
-            recording=desk.new_recording("grasp"),
-            item_id=wishes.item_id.strip(),
-            damage=None if damage is None else damage.as_text(),
-            kind=wishes.kind,
-        )
-        hands.order(order)
+        try:
+            order = desk.grasp_order(
+                target_force_n=wishes.target_force_n,
+                item_id=wishes.item_id.strip(),
+                kind=wishes.kind,
+            )
+        except InputError as error:
+            ui.notify(str(error), type="warning")
+        else:
+            hands.order(order)
 
     go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
     go.props("flat no-caps id=grasp")

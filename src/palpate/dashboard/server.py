@@ -18,8 +18,6 @@ from palpate.errors import DeviceError, InputError, needing
 _STATIC = Path(__file__).parent / "static"
 #: A viewer whose connection breaks keeps the wheel for so long.
 _RECONNECT_S = 10.0
-#: A stop that is not confirmed by then is answered so; the page asks again.
-_STOP_PATIENCE_S = 2.0
 
 
 def serve(
@@ -50,6 +48,7 @@ def serve(
         from fastapi import FastAPI
         from nicegui import ui
 
+        from palpate.dashboard.api import build_api
         from palpate.dashboard.gate import Gate, check_token, is_loopback
     check_token(host, token)
     if settings.realtime:
@@ -57,6 +56,7 @@ def serve(
     listening = _listen(host, port)
     desk = Desk(settings)
     app = FastAPI(openapi_url=None)
+    app.mount("/api", build_api(desk, token=token is not None))
     _routes(desk)
     app.router.on_startup.append(desk.open)
     app.router.on_shutdown.append(desk.close)
@@ -89,6 +89,7 @@ def _routes(desk: Desk) -> None:
     from fastapi.responses import FileResponse, JSONResponse, Response
     from nicegui import Client, app, ui
 
+    from palpate.dashboard.api import STOP_PATIENCE_S
     from palpate.dashboard.page import TABS, build_operator_page, build_page
 
     # Asked for anew each time: a page must not outlive an update.
@@ -128,7 +129,7 @@ def _routes(desk: Desk) -> None:
     @app.post("/stop")
     async def stop() -> JSONResponse:
         """Answer once the hand was told; a page that hears nothing in time raises the alarm."""
-        stopped = await desk.stop(patience_s=_STOP_PATIENCE_S)
+        stopped = await desk.stop(patience_s=STOP_PATIENCE_S)
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 

@@ -112,8 +112,7 @@ class Session:
     send : callable
         Takes an order, or a request that is heard at once.
     on_grasped : callable, optional
-        Called with each finished grasp (not with replays), and the item's name, empty if it has
-        none.
+        Called with each finished grasp (not with replays), and its order.
     silent_s : callable, optional
         Returns how long ago the devices' process said anything, seconds.
 
@@ -154,7 +153,7 @@ class Session:
         self,
         *,
         send: Callable[[Order | Urgent], None],
-        on_grasped: Callable[[Grasped, str], None] = lambda grasped, item_id: None,
+        on_grasped: Callable[[Grasped, GraspOrder], None] = lambda grasped, order: None,
         silent_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._send, self._on_grasped, self._silent_s = send, on_grasped, silent_s
@@ -409,7 +408,7 @@ class Session:
             case Grasped():
                 self.grasped = note.found
                 if isinstance(note.order, GraspOrder):
-                    self._on_grasped(note.found, note.order.item_id)
+                    self._on_grasped(note.found, note.order)
             case Calibrated():
                 self.calibrated = note.found
             case Health():

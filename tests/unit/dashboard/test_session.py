@@ -70,7 +70,7 @@ class Desk:
         self.kept: list[tuple[Grasped, str]] = []
         self.session = Session(
             send=self.sent.append,
-            on_grasped=lambda grasped, item_id: self.kept.append((grasped, item_id)),
+            on_grasped=lambda grasped, order: self.kept.append((grasped, order.item_id)),
         )
 
     def tell(self, *notes: Any, width_mm: float = 74.0, pulse: Pulse = FRESH) -> None:

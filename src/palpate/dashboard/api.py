@@ -1,0 +1,225 @@
+"""The dashboard for machines: HTTP and JSON, described by OpenAPI. What the page may, it may."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import FastAPI, HTTPException, Query, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.openapi.utils import get_openapi
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+import palpate
+from palpate.dashboard.desk import Desk
+from palpate.dashboard.state_json import state_document
+from palpate.errors import InputError, PalpateError
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.produce.records import Item
+
+#: All machines drive as one: whoever may come in is trusted, as on the page.
+DRIVER = "machine"
+#: A stop that is not confirmed by then is answered so.
+STOP_PATIENCE_S = 2.0
+_SCHEMAS = Path(palpate.__file__).parent / "schemas"
+_KNOWN = ("measurement", "grasp", "state", "items", "item")
+
+
+class GraspRequest(BaseModel):
+    """What to grasp, and how hard."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    target_force_n: float | None = Field(
+        None, gt=0, le=FORCE_CEILING_N, description="Grip force; a gentle squeeze without it."
+    )
+    item_id: str = Field("", max_length=80, description="What it is, to keep it in the store.")
+    kind: str = Field("", max_length=80, description="Kind of produce, for its damage limit.")
+
+
+class GraspBegun(BaseModel):
+    """A grasp has been ordered."""
+
+    recording: str = Field(description="By this name its result is known.")
+
+
+class Stopped(BaseModel):
+    """How a stop went."""
+
+    stopped: bool = Field(description="Whether the devices confirmed that the hand was told.")
+
+
+class Refusal(BaseModel):
+    """Why not."""
+
+    detail: str = Field(description="One line: what, and what to do.")
+
+
+def build_api(desk: Desk, *, token: bool) -> FastAPI:
+    """Return the application to mount; `token`: whether the gate in front of it asks for one."""
+    api = FastAPI(
+        title="palpate",
+        version="1",
+        docs_url=None,
+        redoc_url=None,
+        responses=_refusals(401, 403, 429) if token else {},
+    )
+    api.openapi = cache(lambda: _described(api, token=token))  # type: ignore[method-assign]
+    _refuse_in_one_line(api)
+    _look(api, desk)
+    _act(api, desk)
+    return api
+
+
+def _look(api: FastAPI, desk: Desk) -> None:
+    """Add what can be asked."""
+
+    @api.get("/state", responses=_documents("state"))
+    async def state() -> JSONResponse:
+        """What runs, and whether a grasp can begin."""
+        return JSONResponse(state_document(desk.session))
+
+    @api.get("/result", responses=_documents("grasp") | _refusals(404))
+    async def result() -> JSONResponse:
+        """The last grasp of this run, as `palpate grasp --json` prints it."""
+        if desk.result is None:
+            raise HTTPException(404, "no grasp has ended since palpate serve was started")
+        return JSONResponse(desk.result)
+
+    # In threads of their own: a store may not answer.
+    @api.get("/items", responses=_documents("items") | _refusals(503))
+    def items(limit: Annotated[int, Query(ge=1, le=1000)] = 50) -> JSONResponse:
+        """Items of the store, the last met first, as `palpate items --json` prints them."""
+        from palpate.produce.store.item_json import items_document
+
+        with _answering():
+            return JSONResponse(items_document(desk.ledger.pages(limit=limit)))
+
+    @api.get("/items/{item_id:path}", responses=_documents("item") | _refusals(404, 503))
+    def item(item_id: str) -> JSONResponse:
+        """One item with its grasps, as `palpate items ITEM --json` prints it."""
+        from palpate.produce.store.item_json import item_document
+
+        with _answering():
+            Item(item_id=item_id)
+            if not desk.ledger.items(limit=1):
+                raise InputError(f"no item {item_id!r}: the store is empty")
+            return JSONResponse(item_document(desk.ledger.page(item_id)))
+
+
+def _act(api: FastAPI, desk: Desk) -> None:
+    """Add what can be ordered: the same orders that the page gives, by the same rules."""
+    session = desk.session
+
+    @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
+    async def grasp(wanted: GraspRequest) -> GraspBegun:
+        """Begin a grasp; the object is held until it is released, for a minute at most."""
+        try:
+            order = desk.grasp_order(**wanted.model_dump())
+        except InputError as error:
+            raise HTTPException(422, str(error)) from error
+        with _allowed():
+            session.join(DRIVER)
+            session.order(DRIVER, order)
+        return GraspBegun(recording=order.recording.name)
+
+    @api.post("/release", status_code=202, responses=_refusals(409))
+    async def release() -> None:
+        """Give the object back, or open the hand."""
+        with _allowed():
+            session.join(DRIVER)
+            session.release(DRIVER)
+
+    @api.put("/driver", status_code=204)
+    async def take_over() -> None:
+        """Drive from now on, whoever did before."""
+        session.take_over(DRIVER)
+
+    @api.delete("/driver", status_code=204)
+    async def leave() -> None:
+        """Let somebody else drive."""
+        session.leave(DRIVER)
+
+    @api.post("/stop", responses={504: {"model": Stopped}})
+    async def stop() -> JSONResponse:
+        """Stop what runs, whoever drives; answers once the hand was told, 504 if it was not."""
+        stopped = await desk.stop(patience_s=STOP_PATIENCE_S)
+        return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
+
+
+@contextmanager
+def _allowed() -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise HTTPException(409, str(error)) from error
+
+
+@contextmanager
+def _answering() -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise HTTPException(404, str(error)) from error
+    except PalpateError as error:
+        raise HTTPException(503, str(error)) from error
+
+
+def _refuse_in_one_line(api: FastAPI) -> None:
+    """Answer what is no valid request like every other refusal: one line that says what."""
+
+    @api.exception_handler(RequestValidationError)
+    async def refuse(request: Request, error: RequestValidationError) -> JSONResponse:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        return JSONResponse({"detail": f"{where}: {first['msg']}"}, status_code=422)
+
+
+# -- the description ----------------------------------------------------------------------------
+
+
+def _documents(name: str) -> dict[int | str, dict[str, Any]]:
+    schema = {"$ref": f"#/components/schemas/{name}"}
+    return {200: {"content": {"application/json": {"schema": schema}}}}
+
+
+def _refusals(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    return {status: {"model": Refusal} for status in statuses}
+
+
+def _described(api: FastAPI, *, token: bool) -> dict[str, Any]:
+    """Return the OpenAPI document, with the published schemas as they are."""
+    about = "Start a grasp, stop it, and read what it found. STOP is for everyone; one drives."
+    found = get_openapi(
+        title=api.title,
+        version=api.version,
+        description=about,
+        routes=api.routes,
+        servers=[{"url": "/api"}],
+    )
+    components = found["components"]
+    components["schemas"] |= {name: _published(name) for name in _KNOWN}
+    for operation in (one for path in found["paths"].values() for one in path.values()):
+        if 422 in map(int, operation["responses"]):
+            refused = operation["responses"]["422"]["content"]["application/json"]
+            refused["schema"] = {"$ref": "#/components/schemas/Refusal"}
+    for unused in ("HTTPValidationError", "ValidationError"):
+        components["schemas"].pop(unused, None)
+    if token:
+        components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        found["security"] = [{"token": []}]
+    return found
+
+
+def _published(name: str) -> dict[str, Any]:
+    """Return a published schema, for its place among the components."""
+    text = (_SCHEMAS / f"{name}.json").read_text(encoding="utf-8")
+    for known in _KNOWN:
+        text = text.replace(f'"$ref": "{known}.json"', f'"$ref": "#/components/schemas/{known}"')
+    schema: dict[str, Any] = json.loads(text)
+    return {key: value for key, value in schema.items() if key not in ("$schema", "$id")}

@@ -1,0 +1,199 @@
+"""The dashboard for machines: a grasp, a stop, results and refusals over HTTP, on the twin."""
+
+from __future__ import annotations
+
+import json
+import re
+import runpy
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+from benchmarks.dashboard import ROOT
+from playwright.sync_api import Browser, expect
+from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, served
+from tests.unit.test_json_schemas import faults
+
+__all__ = ["browser"]
+
+TOKEN = "correct-horse"
+#: A machine asks for the state this often; a test gives up after so many times.
+EVERY_S, MOST_LOOKS = 0.02, 5000
+
+
+class Machine:
+    """A client as small as a gateway's."""
+
+    def __init__(self, address: str, token: str | None = None) -> None:
+        self._address, self._token = address, token
+
+    def ask(self, method: str, path: str, body: object = None) -> tuple[int, Any]:
+        data = body if isinstance(body, bytes) else None if body is None else json.dumps(body)
+        request = urllib.request.Request(
+            f"{self._address}api{path}",
+            method=method,
+            data=data.encode() if isinstance(data, str) else data,
+            headers={"Content-Type": "application/json"}
+            | ({"Authorization": f"Bearer {self._token}"} if self._token else {}),
+        )
+        try:
+            with urllib.request.urlopen(request, timeout=30) as reply:
+                text = reply.read()
+                return reply.status, json.loads(text) if text else None
+        except urllib.error.HTTPError as refused:
+            return refused.code, json.loads(refused.read())
+
+    def until(self, reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        for _ in range(MOST_LOOKS):
+            state: dict[str, Any] = self.ask("GET", "/state")[1]
+            if reached(state):
+                return state
+            Event().wait(EVERY_S)
+        raise AssertionError(f"it stayed {state}")
+
+    def ready(self) -> None:
+        self.until(lambda at: at["activity"] == "watching" and at["fresh"] and at["hand_open"])
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with served(tmp_path_factory.mktemp("served"), *SIMULATED) as address:
+        yield address
+
+
+@pytest.fixture
+def machine(address: str) -> Machine:
+    """Return a machine that drives a rig that is watched, with the hand open."""
+    machine = Machine(address)
+    machine.ask("PUT", "/driver")
+    machine.ready()
+    return machine
+
+
+def test_a_grasp_from_its_order_to_its_result_and_its_item(machine: Machine) -> None:
+    assert machine.ask("GET", "/result")[0] == 404
+    assert machine.ask("GET", "/items") == (200, {"items": []})
+    begun, grasp = machine.ask("POST", "/grasp", {"target_force_n": 2, "item_id": "berry-1"})
+    assert begun == 202
+    status, refused = machine.ask("POST", "/grasp", {})
+    assert (status, refused["detail"]) == (409, "grasping: wait, or press stop")
+    state = machine.until(lambda at: at["phase"] == "hold" and at["answered"])
+    assert faults("state", state) == []
+    assert state["simulated"]
+    assert machine.ask("POST", "/release")[0] == 202
+    machine.until(lambda at: at["activity"] == "watching")
+    status, result = machine.ask("GET", "/result")
+    assert (status, result["outcome"], result["item_id"]) == (200, "held", "berry-1")
+    assert result["recording"] == grasp["recording"]
+    assert faults("grasp", result) == []
+    machine.until(lambda at: machine.ask("GET", "/items")[1]["items"] != [])
+    status, items = machine.ask("GET", "/items?limit=5")
+    assert (status, faults("items", items)) == (200, [])
+    status, item = machine.ask("GET", "/items/berry-1")
+    assert (status, faults("item", item)) == (200, [])
+    assert item["grasps"][0]["recording"].endswith(grasp["recording"])
+
+
+def test_a_stop_ends_a_grasp_whoever_drives(machine: Machine) -> None:
+    assert machine.ask("POST", "/grasp", {})[0] == 202
+    machine.until(lambda at: at["phase"] not in (None, "wait"))
+    assert machine.ask("DELETE", "/driver")[0] == 204
+    assert machine.ask("POST", "/stop") == (200, {"stopped": True})
+    state = machine.until(lambda at: at["activity"] == "watching")
+    assert 0 <= state["stopped_after_s"] < 0.5
+    assert machine.ask("GET", "/result")[1]["outcome"] == "stopped"
+    assert machine.ask("POST", "/release")[0] == 202
+
+
+def test_the_gateway_example_fills_its_registers(
+    machine: Machine,
+    address: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["plc_gateway.py", address, "berry-2"])
+    runpy.run_path(str(ROOT / "examples" / "plc_gateway.py"), run_name="__main__")
+    found = re.search(r"registers 1 1 (\d+) (\d+) (-?\d+)", capsys.readouterr().out)
+    assert found is not None
+    size, force, stiffness = map(int, found.groups())
+    assert 200 < size < 600
+    assert 500 < force < 5000
+    assert stiffness == -1 or stiffness > 0
+
+
+def test_a_person_who_drives_is_not_pushed_aside(
+    machine: Machine, browser: Browser, address: str
+) -> None:
+    page = browser.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(address)
+    page.locator("#take-over").click()
+    expect(page.locator("#who")).to_contain_text("you drive")
+    status, refused = machine.ask("POST", "/grasp", {})
+    assert (status, refused["detail"]) == (409, "someone else drives: take over first")
+    assert machine.ask("PUT", "/driver")[0] == 204
+    expect(page.locator("#who")).to_contain_text("you watch")
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("body", "why"),
+    [
+        ({"target_force_n": 99}, "body.target_force_n: Input should be less than or equal to 15"),
+        ({"target_force_n": "2"}, "body.target_force_n: Input should be a valid number"),
+        (b'{"target_force_n": NaN}', "body.target_force_n: Input should be "),
+        ({"force": 2}, "body.force: Extra inputs are not permitted"),
+        ({"item_id": "\n"}, "item"),
+        ({"kind": "kiwi"}, "kind kiwi: palpate serve was started without --damage"),
+        (b"{", "body.1: JSON decode error"),
+    ],
+)
+def test_bad_input_gets_one_line(machine: Machine, body: object, why: str) -> None:
+    status, refused = machine.ask("POST", "/grasp", body)
+    assert status == 422
+    assert refused["detail"].startswith(why)
+    assert "\n" not in refused["detail"]
+    assert machine.ask("GET", "/state")[1]["activity"] == "watching"
+
+
+@pytest.mark.parametrize("path", ["/items?limit=0", "/items?limit=many"])
+def test_a_bad_question_gets_one_line(machine: Machine, path: str) -> None:
+    status, refused = machine.ask("GET", path)
+    assert status == 422
+    assert refused["detail"].startswith("query.limit: ")
+
+
+def test_what_is_not_there_is_404(machine: Machine) -> None:
+    status, refused = machine.ask("GET", "/items/no-such-item")
+    assert (status, list(refused)) == (404, ["detail"])
+    assert machine.ask("GET", "/nowhere")[0] == 404
+
+
+def test_it_describes_itself_with_the_published_schemas(machine: Machine) -> None:
+    status, described = machine.ask("GET", "/openapi.json")
+    assert status == 200
+    assert set(described["paths"]) == {
+        *("/state", "/grasp", "/release", "/stop", "/driver"),
+        *("/result", "/items", "/items/{item_id}"),
+    }
+    known = described["components"]["schemas"]
+    assert known["grasp"]["properties"]["force_n"]["anyOf"][0] == {
+        "$ref": "#/components/schemas/measurement"
+    }
+    assert "ValidationError" not in json.dumps(described)
+
+
+def test_with_a_token_each_request_carries_it(tmp_path: Path) -> None:
+    with served(tmp_path, *SIMULATED, PALPATE_TOKEN=TOKEN) as address:
+        status, refused = Machine(address).ask("POST", "/stop")
+        assert status == 401
+        assert "Bearer" in refused["detail"]
+        assert Machine(address, "wrong-horse").ask("GET", "/state")[0] == 403
+        machine = Machine(address, TOKEN)
+        assert machine.ask("GET", "/openapi.json")[1]["security"] == [{"token": []}]
+        assert machine.ask("POST", "/stop") == (200, {"stopped": True})
