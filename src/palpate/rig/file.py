@@ -77,7 +77,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
         array.close()
         raise CalibrationError(
             f"calibration {rig_file.calibration}: it is of another sensor ({difference}); mend "
-            f"[array] in {path}, or calibrate anew"
+            f"[array] in {path}, or calibrate again"
         )
     return Rig(
         name=path.name,

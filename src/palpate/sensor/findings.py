@@ -34,7 +34,7 @@ CHECKS: dict[str, str] = {
     "rest`, and replace the sheet if it goes on changing",
     "unrest": "open the fingers, take away what touches the sensor, wait a minute and repeat",
     "resistor": "replace the reference resistor, state the new one in the rig file or by "
-    "--reference-ohm, and calibrate anew",
+    "--reference-ohm, and calibrate again",
     "swapped": "exchange the two wires, or their pins at the multiplexer",
     "silent": "press the pixel harder and in its middle; if it still does not answer, treat it as "
     "open: joint, copper, multiplexer channel",

@@ -243,5 +243,5 @@ def refuse_load(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:
     if fall < _REST_FALL_PERCENT:
         raise CalibrationError(
             f"the rest values are {-fall:.0f} % below the known ones: something presses on the "
-            "sensor; take it away, or calibrate anew if the sensor was changed"
+            "sensor; take it away, or calibrate again if the sensor was changed"
         )
