@@ -12,6 +12,7 @@ their force creeps.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Self
 
@@ -51,18 +52,42 @@ def object_force_n(
     obj: TwinObject, deformation_mm: float, *, ruptured: bool
 ) -> tuple[float, float]:
     """Return an object's elastic force and its slope (N/mm) at a deformation."""
-    exponent, scale = obj.exponent, obj.force_at_1mm_n
-    if ruptured:
-        scale *= _RUPTURED_FORCE
-    if deformation_mm <= 0:
-        return 0.0, scale if exponent == 1.0 else 0.0
-    force_n = scale * deformation_mm**exponent
-    slope = exponent * force_n / deformation_mm
+    scale = _RUPTURED_FORCE if ruptured else 1.0
+    force_n, slope = _elastic(obj, max(deformation_mm, 0.0))
+    force_n, slope = scale * force_n, scale * slope
     if force_n <= obj.yield_n:
         return force_n, slope
-    yield_mm = (obj.yield_n / scale) ** (1.0 / exponent)
-    flatter = _YIELDED_SLOPE * exponent * obj.yield_n / yield_mm
+    yield_mm = _deformation_mm(obj, obj.yield_n / scale)
+    flatter = _YIELDED_SLOPE * scale * _elastic(obj, yield_mm)[1]
     return obj.yield_n + flatter * (deformation_mm - yield_mm), flatter
+
+
+def _elastic(obj: TwinObject, deformation_mm: float) -> tuple[float, float]:
+    """Return force and slope of an object that nothing has hurt."""
+    if obj.curve is not None:
+        (x0, f0), (x1, f1) = _piece(obj.curve, deformation_mm, by=0)
+        slope = (f1 - f0) / (x1 - x0)
+        return f0 + slope * (deformation_mm - x0), slope
+    if deformation_mm == 0.0:
+        return 0.0, obj.force_at_1mm_n if obj.exponent == 1.0 else 0.0
+    force_n = obj.force_at_1mm_n * deformation_mm**obj.exponent
+    return force_n, obj.exponent * force_n / deformation_mm
+
+
+def _deformation_mm(obj: TwinObject, force_n: float) -> float:
+    """Return the deformation at which an object that nothing has hurt has this force."""
+    if obj.curve is not None:
+        (x0, f0), (x1, f1) = _piece(obj.curve, force_n, by=1)
+        return x0 + (force_n - f0) * (x1 - x0) / (f1 - f0)
+    return float((force_n / obj.force_at_1mm_n) ** (1.0 / obj.exponent))
+
+
+def _piece(
+    curve: tuple[tuple[float, float], ...], value: float, *, by: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the two points of a curve between which a deformation (0) or force (1) lies."""
+    after = bisect_left(curve, value, lo=1, hi=len(curve) - 1, key=lambda point: point[by])
+    return curve[after - 1], curve[after]
 
 
 def series_force_n(

@@ -31,8 +31,9 @@ _YIELD_SHARE: Pair = (0.75, 0.95)
 class TwinObject:
     """One object between the fingers.
 
-    Its elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), up
-    to `yield_n`; beyond that it flattens, and at `rupture_n` it gives way for good.
+    Its elastic law is F = force_at_1mm_n * (x / 1 mm) ** p, with p = 1 (linear) or 1.5 (Hertz), or
+    a curve of its own, up to `yield_n`; beyond that it flattens, and at `rupture_n` it gives way
+    for good.
     """
 
     #: Name in `OBJECTS`.
@@ -57,6 +58,9 @@ class TwinObject:
     friction: float = 0.6
     #: How it loads the pixels, where its sides are not those of a flat or round thing.
     faces: Faces | None = None
+    #: Deformations (mm) and elastic forces (N) in place of the law: rising from (0, 0), straight
+    #: from one point to the next, and on as between the last two.
+    curve: tuple[tuple[float, float], ...] | None = None
 
     @property
     def exponent(self) -> float:

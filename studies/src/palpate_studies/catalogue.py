@@ -20,6 +20,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.grasp_cycle",
         "Seconds to touch and answer, what they risk and what is learned, simulated",
     ),
+    "grasp-forms": (
+        "palpate_studies.grasp_forms",
+        "The same on layered, foam-like and dough-like things and real fruit's curves, simulated",
+    ),
     "faults": ("palpate_studies.faults", "Single faults in every phase of a grasp, simulated"),
     "hybrid": ("palpate_studies.hybrid", "Recorded fruit and sheets through the real firmware"),
     "noise": (

@@ -76,13 +76,13 @@ def reported(found: Sequence[Cycle], *, frame_rate_hz: float) -> StudyReport:
             "10 mm/s until the servo's current shows 2 N.",
             f"An expected size is off by up to {EXPECTED_WITHIN_MM:g} mm.",
         ],
-        tables=[_times(summary), _answers(summary)],
+        tables=[times(summary), answers(summary)],
         payload={
             "study": "grasp-cycle",
             "origin": "twin",
             "frame_rate_hz": frame_rate_hz,
             "summary": summary,
-            "grasps": [_as_json(one) for one in found],
+            "grasps": [as_row(one) for one in found],
         },
     )
 
@@ -144,7 +144,8 @@ def _share(right: Sequence[bool]) -> float | None:
     return float(np.mean(right)) if right else None
 
 
-def _times(summary: Sequence[dict[str, Any]]) -> Table:
+def times(summary: Sequence[dict[str, Any]]) -> Table:
+    """Return the table of when touch and answer came, and of the forces."""
     return Table(
         title="Seconds and newtons: median (95 %)",
         columns=(
@@ -163,7 +164,8 @@ def _times(summary: Sequence[dict[str, Any]]) -> Table:
     )
 
 
-def _answers(summary: Sequence[dict[str, Any]]) -> Table:
+def answers(summary: Sequence[dict[str, Any]]) -> Table:
+    """Return the table of size, force and stiffness."""
     return Table(
         title="Answers",
         columns=(
@@ -196,9 +198,11 @@ def _cell(value: float | None, form: str) -> str:
     return "-" if value is None else form.format(value)
 
 
-def _as_json(one: Cycle) -> dict[str, Any]:
+def as_row(one: Cycle) -> dict[str, Any]:
+    """Return a grasp for JSON; what is not known is None."""
     plain = asdict(one)
     every = {**plain.pop("sample"), **plain}
+    del every["made"]
     return {
         name: None if isinstance(value, float) and not np.isfinite(value) else value
         for name, value in every.items()

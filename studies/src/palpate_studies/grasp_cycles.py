@@ -42,6 +42,8 @@ class Sample:
     level: str
     kind: GripperKind
     frame_rate_hz: float = PAPER_FRAME_RATE_HZ
+    #: The object, if it is not to be drawn.
+    made: TwinObject | None = None
 
     @property
     def sheet(self) -> int:
@@ -49,8 +51,9 @@ class Sample:
         return self.seed // GRASPS_PER_SHEET
 
     def obj(self) -> TwinObject:
-        """Draw the object: any stiffness, shape and strength."""
-        return thing(np.random.default_rng([self.seed, 41]), size_mm=SIZES_MM[self.kind])
+        """Return the object; one of any stiffness, shape and strength is drawn."""
+        rng = np.random.default_rng([self.seed, 41])
+        return self.made or thing(rng, size_mm=SIZES_MM[self.kind])
 
     def world(self) -> World:
         """Return the world of one grasp of it."""

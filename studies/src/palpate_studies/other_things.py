@@ -1,0 +1,90 @@
+"""Things between the fingers whose force follows no law that an estimator here was written for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.estimate.damage_learning import FruitClosing
+from palpate.twin.objects import TwinObject
+
+#: A skin so thick, mm, and so many times as stiff as the flesh under it; a core from here on.
+_SKIN_MM, _SKIN_STIFFER, _CORE_MM, _CORE_STIFFER = 0.4, 3.0, 4.0, 6.0
+#: Exponent of foam-like things; the law of the twin's own have 1 and 1.5.
+_FOAM_EXPONENT = 2.5
+#: Share of its force that a dough-like thing loses, and within which times, s.
+_DOUGH_SHARES, _DOUGH_TIMES_S = (0.25, 0.15, 0.10), (0.08, 0.6, 20.0)
+#: Points of a curve, and how far a drawn one goes, mm.
+_POINTS, _UP_TO_MM = 60, 15.0
+#: Forces between two points of a recorded curve, and the least way between them.
+_EVERY_N, _LEAST_MM = 0.25, 1e-3
+#: The slope before a recording began is that of so many of its first points.
+_FIRST = 4
+
+
+def layered(thing: TwinObject) -> TwinObject:
+    """Return a thing with a skin on softer flesh, and a core: its stiffness falls, then rises."""
+    flesh = thing.force_at_1mm_n
+    skin_n = _SKIN_STIFFER * flesh * _SKIN_MM
+    core_n = skin_n + flesh * (_CORE_MM - _SKIN_MM)
+    end_n = core_n + _CORE_STIFFER * flesh * (_UP_TO_MM - _CORE_MM)
+    points = ((0.0, 0.0), (_SKIN_MM, skin_n), (_CORE_MM, core_n), (_UP_TO_MM, end_n))
+    return _formed(thing, points, name="layered")
+
+
+def foam(thing: TwinObject) -> TwinObject:
+    """Return a thing that stiffens faster than a round one in contact does."""
+    at_mm = np.linspace(0.0, _UP_TO_MM, _POINTS)
+    force_n = thing.force_at_1mm_n * at_mm**_FOAM_EXPONENT
+    return _formed(thing, tuple(zip(at_mm.tolist(), force_n.tolist(), strict=True)), name="foam")
+
+
+def dough(thing: TwinObject) -> TwinObject:
+    """Return a thing that loses half of its force, most of it at once: it gives back little."""
+    return replace(
+        thing, name="dough", relaxing_share=_DOUGH_SHARES, relaxing_time_s=_DOUGH_TIMES_S
+    )
+
+
+def recorded(thing: TwinObject, closing: FruitClosing) -> TwinObject:
+    """Return a thing with the recorded curve of a real fruit, up to where that one ruptured.
+
+    The recording began under some force; the way before it is taken as straight. The hand that
+    recorded gave way too, so the fruit itself was stiffer than this.
+    """
+    return replace(
+        thing,
+        name=closing.fruit,
+        curve=curve_of(closing),
+        flat=False,
+        yield_n=closing.rupture_force_n,
+        rupture_n=closing.rupture_force_n,
+    )
+
+
+def curve_of(closing: FruitClosing) -> tuple[tuple[float, float], ...]:
+    """Return deformation (mm) and force (N) of a recorded closing, both rising from zero."""
+    closure_mm, force_n = np.maximum.accumulate(closing.samples, axis=0).T
+    force_n = np.maximum(force_n, 0.0)
+    at_n = np.arange(max(float(force_n[0]), _EVERY_N), float(force_n[-1]), _EVERY_N)
+    first = np.searchsorted(force_n, at_n)
+    at_mm = np.maximum.accumulate(closure_mm[first] + _LEAST_MM * np.arange(at_n.size))
+    slope = (at_n[_FIRST] - at_n[0]) / (at_mm[_FIRST] - at_mm[0])
+    at_mm = at_mm - at_mm[0] + at_n[0] / slope
+    return ((0.0, 0.0), *zip(at_mm.tolist(), at_n.tolist(), strict=True))
+
+
+def long_enough(closings: Sequence[FruitClosing]) -> list[FruitClosing]:
+    """Return the closings that tell a curve: some points above where the recording began."""
+    least_n = 2 * _FIRST * _EVERY_N
+    return [closing for closing in closings if float(np.ptp(closing.samples[:, 1])) > least_n]
+
+
+def _formed(thing: TwinObject, points: Sequence[tuple[float, float]], *, name: str) -> TwinObject:
+    """Return a thing with another curve that yields at the deformation at which it did."""
+    yields_mm = (thing.yield_n / thing.force_at_1mm_n) ** (1.0 / thing.exponent)
+    at_mm, force_n = np.array(points).T
+    yield_n = float(np.interp(yields_mm, at_mm, force_n))
+    return replace(thing, name=name, curve=tuple(points), yield_n=yield_n, rupture_n=1.2 * yield_n)
