@@ -14,7 +14,6 @@ from palpate.cli import build_app, run
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
 LINKS = sorted(set(re.findall(r"\]\((?!https)([^)#]+)(?:#[^)]*)?\)", README)))
-SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 
 #: The paths of three users: what stands in `sh` blocks, but for the two `make` lines.
@@ -46,14 +45,7 @@ def test_each_path_works_as_typed_in_an_empty_folder(
 
 
 def test_it_is_read_in_two_minutes() -> None:
-    prose = README.split("<!-- scoreboard: begin -->")[0] + README.split("scoreboard: end -->")[1]
-    assert len(prose.split()) < 650
-
-
-@pytest.mark.parametrize("snippet", SNIPPETS, ids=["grasp"])
-def test_snippet_runs_and_says_something(snippet: str, capsys: pytest.CaptureFixture[str]) -> None:
-    exec(compile(snippet, "README.md", "exec"), {})
-    assert capsys.readouterr().out.strip()
+    assert len(README.split()) <= 600
 
 
 @pytest.mark.parametrize("verb", sorted(set(re.findall(r"(?:`|\n|&& )palpate ([a-z]+)", README))))

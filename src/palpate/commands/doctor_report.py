@@ -158,8 +158,8 @@ def _summary(examined: Examined) -> Text:
     if fit is not None:
         how = "measured" if health.range_measured else "low end assumed"
         lines += (
-            f"\nreference resistor {fit.present_ohm:g} ohm for {_ohm(fit.low_ohm)} to "
-            f"{_ohm(fit.high_ohm)} ({how}); best {fit.recommended_ohm:g} ohm"
+            f"\nreference {fit.present_ohm:g} ohm: one count is at most {fit.step_percent:.1f} % "
+            f"from {_ohm(fit.low_ohm)} to {_ohm(fit.high_ohm)} ({how})"
         )
     return Text(lines, style="dim")
 

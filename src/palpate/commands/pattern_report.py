@@ -92,7 +92,7 @@ def print_pattern(drawn: Pattern, expected: RestExpectation, files: list[Path]) 
         layers.add_row(
             layer.name, layer.material, "mirrored" if layer.mirrored else "as is", layer.why
         )
-    pixels = Table("pixel", "x, mm", "y, mm", "contact, mm²", "rest, ohm (rough)", box=None)
+    pixels = Table("pixel", "x, mm", "y, mm", "contact, mm²", "ohm, see below", box=None)
     for p in drawn.pixels:
         area = p.contact.width * p.contact.height
         pixels.add_row(
@@ -104,7 +104,7 @@ def print_pattern(drawn: Pattern, expected: RestExpectation, files: list[Path]) 
     console.print(layers)
     console.print()
     console.print(pixels)
-    console.print(f"Rest resistance: {expected.basis}.", highlight=False)
+    console.print(f"Resistance: {expected.basis}.", highlight=False)
     console.print(
         f"\nSheet {drawn.width:.2f} x {drawn.height:.2f} mm; after import the upper marks must be "
         f"{apart_mm:.2f} mm apart, centre to centre.\nWrote {len(files)} files to "

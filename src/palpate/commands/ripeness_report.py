@@ -151,9 +151,15 @@ def _waiting(days: Days | None) -> str:
     if days is None:
         return "not known without labels"
     if days.high <= 0:
-        return "it is, or was"
-    ends = ["never" if math.isinf(end) else f"{max(end, 0.0):.1f}" for end in _ends(days)]
+        return "ripe, or past it"
+    ends = [_day(end) for end in _ends(days)]
     return f"{ends[0]} ({ends[1]} to {ends[2]})"
+
+
+def _day(end: float) -> str:
+    if math.isinf(end):
+        return "never"
+    return f"{end:.1f}" if end >= 0.05 else "now"
 
 
 def _ends(days: Days) -> tuple[float, float, float]:

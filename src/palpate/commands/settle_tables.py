@@ -34,7 +34,8 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
     console = Console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
     _print_holds(document, console, level=level)
     counts = Counter(str(row.status) for row in document.predictions)
-    console.print("Status: " + ", ".join(f"{n} {status}" for status, n in counts.most_common()))
+    by_status = ", ".join(f"{n} {status}" for status, n in counts.most_common())
+    console.print(f"Predictions: {by_status}")
     if any(np.isfinite(row.settled) for row in document.predictions):
         _print_scores(document, console, level=level)
     else:
@@ -83,13 +84,16 @@ def _print_holds(document: Document, console: Console, *, level: float) -> None:
     scored = any(np.isfinite(row.settled) for row in rows)
     order = by_error(rows)[:ROWS_SHOWN]
     every = len(order) == len(rows)
-    which = "" if every else f", the {ROWS_SHOWN} {'furthest off' if scored else 'least sure'}"
+    which = f"{len(rows)} holds"
+    if not every:
+        first = "largest errors" if scored else "widest intervals"
+        which = f"{ROWS_SHOWN} of {which}, {first} first"
     headings = ["hold", "cut-off", "predicted", "±"]
     headings += ["interval"] * (console.width >= WIDE)
     headings += ["settled", "error"] * scored + ["status"]
     table = _table(
         console,
-        f"Value predicted for {document.horizon_s:g} s by {rows[0].method}{which} of {len(rows)}",
+        f"Value predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
         *headings,
     )
     for index in sorted(order) if every else order:

@@ -26,7 +26,7 @@ from palpate.settling.result import SettledEstimate, Status
 
 #: Why a stiffness is only bounded.
 _SOFT_FINGERS = "the soft fingers give way far more than the object"
-_RIGID_FINGERS = "the object gave way too little beside fingers and pads; squeeze it more firmly"
+_RIGID_FINGERS = "the object gave way too little next to the hand; squeeze it more firmly"
 
 
 #: Normal variables at five and three points with their probabilities (Gauss-Hermite).

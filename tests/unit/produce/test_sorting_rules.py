@@ -54,7 +54,7 @@ def grasp(size_mm: float, stiffness: float, *, outcome: Outcome = Outcome.HELD) 
 def test_the_first_sure_rule_wins_and_says_why() -> None:
     found = decide(BOOK, Evidence(identity=looks(0.95, 0.04), grasps=1))
     assert (found.bin, found.again, found.rule) == ("kiwi", False, KIWI)
-    assert found.why == "kiwi: kiwi 95 %, together 95 % (rule of line 3); 1 grasp"
+    assert found.why == "kiwi: kiwi 95 %; rule in line 3 met with 95 %; 1 grasp"
 
 
 def test_between_two_kinds_it_grasps_again_and_then_gives_up() -> None:
@@ -63,7 +63,7 @@ def test_between_two_kinds_it_grasps_again_and_then_gives_up() -> None:
     last = decide(BOOK, Evidence(identity=torn, grasps=3))
     assert (last.bin, last.again, last.probability) == ("by hand", False, None)
     assert "kiwi 55 % or lime 40 %" in last.why
-    assert "line 3 (kiwi) comes nearest with 55 % of 80 %" in last.why
+    assert "line 3 (kiwi) comes nearest: 55 %, 80 % needed" in last.why
 
 
 def test_a_stranger_is_grasped_twice_before_it_is_one() -> None:
@@ -92,7 +92,7 @@ def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
     book = RuleBook(rules=(ripe,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.97, 0.02), grasps=1))
     assert not found.again
-    assert "the rule of line 2 asks how ripe it is, which is not known" in found.why
+    assert "the rule in line 2 asks how ripe it is, which is not known" in found.why
     known = Evidence(identity=looks(0.97, 0.02), ripeness={"ripe": 0.9}, grasps=1)
     assert decide(book, known).bin == "ripe"
 

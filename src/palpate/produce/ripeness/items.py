@@ -178,8 +178,8 @@ def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
         return f"{felt}: its first day is taken as hard, there is nothing yet to compare it with"
     chance = f"{100 * ripeness.probabilities[ripeness.stage]:.0f} % {ripeness.stage}"
     basis = {
-        "labels": "by items that people labelled",
-        "first day": "by how it softened since its own first day, taken as hard",
+        "labels": "judged by labelled items",
+        "first day": "judged by how it softened since its first day, taken as hard",
     }[ripeness.basis]
     return f"{felt}: {chance} {basis}"
 

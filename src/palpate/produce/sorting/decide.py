@@ -58,7 +58,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     >>> book = RuleBook(rules=(small,), default_bin="by hand", most_grasps=2)
     >>> size = Measurement(value=44.0, low=43.5, high=44.5, unit="mm")
     >>> decide(book, Evidence(size_mm=size, grasps=1)).why
-    'small: 44.0 mm (43.5 to 44.5) within 0 to 45, together 100 % (rule of line 2); 1 grasp'
+    'small: 44.0 mm (43.5 to 44.5) within 0 to 45; rule in line 2 met with 100 %; 1 grasp'
     >>> size = Measurement(value=45.0, low=44.0, high=46.0, unit="mm")
     >>> decide(book, Evidence(size_mm=size, grasps=1)).again
     True
@@ -80,8 +80,8 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
         return BinDecision(bin=book.default_bin, rule=None, probability=None, again=again, why=why)
     probability = sure.probability(evidence)[0]
     why = (
-        f"{sure.bin}: {_reasons(sure, evidence)}, together {_percent(probability)} "
-        f"(rule of line {sure.line}); {count}"
+        f"{sure.bin}: {_reasons(sure, evidence)}; rule in line {sure.line} met with "
+        f"{_percent(probability)}; {count}"
     )
     return BinDecision(bin=sure.bin, rule=sure, probability=probability, again=again, why=why)
 
@@ -154,10 +154,10 @@ def _no_rule(book: RuleBook, evidence: Evidence) -> str:
         return f"{known}, which no rule takes"
     lacking = _lacking(nearest, evidence)
     if lacking:
-        return f"{known}; the rule of line {nearest.line} asks {lacking}, which is not known"
+        return f"{known}; the rule in line {nearest.line} asks {lacking}, which is not known"
     return (
-        f"{known}; the rule of line {nearest.line} ({nearest.bin}) comes nearest with "
-        f"{_percent(low)} of {_percent(nearest.confidence)}"
+        f"{known}; the rule in line {nearest.line} ({nearest.bin}) comes nearest: "
+        f"{_percent(low)}, {_percent(nearest.confidence)} needed"
     )
 
 
