@@ -104,10 +104,10 @@ def board_on_a_line(rate_hz: float) -> Iterator[tuple[str, int]]:
 
 
 @contextmanager
-def serving(folder: Path, rig: Path, *, realtime: bool) -> Iterator[tuple[str, int]]:
+def serving(folder: Path, rig: Path, *options: str) -> Iterator[tuple[str, int]]:
     """Serve a rig; yield the address and the process."""
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve", "--port", "0"]
-    command += ["--rig", str(rig), "--folder", str(folder), *(["--realtime"] if realtime else [])]
+    command += ["--rig", str(rig), "--folder", str(folder), *options]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder
@@ -196,7 +196,7 @@ def main() -> None:
         serving(
             Path(folder),
             write_rig(Path(folder), port=port, rate_hz=options.rate_hz),
-            realtime=options.realtime,
+            *(["--realtime"] if options.realtime else []),
         ) as (address, pid),
         sync_playwright() as play,
         play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.dashboard.station import CellBench
+    from palpate.mqtt.publisher import Publisher
     from palpate.produce.sorting.rules import RuleBook
 
 
@@ -61,6 +63,14 @@ def serve(
         str | None,
         typer.Option(help="Password for visitors.", envvar="PALPATE_TOKEN", show_envvar=True),
     ] = None,
+    mqtt: Annotated[
+        Path | None,
+        typer.Option(
+            help="Publish results and state to the broker that this file describes "
+            "(docs: Connect a packhouse).",
+            metavar="FILE",
+        ),
+    ] = None,
     realtime: Annotated[
         bool,
         typer.Option(
@@ -100,9 +110,23 @@ def serve(
         damage_path=damage,
         rules=None if rules is None else _rules(rules),
     )
-    # In an address it stands in brackets.
-    host = host.strip("[]")
-    serve_page(settings, host=host, port=port, token=token, announce=_announce)
+    serve_page(
+        settings,
+        # In an address it stands in brackets.
+        host=host.strip("[]"),
+        port=port,
+        token=token,
+        announce=_announce,
+        publisher=None if mqtt is None else _publisher(mqtt, folder=folder),
+    )
+
+
+def _publisher(file: Path, *, folder: Path) -> Publisher:
+    """Connect to a broker; results wait for it in the folder of the recordings."""
+    from palpate.mqtt.broker import read_broker
+    from palpate.mqtt.publisher import Publisher
+
+    return Publisher(read_broker(file), outbox=folder / "mqtt-outbox.sqlite", complain=_complain)
 
 
 def _rules(path: Path) -> RuleBook:
@@ -115,6 +139,10 @@ def _rules(path: Path) -> RuleBook:
     from palpate.produce.sorting.rules_file import read_rules
 
     return read_rules(path)
+
+
+def _complain(text: str) -> None:
+    print(f"palpate serve: {text}", file=sys.stderr, flush=True)
 
 
 def _announce(address: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import socket
 import tempfile
@@ -11,6 +12,7 @@ from typing import Any
 
 from palpate.dashboard.desk import Desk, Settings
 from palpate.dashboard.folder import recording_named
+from palpate.dashboard.publishing import Publisher, publish
 from palpate.dashboard.realtime import check_realtime
 from palpate.dashboard.view import document
 from palpate.errors import DeviceError, InputError, needing
@@ -27,10 +29,11 @@ def serve(
     port: int,
     token: str | None,
     announce: Callable[[str], None],
+    publisher: Publisher | None = None,
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
 
-    `announce` gets the address once it can be visited.
+    `announce` gets the address once it can be visited, `publisher` every result and the state.
 
     Raises
     ------
@@ -60,6 +63,8 @@ def serve(
     _routes(desk)
     app.router.on_startup.append(desk.open)
     app.router.on_shutdown.append(desk.close)
+    if publisher is not None:
+        _publish(app, desk, publisher)
     ui.run_with(
         app,
         title="palpate",
@@ -131,6 +136,23 @@ def _routes(desk: Desk) -> None:
         """Answer once the hand was told; a page that hears nothing in time raises the alarm."""
         stopped = await desk.stop(patience_s=STOP_PATIENCE_S)
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
+
+
+def _publish(app: Any, desk: Desk, publisher: Publisher) -> None:
+    """Let a publisher work while the application does."""
+    running: list[asyncio.Task[None]] = []
+
+    async def start() -> None:
+        running.append(asyncio.create_task(publish(desk, publisher)))
+
+    # After the hand was stopped.
+    async def end() -> None:
+        for task in running:
+            task.cancel()
+        publisher.close()
+
+    app.router.on_startup.append(start)
+    app.router.on_shutdown.append(end)
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -1,0 +1,216 @@
+"""One thread between who has something to publish and a broker that may not answer."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sqlite3
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, TypeAlias
+
+from palpate.errors import InputError, needing
+from palpate.mqtt.broker import Broker
+from palpate.mqtt.outbox import Outbox
+
+with needing("--mqtt", extra="mqtt"):
+    import paho.mqtt.client as paho
+    from paho.mqtt.enums import CallbackAPIVersion
+
+#: A broker that is silent for one and a half times this is lost, and is looked for again.
+_KEEPALIVE_S = 10
+_CONNECT_S, _SOONEST_S, _LATEST_S = 5.0, 1, 10
+#: A broker that does not answer does not keep the program from ending.
+_FAREWELL_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Result:
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Connected:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class _Gone:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrived:
+    message: int
+
+
+_Event: TypeAlias = _Result | _State | _Connected | _Gone | _Arrived
+
+
+class Publisher:
+    """Publishes documents; whoever hands one over never waits.
+
+    A result goes to the outbox first, and leaves it once the broker has it. One is on its way at a
+    time, so that their order holds through every lost connection; a result whose receipt was lost
+    comes twice.
+
+    Parameters
+    ----------
+    broker : Broker
+        Where to.
+    outbox : path
+        The file of results that wait; those of an earlier run go first.
+    complain : callable
+        Called with a line when the broker refuses, or the outbox fails; by a thread of its own.
+
+    Raises
+    ------
+    InputError
+        If a certificate can't be used.
+    """
+
+    def __init__(
+        self,
+        broker: Broker,
+        *,
+        outbox: Path,
+        complain: Callable[[str], None],
+    ) -> None:
+        self._topic, self._path, self._complain = broker.topic, outbox, complain
+        self._events: SimpleQueue[_Event | None] = SimpleQueue()
+        self._told: bytes | None = None
+        self._link = _Link()
+        self._client = self._connecting(broker)
+        self._client.connect_async(broker.host, broker.port_or_usual, keepalive=_KEEPALIVE_S)
+        self._client.loop_start()
+        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+        self._thread.start()
+
+    def result(self, document: Mapping[str, object]) -> None:
+        """Publish a result, now or when the broker is there."""
+        self._events.put(_Result(_payload(document)))
+
+    def state(self, document: Mapping[str, object]) -> None:
+        """Publish the state, unless it is what was told last."""
+        payload = _payload(document)
+        if payload != self._told:
+            self._told = payload
+            self._events.put(_State(payload))
+
+    def close(self) -> None:
+        """Say goodbye; what the broker did not take waits in the outbox."""
+        self._events.put(None)
+        self._thread.join(_FAREWELL_S)
+
+    # -- the thread -----------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            outbox = Outbox(self._path)
+        except (sqlite3.Error, OSError) as error:
+            self._complain(f"mqtt: {self._path}: {error}; results wait in memory alone")
+            outbox = Outbox(":memory:")
+        try:
+            while (event := self._events.get()) is not None:
+                try:
+                    self._take(event, outbox)
+                    self._send(outbox)
+                except sqlite3.Error as error:
+                    self._complain(f"mqtt: {self._path}: {error}; make room, a result may be lost")
+        finally:
+            outbox.close()
+            self._farewell()
+
+    def _take(self, event: _Event, outbox: Outbox) -> None:
+        link = self._link
+        match event:
+            case _Result():
+                outbox.add(event.payload)
+            case _State():
+                link.state, link.state_sent = event.payload, False
+            case _Connected():
+                link.up, link.state_sent = True, False
+                self._publish("online", _payload({"online": True, "dropped": outbox.dropped}))
+            case _Gone():
+                link.up = False
+            case _Arrived() if link.on_its_way is not None and event.message == link.on_its_way[0]:
+                outbox.remove(link.on_its_way[1])
+                link.on_its_way = None
+            case _Arrived() if event.message == link.state_message:
+                link.state_message = None
+
+    def _send(self, outbox: Outbox) -> None:
+        """Hand the client what it may have: one result and one state at a time."""
+        link = self._link
+        if not link.up:
+            return
+        if link.state is not None and not link.state_sent and link.state_message is None:
+            link.state_message, link.state_sent = self._publish("state", link.state), True
+        waiting = None if link.on_its_way is not None else outbox.oldest()
+        if waiting is not None:
+            number, payload = waiting
+            link.on_its_way = self._publish("result", payload, retain=False), number
+
+    def _publish(self, name: str, payload: bytes, *, retain: bool = True) -> int:
+        # The client sends it again by itself when the connection comes back.
+        return self._client.publish(f"{self._topic}/{name}", payload, qos=1, retain=retain).mid
+
+    def _farewell(self) -> None:
+        if self._link.up:
+            self._publish("online", _OFFLINE)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    # -- the client, whose callbacks come from its own thread ------------------------------------
+
+    def _connecting(self, broker: Broker) -> paho.Client:
+        name = f"palpate-{socket.gethostname()}-{os.getpid()}"
+        client = paho.Client(CallbackAPIVersion.VERSION2, client_id=name)
+        client.connect_timeout = _CONNECT_S
+        client.reconnect_delay_set(_SOONEST_S, _LATEST_S)
+        client.will_set(f"{broker.topic}/online", _OFFLINE, qos=1, retain=True)
+        if broker.username is not None:
+            client.username_pw_set(broker.username, broker.password)
+        if broker.tls:
+            try:
+                client.tls_set(broker.ca, broker.certificate, broker.key)
+            except (OSError, ValueError) as error:
+                raise InputError(f"--mqtt: its certificates can't be used: {error}") from error
+        client.on_connect = self._on_connect
+        client.on_disconnect = lambda *_: self._events.put(_Gone())
+        client.on_publish = lambda _client, _data, message, *_: self._events.put(_Arrived(message))
+        return client
+
+    def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
+        if reason.is_failure:
+            self._complain(f"mqtt: the broker refuses: {reason}; look at username and password")
+        else:
+            self._events.put(_Connected())
+
+
+@dataclass(slots=True)
+class _Link:
+    """What the thread knows of the connection."""
+
+    up: bool = False
+    #: The client's number of the result that it has, and the outbox's.
+    on_its_way: tuple[int, int] | None = None
+    state: bytes | None = None
+    state_sent: bool = False
+    state_message: int | None = None
+
+
+def _payload(document: Mapping[str, object]) -> bytes:
+    return json.dumps(document, allow_nan=False).encode()
+
+
+_OFFLINE = _payload({"online": False})

@@ -1,0 +1,212 @@
+"""Results over MQTT, through a real broker that dies, hangs and asks for a password."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from queue import Queue
+
+import pytest
+from tests.conftest import skip
+from tests.loop.test_dashboard import SIMULATED, served, serving
+from tests.loop.test_dashboard_api import Machine
+from tests.mosquitto import PATIENCE_S, PROGRAM, BrokerProcess, Subscriber
+from tests.unit.test_json_schemas import faults
+
+from palpate.mqtt.broker import Broker, read_broker
+from palpate.mqtt.publisher import Publisher
+
+TOPIC = "palpate/line-1"
+
+
+@pytest.fixture(autouse=True)
+def installed() -> None:
+    if PROGRAM is None:
+        skip("no MQTT broker; install it (Debian: mosquitto)")
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[BrokerProcess]:
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    running = BrokerProcess(folder)
+    yield running
+    running.go_on()
+    running.kill()
+
+
+@pytest.fixture
+def subscriber(broker: BrokerProcess) -> Iterator[Subscriber]:
+    listening = Subscriber(broker.port, TOPIC)
+    yield listening
+    listening.close()
+
+
+def broker_file(folder: Path, port: int) -> str:
+    file = folder / "broker.toml"
+    file.write_text(f'host = "127.0.0.1"\nport = {port}\ntls = false\ntopic = "{TOPIC}"\n')
+    return str(file)
+
+
+def publisher_to(broker: BrokerProcess, outbox: Path, complaints: Queue[str]) -> Publisher:
+    plain = Broker(host="127.0.0.1", port=broker.port, tls=False, topic=TOPIC)
+    return Publisher(plain, outbox=outbox, complain=complaints.put)
+
+
+def numbers(documents: list[dict[str, int]]) -> list[int]:
+    """Return the numbers in order; one whose receipt was lost may come twice."""
+    return list(dict.fromkeys(document["number"] for document in documents))
+
+
+def test_a_grasp_arrives_as_the_json_of_grasp(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    with serving(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as (
+        address,
+        process,
+    ):
+        machine = Machine(address)
+        subscriber.until("online", lambda told: told["online"])
+        machine.ready()
+        assert machine.ask("POST", "/grasp", {})[0] == 202
+        state = subscriber.until("state", lambda at: at["phase"] == "hold")
+        assert faults("state", state) == []
+        assert machine.ask("POST", "/release")[0] == 202
+        result = subscriber.until("result")
+        assert faults("grasp", result) == []
+        assert result == machine.ask("GET", "/result")[1]
+        # What is retained reaches who comes later: the state, not a result.
+        late = Subscriber(broker.port, TOPIC)
+        assert late.until("online") == {"online": True, "dropped": 0}
+        assert set(late.until("state")) == set(state)
+        late.close()
+        process.send_signal(signal.SIGKILL)
+        assert subscriber.until("online") == {"online": False}, "the broker's own words"
+
+
+def test_a_broker_that_hangs_or_is_away_delays_neither_grasp_nor_stop(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    with served(tmp_path, *SIMULATED, "--mqtt", broker_file(tmp_path, broker.port)) as address:
+        machine = Machine(address)
+        recordings = []
+        for number, trouble in enumerate((broker.hang, broker.kill, broker.start)):
+            machine.ready()
+            if number == 2:
+                trouble()
+            recordings.append(machine.ask("POST", "/grasp", {})[1]["recording"])
+            machine.until(lambda at: at["answered"])
+            if number < 2:
+                trouble()
+            assert machine.ask("POST", "/stop") == (200, {"stopped": True})
+            state = machine.until(lambda at: at["activity"] == "watching")
+            assert 0 <= state["stopped_after_s"] < 0.2
+            assert machine.ask("POST", "/release")[0] == 202
+        found: list[str] = []
+        while len(found) < 3:
+            found = list(dict.fromkeys([*found, subscriber.until("result")["recording"]]))
+        assert found == recordings
+
+
+def test_nothing_is_lost_and_nothing_overtakes_when_the_broker_restarts_in_the_middle(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    publisher = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    for number in range(300):
+        publisher.result({"number": number})
+    heard = [subscriber.until("result") for _ in range(5)]
+    broker.stop()
+    assert heard[-1]["number"] < 299, "most are still to come"
+    broker.start()
+    while heard[-1]["number"] < 299:
+        heard.append(subscriber.until("result"))
+    assert numbers(heard) == list(range(300))
+    publisher.close()
+
+
+def test_what_a_killed_broker_did_not_take_arrives_later(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    publisher = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    publisher.result({"number": 0})
+    heard = [subscriber.until("result")]
+    broker.kill()
+    for number in range(1, 100):
+        publisher.result({"number": number})
+    broker.start()
+    while heard[-1]["number"] < 99:
+        heard.append(subscriber.until("result"))
+    assert numbers(heard) == list(range(100))
+    publisher.close()
+
+
+def test_what_waited_when_the_program_ended_comes_first_in_the_next_run(
+    broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
+) -> None:
+    first = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    subscriber.until("online")
+    broker.hang()
+    for number in range(3):
+        first.result({"number": number})
+    first.close()
+    broker.kill()
+    broker.start()
+    second = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    second.result({"number": 3})
+    heard = [subscriber.until("result") for _ in range(4)]
+    assert numbers(heard) == [0, 1, 2, 3]
+    second.close()
+    assert subscriber.until("online", lambda told: not told["online"]) == {"online": False}
+
+
+def test_an_outbox_that_cannot_be_opened_is_told(broker: BrokerProcess, tmp_path: Path) -> None:
+    complaints: Queue[str] = Queue()
+    (tmp_path / "outbox.sqlite").write_bytes(b"no database" * 100)
+    listening = Subscriber(broker.port, TOPIC)
+    publisher = publisher_to(broker, tmp_path / "outbox.sqlite", complaints)
+    publisher.result({"number": 1})
+    assert listening.until("result") == {"number": 1}
+    assert "results wait in memory alone" in complaints.get(timeout=PATIENCE_S)
+    publisher.close()
+    listening.close()
+
+
+def test_a_broker_with_tls_and_a_password(tmp_path: Path) -> None:
+    def run(*command: str) -> None:
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+    run(
+        *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"),
+        *("-keyout", "key.pem", "-out", "ca.pem", "-subj", "/CN=127.0.0.1"),
+        *("-addext", "subjectAltName=IP:127.0.0.1"),
+    )
+    run("mosquitto_passwd", "-b", "-c", "passwords", "line-1", "sesame")
+    broker = BrokerProcess(
+        tmp_path,
+        options=f"certfile {tmp_path}/ca.pem\nkeyfile {tmp_path}/key.pem\n"
+        f"password_file {tmp_path}/passwords\nallow_anonymous false",
+    )
+    file = tmp_path / "broker.toml"
+    file.write_text(
+        f'host = "127.0.0.1"\nport = {broker.port}\ntopic = "{TOPIC}"\nca = "ca.pem"\n'
+        'username = "line-1"\n'
+    )
+    listening = Subscriber(
+        broker.port, TOPIC, ca=tmp_path / "ca.pem", username="line-1", password="sesame"
+    )
+    for password in ("guess", "sesame"):
+        complaints: Queue[str] = Queue()
+        asked = read_broker(file, environment={"PALPATE_MQTT_PASSWORD": password})
+        publisher = Publisher(asked, outbox=tmp_path / "outbox.sqlite", complain=complaints.put)
+        publisher.result({"password": password})
+        if password == "guess":
+            assert "look at username and password" in complaints.get(timeout=PATIENCE_S)
+        else:
+            # What the wrong password could not bring waited.
+            assert listening.until("result") == {"password": "guess"}
+            assert listening.until("result") == {"password": "sesame"}
+        publisher.close()
+    listening.close()
+    broker.kill()

@@ -1,0 +1,116 @@
+"""A private MQTT broker for the tests, and a subscriber that keeps what it hears."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import socket
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from queue import Empty, Queue
+from typing import Any
+
+import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion
+
+#: Debian puts it where users have no path to.
+PROGRAM = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+PATIENCE_S = 60.0
+
+
+class BrokerProcess:
+    """Mosquitto on a free port of the loopback; may be killed, started again and held up."""
+
+    def __init__(self, folder: Path, *, options: str = "allow_anonymous true") -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self._folder = folder
+        (folder / "mosquitto.conf").write_text(
+            f"listener {self.port} 127.0.0.1\nuser root\npersistence true\n"
+            f"persistence_location {folder}/\n{options}\n"
+        )
+        self.start()
+
+    def start(self) -> None:
+        assert PROGRAM is not None
+        self._log = (self._folder / "log").open("ab")
+        self._process = subprocess.Popen(
+            [PROGRAM, "-c", str(self._folder / "mosquitto.conf")],
+            stdout=self._log,
+            stderr=self._log,
+        )
+
+    def kill(self) -> None:
+        """End it at once: what it has acknowledged and not delivered is gone, that is its own."""
+        self._process.kill()
+        self._process.wait()
+        self._log.close()
+
+    def stop(self) -> None:
+        """End it as a restart does: what it has acknowledged and not delivered is saved."""
+        self._process.terminate()
+        self._process.wait()
+        self._log.close()
+
+    def hang(self) -> None:
+        self._process.send_signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        self._process.send_signal(signal.SIGCONT)
+
+
+class Subscriber:
+    """Hears everything below a topic, over a session that the broker keeps."""
+
+    def __init__(
+        self,
+        port: int,
+        topic: str,
+        *,
+        ca: Path | None = None,
+        username: str | None = None,
+        password: str | None = None,
+    ) -> None:
+        self.heard: Queue[tuple[str, Any, bool]] = Queue()
+        self._subscribed: Queue[None] = Queue()
+        self._client = paho.Client(
+            CallbackAPIVersion.VERSION2, client_id="listener", clean_session=False
+        )
+        if ca is not None:
+            self._client.tls_set(str(ca))
+        self._client.username_pw_set(username, password)
+        self._client.reconnect_delay_set(1, 1)
+        self._client.on_connect = lambda client, *_: client.subscribe(f"{topic}/#", qos=1)
+        self._client.on_subscribe = lambda *_: self._subscribed.put(None)
+        self._client.on_message = self._hear
+        self._client.connect_async("127.0.0.1", port)
+        self._client.loop_start()
+        self._subscribed.get(timeout=PATIENCE_S)
+
+    def _hear(self, client: object, data: object, message: paho.MQTTMessage) -> None:
+        name = message.topic.rpartition("/")[2]
+        self.heard.put((name, json.loads(message.payload), message.retain))
+
+    def until(self, name: str, fits: Callable[[Any], bool] = lambda document: True) -> Any:
+        """Return the next document of a topic that fits."""
+        while True:
+            heard, document, _ = self.heard.get(timeout=PATIENCE_S)
+            if heard == name and fits(document):
+                return document
+
+    def all(self, name: str) -> list[Any]:
+        """Return what else was heard of a topic so far."""
+        found = []
+        try:
+            while True:
+                heard, document, _ = self.heard.get_nowait()
+                found += [document] if heard == name else []
+        except Empty:
+            return found
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
