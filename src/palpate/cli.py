@@ -17,7 +17,7 @@ from palpate.commands.plain_signs import print_anything
 #: `palpate.commands`.
 GROUPS: dict[str, tuple[str, ...]] = {
     "Measure": ("grasp", "live", "serve", "record"),
-    "Recordings": ("settle", "inspect", "replay", "export", "recover"),
+    "Recordings": ("settle", "inspect", "replay", "export", "recover", "archive"),
     "Set up": ("demo", "init", "ports", "flash", "doctor", "calibrate", "pattern"),
     "Produce": ("items", "report", "ripeness", "bruise", "identify", "sort"),
     "Research": ("study", "bench"),

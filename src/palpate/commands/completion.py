@@ -59,6 +59,13 @@ def steps(incomplete: str) -> list[str]:
     return _matching(STEPS, incomplete)
 
 
+def archive_steps(incomplete: str) -> list[str]:
+    """Return what can be done with an archive."""
+    from palpate.commands.archive import STEPS
+
+    return _matching(STEPS, incomplete)
+
+
 def demos(incomplete: str) -> list[str]:
     """Return the demonstrations."""
     from palpate.commands.demo import NAMES

@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 from importlib.metadata import entry_points
 from typing import Any, NoReturn
 
-import typer
-
-from palpate.commands.help_text import help_text, listed
-from palpate.commands.outcome import run
+from palpate.commands.help_text import listed
 from palpate.commands.progress import progress
+from palpate.commands.steps import run_module
 from palpate.errors import InputError
 
 #: What an entry point of such a group leads to: name -> (module with a `command`, summary).
 Catalogue = dict[str, tuple[str, str]]
-
-#: The study's own options are parsed by the study.
-SETTINGS: dict[str, Any] = {
-    "context_settings": {
-        "allow_extra_args": True,
-        "ignore_unknown_options": True,
-        "help_option_names": [],
-    }
-}
 
 
 def catalogue(group: str) -> Catalogue:
@@ -47,15 +35,9 @@ def run_named(
         return
     if name not in known:
         raise InputError(f"no {noun} {name!r}; there are: {', '.join(sorted(known))}")
-    # Loaded by name: other verbs, and other studies, must not pay for it.
-    module = importlib.import_module(known[name][0])
-    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command(help=help_text(module.command))(module.command)
     asked = {"--json", "--help"} & set(context.args)
     with progress(f"{verb} {name}", quiet=quiet or bool(asked)):
-        status = run(app, context.args, name=f"palpate {verb} {name}")
-    if status:
-        raise typer.Exit(status)
+        run_module(known[name][0], context.args, name=f"palpate {verb} {name}")
 
 
 def _not_installed(verb: str) -> NoReturn:

@@ -8,7 +8,8 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.options import QuietOption
-from palpate.commands.research import SETTINGS, run_named
+from palpate.commands.research import run_named
+from palpate.commands.steps import SETTINGS
 
 __all__ = ["SETTINGS", "study"]
 

@@ -85,7 +85,7 @@ def export_grasps(
         If pyarrow is not installed.
     """
     known = {item.item_id: item for item in items}
-    return _write(path, (_grasp_row(g, known.get(g.item_id)) for g in grasps), _grasp_names())
+    return _write(path, (grasp_row(g, known.get(g.item_id)) for g in grasps), _grasp_names())
 
 
 def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -> int:
@@ -119,12 +119,19 @@ def require_parquet() -> Any:
     return pyarrow
 
 
+def grasp_schema() -> Any:
+    """Return the Arrow schema of grasps."""
+    arrow = require_parquet()
+    return arrow.schema([(name, _kind(name, arrow)) for name in _grasp_names()])
+
+
 def _grasp_names() -> list[str]:
     measured = [f"{name}{end}" for name in MEASURED for end in ("", "_low", "_high", "_status")]
     return [*_ITEM_COLUMNS, *_GRASP_COLUMNS, *measured]
 
 
-def _grasp_row(grasp: Grasp, item: Item | None) -> dict[str, Any]:
+def grasp_row(grasp: Grasp, item: Item | None) -> dict[str, Any]:
+    """Return the columns of a grasp and its item."""
     row = {name: getattr(item, name, None) for name in _ITEM_COLUMNS}
     row |= {name: getattr(grasp, name) for name in _GRASP_COLUMNS}
     row |= {"item_id": grasp.item_id, "outcome": str(grasp.outcome)}

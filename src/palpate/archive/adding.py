@@ -1,0 +1,191 @@
+"""From recordings and stores to the parts of an archive; what is there is not added again."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from palpate.archive.layout import SIMULATED, Archive, Part, arrow, check_name
+from palpate.errors import RecordingError
+from palpate.holds import Hold
+from palpate.produce.records import Grasp, Item
+from palpate.produce.store.database import Store
+from palpate.produce.store.export import grasp_row, grasp_schema
+from palpate.recording.exporting import cut_holds, frame_tables
+from palpate.recording.reader import RecordingReader, load_recording
+
+_BATCH = 10_000
+
+
+def add_recording(
+    archive: Archive, path: str | os.PathLike[str], *, station: str | None = None
+) -> dict[str, int]:
+    """Add the frames of a recording, and its holds; return the rows of each kind.
+
+    Parameters
+    ----------
+    archive : Archive
+        Where to.
+    path : path
+        An .mcap recording.
+    station : str, optional
+        Where it was made; by default the name of its rig.
+
+    Returns
+    -------
+    dict of str to int
+        Kind -> rows; empty where the archive holds the recording already.
+
+    Raises
+    ------
+    RecordingError
+        If it can't be read whole; `palpate recover` makes a whole one.
+    """
+    path = Path(path)
+    source = _fingerprint(path)
+    if source in archive.sources("frames"):
+        return {}
+    with RecordingReader(path) as reader:
+        info = reader.info
+        station = check_name("station", station or Path(info.rig or "unknown").stem)
+        date = _day(info.clock_zero_unix_ns)
+        name = f"{_plain(path.stem)}-{source[:12]}"
+        told = {"recording": name, "origin": info.origin}
+
+        def part(kind: str) -> Part:
+            return Part(kind=kind, station=station, date=date, name=name)
+
+        added = {}
+        # Frames come last: they are what says that the recording was added.
+        if holds := _holds(path, name):
+            added["holds"] = archive.write(
+                part("holds"), [_hold_table(holds, told)], sources=[source]
+            )
+        layout = info.layout
+        frames = (_frame_table(table, told, layout.rows, layout.cols) for table in frame_tables(reader))
+        added["frames"] = archive.write(part("frames"), frames, sources=[source])
+    return added
+
+
+def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]:
+    """Add the grasps of a store that the archive does not hold yet; return the rows by kind."""
+    check_name("station", station)
+    held = {
+        grasp_id
+        for part in archive.parts("grasps")
+        if part.station == station
+        for grasp_id in arrow().parquet.read_table(archive.path(part), columns=["grasp_id"])[
+            "grasp_id"
+        ].to_pylist()
+    }
+    fresh = (grasp for grasp in store.grasps() if grasp.grasp_id not in held)
+    rows = 0
+    while batch := list(islice(fresh, _BATCH)):
+        items = {one.item_id: one for one in store.items_named(list({g.item_id for g in batch}))}
+        rows += _add_grasps(archive, batch, items, station=station)
+    return {"grasps": rows} if rows else {}
+
+
+def _add_grasps(
+    archive: Archive, grasps: Iterable[Grasp], items: dict[str, Item], *, station: str
+) -> int:
+    days = defaultdict[str, list[Grasp]](list)
+    for grasp in grasps:
+        days[f"{grasp.taken_at.astimezone(UTC):%Y-%m-%d}"].append(grasp)
+    rows = 0
+    for date, taken in days.items():
+        table = arrow().Table.from_pylist(
+            [grasp_row(grasp, items.get(grasp.item_id)) for grasp in taken], schema=grasp_schema()
+        )
+        name = hashlib.sha256("\n".join(g.grasp_id for g in taken).encode()).hexdigest()[:12]
+        part = Part(kind="grasps", station=station, date=date, name=f"grasps-{name}")
+        rows += archive.write(part, [table], sources=[name])
+    return rows
+
+
+def _fingerprint(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _day(clock_zero_unix_ns: int) -> str:
+    if clock_zero_unix_ns == 0:
+        return SIMULATED
+    return f"{datetime.fromtimestamp(clock_zero_unix_ns / 1e9, tz=UTC):%Y-%m-%d}"
+
+
+def _plain(stem: str) -> str:
+    return "".join(sign if sign.isalnum() and sign.isascii() else "-" for sign in stem)[:40]
+
+
+def _holds(path: Path, name: str) -> list[Hold]:
+    try:
+        return cut_holds(load_recording(path), name=name)
+    except RecordingError:
+        # Frames without a hold are kept all the same.
+        return []
+
+
+def _hold_table(holds: Iterable[Hold], told: dict[str, str]) -> Any:
+    """Return holds in the columns that `palpate settle` reads too."""
+    pa = arrow()
+    columns: dict[str, list[Any]] = {
+        name: [] for name in ("hold_id", "time_s", "value", "channel", "unit")
+    }
+    for hold in holds:
+        count = len(hold.time_s)
+        columns["hold_id"] += [hold.hold_id] * count
+        columns["time_s"] += hold.time_s.tolist()
+        columns["value"] += hold.values.tolist()
+        columns["channel"] += [hold.channel] * count
+        columns["unit"] += [hold.unit] * count
+    kinds = {"time_s": pa.float64(), "value": pa.float64()}
+    return _told(
+        {name: pa.array(v, type=kinds.get(name, pa.string())) for name, v in columns.items()}, told
+    )
+
+
+def _frame_table(table: dict[str, list[Any]], told: dict[str, str], rows: int, cols: int) -> Any:
+    """Return frames in columns that are the same for every sensor: pixels row by row in a list."""
+    pa = arrow()
+    pixels = [f"r{row}c{col}" for row in range(rows) for col in range(cols)]
+    count = len(table["time_s"])
+    columns = {
+        name: pa.array(table[name], type=kind)
+        for name, kind in (
+            ("time_s", pa.float64()),
+            ("sequence", pa.int64()),
+            ("oversampling", pa.int32()),
+            ("width_mm", pa.float64()),
+            ("pressure_kpa", pa.float64()),
+            ("current_ma", pa.float64()),
+            ("moving", pa.bool_()),
+            ("events", pa.string()),
+        )
+    }
+    columns["rows"] = pa.array([rows] * count, type=pa.int16())
+    columns["cols"] = pa.array([cols] * count, type=pa.int16())
+    for ending, kind in (("counts", pa.int32()), ("ohm", pa.float64())):
+        each = zip(*(table[f"{pixel}_{ending}"] for pixel in pixels), strict=True)
+        columns[ending] = pa.array(each, type=pa.list_(kind))
+    return _told(columns, told)
+
+
+def _told(columns: dict[str, Any], told: dict[str, str]) -> Any:
+    """Return a table whose first columns tell of every row where it comes from."""
+    pa = arrow()
+    count = len(next(iter(columns.values())))
+    named = {name: pa.array([text] * count, type=pa.string()) for name, text in told.items()}
+    return pa.table(named | columns)
+
+
+def found_recordings(paths: Iterable[Path]) -> Iterator[Path]:
+    """Yield recordings: those named, and those in folders, in the order of their names."""
+    for path in paths:
+        yield from sorted(path.rglob("*.mcap")) if path.is_dir() else [path]

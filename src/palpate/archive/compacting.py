@@ -1,0 +1,71 @@
+"""Many small parts of a day into few: fewer files to open, the same rows."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import Any
+
+from palpate.archive.layout import Archive, Part, arrow, sources_of
+
+#: Parts are joined up to so many rows: what one worker holds of holds or grasps at once.
+MOST_ROWS = 1_000_000
+
+
+def compact(archive: Archive, kind: str) -> tuple[int, int]:
+    """Join the parts of each station and day; return how many there were, and are.
+
+    The joined part is whole before its pieces are deleted. If this is interrupted between, both are
+    there until it runs again, which deletes the pieces first.
+    """
+    before = archive.parts(kind)
+    for _, day in groupby(before, key=lambda part: (part.station, part.date)):
+        left = _without_joined(archive, list(day))
+        for pieces in _batches(archive, left):
+            _join(archive, pieces)
+    return len(before), len(archive.parts(kind))
+
+
+def _without_joined(archive: Archive, parts: Sequence[Part]) -> list[Part]:
+    """Delete parts whose sources another one holds too; return the others."""
+    held = {part: set(sources_of(archive.path(part))) for part in parts}
+    left = []
+    for part in parts:
+        if any(held[part] < held[other] for other in parts):
+            archive.path(part).unlink()
+        else:
+            left.append(part)
+    return left
+
+
+def _batches(archive: Archive, parts: Sequence[Part]) -> Iterator[list[Part]]:
+    """Yield parts to be joined, in their order: two at least, with not too many rows."""
+    batch, rows = list[Part](), 0
+    for part in parts:
+        count = int(arrow().parquet.read_metadata(archive.path(part)).num_rows)
+        if batch and rows + count > MOST_ROWS:
+            if len(batch) > 1:
+                yield batch
+            batch, rows = [], 0
+        batch.append(part)
+        rows += count
+    if len(batch) > 1:
+        yield batch
+
+
+def _join(archive: Archive, pieces: Sequence[Part]) -> None:
+    sources = [name for part in pieces for name in sources_of(archive.path(part))]
+    name = hashlib.sha256("\n".join(sources).encode()).hexdigest()[:12]
+    first = pieces[0]
+    joined = Part(
+        kind=first.kind, station=first.station, date=first.date, name=f"joined-{name}"
+    )
+    archive.write(joined, _tables(archive, pieces), sources=sources)
+    for part in pieces:
+        archive.path(part).unlink()
+
+
+def _tables(archive: Archive, pieces: Sequence[Part]) -> Iterator[Any]:
+    for part in pieces:
+        yield arrow().parquet.read_table(archive.path(part), partitioning=None)

@@ -1,0 +1,180 @@
+"""The folders and files of an archive: ``KIND/station=NAME/date=DAY/PART.parquet``.
+
+Any reader of Hive partitions opens it: DuckDB, pandas, Polars, PyArrow, Spark. Each part names in its
+Parquet metadata the sources that it holds, so that nothing is added twice.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.errors import InputError, needing
+from palpate.files import atomic_path
+
+#: Version of the columns; a newer one is refused.
+SCHEMA = 1
+KINDS = ("frames", "holds", "grasps")
+#: Day of what was recorded in simulated time.
+SIMULATED = "simulated"
+#: Rows of a row group: a query for a stretch of time or a few holds reads little more than those.
+ROWS_PER_GROUP = 50_000
+_MARKER, _SOURCES = "palpate-archive.json", b"palpate.sources"
+_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Part:
+    """One file of an archive."""
+
+    kind: str
+    station: str
+    #: ``YYYY-MM-DD`` in UTC, or ``simulated``.
+    date: str
+    #: Without its ending.
+    name: str
+
+    @property
+    def place(self) -> Path:
+        """Where it lies, from the root of the archive."""
+        folder = Path(self.kind) / f"station={self.station}" / f"date={self.date}"
+        return folder / f"{self.name}.parquet"
+
+
+class Archive:
+    """An archive in a folder.
+
+    Parameters
+    ----------
+    root : path
+        Its folder.
+    create : bool
+        Make it where there is none.
+
+    Raises
+    ------
+    InputError
+        If it is no archive, or one of a newer palpate.
+    """
+
+    def __init__(self, root: str | os.PathLike[str], *, create: bool = False) -> None:
+        self.root = Path(root)
+        marker = self.root / _MARKER
+        if create and not marker.exists():
+            if self.root.is_dir() and any(self.root.iterdir()):
+                raise InputError(f"{root}: holds other files; name a new or an empty folder")
+            self.root.mkdir(parents=True, exist_ok=True)
+            with atomic_path(marker) as partial:
+                partial.write_text(json.dumps({"schema": SCHEMA}) + "\n")
+        try:
+            schema = json.loads(marker.read_text())["schema"]
+        except FileNotFoundError:
+            raise InputError(f"{root}: is no archive; `palpate archive add` makes one") from None
+        except (ValueError, KeyError, TypeError) as fault:
+            raise InputError(f"{marker}: can't be read; put it back from a copy") from fault
+        if schema != SCHEMA:
+            raise InputError(f"{root}: has schema {schema}, this palpate reads {SCHEMA}; update it")
+
+    def parts(self, kind: str) -> list[Part]:
+        """Return the files of a kind, in a fixed order."""
+        found = (self.root / kind).glob("station=*/date=*/[!.]*.parquet")
+        return sorted(part_at(path.relative_to(self.root)) for path in found)
+
+    def path(self, part: Part) -> Path:
+        """Return the file of a part."""
+        return self.root / part.place
+
+    def sources(self, kind: str) -> dict[str, Part]:
+        """Return which part holds each source that was added."""
+        return {name: part for part in self.parts(kind) for name in sources_of(self.path(part))}
+
+    def write(self, part: Part, tables: Iterable[Any], *, sources: Sequence[str]) -> int:
+        """Write a part whole or not at all; return its rows.
+
+        Parameters
+        ----------
+        part : Part
+            What it is.
+        tables : iterable of pyarrow.Table
+            Of one schema; taken one by one.
+        sources : sequence of str
+            What it holds.
+        """
+        return write_tables(self.path(part), tables, marks={_SOURCES: json.dumps(list(sources))})
+
+
+def part_at(place: Path) -> Part:
+    """Return the part that lies at a place."""
+    kind, station, date, name = place.parts
+    return Part(
+        kind=kind,
+        station=station.removeprefix("station="),
+        date=date.removeprefix("date="),
+        name=name.removesuffix(".parquet"),
+    )
+
+
+def check_name(what: str, name: str) -> str:
+    """Return a name that folders can bear.
+
+    Raises
+    ------
+    InputError
+        If they can't.
+    """
+    if not _NAME.fullmatch(name):
+        raise InputError(f"{what} {name!r}: use up to 64 letters, digits, dots, dashes, underscores")
+    return name
+
+
+def arrow() -> Any:
+    """Return pyarrow with its Parquet part.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    with needing("an archive", extra="data"):
+        import pyarrow
+        import pyarrow.parquet
+    return pyarrow
+
+
+def sources_of(path: Path) -> list[str]:
+    """Return the sources that a file names.
+
+    Raises
+    ------
+    InputError
+        If it is no file of an archive.
+    """
+    try:
+        marks = arrow().parquet.read_schema(path).metadata or {}
+        return [str(name) for name in json.loads(marks[_SOURCES])]
+    except (KeyError, ValueError) as fault:
+        raise InputError(f"{path}: is no file of an archive; move it elsewhere") from fault
+
+
+def write_tables(path: Path, tables: Iterable[Any], *, marks: dict[bytes, str]) -> int:
+    """Write tables of one schema into one Parquet file, whole or not at all; return the rows."""
+    parquet, rows = arrow().parquet, 0
+    path.parent.mkdir(parents=True, exist_ok=True)
+    left: Iterator[Any] = iter(tables)
+    first = next(left)
+    schema = first.schema.with_metadata({name: text.encode() for name, text in marks.items()})
+    with atomic_path(path) as partial, parquet.ParquetWriter(partial, schema) as file:
+        for table in _with_first(first, left):
+            file.write_table(table.cast(schema), row_group_size=ROWS_PER_GROUP)
+            rows += table.num_rows
+    return rows
+
+
+def _with_first(first: Any, left: Iterator[Any]) -> Iterator[Any]:
+    yield first
+    yield from left

@@ -1,0 +1,65 @@
+"""`palpate archive add FILES --to DIR`."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.commands.options import QuietOption
+from palpate.commands.progress import progress
+from palpate.errors import InputError
+
+
+def command(
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Recordings, or folders of them.")
+    ] = None,
+    to: Annotated[
+        Path, typer.Option(help="The archive; made where there is none.", metavar="DIR")
+    ] = Path("archive"),
+    station: Annotated[
+        str | None,
+        typer.Option(help="Where it was recorded. By default the rig's name; a store needs it."),
+    ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option(help="Add the grasps of this store too.", metavar="FILE_OR_URL"),
+    ] = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Add recordings and the grasps of a store. What the archive holds already is passed over.
+
+    Example: palpate archive add recordings --to archive --station north
+    """
+    from palpate.archive.adding import add_recording, add_store, found_recordings
+    from palpate.archive.layout import Archive
+    from palpate.produce.store.database import Store
+
+    recordings = list(found_recordings(files or []))
+    if not recordings and store is None:
+        raise InputError("nothing to add: name recordings, a folder that holds some, or --store")
+    if store is not None and station is None:
+        raise InputError("--store: say with --station whose grasps these are")
+    archive = Archive(to, create=True)
+    rows, fresh = Counter[str](), 0
+    with progress("adding", total=len(recordings), quiet=quiet) as show:
+        for number, path in enumerate(recordings, start=1):
+            added = add_recording(archive, path, station=station)
+            rows.update(added)
+            fresh += bool(added)
+            show(number)
+    if store is not None and station is not None:
+        opened = Store.open(store)
+        try:
+            rows.update(add_store(archive, opened, station=station))
+        finally:
+            opened.close()
+    counted = ", ".join(f"{count} rows of {kind}" for kind, count in sorted(rows.items()))
+    print(
+        f"{to}: {fresh} of {len(recordings)} recordings are new; added {counted or 'nothing'}",
+        file=sys.stderr,
+    )
