@@ -68,7 +68,9 @@ def add_recording(
                 part("holds"), [_hold_table(holds, told)], sources=[source]
             )
         layout = info.layout
-        frames = (_frame_table(table, told, layout.rows, layout.cols) for table in frame_tables(reader))
+        frames = (
+            _frame_table(table, told, layout.rows, layout.cols) for table in frame_tables(reader)
+        )
         added["frames"] = archive.write(part("frames"), frames, sources=[source])
     return added
 
@@ -80,9 +82,9 @@ def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]
         grasp_id
         for part in archive.parts("grasps")
         if part.station == station
-        for grasp_id in arrow().parquet.read_table(archive.path(part), columns=["grasp_id"])[
-            "grasp_id"
-        ].to_pylist()
+        for grasp_id in arrow()
+        .parquet.read_table(archive.path(part), columns=["grasp_id"])["grasp_id"]
+        .to_pylist()
     }
     fresh = (grasp for grasp in store.grasps() if grasp.grasp_id not in held)
     rows = 0

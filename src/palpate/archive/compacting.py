@@ -58,9 +58,7 @@ def _join(archive: Archive, pieces: Sequence[Part]) -> None:
     sources = [name for part in pieces for name in sources_of(archive.path(part))]
     name = hashlib.sha256("\n".join(sources).encode()).hexdigest()[:12]
     first = pieces[0]
-    joined = Part(
-        kind=first.kind, station=first.station, date=first.date, name=f"joined-{name}"
-    )
+    joined = Part(kind=first.kind, station=first.station, date=first.date, name=f"joined-{name}")
     archive.write(joined, _tables(archive, pieces), sources=sources)
     for part in pieces:
         archive.path(part).unlink()

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -162,7 +163,7 @@ class Recalibrate:
                     row = {"recording": recording, "time_s": frame["time_s"]}
                     if (frame["rows"], frame["cols"]) == shape:
                         ohm = np.array(frame["ohm"], dtype=float).reshape(shape)
-                        excess = excess_conductance(ohm, rest_ohm=calibration.rest.rest_ohm)
+                        excess = excess_conductance(ohm, rest_ohm=calibration.rest.ohm)
                         force = now.step(frame["time_s"], excess)
                         row |= {
                             "force_n": force.value,
@@ -243,18 +244,28 @@ def _evidence(grasp: dict[str, Any]) -> Any:
 
 def _alike(table: Any) -> Iterator[tuple[list[tuple[str, ...]], FloatArray, FloatArray]]:
     """Yield holds of one unit and sampling together: labels, times, values (holds, times)."""
-    labels = list(
-        zip(*(table[n].to_pylist() for n in ("recording", "hold_id", "channel", "unit")), strict=True)
-    )
+    names = ("recording", "hold_id", "channel", "unit")
+    starts = _first_rows([table[name].combine_chunks() for name in names])
+    labels = list(zip(*(table[name].take(starts).to_pylist() for name in names), strict=True))
     time_s, value = (table[name].to_numpy() for name in ("time_s", "value"))
-    groups = defaultdict[tuple[str, bytes], list[tuple[int, int]]](list)
-    starts = [0, *(i for i in range(1, len(labels)) if labels[i] != labels[i - 1]), len(labels)]
-    for start, stop in zip(starts, starts[1:], strict=False):
-        groups[labels[start][-1], time_s[start:stop].tobytes()].append((start, stop))
-    for spans in groups.values():
-        start, stop = spans[0]
-        together = np.stack([value[a:b] for a, b in spans])
-        yield [labels[a] for a, _ in spans], time_s[start:stop], together
+    groups = defaultdict[tuple[str, bytes], list[tuple[int, slice]]](list)
+    for number, (start, stop) in enumerate(pairwise([*starts, table.num_rows])):
+        rows = slice(start, stop)
+        groups[labels[number][-1], time_s[rows].tobytes()].append((number, rows))
+    for holds in groups.values():
+        together = np.stack([value[rows] for _, rows in holds])
+        yield [labels[number] for number, _ in holds], time_s[holds[0][1]], together
+
+
+def _first_rows(columns: Sequence[Any]) -> list[int]:
+    """Return the rows in which any column differs from the row before, and the first one."""
+    import pyarrow.compute
+
+    changes = np.zeros(max(len(columns[0]) - 1, 0), dtype=bool)
+    for column in columns:
+        differs = pyarrow.compute.not_equal(column[1:], column[:-1])
+        changes |= differs.to_numpy(zero_copy_only=False)
+    return [0, *(np.flatnonzero(changes) + 1).tolist()]
 
 
 def _settled_schema() -> Any:

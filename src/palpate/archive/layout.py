@@ -1,7 +1,7 @@
 """The folders and files of an archive: ``KIND/station=NAME/date=DAY/PART.parquet``.
 
-Any reader of Hive partitions opens it: DuckDB, pandas, Polars, PyArrow, Spark. Each part names in its
-Parquet metadata the sources that it holds, so that nothing is added twice.
+Any reader of Hive partitions opens it: DuckDB, pandas, Polars, PyArrow, Spark. Each part names in
+its Parquet metadata the sources that it holds, so that nothing is added twice.
 """
 
 from __future__ import annotations
@@ -128,7 +128,9 @@ def check_name(what: str, name: str) -> str:
         If they can't.
     """
     if not _NAME.fullmatch(name):
-        raise InputError(f"{what} {name!r}: use up to 64 letters, digits, dots, dashes, underscores")
+        raise InputError(
+            f"{what} {name!r}: use up to 64 letters, digits, dots, dashes, underscores"
+        )
     return name
 
 

@@ -1,7 +1,7 @@
-"""Run a job over all parts of an archive, here or on a Dask cluster; done parts are not done again.
+"""Run a job over all parts of an archive, here or on a Dask cluster; what is done stays done.
 
-Every part is its own task: it reads one file and writes one, whole or not at all. So results are the
-same wherever and in whatever order tasks run, and whoever runs the job again goes on where it ended.
+Every part is its own task: it reads one file and writes one, whole or not at all. So results are
+the same wherever and in whatever order tasks run, and a second run goes on where the first ended.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from palpate.errors import ClusterError, needing
 TRIES = 3
 _JOB = b"palpate.job"
 #: A scheduler that does not answer for so long is lost.
-_PATIENCE_S = 20
+_PATIENCE_S = 10
 
 Show = Callable[[float], None]
 
@@ -61,6 +61,14 @@ def _task(job: Job, archive: Archive, part: Part, *, to: Path) -> Task:
     return Task(job=job, source=source.resolve(), target=(to / place).resolve(), mark=mark)
 
 
+def forget_others(results: Path, tasks: Sequence[Task]) -> None:
+    """Delete results of parts that are no longer there: compacting gave them other names."""
+    kept = {task.target for task in tasks}
+    for path in results.resolve().rglob("[!.]*.parquet"):
+        if path not in kept and _JOB in (arrow().parquet.read_schema(path).metadata or {}):
+            path.unlink()
+
+
 def perform(task: Task) -> int:
     """Do one task; return the rows written."""
     return write_tables(task.target, task.job.tables(task.source), marks={_JOB: task.mark})
@@ -80,9 +88,7 @@ def run_here(tasks: Sequence[Task], *, show: Show, workers: int | None = None) -
     )
 
 
-def _round(
-    tasks: Sequence[Task], *, workers: int, show: Show, of: int
-) -> tuple[list[Task], int]:
+def _round(tasks: Sequence[Task], *, workers: int, show: Show, of: int) -> tuple[list[Task], int]:
     """Do what can be done until a worker dies; return what is left, and the rows written."""
     rows, left = 0, dict[Future[int], Task]()
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
@@ -120,7 +126,8 @@ def run_on_dask(tasks: Sequence[Task], *, scheduler: str | None, show: Show) -> 
         If Dask is not installed.
     """
     with needing("--engine dask", extra="archive"):
-        from distributed import Client, CommClosedError
+        from distributed import Client
+        from distributed.comm.core import CommClosedError
     rows = 0
     try:
         with _client(Client, scheduler) as client:
@@ -140,11 +147,12 @@ def _client(client: Any, scheduler: str | None) -> Any:
 
 
 def _results(client: Any, futures: Sequence[Any]) -> Iterator[int]:
-    from distributed import as_completed as in_order_of_ending
+    import distributed
     from distributed.client import FutureCancelledError
 
+    as_ended: Any = distributed.as_completed
     try:
-        for future in in_order_of_ending(futures):
+        for future in as_ended(futures, loop=client.loop):
             yield int(future.result())
     except FutureCancelledError as error:
         raise OSError("the scheduler forgot the tasks") from error

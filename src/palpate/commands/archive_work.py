@@ -1,4 +1,4 @@
-"""What the steps that work on a whole archive share: where, on what engine, and what they report."""
+"""What the steps that work on a whole archive share: its place, the engine, the report."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def work_on(
 ) -> None:
     """Run a job over the archive and say where the results are."""
     from palpate.archive.layout import Archive
-    from palpate.archive.running import run_here, run_on_dask, tasks_of
+    from palpate.archive.running import forget_others, run_here, run_on_dask, tasks_of
 
     if scheduler is not None and engine is not Engine.DASK:
         raise InputError(f"--scheduler {scheduler}: goes with --engine dask")
@@ -71,6 +71,7 @@ def work_on(
             rows = run_on_dask(left, scheduler=scheduler, show=show)
         else:
             rows = run_here(left, show=show)
+    forget_others(results / job.name, tasks)
     print(
         f"{results / job.name}: {len(left)} of {len(tasks)} files written, {rows} rows; the others "
         "were there",

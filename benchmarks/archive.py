@@ -1,0 +1,123 @@
+"""An archive estimated again: memory, and one worker against two.
+
+    python benchmarks/archive.py --samples 100000000 --folder /big/disk
+
+Holds of 2000 samples at 100 Hz that creep with the logarithm of time, drawn (no sensor, no twin),
+in files of a million rows. `palpate archive settle` then runs on them: on one process and on two,
+on Dask with one worker and with two, each in a process of its own. The peak is the largest of any
+one process. The results must be the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from palpate.archive.jobs import Settle
+from palpate.archive.layout import Archive, Part, arrow
+from palpate.archive.running import run_here, tasks_of
+
+PER_HOLD, HOLDS_PER_FILE = 2000, 500
+
+
+def draw(root: Path, *, samples: int) -> None:
+    """Write the holds."""
+    archive, rng = Archive(root, create=True), np.random.default_rng(3)
+    time_s = np.arange(PER_HOLD) / 100
+    for number in range(max(samples // (PER_HOLD * HOLDS_PER_FILE), 1)):
+        fall = rng.uniform(100.0, 600.0, (HOLDS_PER_FILE, 1))
+        start_s = rng.uniform(0.1, 1.0, (HOLDS_PER_FILE, 1))
+        values = 9000.0 - fall * np.log(time_s + start_s)
+        values += rng.normal(0.0, 3.0, values.shape)
+        names = [f"h{number}-{hold}" for hold in range(HOLDS_PER_FILE)]
+        columns = {
+            "recording": np.full(values.size, f"r{number}"),
+            "hold_id": np.repeat(names, PER_HOLD),
+            "time_s": np.tile(time_s, HOLDS_PER_FILE),
+            "value": values.ravel(),
+            "channel": np.full(values.size, "mean"),
+            "unit": np.full(values.size, "ohm"),
+        }
+        part = Part(kind="holds", station="drawn", date="2026-01-01", name=f"p{number:04}")
+        archive.write(part, [arrow().table(columns)], sources=[f"s{number}"])
+
+
+def settle(root: Path, results: Path, *, engine: str, workers: int) -> dict[str, float]:
+    """Estimate all of it; return seconds and the peak of memory, GB."""
+    tasks = tasks_of(Settle(horizon_s=19.0), Archive(root), to=results)
+    started_s = time.perf_counter()
+    if engine == "local":
+        run_here(tasks, show=lambda _: None, workers=workers)
+    else:
+        on_dask(tasks, workers=workers)
+    taken_s = time.perf_counter() - started_s
+    peaks = [
+        resource.getrusage(who).ru_maxrss
+        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    ]
+    return {"seconds": taken_s, "peak_gb": max(peaks) / 1e6}
+
+
+def on_dask(tasks: list, *, workers: int) -> None:
+    """Run tasks on a cluster of so many processes."""
+    from distributed import LocalCluster
+
+    from palpate.archive.running import run_on_dask
+
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+        run_on_dask(tasks, scheduler=cluster.scheduler_address, show=lambda _: None)
+
+
+def fingerprint(results: Path) -> str:
+    """Return one for the bytes of all results."""
+    files = sorted(results.rglob("*.parquet"))
+    found = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
+    return hashlib.sha256("".join(found).encode()).hexdigest()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=10_000_000)
+    parser.add_argument("--folder", type=Path, help="where there is room; deleted afterwards")
+    parser.add_argument("--one", nargs=4, help=argparse.SUPPRESS)
+    told = parser.parse_args()
+    if told.one:
+        root, results, engine, workers = told.one
+        print(json.dumps(settle(Path(root), Path(results), engine=engine, workers=int(workers))))
+        return
+    folder = Path(tempfile.mkdtemp(dir=told.folder))
+    try:
+        draw(folder / "archive", samples=told.samples)
+        prints = set()
+        for engine, workers in (("local", 1), ("local", 2), ("dask", 1), ("dask", 2)):
+            results = folder / f"{engine}-{workers}"
+            command = [sys.executable, __file__, "--one", str(folder / "archive"), str(results)]
+            ended = subprocess.run(
+                [*command, engine, str(workers)], capture_output=True, text=True, check=True
+            )
+            found = json.loads(ended.stdout)
+            prints.add(fingerprint(results))
+            rate = told.samples / found["seconds"] / 1e6
+            print(
+                f"{engine}, {workers} process(es): {found['seconds']:.1f} s, {rate:.2f} million "
+                f"samples/s, peak of one process {found['peak_gb']:.2f} GB",
+                flush=True,
+            )
+        print("the same bytes" if len(prints) == 1 else "DIFFERENT results")
+        sys.exit(len(prints) != 1)
+    finally:
+        shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""What a hundred stations take: bytes and seconds of one frame, measured here, times all of them.
+
+    python benchmarks/fleet.py --stations 100
+
+Frames of 12 pixels at 250/s, of the twin (simulated, level field). Compute is one core of this
+machine; compare ratios, not seconds, with another.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from palpate.archive.adding import add_recording
+from palpate.archive.layout import Archive
+from palpate.grasp.planning import force_now
+from palpate.recording import RecordingInfo, RecordingWriter
+from palpate.rig.simulated import calibrated
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.sensor.wire import encode_message
+from palpate.sensor.wire_messages import FrameMessage
+from palpate.signal.relative import excess_conductance
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+RATE_HZ, LEVEL, SEED = 250.0, "field", 5
+PER_DAY = RATE_HZ * 86_400
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--stations", type=int, default=100)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    told = parser.parse_args()
+    obj = draw_object(np.random.default_rng(SEED), "strawberry")
+    world = World(obj, seed=SEED, level=LEVEL, gripper="soft", frame_rate_hz=RATE_HZ)
+    array, gripper = TwinArray(world), TwinGripper(world)
+    calibration = calibrated(seed=SEED, level=LEVEL, apart_from="strawberry", kind="soft")
+    frames = [array.read(timeout_s=1.0) for _ in range(int(told.seconds * RATE_HZ))]
+    count = len(frames)
+    message = FrameMessage(
+        sequence=1, time_us=1, stream=1, oversampling=1, status=0, counts=frames[0].counts
+    )
+    wire = len(encode_message(message))
+    with tempfile.TemporaryDirectory() as folder:
+        path, root = Path(folder) / "run.mcap", Path(folder) / "archive"
+        info = RecordingInfo(layout=array.layout, origin="twin", rig="fleet")
+        started_s = time.perf_counter()
+        with RecordingWriter(path, info=info) as writer:
+            for frame in frames:
+                writer.add(gripper.state())
+                writer.add(frame)
+        writing_s = time.perf_counter() - started_s
+        recorded = path.stat().st_size / count
+        started_s = time.perf_counter()
+        add_recording(Archive(root, create=True), path)
+        adding_s = time.perf_counter() - started_s
+        archived = sum(f.stat().st_size for f in root.rglob("*.parquet")) / count
+    follow = force_now(calibration.force)
+    started_s = time.perf_counter()
+    for frame in frames:
+        ohm = pixel_resistance_ohm(frame.counts, layout=array.layout, oversampling=1)
+        follow.step(frame.time_s, excess_conductance(ohm, rest_ohm=calibration.rest.ohm))
+    force_s = time.perf_counter() - started_s
+    rows = {
+        "on the wire": (wire, None),
+        "recording (.mcap), gripper's state with it": (recorded, writing_s / count),
+        "archive (Parquet)": (archived, adding_s / count),
+        "force with interval": (None, force_s / count),
+    }
+    print(f"simulated; {array.layout.pixels} pixels at {RATE_HZ:g} frames/s, {count} frames")
+    for name, (size, cost_s) in rows.items():
+        each = [] if size is None else [f"{size:.0f} bytes"]
+        all_of = [] if size is None else [f"{told.stations * size * PER_DAY / 1e9:.0f} GB a day"]
+        if cost_s is not None:
+            each.append(f"{1e6 * cost_s:.0f} us")
+            all_of.append(f"{told.stations * cost_s * RATE_HZ:.1f} cores")
+        print(f"{name}: {', '.join(each)} a frame; {told.stations} stations: {', '.join(all_of)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,247 @@
+"""An archive: what goes in once, what readers see, and work that is done once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import duckdb
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from tests.archive_jobs import Killing
+
+from palpate.archive.adding import add_recording, add_store
+from palpate.archive.compacting import compact
+from palpate.archive.jobs import Judge, Recalibrate, Settle
+from palpate.archive.layout import KINDS, Archive, Part
+from palpate.archive.running import forget_others, perform, run_here, tasks_of
+from palpate.cli import build_app
+from palpate.commands.outcome import run as run_command
+from palpate.errors import ClusterError, InputError
+from palpate.holds import read_holds
+from palpate.produce.store.database import Store
+from palpate.recording import load_recording
+from palpate.recording.exporting import recorded_resistance_ohm
+
+
+def palpate(*arguments: str) -> int:
+    return run_command(build_app(), list(arguments), name="palpate")
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two simulated grasps: recordings, and a store."""
+    folder = tmp_path_factory.mktemp("recorded")
+    for seed in (1, 2):
+        status = palpate(
+            *("grasp", "--rig", "sim-rigid", "--seed", str(seed), "--object", "strawberry"),
+            *("--record", str(folder / f"g{seed}.mcap"), "--item", f"berry-{seed}"),
+            *("--store", str(folder / "items.sqlite")),
+        )
+        assert status == 0
+    return folder
+
+
+@pytest.fixture
+def archive(tmp_path: Path, recorded: Path) -> Archive:
+    made = Archive(tmp_path / "archive", create=True)
+    for name in ("g1", "g2"):
+        assert add_recording(made, recorded / f"{name}.mcap", station="north")["frames"] > 0
+    return made
+
+
+def shown(_: float) -> None:
+    """Show nothing of the progress."""
+
+
+def contents(root: Path) -> dict[str, pd.DataFrame]:
+    return {
+        str(path.relative_to(root)): pq.read_table(path, partitioning=None).to_pandas()
+        for path in sorted(root.rglob("*.parquet"))
+    }
+
+
+def test_frames_are_those_of_the_recording(archive: Archive, recorded: Path) -> None:
+    recording = load_recording(recorded / "g1.mcap")
+    part = next(part for part in archive.parts("frames") if part.name.startswith("g1-"))
+    assert (part.station, part.date) == ("north", "simulated")
+    table = pq.read_table(archive.path(part), partitioning=None).to_pandas()
+    assert set(table["origin"]) == {"twin"}
+    assert table["time_s"].tolist() == recording.time_s.tolist()
+    shape = recording.counts.shape
+    assert np.array(table["counts"].tolist()).reshape(shape).tolist() == recording.counts.tolist()
+    ohm = recorded_resistance_ohm(recording).reshape(len(recording.time_s), -1)
+    assert np.array_equal(np.array(table["ohm"].tolist()), ohm)
+
+
+def test_what_is_there_is_not_added_again(archive: Archive, recorded: Path) -> None:
+    before = {kind: archive.parts(kind) for kind in KINDS}
+    assert add_recording(archive, recorded / "g1.mcap", station="north") == {}
+    assert add_recording(archive, recorded / "g1.mcap", station="south") == {}, "told by content"
+    assert {kind: archive.parts(kind) for kind in KINDS} == before
+
+
+def test_grasps_of_a_store_are_added_once(archive: Archive, recorded: Path) -> None:
+    with Store.open(str(recorded / "items.sqlite")) as store:
+        assert add_store(archive, store, station="north") == {"grasps": 2}
+        assert add_store(archive, store, station="north") == {}
+        taken = {grasp.grasp_id for grasp in store.grasps()}
+    found = pd.read_parquet(archive.root / "grasps")
+    assert set(found["grasp_id"]) == taken
+    assert set(found["station"]) == {"north"}
+
+
+def test_an_interrupted_add_goes_on(archive: Archive, recorded: Path) -> None:
+    """The holds were written, the frames were not: the recording is not yet there."""
+    part = next(part for part in archive.parts("frames") if part.name.startswith("g1-"))
+    archive.path(part).unlink()
+    added = add_recording(archive, recorded / "g1.mcap", station="north")
+    assert added["frames"] > 0
+    assert len(archive.parts("holds")) == len(archive.parts("frames")) == 2
+
+
+def test_compacting_keeps_rows_and_sources(archive: Archive, recorded: Path) -> None:
+    before = {kind: pd.concat(contents(archive.root / kind).values()) for kind in KINDS[:2]}
+    sources = {kind: set(archive.sources(kind)) for kind in KINDS}
+    for kind in KINDS[:2]:
+        assert compact(archive, kind) == (2, 1)
+        assert compact(archive, kind) == (1, 1)
+        [after] = contents(archive.root / kind).values()
+        pd.testing.assert_frame_equal(after, before[kind].reset_index(drop=True))
+    assert {kind: set(archive.sources(kind)) for kind in KINDS} == sources
+    assert add_recording(archive, recorded / "g2.mcap", station="north") == {}
+
+
+def test_an_interrupted_compacting_is_finished(archive: Archive) -> None:
+    """The joined part is there, and one of its pieces still is."""
+    piece = archive.parts("holds")[0]
+    kept = archive.path(piece).read_bytes()
+    compact(archive, "holds")
+    archive.path(piece).write_bytes(kept)
+    assert compact(archive, "holds") == (2, 1)
+    assert len(archive.sources("holds")) == 2
+
+
+def test_duckdb_and_pandas_open_it_without_help(archive: Archive) -> None:
+    files = f"{archive.root}/frames/**/*.parquet"
+    query = f"select station, count(*) from read_parquet('{files}', hive_partitioning=true)"
+    rows = sum(len(table) for table in contents(archive.root / "frames").values())
+    assert duckdb.sql(f"{query} group by station").fetchall() == [("north", rows)]
+    assert len(pd.read_parquet(archive.root / "frames")) == rows
+
+
+def test_a_part_of_holds_is_a_holds_file(archive: Archive) -> None:
+    holds = list(read_holds(archive.path(archive.parts("holds")[0])))
+    assert {hold.unit for hold in holds} == {"percent"}
+    assert "mean" in {hold.channel for hold in holds}
+
+
+def test_work_is_done_once_and_the_same_on_any_cores(archive: Archive, tmp_path: Path) -> None:
+    job = Settle(horizon_s=5.0, cutoffs_s=(1.0, 2.0))
+    one, two = (tasks_of(job, archive, to=tmp_path / name) for name in ("one", "two"))
+    assert run_here(one, show=shown, workers=2) == sum(map(perform, two)) > 0
+    assert all(task.done for task in one)
+    for mine, other in zip(one, two, strict=True):
+        assert mine.target.read_bytes() == other.target.read_bytes()
+    [table, _] = contents(tmp_path / "one").values()
+    assert set(table["status"]) <= {"ok", "too_short", "misfit", "not_settling", "fell_back"}
+    assert not any(task.done for task in tasks_of(Settle(), archive, to=tmp_path / "one"))
+
+
+def test_a_worker_that_dies_is_replaced(archive: Archive, tmp_path: Path) -> None:
+    (tmp_path / "killed").mkdir()
+    job = Killing(folder=tmp_path / "killed", times=2)
+    tasks = tasks_of(job, archive, to=tmp_path / "out")
+    assert run_here(tasks, show=shown, workers=1) == sum(
+        len(table) for table in contents(archive.root / "holds").values()
+    )
+    assert all(task.done for task in tasks)
+
+
+def test_a_part_that_kills_every_worker_is_said(archive: Archive, tmp_path: Path) -> None:
+    (tmp_path / "killed").mkdir()
+    job = Killing(folder=tmp_path / "killed", times=99)
+    with pytest.raises(ClusterError, match=r"died 3 times.*run it again"):
+        run_here(tasks_of(job, archive, to=tmp_path / "out"), show=shown, workers=1)
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+
+
+def test_results_of_parts_that_were_joined_go(archive: Archive, tmp_path: Path) -> None:
+    job = Settle(horizon_s=5.0)
+    before = tasks_of(job, archive, to=tmp_path / "out")
+    list(map(perform, before))
+    compact(archive, "holds")
+    after = tasks_of(job, archive, to=tmp_path / "out")
+    list(map(perform, after))
+    forget_others(tmp_path / "out" / job.name, after)
+    assert [task.target for task in after] == list((tmp_path / "out").rglob("*.parquet"))
+
+
+def test_force_is_read_again_by_the_recordings_own_calibration(
+    archive: Archive, recorded: Path, tmp_path: Path
+) -> None:
+    recording = load_recording(recorded / "g1.mcap")
+    assert recording.info.calibration is not None
+    job = Recalibrate(calibration=recording.info.calibration)
+    tasks = tasks_of(job, archive, to=tmp_path / "out")
+    list(map(perform, tasks))
+    table = contents(tmp_path / "out")
+    [first] = [found for name, found in table.items() if "/g1-" in name]
+    assert first["time_s"].tolist() == recording.time_s.tolist()
+    assert (first["force_n_low"] <= first["force_n"]).all()
+    # A gentle squeeze: some newtons at its strongest, and nothing at the beginning.
+    assert 1.0 < first["force_n"].max() < 6.0
+    assert first["force_n"][:10].max() < 0.3
+
+
+def test_grasps_are_judged_again(archive: Archive, recorded: Path, tmp_path: Path) -> None:
+    with Store.open(str(recorded / "items.sqlite")) as store:
+        add_store(archive, store, station="north")
+    rules = tmp_path / "rules.toml"
+    rules.write_text('default = "by hand"\n[[rule]]\nbin = "small"\nsize_mm = [0, 60]\n')
+    job = Judge(rules=rules, text=rules.read_text())
+    [task] = tasks_of(job, archive, to=tmp_path / "out")
+    assert perform(task) == 2
+    [table] = contents(tmp_path / "out").values()
+    assert set(table["bin"]) == {"small"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["settle", "{tmp}/none"], "is no archive; `palpate archive add` makes one"),
+        (["add", "--to", "{tmp}/new"], "nothing to add"),
+        (["add", "{tmp}/empty.mcap", "--to", "{tmp}/other"], "holds other files"),
+        (["settle", "{archive}", "--method", "magic"], "magic"),
+        (["settle", "{archive}", "--scheduler", "tcp://x:1"], "goes with --engine dask"),
+        (["judge", "{archive}", "--rules", "{tmp}/none.toml"], "none.toml"),
+        (["add", "{recorded}/g1.mcap", "--to", "{tmp}/new", "--station", "a/b"], "station 'a/b'"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(
+    arguments: list[str],
+    said: str,
+    archive: Archive,
+    recorded: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "diary.txt").write_text("dear")
+    places = {"tmp": tmp_path, "archive": archive.root, "recorded": recorded}
+    assert palpate("archive", *(each.format(**places) for each in arguments)) == 2
+    [line] = capsys.readouterr().err.strip().splitlines()
+    assert said in line
+
+
+def test_a_newer_archive_is_refused(archive: Archive) -> None:
+    (archive.root / "palpate-archive.json").write_text(json.dumps({"schema": 99}))
+    with pytest.raises(InputError, match="has schema 99, this palpate reads 1; update it"):
+        Archive(archive.root)
+
+
+def test_the_place_of_a_part() -> None:
+    part = Part(kind="holds", station="north", date="2026-05-01", name="a")
+    assert str(part.place) == "holds/station=north/date=2026-05-01/a.parquet"
