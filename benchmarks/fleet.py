@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.archive.adding import add_recording
+from palpate.archive.adding import add_recordings
 from palpate.archive.layout import Archive
 from palpate.grasp.planning import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
@@ -41,7 +41,11 @@ def main() -> None:
     world = World(obj, seed=SEED, level=LEVEL, gripper="soft", frame_rate_hz=RATE_HZ)
     array, gripper = TwinArray(world), TwinGripper(world)
     calibration = calibrated(seed=SEED, level=LEVEL, apart_from="strawberry", kind="soft")
-    frames = [array.read(timeout_s=1.0) for _ in range(int(told.seconds * RATE_HZ))]
+    # First all that the twin computes, then what is measured.
+    read = [
+        (array.read(timeout_s=1.0), gripper.state()) for _ in range(int(told.seconds * RATE_HZ))
+    ]
+    frames = [frame for frame, _ in read]
     count = len(frames)
     message = FrameMessage(
         sequence=1, time_us=1, stream=1, oversampling=1, status=0, counts=frames[0].counts
@@ -52,13 +56,13 @@ def main() -> None:
         info = RecordingInfo(layout=array.layout, origin="twin", rig="fleet")
         started_s = time.perf_counter()
         with RecordingWriter(path, info=info) as writer:
-            for frame in frames:
-                writer.add(gripper.state())
+            for frame, state in read:
+                writer.add(state)
                 writer.add(frame)
         writing_s = time.perf_counter() - started_s
         recorded = path.stat().st_size / count
         started_s = time.perf_counter()
-        add_recording(Archive(root, create=True), path)
+        list(add_recordings(Archive(root, create=True), [path]))
         adding_s = time.perf_counter() - started_s
         archived = sum(f.stat().st_size for f in root.rglob("*.parquet")) / count
     follow = force_now(calibration.force)

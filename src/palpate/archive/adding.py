@@ -23,34 +23,40 @@ from palpate.recording.reader import RecordingReader, load_recording
 _BATCH = 10_000
 
 
-def add_recording(
-    archive: Archive, path: str | os.PathLike[str], *, station: str | None = None
-) -> dict[str, int]:
-    """Add the frames of a recording, and its holds; return the rows of each kind.
+def add_recordings(
+    archive: Archive, paths: Iterable[str | os.PathLike[str]], *, station: str | None = None
+) -> Iterator[dict[str, int]]:
+    """Add the frames of recordings, and their holds; yield the rows of each kind, one by one.
 
     Parameters
     ----------
     archive : Archive
         Where to.
-    path : path
-        An .mcap recording.
+    paths : iterable of path
+        Recordings, .mcap.
     station : str, optional
-        Where it was made; by default the name of its rig.
+        Where they were made; by default the name of each one's rig.
 
-    Returns
-    -------
+    Yields
+    ------
     dict of str to int
         Kind -> rows; empty where the archive holds the recording already.
 
     Raises
     ------
     RecordingError
-        If it can't be read whole; `palpate recover` makes a whole one.
+        If one can't be read whole; `palpate recover` makes a whole one. Those before it were added.
     """
-    path = Path(path)
-    source = _fingerprint(path)
-    if source in archive.sources("frames"):
-        return {}
+    held = set(archive.sources("frames"))
+    for path in paths:
+        source = _fingerprint(Path(path))
+        yield {} if source in held else _add_recording(archive, Path(path), source, station)
+        held.add(source)
+
+
+def _add_recording(
+    archive: Archive, path: Path, source: str, station: str | None
+) -> dict[str, int]:
     with RecordingReader(path) as reader:
         info = reader.info
         station = check_name("station", station or Path(info.rig or "unknown").stem)

@@ -142,7 +142,7 @@ def arrow() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    with needing("an archive", extra="data"):
+    with needing("an archive", extra="archive"):
         import pyarrow
         import pyarrow.parquet
     return pyarrow

@@ -35,20 +35,25 @@ def command(
 
     Example: palpate archive add recordings --to archive --station north
     """
-    from palpate.archive.adding import add_recording, add_store, found_recordings
-    from palpate.archive.layout import Archive
+    from palpate.archive.adding import add_recordings, add_store, found_recordings
+    from palpate.archive.layout import Archive, check_name
     from palpate.produce.store.database import Store
 
+    for path in files or []:
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder")
     recordings = list(found_recordings(files or []))
     if not recordings and store is None:
         raise InputError("nothing to add: name recordings, a folder that holds some, or --store")
     if store is not None and station is None:
         raise InputError("--store: say with --station whose grasps these are")
+    if station is not None:
+        check_name("--station", station)
     archive = Archive(to, create=True)
     rows, fresh = Counter[str](), 0
     with progress("adding", total=len(recordings), quiet=quiet) as show:
-        for number, path in enumerate(recordings, start=1):
-            added = add_recording(archive, path, station=station)
+        each = add_recordings(archive, recordings, station=station)
+        for number, added in enumerate(each, start=1):
             rows.update(added)
             fresh += bool(added)
             show(number)

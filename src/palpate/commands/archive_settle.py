@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.archive_work import (
     ArchiveArgument,
     Engine,
@@ -15,12 +16,21 @@ from palpate.commands.archive_work import (
     work_on,
 )
 from palpate.commands.options import QuietOption
+from palpate.commands.settle_options import HorizonOption
+from palpate.errors import InputError
 
 
 def command(
     archive: ArchiveArgument,
-    method: Annotated[str, typer.Option(help="What to predict with.")] = "relaxation",
-    horizon_s: Annotated[float, typer.Option(help="Time of the value to predict.")] = 20.0,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="recorded, exponential, log_law, log_law_early or relaxation.",
+            metavar="NAME",
+            autocompletion=completion.methods,
+        ),
+    ] = "relaxation",
+    horizon: HorizonOption = 20.0,
     to: ToOption = None,
     engine: EngineOption = Engine.LOCAL,
     scheduler: SchedulerOption = None,
@@ -34,11 +44,9 @@ def command(
     from palpate.settling.predict import method_named
 
     method_named(method)
-    work_on(
-        archive,
-        Settle(method=method, horizon_s=horizon_s),
-        to=to,
-        engine=engine,
-        scheduler=scheduler,
-        quiet=quiet,
-    )
+    job = Settle(method=method, horizon_s=horizon)
+    if not max(job.cutoffs_s) <= horizon < float("inf"):
+        raise InputError(
+            f"--horizon {horizon:g}: give seconds from {max(job.cutoffs_s):g} on, such as 20"
+        )
+    work_on(archive, job, to=to, engine=engine, scheduler=scheduler, quiet=quiet)

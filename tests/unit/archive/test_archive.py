@@ -8,11 +8,12 @@ from pathlib import Path
 import duckdb
 import numpy as np
 import pandas as pd
+import polars as pl
 import pyarrow.parquet as pq
 import pytest
 from tests.archive_jobs import Killing
 
-from palpate.archive.adding import add_recording, add_store
+from palpate.archive.adding import add_recordings, add_store
 from palpate.archive.compacting import compact
 from palpate.archive.jobs import Judge, Recalibrate, Settle
 from palpate.archive.layout import KINDS, Archive, Part
@@ -47,8 +48,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def archive(tmp_path: Path, recorded: Path) -> Archive:
     made = Archive(tmp_path / "archive", create=True)
-    for name in ("g1", "g2"):
-        assert add_recording(made, recorded / f"{name}.mcap", station="north")["frames"] > 0
+    for added in add_recordings(
+        made, [recorded / "g1.mcap", recorded / "g2.mcap"], station="north"
+    ):
+        assert added["frames"] > 0
     return made
 
 
@@ -78,8 +81,9 @@ def test_frames_are_those_of_the_recording(archive: Archive, recorded: Path) -> 
 
 def test_what_is_there_is_not_added_again(archive: Archive, recorded: Path) -> None:
     before = {kind: archive.parts(kind) for kind in KINDS}
-    assert add_recording(archive, recorded / "g1.mcap", station="north") == {}
-    assert add_recording(archive, recorded / "g1.mcap", station="south") == {}, "told by content"
+    assert list(add_recordings(archive, [recorded / "g1.mcap"], station="north")) == [{}]
+    again = list(add_recordings(archive, [recorded / "g1.mcap"], station="south"))
+    assert again == [{}], "told by content"
     assert {kind: archive.parts(kind) for kind in KINDS} == before
 
 
@@ -97,7 +101,7 @@ def test_an_interrupted_add_goes_on(archive: Archive, recorded: Path) -> None:
     """The holds were written, the frames were not: the recording is not yet there."""
     part = next(part for part in archive.parts("frames") if part.name.startswith("g1-"))
     archive.path(part).unlink()
-    added = add_recording(archive, recorded / "g1.mcap", station="north")
+    [added] = add_recordings(archive, [recorded / "g1.mcap"], station="north")
     assert added["frames"] > 0
     assert len(archive.parts("holds")) == len(archive.parts("frames")) == 2
 
@@ -111,7 +115,7 @@ def test_compacting_keeps_rows_and_sources(archive: Archive, recorded: Path) -> 
         [after] = contents(archive.root / kind).values()
         pd.testing.assert_frame_equal(after, before[kind].reset_index(drop=True))
     assert {kind: set(archive.sources(kind)) for kind in KINDS} == sources
-    assert add_recording(archive, recorded / "g2.mcap", station="north") == {}
+    assert list(add_recordings(archive, [recorded / "g2.mcap"], station="north")) == [{}]
 
 
 def test_an_interrupted_compacting_is_finished(archive: Archive) -> None:
@@ -124,12 +128,25 @@ def test_an_interrupted_compacting_is_finished(archive: Archive) -> None:
     assert len(archive.sources("holds")) == 2
 
 
-def test_duckdb_and_pandas_open_it_without_help(archive: Archive) -> None:
+def test_one_recording_under_two_names_is_added_once(tmp_path: Path, recorded: Path) -> None:
+    twin = tmp_path / "copy.mcap"
+    twin.write_bytes((recorded / "g1.mcap").read_bytes())
+    made = Archive(tmp_path / "archive", create=True)
+    first, second = add_recordings(made, [recorded / "g1.mcap", twin])
+    assert first["frames"] > 0
+    assert second == {}
+    assert [part.station for part in made.parts("frames")] == ["sim-rigid"]
+
+
+def test_duckdb_pandas_and_polars_open_it_without_help(archive: Archive) -> None:
     files = f"{archive.root}/frames/**/*.parquet"
     query = f"select station, count(*) from read_parquet('{files}', hive_partitioning=true)"
     rows = sum(len(table) for table in contents(archive.root / "frames").values())
     assert duckdb.sql(f"{query} group by station").fetchall() == [("north", rows)]
     assert len(pd.read_parquet(archive.root / "frames")) == rows
+    lazy = pl.scan_parquet(f"{archive.root}/frames/**/*.parquet", hive_partitioning=True)
+    assert lazy.filter(pl.col("station") == "north").select(pl.len()).collect().item() == rows
+    assert lazy.filter(pl.col("station") == "south").select(pl.len()).collect().item() == 0
 
 
 def test_a_part_of_holds_is_a_holds_file(archive: Archive) -> None:
@@ -213,11 +230,13 @@ def test_grasps_are_judged_again(archive: Archive, recorded: Path, tmp_path: Pat
     [
         (["settle", "{tmp}/none"], "is no archive; `palpate archive add` makes one"),
         (["add", "--to", "{tmp}/new"], "nothing to add"),
-        (["add", "{tmp}/empty.mcap", "--to", "{tmp}/other"], "holds other files"),
+        (["add", "{recorded}/g1.mcap", "--to", "{tmp}/other"], "holds other files"),
+        (["add", "{tmp}/none.mcap", "--to", "{tmp}/new"], "none.mcap: no such file or folder"),
+        (["settle", "{archive}", "--horizon", "2"], "--horizon 2: give seconds from 5 on"),
         (["settle", "{archive}", "--method", "magic"], "magic"),
         (["settle", "{archive}", "--scheduler", "tcp://x:1"], "goes with --engine dask"),
         (["judge", "{archive}", "--rules", "{tmp}/none.toml"], "none.toml"),
-        (["add", "{recorded}/g1.mcap", "--to", "{tmp}/new", "--station", "a/b"], "station 'a/b'"),
+        (["add", "{recorded}/g1.mcap", "--to", "{tmp}/new", "--station", "a/b"], "--station 'a/b'"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(
@@ -234,6 +253,7 @@ def test_what_cannot_be_done_is_one_line(
     assert palpate("archive", *(each.format(**places) for each in arguments)) == 2
     [line] = capsys.readouterr().err.strip().splitlines()
     assert said in line
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_newer_archive_is_refused(archive: Archive) -> None:
