@@ -1,0 +1,146 @@
+"""Fifty stations write grasps into one PostgreSQL store: nothing lost, and how long a write takes.
+
+    python benchmarks/stations.py --stations 50 --seconds 600 --every 5
+
+Starts a private server with its durable defaults (needs Debian's `postgresql`), and a process for
+each station. A station writes a grasp every so many seconds, or with `--every 0` as fast as it can;
+grasps are made up. In the middle every connection of the database is cut once. Ends with status 1
+where a grasp that was acknowledged is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import PalpateError
+from palpate.produce.store import Store
+from store import made_up_grasps
+
+DEBIAN = Path("/usr/lib/postgresql")
+TEMPLATES = 200
+SIZE = "SELECT pg_database_size('postgres')"
+CUT = (
+    "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
+    "WHERE pid <> pg_backend_pid() AND backend_type = 'client backend'"
+)
+
+
+@contextmanager
+def server(folder: Path) -> Iterator[str]:
+    """Yield the URL of a store on a server of its own."""
+    [programs, *_] = sorted(DEBIAN.glob("*/bin"), key=lambda path: -float(path.parent.name))
+    user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
+    if user:
+        shutil.chown(folder, "postgres")
+
+    def run(program: str, *arguments: str) -> None:
+        command = [*user, str(programs / program), *arguments]
+        subprocess.run(command, check=True, capture_output=True, cwd=folder)
+
+    data = str(folder / "data")
+    run("initdb", "-D", data, "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C")
+    options = f"-c listen_addresses='' -c unix_socket_directories={folder} -c max_connections=120"
+    run("pg_ctl", "-D", data, "-w", "-l", str(folder / "log"), "-o", options, "start")
+    try:
+        yield f"postgresql://postgres@/postgres?host={folder}"
+    finally:
+        run("pg_ctl", "-D", data, "-m", "immediate", "stop")
+
+
+def station(
+    url: str, number: int, *, until_s: float, every_s: float
+) -> tuple[list[str], list[str], list[float]]:
+    """Write grasps until the time; return those acknowledged, those refused, and ms for each."""
+    rng = np.random.default_rng(number)
+    templates = list(made_up_grasps(TEMPLATES))
+    acknowledged, refused, spent_ms = list[str](), list[str](), list[float]()
+    due_s = time.time() + every_s * rng.random()
+    with Store.open(url) as store:
+        while time.time() < until_s:
+            time.sleep(max(due_s - time.time(), 0.0))
+            due_s += every_s
+            grasp = replace(
+                templates[rng.integers(TEMPLATES)],
+                grasp_id=str(uuid.uuid4()),
+                item_id=f"station-{number}-{len(spent_ms) // 4}",
+            )
+            started_s = time.perf_counter()
+            try:
+                store.add_grasp(grasp)
+                acknowledged.append(grasp.grasp_id)
+            except PalpateError:
+                # `palpate grasp` and `serve` keep such a one on the disk and offer it again.
+                refused.append(grasp.grasp_id)
+            spent_ms.append(1e3 * (time.perf_counter() - started_s))
+    return acknowledged, refused, spent_ms
+
+
+def asked(url: str, question: str) -> int:
+    """Return the one number that the database answers."""
+    import sqlalchemy
+
+    engine = sqlalchemy.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
+    with engine.connect() as connection:
+        found = int(connection.execute(sqlalchemy.text(question)).scalar_one())
+    engine.dispose()
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--stations", type=int, default=50)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--every", type=float, default=5.0, help="seconds from grasp to grasp")
+    told = parser.parse_args()
+    with tempfile.TemporaryDirectory() as place, server(Path(place)) as url:
+        Store.open(url).close()
+        empty = asked(url, SIZE)
+        with get_context("spawn").Pool(told.stations) as pool:
+            # Not before every process is there.
+            pool.map(os.path.exists, ["/"] * told.stations, chunksize=1)
+            until_s = time.time() + told.seconds
+            ways = {"until_s": until_s, "every_s": told.every}
+            running = [
+                pool.apply_async(station, (url, number), ways) for number in range(told.stations)
+            ]
+            time.sleep(told.seconds / 2)
+            cuts = asked(url, CUT)
+            ended = [one.get() for one in running]
+        said = {name for names, _, _ in ended for name in names}
+        refused = {name for _, names, _ in ended for name in names}
+        with Store.open(url) as store:
+            kept = {grasp.grasp_id for grasp in store.grasps()}
+        grown = asked(url, SIZE) - empty
+    spent_ms = np.array([ms for _, _, each in ended for ms in each])
+    print(
+        f"{told.stations} stations, {told.seconds:g} s, a grasp every {told.every:g} s; "
+        f"{cuts} connections cut in the middle"
+    )
+    print(
+        f"{len(said)} grasps acknowledged, {len(said - kept)} of them missing; "
+        f"{len(refused)} refused, {len(refused & kept)} of them there all the same"
+    )
+    print(
+        f"a write: median {np.median(spent_ms):.1f} ms, p99 {np.percentile(spent_ms, 99):.1f} ms, "
+        f"longest {spent_ms.max():.0f} ms; {len(spent_ms) / told.seconds:.0f} a second"
+    )
+    print(f"{grown / len(kept) * 1e6 / 1e9:.2f} GB per million grasps")
+    sys.exit(bool(said - kept))
+
+
+if __name__ == "__main__":
+    main()
