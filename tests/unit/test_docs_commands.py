@@ -17,7 +17,7 @@ import pytest
 import typer
 
 from palpate.cli import VERBS, build_app
-from palpate.commands.calibrate import STEPS
+from palpate.commands import archive, calibrate
 from palpate.commands.outcome import run
 from palpate.commands.research import catalogue
 from palpate.commands.study import GROUP
@@ -39,6 +39,7 @@ EXECUTED = (
     "bruise",
     "sort",
     "grasp-produce",
+    "archive",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(
@@ -105,8 +106,8 @@ def study_options(name: str) -> set[str]:
 def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line: str) -> None:
     _, verb, *arguments = shlex.split(line, comments=True)
     assert verb in VERBS
-    if verb == "calibrate":
-        assert arguments[0] in STEPS
+    if verb in ("archive", "calibrate"):
+        assert arguments[0] in (archive if verb == "archive" else calibrate).STEPS
         return
     command = typer.main.get_command(build_app()).commands[verb]
     known = {name for parameter in command.params for name in parameter.opts}
