@@ -72,8 +72,9 @@ def work_on(
         else:
             rows = run_here(left, show=show)
     forget_others(results / job.name, tasks)
+    there = len(tasks) - len(left)
+    others = f"; {there} were there already" if there else ""
     print(
-        f"{results / job.name}: {len(left)} of {len(tasks)} files written, {rows} rows; the others "
-        "were there",
+        f"{results / job.name}: {len(left)} of {len(tasks)} files written, {rows} rows{others}",
         file=sys.stderr,
     )
