@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy.linalg  # noqa: F401 - its library is what has threads
+from threadpoolctl import threadpool_info
+
 from palpate.archive.layout import arrow
 
 
@@ -39,3 +42,24 @@ class Killing:
             (self.folder / f"killed-{killed}").touch()
             os.kill(self.pid or os.getpid(), signal.SIGKILL)
         yield arrow().parquet.read_table(path, columns=["time_s"], partitioning=None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Threads:
+    """Tells on how many threads linear algebra runs."""
+
+    @property
+    def name(self) -> str:
+        return "threads"
+
+    @property
+    def reads(self) -> str:
+        return "holds"
+
+    @property
+    def settings(self) -> str:
+        return ""
+
+    def tables(self, path: Path) -> Iterator[Any]:
+        found = [pool["num_threads"] for pool in threadpool_info()]
+        yield arrow().table({"threads": found})

@@ -11,7 +11,8 @@ import pandas as pd
 import polars as pl
 import pyarrow.parquet as pq
 import pytest
-from tests.archive_jobs import Killing
+from tests.archive_jobs import Killing, Threads
+from threadpoolctl import threadpool_limits
 
 from palpate.archive.adding import add_recordings, add_store
 from palpate.archive.compacting import compact
@@ -165,6 +166,15 @@ def test_work_is_done_once_and_the_same_on_any_cores(archive: Archive, tmp_path:
     [table, _] = contents(tmp_path / "one").values()
     assert set(table["status"]) <= {"ok", "too_short", "misfit", "not_settling", "fell_back"}
     assert not any(task.done for task in tasks_of(Settle(), archive, to=tmp_path / "one"))
+
+
+def test_sums_do_not_depend_on_how_many_cores_a_machine_has(
+    archive: Archive, tmp_path: Path
+) -> None:
+    [task, _] = tasks_of(Threads(), archive, to=tmp_path / "out")
+    with threadpool_limits(limits=2):
+        perform(task)
+    assert set(pq.read_table(task.target, partitioning=None)["threads"].to_pylist()) == {1}
 
 
 def test_a_worker_that_dies_is_replaced(archive: Archive, tmp_path: Path) -> None:
