@@ -55,12 +55,12 @@ def draw(root: Path, *, samples: int) -> None:
 def settle(root: Path, results: Path, *, engine: str, workers: int) -> dict[str, float]:
     """Estimate all of it; return seconds and the peak of memory, GB."""
     tasks = tasks_of(Settle(horizon_s=19.0), Archive(root), to=results)
-    started_s = time.perf_counter()
     if engine == "local":
+        started_s = time.perf_counter()
         run_here(tasks, show=lambda _: None, workers=workers)
+        taken_s = time.perf_counter() - started_s
     else:
-        on_dask(tasks, workers=workers)
-    taken_s = time.perf_counter() - started_s
+        taken_s = on_dask(tasks, workers=workers)
     peaks = [
         resource.getrusage(who).ru_maxrss
         for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
@@ -68,14 +68,16 @@ def settle(root: Path, results: Path, *, engine: str, workers: int) -> dict[str,
     return {"seconds": taken_s, "peak_gb": max(peaks) / 1e6}
 
 
-def on_dask(tasks: list, *, workers: int) -> None:
-    """Run tasks on a cluster of so many processes."""
+def on_dask(tasks: list, *, workers: int) -> float:
+    """Run tasks on a cluster of so many processes that stands already; return the seconds."""
     from distributed import LocalCluster
 
     from palpate.archive.running import run_on_dask
 
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+        started_s = time.perf_counter()
         run_on_dask(tasks, scheduler=cluster.scheduler_address, show=lambda _: None)
+        return time.perf_counter() - started_s
 
 
 def fingerprint(results: Path) -> str:

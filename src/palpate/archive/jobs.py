@@ -78,7 +78,7 @@ class Settle:
         """Yield one table: a row for each hold, channel and cut-off."""
         pa = arrow()
         names = ["recording", "hold_id", "channel", "unit", "time_s", "value"]
-        table = pa.parquet.read_table(path, columns=names, partitioning=None)
+        table = pa.parquet.read_table(path, columns=names, partitioning=None, use_threads=False)
         rows = [row for alike in _alike(table) for row in self._rows(*alike)]
         yield pa.Table.from_pylist(rows, schema=_settled_schema())
 
@@ -154,7 +154,9 @@ class Recalibrate:
         now, recording = force_now(calibration.force), None
         with pa.parquet.ParquetFile(path) as file:
             for batch in file.iter_batches(
-                _BATCH, columns=["recording", "time_s", "rows", "cols", "ohm"]
+                _BATCH,
+                columns=["recording", "time_s", "rows", "cols", "ohm"],
+                use_threads=False,
             ):
                 rows = []
                 for frame in batch.to_pylist():
@@ -208,7 +210,7 @@ class Judge:
             raise InputError(f"{self.rules}: changed while it was used; run it again")
         book = read_rules(self.rules)
         rows = []
-        for grasp in pa.parquet.read_table(path, partitioning=None).to_pylist():
+        for grasp in pa.parquet.read_table(path, partitioning=None, use_threads=False).to_pylist():
             decision = decide(book, _evidence(grasp))
             rows.append(
                 {
