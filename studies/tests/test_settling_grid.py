@@ -72,6 +72,22 @@ def test_a_baseline_in_front_moves_the_clock(recording: Path) -> None:
     )
 
 
+def test_contact_may_be_made_over_some_time() -> None:
+    [hold] = draw("power law", 1, seed=3)
+    made, at_once = (
+        after_baseline(hold, rng=np.random.default_rng(1), rises_s=rises_s)
+        for rises_s in (1.0, 0.0)
+    )
+    step_s = hold.time_s[1] - hold.time_s[0]
+    further = made.values.size - at_once.values.size
+    assert further == pytest.approx(1.0 / step_s, abs=1)
+    before = len(made.values) - len(hold.values)
+    rise = made.values[before - further : before]
+    assert (np.diff(rise) < 0).all()
+    assert made.values[0] > rise[0]
+    assert rise[-1] > hold.values[0]
+
+
 def test_the_best_simple_rule_is_chosen_on_others() -> None:
     def errors(recorded: float, exponential: float) -> dict[str, np.ndarray]:
         values = dict.fromkeys(settling_grid.SIMPLE, 9.0)

@@ -17,6 +17,8 @@ from palpate.signal.transient import peak_index
 #: sample, while a curve that relaxes from the start slows down and takes three times it.
 _FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 2
 _GONE, _SUDDEN = 0.4, 0.75
+#: A contact was made between two samples where the next change is at most this share of the first.
+_REST_OF_IT = 0.5
 #: A change of a positive reading by a fifth within so long (s) is a contact; where zero is
 #: not known, so is a change that makes up nearly all there is. What rings is left out; time still
 #: counts from the contact.
@@ -79,18 +81,26 @@ def origins(
     >>> held = np.where(time_s < 1.0, 0.0, -2.0 - 0.1 * np.log(np.maximum(time_s - 0.95, 0.05)))
     >>> origin, first = origins(time_s, held[None], positive=True)
     >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
+    (1.0, 1.0)
+
+    The same contact made over a tenth of a second, which is left out with what may ring:
+
+    >>> slow = np.where(time_s < 1.0, 0.0, np.maximum(held, -20.0 * (time_s - 0.95)))
+    >>> origin, first = origins(time_s, slow[None], positive=True)
+    >>> float(time_s[origin[0]].round(2)), float(time_s[first[0]].round(2))
     (0.95, 1.3)
     """
     grid = _grid(time_s.tobytes())
     rested = _baseline_end(time_s, values, could_end=grid.could_end)
-    origin = np.maximum(peak_index(values), rested)
+    at_once = _at_once(values, rested, positive=positive)
+    origin = np.maximum(peak_index(values), rested + at_once)
     rows = np.arange(len(values))
     start = values[rows, origin]
     jump = np.abs(start - values[rows, grid.soon[origin]])
     least = _CONTACT_LOG
     if not positive:
         least = _CONTACT_SHARE * np.abs(values - start[:, None]).max(axis=1)
-    contact = (jump > least) | (rested > 0)
+    contact = (jump > least) | ((rested > 0) & ~at_once)
     return origin, np.where(contact, grid.later[origin], origin)
 
 
@@ -135,3 +145,15 @@ def _baseline_end(time_s: FloatArray, values: FloatArray, *, could_end: int) -> 
     # It must have stayed away: a hold that returns to where it began has no baseline there.
     end: NDArray[np.intp] = np.where((flat >= could_end) & sudden & left.any(axis=1), flat, 0)
     return end
+
+
+def _at_once(values: FloatArray, rested: NDArray[np.intp], *, positive: bool) -> NDArray[np.bool_]:
+    """Return whether contact was made between two samples: then the hold begins with the second."""
+    rows, last = np.arange(len(values)), values.shape[1] - 1
+    rest, first, second = (values[rows, np.minimum(rested + n, last)] for n in range(3))
+    jump = np.abs(first - rest)
+    least = _CONTACT_LOG
+    if not positive:
+        least = _GONE * np.abs(values - rest[:, None]).max(axis=1)
+    made = (jump > least) & (np.abs(second - first) <= _REST_OF_IT * jump)
+    return np.asarray(made & (rested > 0) & (rested + 2 <= last))

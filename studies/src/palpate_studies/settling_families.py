@@ -125,10 +125,19 @@ def draw(family: str, count: int, *, seed: int) -> list[Hold]:
     return holds
 
 
-def after_baseline(hold: Hold, *, rng: np.random.Generator) -> Hold:
+def after_baseline(hold: Hold, *, rng: np.random.Generator, rises_s: float = 0.0) -> Hold:
     """Return a hold with 0.5 to 3 s of the unloaded sensor in front, as a raw recording has it.
 
-    The clock starts with the baseline; the settled value comes later by its length.
+    The clock starts with the baseline; the settled value comes later by what stands in front.
+
+    Parameters
+    ----------
+    hold : Hold
+        Without baseline.
+    rng : Generator
+        Of its length, height and noise.
+    rises_s : float
+        The contact is made over so long, straight in ohm's logarithm or in percent.
     """
     step_s = float(np.median(np.diff(hold.time_s)))
     count = int(rng.uniform(0.5, 3.0) / step_s)
@@ -136,10 +145,15 @@ def after_baseline(hold: Hold, *, rng: np.random.Generator) -> Hold:
     rest = hold.values.max() * _between(rng, 1.5, 10.0) if positive else 0.0
     noise = 0.002 * (rest if positive else 15.0)
     baseline = rest + noise * rng.normal(size=count)
-    time_s = np.concatenate([np.arange(count) * step_s, hold.time_s + count * step_s])
+    # Contact falls anywhere between two samples.
+    made = np.arange(rng.uniform(0.0, step_s), rises_s, step_s) / max(rises_s, step_s)
+    first = hold.values[0]
+    rise = rest * (first / rest) ** made if positive else made * first
+    front = np.concatenate([baseline, rise])
+    time_s = np.concatenate([np.arange(front.size) * step_s, hold.time_s + front.size * step_s])
     return Hold(
         hold_id=hold.hold_id,
         channel=hold.channel,
         time_s=time_s,
-        values=np.concatenate([baseline, hold.values]),
+        values=np.concatenate([front, hold.values]),
     )

@@ -75,7 +75,13 @@ def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> Stud
         for past, found in _learning(unit.holds)
     }
     rng = np.random.default_rng(seed)
-    rested = {name: _rested(holds, rng=rng) for name, holds in {**real, **drawn}.items()}
+    rested, risen = (
+        {
+            name: _rested(holds, rng=rng, rises_s=rises_s)
+            for name, holds in {**real, **drawn}.items()
+        }
+        for rises_s in ((0.0, 0.0), RISES_S)
+    )
     return StudyReport(
         name="settling-families",
         title="The settled value of recordings of every kind",
@@ -96,6 +102,9 @@ def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> Stud
             _ours(
                 f"Ours with 0.5 to 3 s of the unloaded sensor in front, {_AT} of contact", rested
             ),
+            _ours(
+                f"The same where contact is made over 0.03 to 0.3 s, {_AT} of full contact", risen
+            ),
         ],
         payload={
             "seed": seed,
@@ -108,10 +117,13 @@ def report(real: Mapping[str, Sequence[Hold]], *, count: int, seed: int) -> Stud
                 for name, (without, learned) in own.items()
             },
             "with_baseline": {name: _payload(found) for name, found in rested.items()},
+            "with_rise": {name: _payload(found) for name, found in risen.items()},
         },
     )
 
 
+#: How long a contact takes to be made, s.
+RISES_S = (0.03, 0.3)
 _AT = f"at {' / '.join(f'{cutoff_s:g}' for cutoff_s in CUTOFFS_S)} s"
 
 
@@ -163,9 +175,11 @@ def scores(
     return Scores(errors=errors, covered=covered, ok=ok)
 
 
-def _rested(holds: Sequence[Hold], *, rng: np.random.Generator) -> Scores:
-    """Return how ours does with a baseline in front of every hold."""
-    rested = [after_baseline(hold, rng=rng) for hold in holds]
+def _rested(
+    holds: Sequence[Hold], *, rng: np.random.Generator, rises_s: tuple[float, float]
+) -> Scores:
+    """Return how ours does behind a baseline, with contact made over so long."""
+    rested = [after_baseline(hold, rng=rng, rises_s=rng.uniform(*rises_s)) for hold in holds]
     starts_s = [
         float(long.time_s[len(long.time_s) - len(hold.time_s)] - hold.time_s[0])
         for long, hold in zip(rested, holds, strict=True)
