@@ -17,8 +17,10 @@ from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import for_unit
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettledEstimate, SettlingMethod
+from palpate.settling.result import SettledEstimate, SettlingMethod, joined
 
+#: Holds predicted at once: what they take in memory stays the same, however many there are.
+_BLOCK = 4096
 #: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
 METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
     {
@@ -119,7 +121,12 @@ def predict_settled(
             f"values of hold {hold} at {times[sample]:g} s: {used[hold, sample]} is not a finite "
             "number; drop such samples or cut the hold before them"
         )
-    estimate = for_unit(chosen, unit).predict(times[:stop], used, horizon_s=horizon_s, level=level)
+    predictor = for_unit(chosen, unit)
+    blocks = [
+        predictor.predict(times[:stop], block, horizon_s=horizon_s, level=level)
+        for block in np.split(used, range(_BLOCK, len(used), _BLOCK))
+    ]
+    estimate = blocks[0] if len(blocks) == 1 else joined(blocks)
     return estimate if samples.ndim == 2 else estimate.hold(0)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,22 @@ class SettledEstimate:
             method=self.method,
             status=np.asarray(self.status)[index],
         )
+
+
+def joined(estimates: Sequence[SettledEstimate]) -> SettledEstimate:
+    """Return one estimate of all holds of several batches by the same method."""
+
+    def together(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(one, name) for one in estimates])
+
+    return replace(
+        estimates[0],
+        value=together("value"),
+        low=together("low"),
+        high=together("high"),
+        window_s=together("window_s"),
+        status=together("status"),
+    )
 
 
 class SettlingMethod(Protocol):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import platform
 import time
-import tracemalloc
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from palpate.settling.result import Status
 from palpate.settling.streaming import SettlingStream
 from palpate.signal.transient import WAIT_S
 from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.settling_growth import FLOORS, draw, growth
 
 SAMPLES = 30
 CUTOFF_S = 2.5
@@ -43,15 +43,23 @@ class Plan:
         Calls per size, of which the median counts.
     peer_holds : int
         Holds that the peers, which take one at a time, are timed on; more are scaled up from these.
+    growth : tuple of int
+        Holds per call at which time and memory are compared with each other and the floors.
     """
 
     sizes: tuple[int, ...]
     repeats: tuple[int, ...]
     peer_holds: int
+    growth: tuple[int, ...]
 
 
-FULL = Plan(sizes=(1, 8, 10_000, 1_000_000), repeats=(300, 200, 9, 1), peer_holds=2000)
-QUICK = Plan(sizes=(1, 8, 1000), repeats=(50, 50, 5), peer_holds=200)
+FULL = Plan(
+    sizes=(1, 8, 10_000, 1_000_000),
+    repeats=(300, 200, 9, 1),
+    peer_holds=2000,
+    growth=(1000, 10_000, 100_000, 1_000_000, 10_000_000),
+)
+QUICK = Plan(sizes=(1, 8, 1000), repeats=(50, 50, 5), peer_holds=200, growth=(1000, 10_000))
 
 
 def synthetic_holds(n_holds: int, *, seed: int = 1) -> tuple[FloatArray, FloatArray]:
@@ -191,27 +199,6 @@ def _streaming_rows() -> list[dict[str, Any]]:
     return rows
 
 
-def _memory_rows(plan: Plan) -> list[dict[str, Any]]:
-    """Return the memory that the largest call needs beyond its input."""
-    size = plan.sizes[-1]
-    time_s, holds = synthetic_holds(size)
-    rows = []
-    for method in METHODS:
-        tracemalloc.start()
-        predict_settled(time_s, holds, cutoff_s=CUTOFF_S, method=method)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        rows.append(
-            {
-                "method": method,
-                "holds": size,
-                "input_mb": holds.nbytes / 1e6,
-                "peak_beyond_input_mb": peak / 1e6,
-            }
-        )
-    return rows
-
-
 def _machine() -> str:
     cpu_info = Path("/proc/cpuinfo")
     names = (
@@ -250,7 +237,8 @@ def measure(plan: Plan) -> StudyReport:
         # curve_fit warns where a hold leaves its covariance open; only its parameters count here.
         warnings.simplefilter("ignore", OptimizeWarning)
         speed, agreement = _speed_rows(plan), _agreement(plan)
-    streaming, memory = _streaming_rows(), _memory_rows(plan)
+    streaming = _streaming_rows()
+    grown = growth(plan.growth, holds=synthetic_holds, cutoff_s=CUTOFF_S)
     provenance = [
         f"Simulated holds: one exponential, {SAMPLES} samples in {CUTOFF_S:g} s on a shared grid, "
         f"noise {NOISE_PERCENT:g} %. Speed only; says nothing of accuracy on a sensor.",
@@ -266,14 +254,15 @@ def measure(plan: Plan) -> StudyReport:
         name="bench-settling",
         title="Speed of the settled-value predictors",
         provenance=provenance,
-        tables=_tables(speed, agreement, streaming, memory),
+        tables=_tables(speed, agreement, streaming, grown),
         payload={
             "speed": speed,
             "agreement": agreement,
             "streaming": streaming,
-            "memory": memory,
+            "growth": grown,
             "notes": provenance,
         },
+        figures={"bench-settling": lambda: draw(grown)},
     )
 
 
@@ -281,7 +270,7 @@ def _tables(
     speed: Sequence[dict[str, Any]],
     agreement: dict[str, Any],
     streaming: Sequence[dict[str, Any]],
-    memory: Sequence[dict[str, Any]],
+    grown: Sequence[dict[str, Any]],
 ) -> list[Table]:
     return [
         Table(
@@ -320,16 +309,23 @@ def _tables(
             ],
         ),
         Table(
-            title="Memory",
-            columns=("holds", "method", "input MB", "peak beyond it MB"),
-            rows=[
-                (
-                    f"{row['holds']:,}",
-                    row["method"],
-                    f"{row['input_mb']:.0f}",
-                    f"{row['peak_beyond_input_mb']:.0f}",
-                )
-                for row in memory
-            ],
+            title="Growth of processor time and memory",
+            columns=("holds", "method", "s", "x matrix product", "MB beyond input", "MB of result"),
+            rows=[_grown(row, grown) for row in grown],
         ),
     ]
+
+
+def _grown(row: dict[str, Any], grown: Sequence[dict[str, Any]]) -> tuple[str, ...]:
+    [floor] = [
+        one["seconds"]
+        for one in grown
+        if one["method"] == FLOORS[0] and one["holds"] == row["holds"]
+    ]
+    return (
+        f"{row['holds']:,}",
+        row["method"],
+        f"{row['seconds']:.3g}",
+        f"{row['seconds'] / floor:.1f}",
+        *("" if row[n] is None else f"{row[n]:.1f}" for n in ("peak_beyond_input_mb", "result_mb")),
+    )
