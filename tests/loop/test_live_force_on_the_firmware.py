@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from palpate.clock import ManualClock
+from palpate.commands.live_reading import LiveReading
 from palpate.commands.live_view import LiveView
 from palpate.commands.sensor_source import SensorSource
 from palpate.grasp.planning import force_now
@@ -35,7 +36,8 @@ def test_newtons_with_an_interval_at_every_frame() -> None:
     array = SerialArray(stream, clock=clock, layout=RIGID_LAYOUT, rate_hz=RATE_HZ, oversampling=1)
     source = SensorSource(name="pad", array=array, calibration=calibration)
     follower = force_now(calibration.force)
-    view = LiveView(source, rest_ohm=source.rest_ohm(), clock=clock, force=follower)
+    rest_ohm = source.rest_ohm()
+    view = LiveView(LiveReading(source, rest_ohm=rest_ohm, clock=clock, force=follower))
     gripper = TwinGripper(world)
     gripper.command(GripperCommand(target=ball.size_mm - 3.0, rate=40.0))
     frames = []

@@ -40,6 +40,7 @@ EXECUTED = (
     "sort",
     "grasp-produce",
     "archive",
+    "foxglove",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import closing
+import sys
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,11 +20,31 @@ from palpate.commands.board_options import (
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.clock import Clock
+    from palpate.commands.live_foxglove import LiveStream
+    from palpate.commands.live_reading import LiveReading
     from palpate.commands.sensor_source import SensorSource
     from palpate.estimate.force_now import ForceNow
 
+#: Where Foxglove looks by itself.
+DEFAULT_ADDRESS = "127.0.0.1:8765"
+
 
 def live(
+    address: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="HOST:PORT",
+            help=f"Where --foxglove listens. [default: {DEFAULT_ADDRESS}]",
+            show_default=False,
+        ),
+    ] = None,
+    foxglove: Annotated[
+        bool,
+        typer.Option(
+            "--foxglove", help="Send all of it to Foxglove, too (docs: See it in Foxglove)."
+        ),
+    ] = False,
     rig: Annotated[
         str | None,
         typer.Option(
@@ -58,10 +79,13 @@ def live(
     from rich.live import Live
 
     from palpate.clock import RealClock
+    from palpate.commands.live_reading import LiveReading
     from palpate.commands.live_squeeze import paced
     from palpate.commands.live_view import DRAW_HZ, LiveView
     from palpate.commands.sensor_source import open_source
 
+    if address is not None and not foxglove:
+        raise InputError(f"{address}: an address is for --foxglove; add it, or leave this out")
     source = open_source(
         rig=rig,
         port=port,
@@ -71,22 +95,37 @@ def live(
         baud=baud,
     )
     clock = RealClock()
-    with closing(source):
+    with ExitStack() as stack:
+        stack.enter_context(closing(source))
         follows = _followed(source) if force else None
-        view = LiveView(source, rest_ohm=source.rest_ohm(), clock=clock, force=follows)
+        reading = LiveReading(source, rest_ohm=source.rest_ohm(), clock=clock, force=follows)
+        view, stream = LiveView(reading), None
+        if foxglove:
+            stream = stack.enter_context(closing(_stream(reading, clock=clock, address=address)))
         end_s = clock.now_s() + duration_s
-        screen = Live(console=Console(), auto_refresh=False, transient=False)
-        with screen:
-            drawn_s = -math.inf
-            for frame in paced(source, clock=clock):
-                if frame is not None:
-                    view.add(frame)
-                now_s = clock.now_s()
-                if now_s - drawn_s >= 1.0 / DRAW_HZ:
-                    drawn_s = now_s
-                    screen.update(view.render(), refresh=True)
-                if now_s >= end_s:
-                    break
+        screen = stack.enter_context(Live(console=Console(), auto_refresh=False, transient=False))
+        drawn_s = -math.inf
+        for frame in paced(source, clock=clock):
+            if frame is not None:
+                view.add(frame)
+            if stream is not None:
+                stream.add(frame)
+            now_s = clock.now_s()
+            if now_s - drawn_s >= 1.0 / DRAW_HZ:
+                drawn_s = now_s
+                screen.update(view.render(), refresh=True)
+            if now_s >= end_s:
+                break
+
+
+def _stream(reading: LiveReading, *, clock: Clock, address: str | None) -> LiveStream:
+    """Listen for Foxglove, and print what to type there."""
+    from palpate.commands.live_foxglove import LiveStream
+    from palpate.foxglove import LAYOUT
+
+    stream = LiveStream(reading, clock=clock, address=address or DEFAULT_ADDRESS)
+    print(f"palpate live: Foxglove at {stream.address}, layout {LAYOUT}", file=sys.stderr)
+    return stream
 
 
 def _followed(source: SensorSource) -> ForceNow:

@@ -14,25 +14,12 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from palpate.clock import Clock
-from palpate.commands.sensor_source import SensorSource
-from palpate.estimate.force_now import ForceNow
+from palpate.commands.live_reading import LiveReading
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
-from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import (
-    CONTACT_PERCENT,
-    excess_conductance,
-    finger_means,
-    mean_change,
-    relative_change_percent,
-)
+from palpate.signal.relative import finger_means, mean_change
 
 DRAW_HZ = 10.0
-#: Without a calibration, the first second is taken for rest.
-_REST_S = 1.0
-#: A frame is stale after five periods, at least 100 ms (as everywhere in palpate).
-_STALE_PERIODS, _STALE_S = 5.0, 0.1
 #: Depth at which colour and curve end; the curve's span, and one of its columns, seconds.
 _DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
 #: A pixel about to come loose reads a hundred times its rest value: more digits would say no more.
@@ -45,95 +32,39 @@ _COLORS = np.array([[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39],
 
 
 class LiveView:
-    """Takes frames, and draws what they say.
+    """Draws a reading, and the curve of its last seconds.
 
     Parameters
     ----------
-    source : SensorSource
-        Where the frames come from.
-    rest_ohm : ndarray or None, shape (rows, cols)
-        Calibrated rest values; None takes them from the first second.
-    clock : Clock
-        The clock on the wall, for the age of the last frame.
-    force : ForceNow or None
-        Follows the force at every frame; None shows none.
+    reading : LiveReading
+        What there is to draw.
     """
 
-    def __init__(
-        self,
-        source: SensorSource,
-        *,
-        rest_ohm: NDArray[np.float64] | None,
-        clock: Clock,
-        force: ForceNow | None = None,
-    ) -> None:
-        self._force = force
-        self._force_now: Measurement | None = None
-        self._source, self._layout, self._clock = source, source.array.layout, clock
-        self._rest_ohm, self._calibrated = rest_ohm, rest_ohm is not None
-        self._first: list[NDArray[np.float64]] = []
-        self._ohm: NDArray[np.float64] | None = None
-        self._last: Frame | None = None
-        self._arrived_s = math.nan
-        self._frames = self._lost = 0
-        self._recent: deque[tuple[float, int]] = deque()
+    def __init__(self, reading: LiveReading) -> None:
+        self._reading, self._layout = reading, reading.source.array.layout
         self._curve: deque[float] = deque(maxlen=_CURVE_COLUMNS)
         self._column = -1
 
     def add(self, frame: Frame) -> None:
         """Take a frame."""
-        self._ohm = pixel_resistance_ohm(
-            frame.counts, layout=self._layout, oversampling=frame.oversampling
-        )
-        if self._last is not None:
-            self._lost += max(0, frame.sequence - self._last.sequence - 1)
-        self._last, self._frames = frame, self._frames + 1
-        self._arrived_s = self._clock.now_s()
-        self._recent.append((frame.time_s, frame.sequence))
-        while frame.time_s - self._recent[0][0] > 2.0:
-            self._recent.popleft()
-        if self._rest_ohm is None:
-            self._learn_rest(frame.time_s)
+        self._reading.add(frame)
         self._extend_curve(frame.time_s)
-        if self._force is not None and self._rest_ohm is not None:
-            excess = excess_conductance(self._ohm, rest_ohm=self._rest_ohm)
-            self._force_now = self._force.step(frame.time_s, excess)
 
     def render(self) -> RenderableType:
         """Draw."""
-        simulated = self._source.simulated
-        title = f"[bold]palpate live[/]  {self._source.name}"
+        simulated = self._reading.source.simulated
+        title = f"[bold]palpate live[/]  {self._reading.source.name}"
         return Panel(
             Group(self._body(), Text(""), self._link()),
             title=title,
             subtitle="[bold yellow]SIMULATED: the twin is squeezed[/]" if simulated else "live",
-            border_style="red" if self._stale() else "green",
+            border_style="red" if self._reading.stale else "green",
             padding=(1, 2),
             expand=False,
         )
 
-    @property
-    def rate_hz(self) -> float:
-        """Frames per second over the last two seconds, lost ones included."""
-        if len(self._recent) < 2:
-            return math.nan
-        (start_s, start), (end_s, end) = self._recent[0], self._recent[-1]
-        return (end - start) / (end_s - start_s) if end_s > start_s else math.nan
-
-    @property
-    def age_s(self) -> float:
-        """Time since the last frame came; NaN before the first."""
-        return self._clock.now_s() - self._arrived_s
-
-    def _learn_rest(self, time_s: float) -> None:
-        assert self._ohm is not None
-        self._first.append(self._ohm)
-        if time_s - self._recent[0][0] >= _REST_S:
-            self._rest_ohm = np.asarray(np.median(self._first, axis=0))
-            self._first.clear()
-
     def _extend_curve(self, time_s: float) -> None:
-        change = self._change()
+        change = self._reading.change_percent
         if change is None:
             return
         deep = -float(mean_change(change))
@@ -144,13 +75,8 @@ class LiveView:
             self._curve.append(deep)
         self._column = column
 
-    def _change(self) -> NDArray[np.float64] | None:
-        if self._rest_ohm is None or self._ohm is None:
-            return None
-        return relative_change_percent(self._ohm, rest_ohm=self._rest_ohm)
-
     def _body(self) -> RenderableType:
-        change = self._change()
+        change = self._reading.change_percent
         if change is None:
             return Text("taking the rest values: leave the sensor alone", style="yellow")
         fingers = sorted(set(self._layout.finger_of_row))
@@ -170,15 +96,14 @@ class LiveView:
         for row in rows:
             cells = [self._cell(change, row, col, tall=tall) for col in range(self._layout.cols)]
             grid.add_row(*cells)
-        lowest = np.nanmin(change[rows], initial=0.0)
-        touch = lowest <= CONTACT_PERCENT
+        touch = finger in self._reading.touching
         state = "[bold green]contact[/]" if touch else "[dim]no contact[/]"
         head = Text.from_markup(f"finger {finger}   {_percent(mean)}   {state}")
         return Group(head, grid)
 
     def _cell(self, change: NDArray[np.float64], row: int, col: int, *, tall: bool) -> Text:
-        assert self._ohm is not None
-        value, ohm = float(change[row, col]), float(self._ohm[row, col])
+        assert self._reading.ohm is not None
+        value, ohm = float(change[row, col]), float(self._reading.ohm[row, col])
         if math.isnan(value):
             words = "open" if math.isinf(ohm) else "dead"
             style = "bold white on dark_red"
@@ -196,26 +121,23 @@ class LiveView:
         head = Text.from_markup(f"mean relative change [bold]{_percent(mean)}[/]")
         span = f"0 to -{_DEEPEST_PERCENT:.0f} %, last {_CURVE_COLUMNS * _COLUMN_S:.0f} s"
         lines = [head, Text(curve, style="dark_orange"), Text(span, style="dim")]
-        if self._force_now is not None:
-            lines.append(Text.from_markup(f"force now [bold]{_newtons(self._force_now)}[/]"))
+        if self._reading.force_n is not None:
+            lines.append(Text.from_markup(f"force now [bold]{_newtons(self._reading.force_n)}[/]"))
         return Group(*lines)
 
-    def _stale(self) -> bool:
-        period_s = 1.0 / self.rate_hz if self.rate_hz > 0 else 0.0
-        return not self.age_s <= max(_STALE_S, _STALE_PERIODS * period_s)
-
     def _link(self) -> RenderableType:
-        if self._last is None:
+        reading = self._reading
+        if not reading.frames:
             return Align.left(Text("no frame yet", style="bold red"))
-        events = self._source.events()
-        lost = f"[bold red]{self._lost} lost[/]" if self._lost else "0 lost"
+        events = reading.source.events()
+        lost = f"[bold red]{reading.lost} lost[/]" if reading.lost else "0 lost"
         bad = f"[bold red]{events.corrupt} corrupt[/]" if events.corrupt else "0 corrupt"
-        stale = self._stale()
-        age = f"[{'bold red' if stale else 'green'}]last frame {1e3 * self.age_s:.0f} ms ago[/]"
-        rest = "calibrated rest" if self._calibrated else "rest of the first second"
-        rate = "" if math.isnan(self.rate_hz) else f"{self.rate_hz:.1f} Hz  ·  "
+        color = "bold red" if reading.stale else "green"
+        age = f"[{color}]last frame {1e3 * reading.age_s:.0f} ms ago[/]"
+        rest = "calibrated rest" if reading.calibrated else "rest of the first second"
+        rate = "" if math.isnan(reading.rate_hz) else f"{reading.rate_hz:.1f} Hz  ·  "
         return Text.from_markup(
-            f"{rate}{self._frames} frames, {lost}, {bad}  ·  {age}  ·  [dim]{rest}[/]"
+            f"{rate}{reading.frames} frames, {lost}, {bad}  ·  {age}  ·  [dim]{rest}[/]"
         )
 
 

@@ -25,11 +25,12 @@ Message = Frame | GripperState | Event | LoadCells
 FORMAT = "1"
 METADATA_NAME = "palpate"
 _ORIGINS: dict[str, Origin] = {origin: origin for origin in get_args(Origin)}
-_NUMBER = {"type": "number"}
+NUMBER = {"type": "number"}
 _TIME = {"type": "number", "description": "Seconds on the recording's clock."}
 
 
-def _schema(title: str, required: list[str], **properties: dict[str, Any]) -> dict[str, Any]:
+def message_schema(title: str, required: list[str], **properties: dict[str, Any]) -> dict[str, Any]:
+    """Return the JSON schema of a message: it has a time, and `properties` (JSON schemas)."""
     return {
         "title": title,
         "type": "object",
@@ -40,7 +41,7 @@ def _schema(title: str, required: list[str], **properties: dict[str, Any]) -> di
 
 #: Topic -> JSON schema of its messages.
 SCHEMAS: dict[str, dict[str, Any]] = {
-    "/frames": _schema(
+    "/frames": message_schema(
         "palpate.Frame",
         ["sequence", "counts", "oversampling"],
         sequence={"type": "integer", "description": "Gaps are lost frames."},
@@ -51,22 +52,22 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         },
         oversampling={"type": "integer"},
     ),
-    "/gripper": _schema(
+    "/gripper": message_schema(
         "palpate.GripperState",
         ["moving"],
-        width_mm=_NUMBER,
-        pressure_kpa=_NUMBER,
-        current_ma=_NUMBER,
+        width_mm=NUMBER,
+        pressure_kpa=NUMBER,
+        current_ma=NUMBER,
         moving={"type": "boolean"},
     ),
-    "/events": _schema(
+    "/events": message_schema(
         "palpate.Event", ["name", "text"], name={"type": "string"}, text={"type": "string"}
     ),
-    "/load_cells": _schema(
+    "/load_cells": message_schema(
         "palpate.LoadCells",
         ["raw"],
         raw={"type": "array", "items": {"type": "integer"}},
-        force_n={"type": "array", "items": _NUMBER},
+        force_n={"type": "array", "items": NUMBER},
     ),
 }
 _TOPICS: dict[type, str] = {

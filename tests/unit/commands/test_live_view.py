@@ -12,6 +12,7 @@ from rich.console import Console
 
 from palpate.cli import build_app, run
 from palpate.clock import ManualClock
+from palpate.commands.live_reading import LiveReading
 from palpate.commands.live_squeeze import Squeeze
 from palpate.commands.live_view import LiveView
 from palpate.commands.sensor_source import SensorSource
@@ -38,7 +39,9 @@ class Screen:
             name="bench", array=TwinArray(World(None, seed=1)), simulated=simulated
         )
         self.clock = ManualClock()
-        self.view = LiveView(source, rest_ohm=rest_ohm if calibrated else None, clock=self.clock)
+        self.view = LiveView(
+            LiveReading(source, rest_ohm=rest_ohm if calibrated else None, clock=self.clock)
+        )
         self.sequence = 0
 
     def feed(self, counts: np.ndarray, *, frames: int = 20) -> None:
@@ -111,7 +114,7 @@ def test_one_frame_has_no_rate_yet() -> None:
 def test_the_largest_matrix_fits_a_terminal() -> None:
     array = TwinArray(World(None, seed=1, layout=layout_named("16x16")))
     source = SensorSource(name="bench", array=array)
-    view = LiveView(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock())
+    view = LiveView(LiveReading(source, rest_ohm=np.full((16, 16), 8e3), clock=ManualClock()))
     view.add(array.read(timeout_s=1.0))
     file = StringIO()
     Console(width=80, file=file).print(view.render())
@@ -176,12 +179,9 @@ def test_force_is_shown_at_every_frame() -> None:
     )
     screen = Screen()
     source = SensorSource(name="bench", array=TwinArray(World(None, seed=1)), simulated=False)
-    screen.view = LiveView(
-        source,
-        rest_ohm=resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider),
-        clock=screen.clock,
-        force=ForceNow(PixelReading.summed(), early=law, settled=law, early_s=0.4, settled_s=20.0),
-    )
+    force = ForceNow(PixelReading.summed(), early=law, settled=law, early_s=0.4, settled_s=20.0)
+    rest_ohm = resistance_ohm(REST_COUNTS, divider=RIGID_LAYOUT.divider)
+    screen.view = LiveView(LiveReading(source, rest_ohm=rest_ohm, clock=screen.clock, force=force))
     screen.feed(REST_COUNTS)
     assert "force now 0.00 N" in screen.text()
     screen.feed(REST_COUNTS * 2)
@@ -196,4 +196,23 @@ def test_force_without_a_calibration_is_refused(
     assert run(build_app(), arguments, name="palpate") == 2
     error = capsys.readouterr().err
     assert "palpate calibrate force" in error
+    assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["127.0.0.1:8765"], "--foxglove"),
+        (["127.0.0.1", "--foxglove"], "HOST:PORT"),
+        (["127.0.0.1:70000", "--foxglove"], "HOST:PORT"),
+        (["nowhere.invalid:8765", "--foxglove"], "another address"),
+    ],
+)
+def test_an_address_that_is_none_is_refused(
+    words: list[str], said: str, rig_file: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["live", "--rig", str(rig_file()), "--duration", "0.2", *words]
+    assert run(build_app(), arguments, name="palpate") == 2
+    error = capsys.readouterr().err
+    assert said in error
     assert len(error.strip().splitlines()) == 1

@@ -1,0 +1,124 @@
+"""What Foxglove costs `palpate live`: processor time, delay and losses at 250 frames/s.
+
+Run `python benchmarks/foxglove_viewer.py --seconds 30`. The board is a process at the far end of a
+pseudo-terminal (simulated), the viewer a websocket client that takes every channel, on the same
+machine. Printed are the share of a core that `palpate live --force` takes without Foxglove, with it
+but nobody looking, and with one viewer; then how old a frame is when its messages reach the viewer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Until the rig is open, and what is imported at the first frames is.
+SETTLE_S = 5.0
+
+
+def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
+    """Write a rig file for a board without a gripper, with a calibration of the twin's."""
+    from palpate.rig.simulated import calibrated
+
+    calibrated(seed=1, level="paper", apart_from="ball-44lbs").save(folder / "calibration.json")
+    rig = folder / "rig.toml"
+    rig.write_text(
+        'calibration = "calibration.json"\n[array]\n'
+        f'open = "palpate.sensor.board_array:open_board"\nport = "{port}"\nrate_hz = {rate_hz}\n'
+    )
+    return rig
+
+
+@contextmanager
+def live(rig: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """Run `palpate live --force` on a rig."""
+    command = [sys.executable, "-c", "from palpate.cli import main; main()", "live", "--force"]
+    with subprocess.Popen(
+        [*command, "--rig", str(rig), *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def address_of(process: subprocess.Popen[str]) -> str:
+    assert process.stderr is not None
+    found = re.search(r"ws://\S+:\d+", process.stderr.readline())
+    assert found is not None
+    return found[0]
+
+
+def share_percent(pid: int, *, seconds: float) -> float:
+    """Return the share of a core that a process takes from now on."""
+    from benchmarks.packhouse import cpu_s
+
+    before_s, began_s = cpu_s(pid), time.monotonic()
+    time.sleep(seconds)
+    return 100 * (cpu_s(pid) - before_s) / (time.monotonic() - began_s)
+
+
+def view(pid: int, address: str, *, seconds: float) -> None:
+    """Take every channel, and print what came, how late, and what it cost."""
+    from benchmarks.packhouse import cpu_s, shown
+    from tests.foxglove_client import foxglove_client
+
+    counts: Counter[str] = Counter()
+    late_ms, numbers = [], []
+    with foxglove_client(address) as client:
+        client.subscribe()
+        before_s, began_s = cpu_s(pid), time.monotonic()
+        for message in client.messages(for_s=seconds):
+            counts[message.topic] += 1
+            if message.topic == "/force":
+                late_ms.append((time.time_ns() - message.log_time_ns) / 1e6)
+            elif message.topic == "/frames":
+                numbers.append(message.content["sequence"])
+        took_s = time.monotonic() - began_s
+        share = 100 * (cpu_s(pid) - before_s) / took_s
+    missing = sum(after - before - 1 for before, after in pairwise(numbers))
+    print(f"one viewer: {share:.1f} % of a core; load {os.getloadavg()[0]:.1f}")
+    print(f"  {sum(counts.values()) / took_s:.0f} messages/s, {missing} of {len(numbers)} missing")
+    shown("  from the frame to the viewer, its last message", late_ms)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rate-hz", type=float, default=250.0)
+    parser.add_argument("--seconds", type=float, default=30.0, help="for each line")
+    options = parser.parse_args()
+    sys.path.insert(0, str(ROOT))
+    from benchmarks.dashboard import board_on_a_line
+
+    with (
+        tempfile.TemporaryDirectory() as made,
+        board_on_a_line(options.rate_hz) as (line, _),
+    ):
+        rig = write_rig(Path(made), port=line, rate_hz=options.rate_hz)
+        with live(rig) as process:
+            time.sleep(SETTLE_S)
+            share = share_percent(process.pid, seconds=options.seconds)
+            print(f"without Foxglove: {share:.1f} % of a core", flush=True)
+        with live(rig, "--foxglove", "127.0.0.1:0") as process:
+            address = address_of(process)
+            time.sleep(SETTLE_S)
+            share = share_percent(process.pid, seconds=options.seconds)
+            print(f"with it, nobody looking: {share:.1f} % of a core", flush=True)
+            view(process.pid, address, seconds=options.seconds)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""`palpate live --foxglove` on the twin, seen by a client of the websocket protocol."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from typing import IO
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+from tests.foxglove_client import FoxgloveClient, Received, foxglove_client
+
+from palpate.recording.channels import SCHEMAS, decode
+from palpate.sensor.array import RIGID_LAYOUT, Frame
+from palpate.signal.relative import CONTACT_PERCENT
+
+COMMAND = (sys.executable, "-c", "from palpate.cli import main; main()", "live")
+
+
+@contextmanager
+def live(*options: str) -> Iterator[str]:
+    """Run `palpate live --foxglove` on a free port; yield the address that it prints."""
+    command = [*COMMAND, "--rig", "sim-rigid", "--foxglove", "127.0.0.1:0", *options]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            yield _address(process.stderr)
+        finally:
+            process.kill()
+
+
+def _address(stream: IO[str] | None) -> str:
+    assert stream is not None
+    line = stream.readline()
+    found = re.search(r"ws://\S+:\d+", line)
+    assert found is not None, line
+    return found[0]
+
+
+def until_contact(client: FoxgloveClient) -> list[Received]:
+    """Return all messages up to the first contact, and those of the second after it."""
+    received: list[Received] = []
+    frames_left = None
+    for message in client.messages():
+        if message.topic == "/frames" and frames_left is not None:
+            frames_left -= 1
+            if frames_left < 0:
+                return received
+        received.append(message)
+        if message.topic == "/events" and message.content["name"] == "contact":
+            frames_left = 15
+    raise AssertionError("no contact")
+
+
+@pytest.fixture(scope="module")
+def seen() -> tuple[FoxgloveClient, list[Received]]:
+    with live("--force") as address:
+        # One that leaves at once disturbs nobody.
+        with foxglove_client(address) as first:
+            first.subscribe()
+        with foxglove_client(address) as client:
+            client.subscribe()
+            received = until_contact(client)
+    return client, received
+
+
+Seen = tuple[FoxgloveClient, list[Received]]
+
+
+def of(seen: Seen, topic: str) -> list[Received]:
+    return [message for message in seen[1] if message.topic == topic]
+
+
+def test_the_recording_channels_have_the_schemas_of_a_recording(seen: Seen) -> None:
+    channels = seen[0].channels
+    for topic, schema in SCHEMAS.items():
+        assert channels[topic]["schemaName"] == schema["title"]
+        assert channels[topic]["encoding"] == "json"
+        assert json.loads(channels[topic]["schema"]) == schema
+    assert channels["/heat_map"]["schemaName"] == "foxglove.RawImage"
+
+
+def test_every_message_fits_the_schema_of_its_channel(seen: Seen) -> None:
+    validators = {
+        topic: Draft202012Validator(json.loads(channel["schema"]))
+        for topic, channel in seen[0].channels.items()
+        if channel["schemaEncoding"] == "jsonschema"
+    }
+    checked = {message.topic for message in seen[1] if message.topic in validators}
+    for message in seen[1]:
+        if message.topic in validators:
+            validators[message.topic].validate(message.content)
+    assert checked == {"/frames", "/gripper", "/events", "/change", "/force", "/link"}
+
+
+def test_no_frame_is_missing_and_each_has_all_that_is_known_of_it(seen: Seen) -> None:
+    frames = [
+        decode("/frames", json.dumps(message.content).encode(), layout=RIGID_LAYOUT)
+        for message in of(seen, "/frames")
+    ]
+    assert len(frames) > 30
+    numbers = [frame.sequence for frame in frames if isinstance(frame, Frame)]
+    assert all(after == before + 1 for before, after in pairwise(numbers))
+    times = [message.log_time_ns for message in of(seen, "/frames")][1:]
+    for topic in ("/gripper", "/change", "/heat_map", "/force"):
+        # The client may have come in the middle of the first frame.
+        assert [message.log_time_ns for message in of(seen, topic)][-len(times) :] == times, topic
+
+
+def test_log_time_is_the_time_of_the_frame_in_unix_time(seen: Seen) -> None:
+    frames = of(seen, "/frames")
+    zero_ns = {
+        round((message.log_time_ns - 1e9 * message.content["time_s"]) / 1e6) for message in frames
+    }
+    assert max(zero_ns) - min(zero_ns) <= 1
+    (start,) = {int(seen[0].server["sessionId"])}  # the server's start, Unix time in ms
+    assert 0 < frames[0].log_time_ns / 1e6 - start < 60e3
+
+
+def test_the_heat_map_shows_the_numbers_of_change(seen: Seen) -> None:
+    for image, change in zip(of(seen, "/heat_map"), of(seen, "/change"), strict=False):
+        assert (image.content.height, image.content.width) == (4, 2)
+        assert (image.content.encoding, image.content.step) == ("32FC1", 8)
+        stamp = image.content.timestamp
+        assert stamp.seconds * 10**9 + stamp.nanos == image.log_time_ns
+        pixels = np.frombuffer(image.content.data, dtype="<f4")
+        numbers = [change.content[f"r{row}c{col}_percent"] for row in range(4) for col in range(2)]
+        assert pixels == pytest.approx(numbers, rel=1e-6)
+        assert change.content["mean_percent"] == pytest.approx(np.mean(numbers))
+
+
+def test_force_has_an_interval_and_rises_with_the_contact(seen: Seen) -> None:
+    forces = [message.content for message in of(seen, "/force")]
+    assert all(0 <= one["low_n"] <= one["force_n"] <= one["high_n"] for one in forces)
+    assert forces[-1]["force_n"] > 2 * forces[0]["force_n"]
+
+
+def test_a_contact_is_an_event_at_the_frame_that_shows_it(seen: Seen) -> None:
+    changes = {message.log_time_ns: message.content for message in of(seen, "/change")}
+    contacts = [m for m in of(seen, "/events") if m.content["name"] == "contact"]
+    for contact in contacts:
+        rows = {"finger 0": (0, 1), "finger 1": (2, 3)}[contact.content["text"]]
+        change = changes[contact.log_time_ns]
+        lowest = min(change[f"r{row}c{col}_percent"] for row in rows for col in (0, 1))
+        assert lowest <= CONTACT_PERCENT
+    earlier = [m.content["mean_percent"] for m in of(seen, "/change")[:30]]
+    assert min(earlier) > CONTACT_PERCENT
+
+
+def test_simulated_is_said_in_the_name_and_on_the_link(seen: Seen) -> None:
+    assert seen[0].server["name"] == "palpate sim-rigid (SIMULATED)"
+    links = [message.content for message in of(seen, "/link")]
+    assert len(links) > 2
+    assert all(one["simulated"] and one["source"] == "sim-rigid" for one in links)
+    assert links[-1]["rate_hz"] == pytest.approx(15.0, abs=0.5)
+    assert (links[-1]["lost"], links[-1]["corrupt"]) == (0, 0)
