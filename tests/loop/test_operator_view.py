@@ -20,10 +20,18 @@ from tests.loop.test_dashboard import (
     served,
     verdict,
 )
+from tests.unit.dashboard.test_language import firmness_words
+
+from palpate.dashboard.language import Message, language_for
+from palpate.dashboard.operating import OUTCOMES, PHASES
+from palpate.dashboard.session import Activity
+from palpate.grasp.result import Outcome
+from palpate.grasp.verdict import outcome_text
 
 __all__ = ["browser"]
 
-SIZES = {"phone": (390, 844), "tablet": (834, 1194), "wide": (1440, 900)}
+SIZES = {"phone": (390, 844), "tablet": (820, 1180), "wide": (1920, 1080)}
+LOCALES = {"en": "en-US", "de": "de-DE"}
 FITS = """() => [...document.querySelectorAll('#verdict-why, #verdict-text, %s')].filter((part) => {
     const box = part.getBoundingClientRect();
     return box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight;
@@ -77,6 +85,52 @@ def fits(page: Page) -> None:
     root = "document.documentElement"
     beyond = f"[{root}.scrollHeight - innerHeight, {root}.scrollWidth - innerWidth]"
     assert page.evaluate(beyond) == [0, 0]
+
+
+#: Lays out one text after the other; returns those that do not fit.
+LAID_OUT = """([words, nexts, whys]) => {
+    const [word, why, next] = ['verdict-text', 'verdict-why', 'next-text'].map(
+        (id) => document.getElementById(id));
+    const parts = ['#verdict', '#verdict-text', '#verdict-why', '#shape', '#next-step',
+        '#next-text', '.force', '.item', '#grasp'].map((one) => document.querySelector(one));
+    const out = (part) => {
+        const box = part.getBoundingClientRect();
+        return box.left < 0 || box.top < 0 || box.right > innerWidth || box.bottom > innerHeight;
+    };
+    const over = (inner, outer) => {
+        const [a, b] = [inner, outer].map((part) => part.getBoundingClientRect());
+        return a.right > b.right || a.bottom > b.bottom || a.left < b.left || a.top < b.top;
+    };
+    const failed = [];
+    for (let i = 0; i < Math.max(words.length, nexts.length); i += 1) {
+        word.textContent = words[i % words.length];
+        next.textContent = nexts[i % nexts.length];
+        why.textContent = whys[i % whys.length];
+        const letters = Math.max(...word.textContent.split(' ').map((one) => one.length));
+        document.getElementById('verdict').style.setProperty('--letters', letters);
+        const [card, step] = [parts[0], parts[4]];
+        if (parts.some(out) || over(word, card) || over(why, card) || over(next, step)
+            || word.scrollWidth > word.clientWidth || next.scrollWidth > step.clientWidth
+            || document.documentElement.scrollHeight > innerHeight)
+            failed.push(`${word.textContent} | ${next.textContent} | ${why.textContent}`);
+    }
+    return failed;
+}"""
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("code", LOCALES)
+def test_all_that_it_can_say_fits(browser: Browser, address: str, code: str, size: str) -> None:
+    tr = language_for(code, "")
+    words = [*PHASES.values(), *(word for word, _ in OUTCOMES.values()), *Activity]
+    words += [*firmness_words(), Message("Damaged"), Message("Hand closed"), Message("Off target")]
+    nexts = [next_step for _, next_step in OUTCOMES.values()]
+    nexts += [Message("check its cable and power; it goes on as soon as it answers")]
+    whys = [outcome_text(outcome) for outcome in Outcome]
+    with at(browser, f"{address}operate", SIZES[size], locale=LOCALES[code]) as page:
+        capital = [tr(word)[:1].upper() + tr(word)[1:] for word in words]
+        texts = [capital, *([tr(text) for text in group] for group in (nexts, whys))]
+        assert page.evaluate(LAID_OUT, texts) == []
 
 
 @pytest.mark.parametrize("size", SIZES)

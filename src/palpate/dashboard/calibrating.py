@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.dashboard.language import Message
 from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
 from palpate.dashboard.station import FRAME_TIMEOUT_S, CellBench, Station
 from palpate.errors import DeviceError
@@ -56,7 +57,7 @@ def calibrate_rest(order: CalibrateRest, *, station: Station) -> Calibrated:
 
 
 def _rest_open(rig: Rig, station: Station) -> RestValues:
-    station.guide("The hand opens. Leave the sensor alone")
+    station.guide(Message("The hand opens. Leave the sensor alone"))
     bench = Bench(
         array=station.watched(),
         gripper=rig.gripper,
@@ -69,7 +70,7 @@ def _rest_open(rig: Rig, station: Station) -> RestValues:
 
 def _rest_alone(station: Station) -> RestValues:
     """Take the rest values of a sensor that no hand holds."""
-    station.guide("Leave the sensor alone")
+    station.guide(Message("Leave the sensor alone"))
     array, taken = station.watched(), list[Frame]()
     station.catch_up()
     while not taken or taken[-1].time_s - taken[0].time_s < _REST_S:
@@ -81,7 +82,7 @@ def _rest_alone(station: Station) -> RestValues:
     )
     rest = rest_baseline(ohm)
     if not np.all(np.isfinite(rest.rest_ohm) & (rest.rest_ohm > 0)):
-        raise DeviceError("a pixel is open or short: the doctor names it")
+        raise DeviceError(Message("a pixel is open or short: the doctor names it"))
     return RestValues(
         ohm=tuple(map(tuple, rest.rest_ohm.tolist())),
         spread_percent=tuple(map(tuple, rest.spread_percent.tolist())),
@@ -115,13 +116,15 @@ def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
     """
     before = station.rig.calibration
     if before is None:
-        raise DeviceError("the rest was not calibrated: take the rest values first")
+        raise DeviceError(Message("the rest was not calibrated: take the rest values first"))
     if order.loads_n:
         pairs = _weighed(checked_loads(order.loads_n, where="the loads"), station)
     elif station.open_bench is not None:
         pairs = _by_cell(station.open_bench(station.rig.name, station.seed), station)
     else:
-        raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
+        raise DeviceError(
+            Message("this rig has no load cell that palpate can read: give dead weights")
+        )
     made = with_force_law(replace(before, force=pairs))
     made = replace(made, made_at=_now())
     return _renewed(made, file=order.file, station=station)
@@ -133,7 +136,10 @@ def _by_cell(on: CellBench, station: Station) -> ForcePairs:
 
     def reseat(run: int) -> None:
         share = run / len(_HOLDS_N)
-        station.guide(f"The load cell is placed anew: {run + 1} of {len(_HOLDS_N)}", share=share)
+        text = Message(
+            "The load cell is placed anew: {run} of {runs}", run=run + 1, runs=len(_HOLDS_N)
+        )
+        station.guide(text, share=share)
         on.reseat(run)
 
     return measure_force(
@@ -147,14 +153,17 @@ def _weighed(loads_n: list[float], station: Station) -> ForcePairs:
 
     def place(load_n: float) -> None:
         share = next(done) / len(loads_n)
-        what = f"Lay {load_n:g} N on the pad" if load_n else "Take every weight away"
+        what = Message("Take every weight away")
+        if load_n:
+            what = Message("Lay {load_n:g} N on the pad", load_n=load_n)
         station.confirmed.clear()
         station.guide(what, share=share, asks=True)
         while not station.confirmed.is_set():
             array.read(timeout_s=FRAME_TIMEOUT_S)
-        station.guide(f"{load_n:g} N settles: leave it alone for 20 s", share=share)
+        settles = Message("{load_n:g} N settles: leave it alone for 20 s", load_n=load_n)
+        station.guide(settles, share=share)
 
-    station.guide("The rest is read. Leave the sensor alone")
+    station.guide(Message("The rest is read. Leave the sensor alone"))
     return weigh(array, loads_n=loads_n, place=place, clock=station.rig.clock).pairs
 
 

@@ -20,6 +20,7 @@ from palpate.dashboard.folder import (
 )
 from palpate.dashboard.handle import DeviceProcess
 from palpate.dashboard.history import Entry, History, entry_of
+from palpate.dashboard.language import Message
 from palpate.dashboard.ledger import Ledger
 from palpate.dashboard.messages import (
     Grasped,
@@ -148,7 +149,9 @@ class Desk:
             If the force is out of range, the item can't be named so, or the kind is not known.
         """
         if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
-            raise InputError(f"target force: above 0 and at most {FORCE_CEILING_N:g} N")
+            raise InputError(
+                Message("target force: above 0 and at most {most_n:g} N", most_n=FORCE_CEILING_N)
+            )
         if item_id:
             Item(item_id=item_id)
         damage = self.settings.damage
@@ -200,7 +203,11 @@ class Desk:
 
     def _check_idle(self, name: str) -> None:
         if name in self.session.files_in_use:
-            raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
+            raise InputError(
+                Message(
+                    "{name} is in use: wait until its grasp, recording or replay ends", name=name
+                )
+            )
 
     def calibration_file(self) -> Path:
         """Return where the calibration of the rig is kept: the rig file says, or the folder."""

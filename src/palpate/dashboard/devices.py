@@ -18,6 +18,7 @@ from palpate.clock import ManualClock
 from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
 from palpate.dashboard.examining import look_at
 from palpate.dashboard.grasping import grasp, open_hand
+from palpate.dashboard.language import Message, said_by
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
@@ -160,7 +161,7 @@ class Devices:
         if station is None:
             self._confirm_stop()
         for order in dropped:
-            self._outlet.note(Ended(order=order, trouble="stopped before it began"))
+            self._outlet.note(Ended(order=order, trouble=Message("stopped before it began")))
 
     def _next_order(self) -> Order | None:
         """Take the next order, with requests of its own: a stop from now on is meant for it."""
@@ -204,7 +205,7 @@ class Devices:
         try:
             found = self._done(order)
         except (PalpateError, OSError) as error:
-            trouble = str(error)
+            trouble = said_by(error)
         self._outlet.note(
             Ended(order=order, found=found, trouble=trouble, stopped_after_s=self._took_s())
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from palpate.dashboard.language import Message
 from palpate.dashboard.messages import Examine
 from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
 from palpate.errors import DeviceTimeoutError
@@ -23,7 +24,7 @@ def look_at(order: Examine, *, station: Station) -> Health:
     before = station.link_events()
     taken = [array.read(timeout_s=FRAME_TIMEOUT_S)]
     while (lasted_s := taken[-1].time_s - taken[0].time_s) < order.duration_s:
-        station.guide("Leave the sensor alone", share=lasted_s / order.duration_s)
+        station.guide(Message("Leave the sensor alone"), share=lasted_s / order.duration_s)
         try:
             taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
         except DeviceTimeoutError:

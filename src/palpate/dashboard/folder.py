@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from palpate.dashboard.history import checked_name
+from palpate.dashboard.language import Message
 from palpate.errors import InputError, PalpateError
 from palpate.recording import RecordingReader
 
@@ -46,7 +47,7 @@ def recording_named(folder: Path, name: str) -> Path:
     file = folder / name
     plain = name == Path(name).name and name.endswith(_ENDING) and "\0" not in name
     if not plain or file.is_symlink() or not file.is_file():
-        raise InputError(f"{name!r}: no recording of this folder")
+        raise InputError(Message("{name!r}: no recording of this folder", name=name))
     return file
 
 
@@ -64,7 +65,9 @@ def rename_recording(folder: Path, name: str, stem: str) -> Path:
         os.link(file, renamed)
         file.unlink()
     except FileExistsError as error:
-        raise InputError(f"{renamed.stem}: there is a recording of this name") from error
+        raise InputError(
+            Message("{name}: there is a recording of this name", name=renamed.stem)
+        ) from error
     except OSError as error:
         raise InputError(f"{name} can't be renamed: {error.strerror}") from error
     return renamed

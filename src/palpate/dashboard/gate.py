@@ -8,14 +8,14 @@ import time
 from collections import deque
 from collections.abc import Callable
 from ipaddress import ip_address
-from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlencode, urlsplit
 
 from starlette.datastructures import Headers
 from starlette.requests import Request, cookie_parser
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from palpate.dashboard.language import Language, Message, language_for
 from palpate.errors import InputError
 
 COOKIE = "palpate-token"
@@ -94,12 +94,14 @@ class Gate:
         headers = Headers(scope=scope)
         answer: Response | None = None
         if not self._ours(headers):
-            answer = _page(403, "This address is not for other sites.")
+            answer = _page(
+                _language(scope, headers), 403, Message("This address is not for other sites.")
+            )
         elif self._token is not None and not self._knows(headers, self._token):
             if scope["path"].startswith(_FOR_MACHINES):
                 answer = self._weigh(headers, _visitor(scope), self._token)
             else:
-                answer = await self._ask(scope, receive, self._token)
+                answer = await self._ask(scope, receive, self._token, tr=_language(scope, headers))
         if answer is None:
             await self.app(scope, receive, send)
         elif scope["type"] == "websocket":
@@ -132,23 +134,25 @@ class Gate:
         self._wrong.add(visitor)
         return _line(403, "that is not the token")
 
-    async def _ask(self, scope: Scope, receive: Receive, token: str) -> Response:
+    async def _ask(self, scope: Scope, receive: Receive, token: str, *, tr: Language) -> Response:
         """Take the token from the form or the address, or ask for it."""
         told = _field(scope.get("query_string", b""))
-        if scope["type"] == "http" and scope["method"] == "POST" and scope["path"] == "/":
+        if scope["type"] == "http" and scope["method"] == "POST":
             form = await _form(Request(scope, receive))
             if form is None:
-                return _page(413, "That is too long for a token.", form=True)
+                return _page(tr, 413, Message("That is too long for a token."), form=True)
             told = _field(form)
         if not told:
-            return _page(401, "Whoever started this dashboard knows its token.", form=True)
+            return _page(
+                tr, 401, Message("Whoever started this dashboard knows its token."), form=True
+            )
         visitor = _visitor(scope)
         if self._wrong.too_many(visitor):
-            return _page(429, "Too many wrong tokens: wait a minute.", form=True)
+            return _page(tr, 429, Message("Too many wrong tokens: wait a minute."), form=True)
         if not _same(told, token):
             self._wrong.add(visitor)
-            return _page(403, "That is not the token.", form=True)
-        welcome = RedirectResponse("/", status_code=303)
+            return _page(tr, 403, Message("That is not the token."), form=True)
+        welcome = RedirectResponse(_without_token(scope), status_code=303)
         welcome.set_cookie(COOKIE, _kept(token), httponly=True, samesite="lax")
         return welcome
 
@@ -181,6 +185,19 @@ class WrongTries:
         return self._tries.get("" if full and visitor not in self._tries else visitor, deque())
 
 
+def _language(scope: Scope, headers: Headers) -> Language:
+    asked = _fields(scope.get("query_string", b"")).get("lang", [""])[0]
+    return language_for(asked, headers.get("accept-language", ""))
+
+
+def _without_token(scope: Scope) -> str:
+    """Return the address that was asked for; of this site, whatever it begins with."""
+    fields = _fields(scope.get("query_string", b""))
+    kept = {name: values for name, values in fields.items() if name != "token"}
+    query = urlencode(kept, doseq=True)
+    return f"/{quote(scope['path'].lstrip('/'))}{'?' if query else ''}{query}"
+
+
 def _visitor(scope: Scope) -> str:
     return str((scope.get("client") or ("",))[0])
 
@@ -200,10 +217,14 @@ async def _form(request: Request) -> bytes | None:
 
 
 def _field(form: bytes) -> str:
+    return _fields(form).get("token", [""])[0]
+
+
+def _fields(form: bytes) -> dict[str, list[str]]:
     try:
-        return parse_qs(form.decode("latin-1"), max_num_fields=10).get("token", [""])[0]
+        return parse_qs(form.decode("latin-1"), max_num_fields=10, keep_blank_values=True)
     except ValueError:
-        return ""
+        return {}
 
 
 def _kept(token: str) -> str:
@@ -215,10 +236,11 @@ def _same(told: str, token: str) -> bool:
     return hmac.compare_digest(told.encode(errors="replace"), token.encode(errors="replace"))
 
 
-_FORM = """<form method="post" action="/"><label>Token
-<input name="token" type="password" autofocus autocomplete="off"></label><button>Enter</button>
+# To the address that was asked for.
+_FORM = """<form method="post"><label>{token}
+<input name="token" type="password" autofocus autocomplete="off"></label><button>{enter}</button>
 </form>"""
-_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>palpate</title>
+_PAGE = """<!doctype html><html lang="{lang}"><meta charset="utf-8"><title>palpate</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>
 :root {{ color-scheme: light dark }}
 body {{ font: 17px/1.5 system-ui, sans-serif; display: grid; place-content: center; gap: 16px;
@@ -230,6 +252,7 @@ input, button {{ font: inherit; padding: 10px 14px; border-radius: 8px; border: 
 </style><h1>palpate</h1><p>{text}</p>{form}</html>"""
 
 
-def _page(status: int, text: str, *, form: bool = False) -> Response:
-    page: dict[str, Any] = {"text": html.escape(text), "form": _FORM if form else ""}
-    return HTMLResponse(_PAGE.format(**page), status_code=status)
+def _page(tr: Language, status: int, text: Message, *, form: bool = False) -> Response:
+    asked = _FORM.format(token=tr("Token"), enter=tr("Enter")) if form else ""
+    page = _PAGE.format(lang=tr.tag, text=html.escape(tr(text)), form=asked)
+    return HTMLResponse(page, status_code=status)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from palpate.dashboard.devices import run_devices
+from palpate.dashboard.language import Message
 from palpate.dashboard.messages import Goodbye, Lost, Order, Update, Urgent
 from palpate.dashboard.realtime import put_first
 from palpate.dashboard.station import BenchOpener
@@ -75,4 +76,6 @@ class DeviceProcess:
         with suppress(EOFError, OSError):
             while True:
                 self._on_update(self._connection.recv())
-        self._on_update(Lost("the process with the devices has ended; start palpate serve again"))
+        self._on_update(
+            Lost(Message("the process with the devices has ended; start palpate serve again"))
+        )

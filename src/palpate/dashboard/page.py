@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import html
 import json
+import re
+from copy import copy
 from pathlib import Path
+from typing import Any, cast
 
 from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
 from palpate.dashboard.desk import Desk
+from palpate.dashboard.language import Language, Message, language_for
 from palpate.dashboard.panel_calibrate import calibrate_panel
 from palpate.dashboard.panel_doctor import doctor_panel
 from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
@@ -25,12 +30,12 @@ _STOP = (_STATIC / "stop.html").read_text(encoding="utf-8")
 _OPERATE = (_STATIC / "operate.html").read_text(encoding="utf-8")
 #: What tabs are called, and the address of each.
 TABS = {
-    "Set up": "/",
-    "Calibrate": "/calibrate",
-    "Doctor": "/doctor",
-    "Recordings": "/recordings",
-    "Items": "/items",
-    "Run": "/run",
+    Message("Set up"): "/",
+    Message("Calibrate"): "/calibrate",
+    Message("Doctor"): "/doctor",
+    Message("Recordings"): "/recordings",
+    Message("Items"): "/items",
+    Message("Run"): "/run",
 }
 #: The one map of every picture, for the page's script and its legend.
 _PIXEL_COLORS = (
@@ -46,14 +51,14 @@ _PREFERS_DARK = "(prefers-color-scheme: dark)"
 def build_page(desk: Desk, client: Client, *, tab: str, item_id: str | None = None) -> None:
     """Fill the page of one viewer, with a tab of `TABS` open, and an item on the tab of items."""
     hands = _begin(desk, client, script="live.js")
-    _header(desk, hands, other=("/operate", "Operate"))
+    _header(desk, hands, other=("/operate", Message("Operate")))
     ui.on("seek", lambda event: hands.seek(float(event.args)))
     ui.on("pause", lambda event: hands.pause(bool(event.args)))
     ui.on("speed", lambda event: hands.set_speed(float(event.args)))
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
             _alerts(desk, hands)
-            ui.html(_STAGE, sanitize=False).classes("stage")
+            ui.html(_said(_STAGE, hands.tr), sanitize=False).classes("stage")
         with ui.element("aside").classes("card panel"):
             _panel(desk, hands, tab=tab, item_id=item_id)
     ui.timer(_REFRESH_S, hands.refresh)
@@ -63,12 +68,12 @@ def build_operator_page(desk: Desk, client: Client) -> None:
     """Fill the page that is read from two metres: verdict, what to do, force, three buttons."""
     hands = _begin(desk, client, script="operate.js")
     ui.query("body").classes("operate")
-    _header(desk, hands, other=("/", "Full page"))
+    _header(desk, hands, other=("/", Message("Full page")))
     with ui.element("div").classes("operator"):
         _alerts(desk, hands)
-        ui.html(_OPERATE, sanitize=False).classes("contents")
+        ui.html(_said(_OPERATE, hands.tr), sanitize=False).classes("contents")
         with ui.element("div").classes("item"):
-            item_field(desk, hands, label="Next item")
+            item_field(desk, hands, label=hands.tr("Next item"))
     with ui.element("div").classes("panel-foot"):
         grasp_buttons(desk, hands)
     ui.timer(_REFRESH_S, hands.refresh)
@@ -76,19 +81,32 @@ def build_operator_page(desk: Desk, client: Client) -> None:
 
 def _begin(desk: Desk, client: Client, *, script: str) -> Hands:
     """Add what every view has, and let the viewer in."""
+    asked = client.request.query_params.get("lang")
+    tr = language_for(asked, client.request.headers.get("accept-language", ""))
+    # The page is shared by all who visit it, but not its language.
+    client.page = copy(client.page)
+    client.page.language = cast(Any, tr.tag)
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
     # Apart from all that the framework draws, moves and takes away.
-    ui.add_body_html(_STOP)
+    ui.add_body_html(_said(_STOP, tr))
+    words = json.dumps(tr.words).replace("<", "\\u003c")
+    ui.add_head_html(f'<script id="words" type="application/json">{words}</script>')
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Not before its browser is there: what only fetched the page must not drive.
     client.on_connect(lambda: desk.session.join(client.id))
     client.on_delete(lambda: desk.session.leave(client.id))
-    return Hands(desk.session, viewer=client.id)
+    query = f"?lang={tr.code}" if asked else ""
+    return Hands(desk.session, viewer=client.id, tr=tr, query=query)
+
+
+def _said(parts: str, tr: Language) -> str:
+    """Return HTML with each {{text}} in a language."""
+    return re.sub(r"\{\{(.+?)\}\}", lambda found: html.escape(tr(found[1])), parts)
 
 
 def _header(desk: Desk, hands: Hands, *, other: tuple[str, str]) -> None:
-    dark = ui.dark_mode(None)
+    dark, tr = ui.dark_mode(None), hands.tr
 
     async def turn() -> None:
         """Turn light into dark and back; at first it is what the browser prefers."""
@@ -99,33 +117,36 @@ def _header(desk: Desk, hands: Hands, *, other: tuple[str, str]) -> None:
 
     with ui.element("header").classes("bar"):
         ui.html('<h1 class="brand">palpate<small id="rig-name"></small></h1>', sanitize=False)
-        ui.html('<span id="simulated" class="badge-sim hidden">SIMULATED</span>', sanitize=False)
+        badge = f'<span id="simulated" class="badge-sim hidden">{tr("SIMULATED")}</span>'
+        ui.html(badge, sanitize=False)
         ui.element("div").classes("grow")
         ui.html(
             '<span id="link" class="pill num" data-state="waiting"><span class="dot"></span>'
-            '<span id="link-text">connecting</span></span>'
+            f'<span id="link-text">{tr("connecting")}</span></span>'
             '<span id="link-state" class="heard" role="status"></span>',
             sanitize=False,
         )
         who = ui.label().classes("pill").props("id=who")
-        take = ui.button("Take over", on_click=hands.take_over, color=None)
+        take = ui.button(tr("Take over"), on_click=hands.take_over, color=None)
         take.classes("btn plain small").props("flat no-caps id=take-over")
-        ui.link(other[1], other[0]).classes("pill")
+        ui.link(tr(other[1]), other[0] + hands.query).classes("pill")
         shade = ui.button(icon="contrast", on_click=turn, color=None)
-        shade.classes("btn plain small").props('flat id=shade aria-label="Light or dark"')
+        shade.classes("btn plain small").props("flat id=shade")
+        shade.props["aria-label"] = tr("Light or dark")
 
     def drives() -> None:
         mine = hands.drives
         others = len(desk.session.viewers) - 1 if mine else 0
-        beside = f" · {others} watch{'es' if others == 1 else ''}" if others else ""
-        nobody = "nobody drives" if desk.session.driver is None else "you watch"
-        who.set_text(f"you drive{beside}" if mine else nobody)
+        beside = tr.many("{n} watches", "{n} watch", others) if others else ""
+        nobody = tr("nobody drives") if desk.session.driver is None else tr("you watch")
+        who.set_text(" · ".join(filter(None, (tr("you drive"), beside))) if mine else nobody)
         take.set_visibility(not mine)
 
     hands.on_refresh(drives)
 
 
 def _alerts(desk: Desk, hands: Hands) -> None:
+    tr = hands.tr
     ui.html(
         '<div id="trouble" class="alert bad hidden" role="alert">'
         '<span id="trouble-text"></span></div>',
@@ -133,8 +154,9 @@ def _alerts(desk: Desk, hands: Hands) -> None:
     ).classes("contents")
     with ui.element("div").classes("alert guide").props("id=guide role=status") as box:
         text = ui.label()
-        bar = ui.linear_progress(value=0.0, show_value=False).props("aria-label=Progress")
-        done = ui.button("Done, go on", on_click=hands.confirm, color=None)
+        bar = ui.linear_progress(value=0.0, show_value=False)
+        bar.props["aria-label"] = tr("Progress")
+        done = ui.button(tr("Done, go on"), on_click=hands.confirm, color=None)
         done.classes("btn main small").props("flat no-caps id=confirm")
 
     def guides() -> None:
@@ -142,12 +164,12 @@ def _alerts(desk: Desk, hands: Hands) -> None:
         box.set_visibility(guide is not None)
         if guide is None:
             return
-        text.set_text(guide.text)
+        text.set_text(tr(guide.text))
         bar.set_visibility(guide.share is not None)
         bar.set_value(guide.share or 0.0)
         done.set_visibility(guide.asks)
         back = desk.session.live.source is not None and desk.session.live.source.replayed
-        done.set_text("Back to the rig" if back else "Done, go on")
+        done.set_text(tr("Back to the rig") if back else tr("Done, go on"))
 
     hands.on_refresh(guides)
     hands.gate(done, Action.CONFIRM)
@@ -156,7 +178,7 @@ def _alerts(desk: Desk, hands: Hands) -> None:
 def _panel(desk: Desk, hands: Hands, *, tab: str, item_id: str | None) -> None:
     with ui.tabs().classes("w-full").props("dense no-caps align=justify") as tabs:
         for name in TABS:
-            ui.tab(name)
+            ui.tab(name, label=hands.tr(name))
     with ui.tab_panels(tabs, value=tab, animated=False).classes("panel-body"):
         with ui.tab_panel("Set up"):
             set_up_panel(desk, hands)
@@ -177,6 +199,6 @@ def _panel(desk: Desk, hands: Hands, *, tab: str, item_id: str | None) -> None:
         open_item(str(event.args))
 
     ui.on("item", show_item)
-    tabs.on_value_change(lambda event: ui.navigate.history.replace(TABS[event.value]))
+    tabs.on_value_change(lambda event: ui.navigate.history.replace(TABS[event.value] + hands.query))
     with ui.element("div").classes("panel-foot"):
         grasp_buttons(desk, hands)

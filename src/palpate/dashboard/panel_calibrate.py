@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import html
+
 from nicegui import ui
 
 from palpate.dashboard.desk import Desk
+from palpate.dashboard.html_parts import heading, paragraph
+from palpate.dashboard.language import Language, Message
 from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
@@ -17,28 +21,31 @@ _LOADS = "0.5 1 2 4 8 4 2 1"
 
 def calibrate_panel(desk: Desk, hands: Hands) -> None:
     """Fill the panel."""
+    tr = hands.tr
     with ui.element("div").classes("form"):
-        ui.html("<h3>1. Rest</h3>", sanitize=False)
-        ui.html(
-            "<p>What each pixel reads with nothing on it. Take everything off the fingers; the "
-            "hand opens, and the sensor is left alone for some seconds.</p>",
-            sanitize=False,
+        heading(tr("1. Rest"))
+        paragraph(
+            tr(
+                "What each pixel reads with nothing on it. Take everything off the fingers; the "
+                "hand opens, and the sensor is left alone for some seconds."
+            )
         )
         rest = ui.button(
-            "Take the rest values",
+            tr("Take the rest values"),
             on_click=lambda: hands.order(CalibrateRest(file=desk.calibration_file())),
             color=None,
         )
         rest.classes("btn plain").props("flat no-caps id=calibrate-rest")
         hands.gate(rest, Action.CALIBRATE)
-        ui.html("<h3>2. Force</h3>", sanitize=False)
+        heading(tr("2. Force"))
         _force(desk, hands)
         _result(desk, hands)
 
 
 def _force(desk: Desk, hands: Hands) -> None:
+    tr = hands.tr
     how = ui.html("", sanitize=False)
-    loads = ui.input("Loads in newtons, in order, up and down", value=_LOADS)
+    loads = ui.input(tr("Loads in newtons, in order, up and down"), value=_LOADS)
     loads.props("outlined dense")
 
     def start() -> None:
@@ -48,11 +55,11 @@ def _force(desk: Desk, hands: Hands) -> None:
             try:
                 weights = tuple(checked_loads(_numbers(loads.value), where="loads"))
             except InputError as error:
-                ui.notify(str(error), type="warning")
+                hands.refuse(error)
                 return
         hands.order(CalibrateForce(file=desk.calibration_file(), loads_n=weights))
 
-    button = ui.button("Calibrate the force", on_click=start, color=None)
+    button = ui.button(tr("Calibrate the force"), on_click=start, color=None)
     button.classes("btn plain").props("flat no-caps id=calibrate-force")
     hands.gate(button, Action.CALIBRATE)
 
@@ -61,20 +68,20 @@ def _force(desk: Desk, hands: Hands) -> None:
         cell = source is not None and source.has_load_cell
         simulated = source is not None and source.simulated
         loads.set_visibility(not cell and not simulated)
-        how.set_content(f"<p>{_how(cell=cell, simulated=simulated)}</p>")
+        how.set_content(f"<p>{html.escape(tr(_how(cell=cell, simulated=simulated)))}</p>")
 
     hands.on_refresh(explain)
 
 
-def _how(*, cell: bool, simulated: bool) -> str:
+def _how(*, cell: bool, simulated: bool) -> Message:
     if cell:
-        return (
+        return Message(
             "A simulated load cell is put between the fingers six times, and the hand closes on it "
             "in steps. Its minutes run as fast as this machine can."
         )
     if simulated:
-        return "This simulated rig has no load cell, and nobody can lay weights on it."
-    return (
+        return Message("This simulated rig has no load cell, and nobody can lay weights on it.")
+    return Message(
         "Lay dead weights on one pad as you are asked to, up and down again; each settles for "
         "20 s. Newtons are grams × 0.00981."
     )
@@ -84,7 +91,9 @@ def _numbers(text: str) -> list[float]:
     try:
         return [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
-        raise InputError(f"loads {text!r}: numbers with spaces between them") from error
+        raise InputError(
+            Message("loads {text!r}: numbers with spaces between them", text=text)
+        ) from error
 
 
 def _result(desk: Desk, hands: Hands) -> None:
@@ -96,30 +105,31 @@ def _result(desk: Desk, hands: Hands) -> None:
         if made is shown[0] or made is None:
             return
         shown[0] = made
-        box.set_content(_table(made))
+        box.set_content(_table(made, hands.tr))
 
     hands.on_refresh(show)
 
 
-def _table(made: Calibrated) -> str:
+def _table(made: Calibrated, tr: Language) -> str:
     rows = "".join(
         f"<tr><td>{pixel_name(row, col)}</td><td class='r num'>{made.rest_ohm[row, col]:.0f}</td>"
-        f"<td class='r num'>{made.change_percent[row, col]:+.1f} %</td></tr>"
+        f"<td class='r num'>{tr.number(made.change_percent[row, col], '+.1f')} %</td></tr>"
         for row in range(made.rest_ohm.shape[0])
         for col in range(made.rest_ohm.shape[1])
     )
     errors = "".join(
         f"<tr><td>{force.removesuffix('_n')} N</td><td class='r num'>"
-        f"{'not reached' if error is None else f'{error:.0f} %'}</td></tr>"
+        f"{tr('not reached') if error is None else f'{error:.0f} %'}</td></tr>"
         for force, error in made.held_out.items()
     )
     force = (
-        "<p>Expected error of the settled force, loads left out of the fit:</p>"
+        f"<p>{tr('Expected error of the settled force, loads left out of the fit:')}</p>"
         f"<table class='plain'>{errors}</table>"
     )
     return (
-        f"<p class='said good'>Calibrated</p><p class='muted'>{made.file.name} is renewed.</p>"
+        f"<p class='said good'>{tr('Calibrated')}</p>"
+        f"<p class='muted'>{tr('{file} is renewed.', file=html.escape(made.file.name))}</p>"
         + (force if errors else "")
-        + "<table class='plain'><tr><th>pixel</th><th class='r'>rest, ohm</th>"
-        + f"<th class='r'>since before</th></tr>{rows}</table>"
+        + f"<table class='plain'><tr><th>{tr('pixel')}</th><th class='r'>{tr('rest, ohm')}</th>"
+        + f"<th class='r'>{tr('since before')}</th></tr>{rows}</table>"
     )

@@ -8,6 +8,8 @@ import math
 from nicegui import ui
 
 from palpate.dashboard.desk import Desk
+from palpate.dashboard.html_parts import heading, paragraph
+from palpate.dashboard.language import Language
 from palpate.dashboard.messages import Examine
 from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Action
@@ -18,14 +20,16 @@ from palpate.sensor.health import Health
 
 def doctor_panel(desk: Desk, hands: Hands) -> None:
     """Fill the panel."""
+    tr = hands.tr
     with ui.element("div").classes("form"):
-        ui.html("<h3>Is the sensor well?</h3>", sanitize=False)
-        ui.html(
-            "<p>Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference resistor "
-            "that does not fit. Nothing may touch the sensor for 10 s.</p>",
-            sanitize=False,
+        heading(tr("Is the sensor well?"))
+        paragraph(
+            tr(
+                "Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference "
+                "resistor that does not fit. Nothing may touch the sensor for 10 s."
+            )
         )
-        button = ui.button("Examine", on_click=lambda: hands.order(Examine()), color=None)
+        button = ui.button(tr("Examine"), on_click=lambda: hands.order(Examine()), color=None)
         button.classes("btn plain").props("flat no-caps id=examine")
         hands.gate(button, Action.EXAMINE)
         box = ui.html("", sanitize=False).props("id=health")
@@ -36,39 +40,48 @@ def doctor_panel(desk: Desk, hands: Hands) -> None:
         if health is None or health is shown[0] or source is None:
             return
         shown[0] = health
-        box.set_content(report(health, layout=source.layout))
+        box.set_content(report(health, layout=source.layout, tr=tr))
 
     hands.on_refresh(show)
 
 
-def report(health: Health, *, layout: ArrayLayout) -> str:
+def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
     """Return what was found as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    said = "Healthy" if health.healthy else f"{faults} fault{'s' if faults > 1 else ''}"
+    said = tr("Healthy") if health.healthy else tr.many("{n} fault", "{n} faults", faults)
     findings = "".join(
-        f"<p class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
+        f"<p lang='en' class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
         f"<b>{html.escape(found.where)}</b>: {html.escape(found.text)}. "
         f"{html.escape(found.check[:1].upper() + found.check[1:])}.</p>"
         for found in health.findings
     )
     link = health.link
+    heard = tr(
+        "{frames} frames in {duration_s:.1f} s, {rate_hz:.1f} Hz, {lost} lost, {corrupt} corrupt, "
+        "jitter {jitter_percent:.1f} %",
+        frames=link.frames,
+        duration_s=link.duration_s,
+        rate_hz=link.rate_hz,
+        lost=link.lost,
+        corrupt=link.events.corrupt,
+        jitter_percent=link.jitter_percent,
+    )
+    ohm = f" {tr('ohm')}"
     pixels = "".join(
         f"<tr><td>{pixel_name(row, col)}</td>"
-        f"<td class='r num'>{_said(health.pixels.rest_ohm[row, col], ' ohm', 0)}</td>"
-        f"<td class='r num'>{_said(health.pixels.noise_percent[row, col], ' %', 2)}</td>"
-        f"<td class='r num'>{_said(health.pixels.drift_percent[row, col], ' %', 2)}</td></tr>"
+        f"<td class='r num'>{_said(health.pixels.rest_ohm[row, col], ohm, 0, tr)}</td>"
+        f"<td class='r num'>{_said(health.pixels.noise_percent[row, col], ' %', 2, tr)}</td>"
+        f"<td class='r num'>{_said(health.pixels.drift_percent[row, col], ' %', 2, tr)}</td></tr>"
         for row in range(layout.rows)
         for col in range(layout.cols)
     )
     return (
         f"<p class='said {'good' if health.healthy else 'bad'}'>{said}</p>{findings}"
-        f"<p class='muted num'>{link.frames} frames in {link.duration_s:.1f} s, "
-        f"{link.rate_hz:.1f} Hz, {link.lost} lost, {link.events.corrupt} corrupt, "
-        f"jitter {link.jitter_percent:.1f} %</p>"
-        "<table class='plain'><tr><th>pixel</th><th class='r'>at rest</th><th class='r'>noise</th>"
-        f"<th class='r'>drift</th></tr>{pixels}</table>"
+        f"<p class='muted num'>{heard}</p><table class='plain'><tr><th>{tr('pixel')}</th>"
+        f"<th class='r'>{tr('at rest')}</th><th class='r'>{tr('noise')}</th>"
+        f"<th class='r'>{tr('drift')}</th></tr>{pixels}</table>"
     )
 
 
-def _said(value: float, unit: str, digits: int) -> str:
-    return f"{value:z.{digits}f}{unit}" if math.isfinite(value) else "open"
+def _said(value: float, unit: str, digits: int, tr: Language) -> str:
+    return tr.number(value, f"z.{digits}f") + unit if math.isfinite(value) else tr("open")

@@ -13,19 +13,20 @@ from palpate.errors import InputError
 from palpate.estimate.damage_file import DamageFile
 
 SPEEDS = {1.0: "1×", 2.0: "2×", 5.0: "5×", 10.0: "10×"}
-_DRAWN = "drawn by the seed"
+#: Stands for no object in particular; none is named so.
+_DRAWN = ""
 
 
 def set_up_panel(desk: Desk, hands: Hands) -> None:
     """Fill the panel."""
-    wishes = desk.wishes
+    wishes, tr = desk.wishes, hands.tr
     with ui.element("div").classes("form"):
 
         def want(force_n: float | None) -> None:
             wishes.target_force_n = force_n
 
         force = ui.number(
-            "Target force, N (empty: a gentle squeeze)",
+            tr("Target force, N (empty: a gentle squeeze)"),
             value=wishes.target_force_n,
             min=0.1,
             step=0.5,
@@ -36,10 +37,9 @@ def set_up_panel(desk: Desk, hands: Hands) -> None:
             force.set_value(wishes.target_force_n)
 
         hands.on_refresh(show)
-        item_field(desk, hands, label="Item (empty: not remembered)")
-        ui.label("Grasps of an item are kept in the store; the page Items shows them.").classes(
-            "muted"
-        )
+        item_field(desk, hands, label=tr("Item (empty: not remembered)"))
+        said = tr("Grasps of an item are kept in the store; the page Items shows them.")
+        ui.label(said).classes("muted")
         if desk.settings.damage is not None:
             _kind(desk.settings.damage, wishes, hands)
         ui.separator()
@@ -71,17 +71,17 @@ def _kind(damage: DamageFile, wishes: Wishes, hands: Hands) -> None:
     def tell(kind: str) -> None:
         wishes.kind = kind
 
-    known = {"": "not told", **{kind: kind for kind in damage.kinds}}
+    known = {"": hands.tr("not told"), **{kind: kind for kind in damage.kinds}}
     kind = ui.select(known, value=wishes.kind, on_change=lambda event: tell(event.value))
-    kind.props('outlined dense behavior=dialog label="Kind (for its damage limit)"').classes(
-        "w-full"
-    )
+    kind.props("outlined dense behavior=dialog").classes("w-full")
+    kind.props["label"] = hands.tr("Kind (for its damage limit)")
 
     def show() -> None:
         kind.set_value(wishes.kind)
 
     hands.on_refresh(show)
-    ui.label("Grasps stay below what such produce bears, as far as they feel it.").classes("muted")
+    said = hands.tr("Grasps stay below what such produce bears, as far as they feel it.")
+    ui.label(said).classes("muted")
 
 
 def grasp_buttons(desk: Desk, hands: Hands) -> None:
@@ -97,13 +97,13 @@ def grasp_buttons(desk: Desk, hands: Hands) -> None:
                 kind=wishes.kind,
             )
         except InputError as error:
-            ui.notify(str(error), type="warning")
+            hands.refuse(error)
         else:
             hands.order(order)
 
-    go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
+    go = ui.button(hands.tr("Grasp"), on_click=grasp, color=None).classes("btn main")
     go.props("flat no-caps id=grasp")
-    back = ui.button("Release", on_click=hands.release, color=None).classes("btn plain")
+    back = ui.button(hands.tr("Release"), on_click=hands.release, color=None).classes("btn plain")
     back.props("flat no-caps id=release").style("font-size: 19px")
     hands.gate(go, Action.GRASP)
     hands.gate(back, Action.RELEASE)
@@ -114,47 +114,53 @@ def _recording(desk: Desk, hands: Hands) -> None:
         if wanted != (desk.session.recording is not None):
             hands.order(Record(desk.new_recording("watched") if wanted else None))
 
-    recording = ui.switch("Record what is watched", on_change=lambda event: record(event.value))
+    tr = hands.tr
+    recording = ui.switch(tr("Record what is watched"))
+    recording.on_value_change(lambda event: record(event.value))
     hands.gate(recording, Action.RECORD)
 
     def show() -> None:
         recording.set_value(desk.session.recording is not None)
 
     hands.on_refresh(show)
-    ui.label("Every grasp is recorded anyway. It holds until Release, for 60 s at most.").classes(
-        "muted"
-    )
+    said = tr("Every grasp is recorded anyway. It holds until Release, for 60 s at most.")
+    ui.label(said).classes("muted")
 
 
 def _rig(desk: Desk, hands: Hands) -> None:
-    settings, asked = desk.settings, desk.session.rig
+    settings, asked, tr = desk.settings, desk.session.rig, hands.tr
     name = ui.select(list(settings.rigs), value=asked.name if asked else settings.rigs[0])
-    name.props('outlined dense behavior=dialog label="Rig"').classes("w-full")
+    name.props("outlined dense behavior=dialog").classes("w-full").props["label"] = tr("Rig")
     with ui.element("div").classes("form") as simulated:
         known = asked.object_name if asked else None
-        what = ui.select([_DRAWN, *settings.objects], value=known or _DRAWN)
-        what.props('outlined dense behavior=dialog label="Object between the fingers"')
+        named = {name: name for name in settings.objects}
+        what = ui.select({_DRAWN: tr("drawn by the seed"), **named}, value=known or _DRAWN)
+        what.props("outlined dense behavior=dialog")
+        what.props["label"] = tr("Object between the fingers")
         with ui.element("div").classes("two"):
-            seed = ui.number("Seed", value=asked.seed if asked else 0, min=0, step=1, format="%d")
+            seed = ui.number(
+                tr("Seed"), value=asked.seed if asked else 0, min=0, step=1, format="%d"
+            )
             seed.props("outlined dense")
             speed = ui.toggle(
                 SPEEDS,
                 value=asked.speed if asked and asked.speed in SPEEDS else 1.0,
                 on_change=lambda event: hands.set_speed(event.value),
-            ).props('unelevated no-caps aria-label="Speed of simulated time"')
-            speed.tooltip("Seconds of simulated time in a second")
+            ).props("unelevated no-caps")
+            speed.props["aria-label"] = tr("Speed of simulated time")
+            speed.tooltip(tr("Seconds of simulated time in a second"))
     simulated.bind_visibility_from(name, "value", backward=lambda rig: rig.startswith("sim-"))
 
     def use() -> None:
         hands.order(
             OpenRig(
                 name=name.value,
-                object_name=None if what.value == _DRAWN else what.value,
+                object_name=what.value or None,
                 seed=int(seed.value or 0),
                 speed=speed.value,
             )
         )
 
-    button = ui.button("Use this rig", on_click=use, color=None)
+    button = ui.button(tr("Use this rig"), on_click=use, color=None)
     button.classes("btn plain").props("flat no-caps id=use-rig")
     hands.gate(button, Action.OPEN)

@@ -11,6 +11,8 @@ from urllib.parse import quote
 from nicegui import run, ui
 
 from palpate.dashboard.desk import Desk
+from palpate.dashboard.html_parts import heading
+from palpate.dashboard.language import ENGLISH, Language
 from palpate.dashboard.pressing import Hands
 from palpate.errors import PalpateError
 
@@ -23,27 +25,29 @@ _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
 def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Callable[[str], None]:
     """Fill the panel; `item_id` is shown first. Return what shows another."""
+    tr = hands.tr
     with ui.element("div").classes("form"):
-        ui.html("<h3>Items and how they ripen</h3>", sanitize=False)
+        heading(tr("Items and how they ripen"))
         known = [item_id] if item_id else []
         choice = ui.select(known, value=item_id, on_change=lambda event: show(event.value)).classes(
             "w-full"
         )
-        choice.props('outlined dense use-input clearable behavior=dialog label="Item"')
+        choice.props("outlined dense use-input clearable behavior=dialog")
+        choice.props["label"] = tr("Item")
         box = ui.html("", sanitize=False).props("id=item-page")
 
     async def show(item_id: str | None) -> None:
         if not item_id:
             box.set_content("")
             return
-        ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}")
+        ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}{hands.query}")
         try:
             found = await run.io_bound(desk.ledger.page, item_id)
         except PalpateError as error:
-            box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
+            box.set_content(f"<p class='note' lang='en'>{html.escape(str(error))}</p>")
             return
         if found is not None and not box.is_deleted:  # the server ends, or the viewer left
-            box.set_content(item_html(found))
+            box.set_content(item_html(found, tr))
 
     async def look() -> None:
         try:
@@ -58,9 +62,10 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
         if names != choice.options:
             choice.set_options(names, value=choice.value)
         if desk.ledger.trouble:
-            box.set_content(f"<p class='note'>{html.escape(desk.ledger.trouble)}</p>")
+            box.set_content(f"<p class='note' lang='en'>{html.escape(desk.ledger.trouble)}</p>")
         elif not names:
-            box.set_content("<p>None yet: name an item on the page Set up, and grasp it.</p>")
+            said = tr("None yet: name an item on the page Set up, and grasp it.")
+            box.set_content(f"<p>{said}</p>")
         elif choice.value:
             await show(choice.value)
 
@@ -72,27 +77,28 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
     return open_item
 
 
-def item_html(page: ItemHistory) -> str:
+def item_html(page: ItemHistory, tr: Language = ENGLISH) -> str:
     """Return an item's page: what it is, its stiffness over time, and what was said of it."""
     item, grasps = page.item, page.grasps
     what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
     said = "".join(
-        f"<tr><td class='num'>{one.given_at:%d %b %H:%M}</td><td>{html.escape(one.about)}</td>"
+        f"<tr lang='en'><td class='num'>{tr.day(one.given_at)}</td>"
+        f"<td>{html.escape(one.about)}</td>"
         f"<td><b>{html.escape(one.text)}</b> {html.escape(one.explanation)}</td></tr>"
         for one in reversed(page.verdicts)
     )
-    badge = "<span class='badge-sim'>SIMULATED</span>" if page.simulated else ""
+    badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if page.simulated else ""
     return (
         f"<p class='said'>{html.escape(item.item_id)} {badge}</p>"
-        f"<p>{html.escape(what)}{', ' if what else ''}{len(grasps)} "
-        f"grasp{'s' if len(grasps) != 1 else ''}</p>"
-        + chart("Stiffness, N/mm", grasps, "stiffness_n_per_mm")
-        + chart("Settled change, %", grasps, "settled_percent")
-        + (f"<h3>What was said</h3><table class='plain'>{said}</table>" if said else "")
+        f"<p>{html.escape(what)}{', ' if what else ''}"
+        f"{tr.many('{n} grasp', '{n} grasps', len(grasps))}</p>"
+        + chart(tr("Stiffness, N/mm"), grasps, "stiffness_n_per_mm", tr)
+        + chart(tr("Settled change, %"), grasps, "settled_percent", tr)
+        + (f"<h3>{tr('What was said')}</h3><table class='plain'>{said}</table>" if said else "")
     )
 
 
-def chart(title: str, grasps: Sequence[Grasp], name: str) -> str:
+def chart(title: str, grasps: Sequence[Grasp], name: str, tr: Language) -> str:
     """Return one measurement with its intervals over time as an SVG picture."""
     past = [
         (grasp.taken_at, grasp.measurements[name]) for grasp in grasps if name in grasp.measurements
@@ -119,18 +125,18 @@ def chart(title: str, grasps: Sequence[Grasp], name: str) -> str:
     path = " ".join(f"{x(when):.1f},{y(one.value):.1f}" for when, one in past)
     scale = "".join(
         f"<text class='soft' x='{_LEFT - 4}' y='{y(value) + 4:.1f}' text-anchor='end' "
-        f"font-size='11'>{value:.3g}</text>"
+        f"font-size='11'>{tr.number(value, '.3g')}</text>"
         for value in (low, high)
     )
     ends = [(past[0], "start"), (past[-1], "end")] if length_s else [(past[0], "middle")]
     days = "".join(
         f"<text class='soft' x='{x(when):.1f}' y='{_HEIGHT - 6}' text-anchor='{anchor}' "
-        f"font-size='11'>{when:%d %b %H:%M}</text>"
+        f"font-size='11'>{tr.day(when)}</text>"
         for (when, _), anchor in ends
     )
     return (
         f"<h3>{title}</h3><svg viewBox='0 0 {_WIDTH} {_HEIGHT}' style='width:100%' role='img' "
-        f"aria-label='{title} over time'><line x1='{_LEFT}' x2='{_WIDTH - 8}' "
+        f"aria-label='{tr('{title} over time', title=title)}'><line x1='{_LEFT}' x2='{_WIDTH - 8}' "
         f"y1='{_HEIGHT - _FOOT}' y2='{_HEIGHT - _FOOT}' stroke='var(--line)'/>"
         f"<polyline points='{path}' fill='none' stroke='var(--accent)' stroke-dasharray='3 4'/>"
         f"{marks}{scale}{days}</svg>"

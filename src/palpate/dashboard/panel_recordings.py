@@ -14,6 +14,7 @@ from nicegui import ui
 from palpate.dashboard.desk import Desk
 from palpate.dashboard.folder import is_simulated
 from palpate.dashboard.history import Entry
+from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.messages import Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.pressing import Hands
@@ -24,16 +25,19 @@ _MOST = 100
 
 def recordings_panel(desk: Desk, hands: Hands) -> None:
     """Fill the panel."""
+    tr = hands.tr
     with ui.element("div").classes("form"):
-        ui.html("<h3>Recordings</h3>", sanitize=False)
-        ui.html(
-            f"<p>In {html.escape(str(desk.settings.folder))}. A replay decides the recorded grasp "
-            "again from its raw counts.</p>",
-            sanitize=False,
+        heading(tr("Recordings"))
+        paragraph(
+            tr(
+                "In {folder}. A replay decides the recorded grasp again from its raw counts.",
+                folder=desk.settings.folder,
+            )
         )
-        speed = ui.toggle(SPEEDS, value=1.0).props('unelevated no-caps aria-label="Replay speed"')
+        speed = ui.toggle(SPEEDS, value=1.0).props("unelevated no-caps")
+        speed.props["aria-label"] = tr("Replay speed")
         rows = ui.element("div").classes("w-full").props("id=recordings")
-        none = ui.label("None yet: every grasp leaves one here.").classes("muted")
+        none = ui.label(tr("None yet: every grasp leaves one here.")).classes("muted")
     shown: dict[Path, _Row] = {}
     care = _Care(desk, hands, changed=lambda: show())
 
@@ -59,27 +63,29 @@ class _Row(ui.element):
 
     def __init__(self, file: Path, hands: Hands, speed: ui.toggle, care: _Care) -> None:
         super().__init__("div")
-        self._file = file
+        self._file, self._tr = file, hands.tr
         self.classes("file")
         with self:
             with ui.element("div").classes("what"):
                 ui.label(file.stem)
                 self._ended = ui.html("", sanitize=False)
                 self._about = ui.label().classes("muted")
-            button = ui.button("Replay", color=None)
+            button = ui.button(hands.tr("Replay"), color=None)
             button.on_click(lambda: hands.order(Play(file=file, speed=speed.value)))
             button.classes("btn plain small").props("flat no-caps")
             hands.gate(button, Action.PLAY)
             more = ui.button(icon="more_vert", on_click=lambda: care.open(file), color=None)
-            more.classes("btn plain small").props(f'flat aria-label="More about {file.stem}"')
+            more.classes("btn plain small").props("flat")
+            more.props["aria-label"] = hands.tr("More about {name}", name=file.stem)
 
     def say(self, status: os.stat_result, entry: Entry | None) -> None:
         """Say how its grasp ended, when it was written last, and how long it is."""
-        when = datetime.fromtimestamp(status.st_mtime).strftime("%d %b %H:%M")
+        tr = self._tr
+        when = tr.day(datetime.fromtimestamp(status.st_mtime))
         self._about.set_text(f"{when} · {status.st_size / 1024:.0f} kB")
         simulated = entry.simulated if entry else is_simulated(self._file, status)
-        badge = "<span class='badge-sim'>SIMULATED</span>" if simulated else ""
-        words = "" if entry is None else entry.outcome.replace("_", " ")
+        badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if simulated else ""
+        words = "" if entry is None else tr(entry.outcome.replace("_", " "))
         item = f" <b>{html.escape(entry.item_id)}</b>" if entry and entry.item_id else ""
         self._ended.set_content(f"{words}{item} {badge}")
 
@@ -88,17 +94,18 @@ class _Care:
     """One dialog for all rows: to take a recording along, rename it or delete it."""
 
     def __init__(self, desk: Desk, hands: Hands, *, changed: Callable[[], None]) -> None:
-        self._desk, self._hands, self._changed = desk, hands, changed
+        self._desk, self._hands, self._tr, self._changed = desk, hands, hands.tr, changed
+        tr = hands.tr
         self._file = Path()
         with ui.dialog() as self._dialog, ui.card().classes("care"):
-            self._dialog.props('aria-label="A recording"')
-            self._name = ui.input("Name").props("outlined dense maxlength=80").classes("w-full")
+            self._dialog.props["aria-label"] = tr("A recording")
+            self._name = ui.input(tr("Name")).props("outlined dense maxlength=80").classes("w-full")
             self._asked = ui.label().classes("note").props("role=status")
             with ui.element("div").classes("two"):
-                self._button("Download", self._download)
-                self._button("Rename", self._rename, gated=True)
-                self._delete_button = self._button("Delete", self._delete, gated=True)
-                self._button("Close", self._dialog.close)
+                self._button(tr("Download"), self._download)
+                self._button(tr("Rename"), self._rename, gated=True)
+                self._delete_button = self._button(tr("Delete"), self._delete, gated=True)
+                self._button(tr("Close"), self._dialog.close)
 
     def open(self, file: Path) -> None:
         """Ask what to do with a recording."""
@@ -116,7 +123,9 @@ class _Care:
 
     def _ask(self, question: str) -> None:
         self._asked.set_text(question)
-        self._delete_button.set_text("Delete for good" if question else "Delete")
+        self._delete_button.set_text(
+            self._tr("Delete for good") if question else self._tr("Delete")
+        )
 
     def _download(self) -> None:
         ui.download(f"/recordings/file/{quote(self._file.name)}")
@@ -126,7 +135,7 @@ class _Care:
 
     def _delete(self) -> None:
         if not self._asked.text:
-            self._ask(f"Delete {self._file.stem}? Nothing brings it back.")
+            self._ask(self._tr("Delete {name}? Nothing brings it back.", name=self._file.stem))
             return
         self._do(lambda: self._desk.delete(self._file.name))
 

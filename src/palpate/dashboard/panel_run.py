@@ -11,6 +11,8 @@ from nicegui import ui
 
 from palpate.dashboard.desk import Desk
 from palpate.dashboard.history import LISTED, Entry, History
+from palpate.dashboard.html_parts import heading
+from palpate.dashboard.language import ENGLISH, Language
 from palpate.dashboard.pressing import Hands
 from palpate.grasp.result import Outcome
 
@@ -20,13 +22,14 @@ _WORDS = {outcome: str(outcome).replace("_", " ") for outcome in Outcome}
 
 def run_panel(desk: Desk, hands: Hands) -> None:
     """Fill the panel."""
+    tr = hands.tr
     with ui.element("div").classes("form"):
-        ui.html("<h3>This run</h3>", sanitize=False)
+        heading(tr("This run"))
         counts = ui.html("", sanitize=False).props("id=run-counts")
-        ui.html(f"<h3>Last {LISTED} grasps</h3>", sanitize=False)
+        heading(tr("Last {n} grasps", n=LISTED))
         with ui.element("div").classes("file"):
-            ui.label("Kept in the folder of the recordings.").classes("what muted")
-            ui.link("Save as CSV", "/grasps.csv").classes("pill").props("id=run-csv download")
+            ui.label(tr("Kept in the folder of the recordings.")).classes("what muted")
+            ui.link(tr("Save as CSV"), "/grasps.csv").classes("pill").props("id=run-csv download")
         rows = ui.html("", sanitize=False).classes("w-full").props("id=run")
     shown = [-1]
 
@@ -34,23 +37,22 @@ def run_panel(desk: Desk, hands: Hands) -> None:
         if desk.history.version == shown[0]:
             return
         shown[0] = desk.history.version
-        counts.set_content(counts_html(desk.history, rules=desk.settings.rules is not None))
-        rows.set_content("".join(map(entry_html, desk.history.recent)) or _NONE)
+        counts.set_content(counts_html(desk.history, rules=desk.settings.rules is not None, tr=tr))
+        listed = [entry_html(entry, tr, query=hands.query) for entry in desk.history.recent]
+        rows.set_content("".join(listed) or f"<p>{tr('None yet.')}</p>")
 
     hands.on_refresh(show)
 
 
-_NONE = "<p>None yet.</p>"
-
-
-def counts_html(history: History, *, rules: bool) -> str:
+def counts_html(history: History, *, rules: bool, tr: Language = ENGLISH) -> str:
     """Return how the grasps of this run ended, and where they went."""
     since = history.since.astimezone().strftime("%H:%M")
-    ended = _counts({_WORDS[Outcome(name)]: n for name, n in history.outcomes.items()})
+    ended = _counts({tr(_WORDS[Outcome(name)]): n for name, n in history.outcomes.items()})
     total = history.outcomes.total()
-    said = (
-        f"<p class='num'><b>{total}</b> grasp{'s' if total != 1 else ''} since {since}{ended}</p>"
+    many = tr.many(
+        "<b>{n}</b> grasp since {since}", "<b>{n}</b> grasps since {since}", total, since=since
     )
+    said = f"<p class='num'>{many}{ended}</p>"
     if not rules:
         return said
     bins = "".join(
@@ -58,8 +60,8 @@ def counts_html(history: History, *, rules: bool) -> str:
         for name, n in history.bins.most_common()
     )
     if not bins:
-        return f"{said}<p>No named item was sorted yet.</p>"
-    head = "<tr><th>bin</th><th class='r'>grasps</th></tr>"
+        return f"{said}<p>{tr('No named item was sorted yet.')}</p>"
+    head = f"<tr><th>{tr('bin')}</th><th class='r'>{tr('grasps')}</th></tr>"
     return f"{said}<table class='plain' id='run-bins'>{head}{bins}</table>"
 
 
@@ -68,23 +70,25 @@ def _counts(counted: dict[str, int]) -> str:
     return f": {', '.join(parts)}" if parts else ""
 
 
-def entry_html(entry: Entry) -> str:
+def entry_html(entry: Entry, tr: Language = ENGLISH, *, query: str = "") -> str:
     """Return one line of the list."""
-    when = datetime.fromisoformat(entry.ended_at).astimezone().strftime("%d %b %H:%M")
+    when = tr.day(datetime.fromisoformat(entry.ended_at).astimezone())
     item, name = html.escape(entry.item_id), quote(entry.item_id, safe="")
-    called = f"<a href='/items/{name}' data-item='{item}'>{item}</a>" if item else "no name"
-    words = html.escape(": ".join(filter(None, (_WORDS[Outcome(entry.outcome)], entry.firmness))))
+    link = f"<a href='/items/{name}{query}' data-item='{item}'>{item}</a>"
+    called = link if item else tr("no name")
+    ended = tr(_WORDS[Outcome(entry.outcome)]), tr(entry.firmness or "")
+    words = html.escape(": ".join(filter(None, ended)))
     found = f"<b>{html.escape(entry.bin)}</b>" if entry.bin else ""
-    badge = "<span class='badge-sim'>SIMULATED</span>" if entry.simulated else ""
+    badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if entry.simulated else ""
     return (
         f"<div class='ran' data-kind='{entry.kind}' title='{html.escape(entry.why or '')}'>"
         f"<div class='what'><div>{called} {badge}</div><div>{words}</div>"
         f"<div class='muted num'>{when}</div></div><div class='where'>{found}"
-        f"{sparkline(entry)}</div></div>"
+        f"{sparkline(entry, tr)}</div></div>"
     )
 
 
-def sparkline(entry: Entry) -> str:
+def sparkline(entry: Entry, tr: Language) -> str:
     """Return a small curve of the grasp; nothing where it was too short to draw."""
     values = entry.curve
     if not values:
@@ -95,7 +99,7 @@ def sparkline(entry: Entry) -> str:
         f"{2 + (1 - (value - low) / span) * (_HEIGHT - 4):.1f}"
         for i, value in enumerate(values)
     )
-    label = f"Course of the grasp, {min(values):g} to {max(values):g}"
+    label = tr("Course of the grasp, {low:g} to {high:g}", low=min(values), high=max(values))
     return (
         f"<svg viewBox='0 0 {_WIDTH} {_HEIGHT}' width='{_WIDTH}' height='{_HEIGHT}' role='img' "
         f"aria-label='{label}'><polyline points='{points}' fill='none' stroke='var(--curve)' "

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from nicegui import ui
 
+from palpate.dashboard.language import ENGLISH, Language, said_by
 from palpate.dashboard.messages import Order
 from palpate.dashboard.session import Action, Session
 from palpate.errors import InputError
@@ -20,10 +21,17 @@ class Hands:
         The one that all share.
     viewer : str
         Who it is.
+    tr : Language
+        What the viewer reads.
+    query : str
+        What the viewer's address asked for, and links keep: ``?lang=de``, or nothing.
     """
 
-    def __init__(self, session: Session, *, viewer: str) -> None:
+    def __init__(
+        self, session: Session, *, viewer: str, tr: Language = ENGLISH, query: str = ""
+    ) -> None:
         self._session, self._viewer = session, viewer
+        self.tr, self.query = tr, query
         self._refreshers: list[tuple[Callable[[], None], ui.element | None]] = []
 
     @property
@@ -84,7 +92,7 @@ class Hands:
         def gated() -> None:
             why = self._session.refusal(action, viewer=self._viewer)
             button.set_enabled(not why)
-            hint.set_text(why)
+            hint.set_text(self.tr(why))
             hint.set_visibility(bool(why))
 
         self.on_refresh(gated, of=button)
@@ -106,5 +114,9 @@ class Hands:
         try:
             press()
         except InputError as error:
-            ui.notify(str(error), type="warning")
+            self.refuse(error)
         self.refresh()
+
+    def refuse(self, error: Exception) -> None:
+        """Show why something can't be."""
+        ui.notify(self.tr(said_by(error)), type="warning")

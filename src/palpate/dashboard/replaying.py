@@ -11,6 +11,7 @@ from threading import Event
 
 from palpate.clock import ManualClock
 from palpate.dashboard.grip_force import ForceLaws
+from palpate.dashboard.language import Message
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S
 from palpate.dashboard.messages import (
     FrameSource,
@@ -78,7 +79,7 @@ def play(
     if whole is None:
         return
     outlet.note(whole.timeline)
-    outlet.note(Guide(text=f"Replay of {order.file.stem}", asks=True))
+    outlet.note(Guide(text=Message("Replay of {name}", name=order.file.stem), asks=True))
     start_s, end_s = whole.timeline.start_s, whole.timeline.end_s
     transport = Transport(start_s=start_s, end_s=end_s, speed=order.speed)
     steered(transport)
@@ -141,7 +142,7 @@ def _decided_again(
         past = Past(frames=columns(thinned, source), thought=thoughts[-1] if thoughts else None)
         outlet.note(past)
         share = (stretch[-1][0].time_s - time_s[0]) / (length_s or 1.0)
-        outlet.note(Guide(text="Deciding the recorded grasp again", share=share))
+        outlet.note(Guide(text=Message("Deciding the recorded grasp again"), share=share))
     timeline = Timeline(
         start_s=time_s[0],
         end_s=time_s[-1],

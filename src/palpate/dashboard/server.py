@@ -12,6 +12,7 @@ from typing import Any
 
 from palpate.dashboard.desk import Desk, Settings
 from palpate.dashboard.folder import recording_named
+from palpate.dashboard.language import language_for
 from palpate.dashboard.publishing import Publisher, publish
 from palpate.dashboard.realtime import check_realtime
 from palpate.dashboard.view import document
@@ -68,7 +69,6 @@ def serve(
     ui.run_with(
         app,
         title="palpate",
-        language="en-US",
         favicon="🤏",
         dark=None,
         binding_refresh_interval=None,
@@ -112,9 +112,15 @@ def _routes(desk: Desk) -> None:
         build_operator_page(desk, client)
 
     @app.get("/live")
-    async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
+    async def live(
+        generation: int = -1, after_s: float = 0.0, lang: str | None = None
+    ) -> JSONResponse:
         found: dict[str, Any] = document(
-            desk.session, desk.wishes, generation=generation, after_s=after_s
+            desk.session,
+            desk.wishes,
+            generation=generation,
+            after_s=after_s,
+            tr=language_for(lang, ""),
         )
         return JSONResponse(found)
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 
+from palpate.dashboard.language import Message
 from palpate.dashboard.live import Live
 from palpate.dashboard.messages import (
     Began,
@@ -211,26 +212,27 @@ class Session:
     def refusal(self, action: Action, *, viewer: str) -> str:
         """Return why this can't be pressed now; empty if it can."""
         if self.activity is Activity.GONE:
-            return "the devices are gone: start palpate serve again"
+            return Message("the devices are gone: start palpate serve again")
         if self.hung_s is not None:
-            return "the devices are silent: if the hand may move, use the emergency stop"
+            return Message("the devices are silent: if the hand may move, use the emergency stop")
         if viewer != self.driver:
-            taken = "nobody drives" if self.driver is None else "someone else drives"
-            return f"{taken}: take over first"
+            if self.driver is None:
+                return Message("nobody drives: take over first")
+            return Message("someone else drives: take over first")
         if action is Action.CONFIRM:
-            return "" if self.guide is not None and self.guide.asks else "nothing is asked"
+            return "" if self.guide is not None and self.guide.asks else Message("nothing is asked")
         if action in (Action.SPEED, Action.FILES):
             return ""
         if action is Action.STEER:
-            return "" if self.activity is Activity.REPLAYING else "nothing is replayed"
+            return "" if self.activity is Activity.REPLAYING else Message("nothing is replayed")
         if action is Action.RELEASE and self.activity is Activity.GRASPING:
             return ""
         if self.activity not in (Activity.WATCHING, Activity.IDLE):
-            return f"{self.activity}: wait, or press stop"
+            return Message("{activity}: wait, or press stop", activity=Message(self.activity))
         if action in (Action.OPEN, Action.PLAY):
             return ""
         if not self._opened:
-            return "no rig is open: choose one"
+            return Message("no rig is open: choose one")
         return self._not_ready(action)
 
     @property
@@ -241,11 +243,11 @@ class Session:
 
     def _not_ready(self, action: Action) -> str:
         if self.sensor_alone and action in (Action.GRASP, Action.RELEASE):
-            return "this rig has no gripper"
+            return Message("this rig has no gripper")
         if action in (Action.GRASP, Action.CALIBRATE, Action.EXAMINE) and self.live.pulse.stale:
-            return "no fresh frames: look at the link"
+            return Message("no fresh frames: look at the link")
         if action in _NEEDS_OPEN_HAND and self.live.open_hand is False:
-            return "the hand is not open: release first"
+            return Message("the hand is not open: release first")
         return ""
 
     # -- what is pressed ------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.dashboard.language import ENGLISH, Language, Message
 from palpate.dashboard.live import Live, finite
 from palpate.dashboard.messages import Grasped, Thought
 from palpate.dashboard.operating import operator_view
@@ -24,7 +25,12 @@ _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
 def document(
-    session: Session, wishes: Wishes, *, generation: int, after_s: float
+    session: Session,
+    wishes: Wishes,
+    *,
+    generation: int,
+    after_s: float,
+    tr: Language = ENGLISH,
 ) -> dict[str, Any]:
     """Return what a page needs to draw.
 
@@ -36,6 +42,8 @@ def document(
         What is wanted of the next grasp.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
+    tr : Language
+        Of the words in it.
     """
     live, link = session.live, _link(session)
     said = _verdict(session, stale=link["stale"])
@@ -44,8 +52,10 @@ def document(
     return {
         "generation": live.generation,
         "activity": session.activity.value,
-        "trouble": session.trouble,
-        "guide": _guide(session),
+        "trouble": {
+            "text": tr(session.trouble),
+            "lang": tr.tag if tr.knows(session.trouble) else ENGLISH.tag,
+        },
         "source": None
         if source is None
         else {
@@ -69,10 +79,11 @@ def document(
             if band.time_s > after_s - 1.0
         ],
         "grasp": _grasp(live.thought, live),
-        "replay": _replay(live),
-        "verdict": said,
-        "operator": operator_view(session, said=said, target_force_n=wishes.target_force_n),
-        "measured": _measured(session),
+        "replay": _replay(live, tr),
+        "verdict": {**said, **{key: tr(str(said.get(key) or "")) for key in _SPOKEN}},
+        "operator": operator_view(session, said=said, target_force_n=wishes.target_force_n, tr=tr),
+        "nothing_there": said["text"] == outcome_text(Outcome.NOTHING_THERE),
+        "measured": _measured(session, tr),
         "stopped_after_s": session.stopped_after_s,
         "recording": None if session.recording is None else session.recording.name,
     }
@@ -83,7 +94,7 @@ def _newtons(force: Measurement | None) -> list[float]:
     return [] if force is None else [round(n, 3) for n in (force.low, force.value, force.high)]
 
 
-def _replay(live: Live) -> dict[str, Any] | None:
+def _replay(live: Live, tr: Language) -> dict[str, Any] | None:
     """Return where a replay is, and what happens in the recording as a whole."""
     timeline, playing = live.timeline, live.playing
     if timeline is None or playing is None:
@@ -91,7 +102,7 @@ def _replay(live: Live) -> dict[str, Any] | None:
     return {
         "start_s": timeline.start_s,
         "end_s": timeline.end_s,
-        "phases": [[time_s, _PHASES.get(phase, "")] for time_s, phase in timeline.phases],
+        "phases": [[time_s, tr(_PHASES.get(phase, ""))] for time_s, phase in timeline.phases],
         "grasp": _grasp(timeline.ended, live),
         "time_s": playing.time_s,
         "paused": playing.paused,
@@ -122,13 +133,6 @@ def _touching(moments: Sequence[Moment]) -> list[int]:
         elif moment.finger is not None and moment.name == "finger_removal":
             touching.discard(moment.finger)
     return sorted(touching)
-
-
-def _guide(session: Session) -> dict[str, Any] | None:
-    guide = session.guide
-    if guide is None:
-        return None
-    return {"text": guide.text, "share": guide.share, "asks": guide.asks}
 
 
 def _link(session: Session) -> dict[str, Any]:
@@ -200,7 +204,7 @@ def _on_pixels(health: Health | None) -> list[dict[str, Any]]:
 def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     """Return the big words: of the grasp that ended, of the one that runs, or what goes on."""
     if session.activity is Activity.GONE:
-        return {**_WORDLESS, "text": "the devices are gone", "kind": "bad"}
+        return {**_WORDLESS, "text": Message("the devices are gone"), "kind": "bad"}
     if session.activity is Activity.WATCHING and (broken := _broken(session.live, stale=stale)):
         text, why = broken
         return {**_WORDLESS, "text": text, "why": why, "kind": "bad"}
@@ -214,7 +218,7 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     if thought is None:
         text = session.activity.value
         if session.activity is Activity.WATCHING and not session.sensor_alone:
-            text = "ready"
+            text = Message("ready")
         begins = session.activity is Activity.GRASPING
         return {**_WORDLESS, "text": text, "kind": "busy" if begins else "idle"}
     # In its last phase, for a moment, the grasp has ended.
@@ -226,6 +230,8 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     return {**said, "text": text, "kind": kind}
 
 
+#: What of a verdict is words.
+_SPOKEN = ("text", "firmness", "why")
 _OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activity.RELEASING)
 _WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
 
@@ -242,28 +248,32 @@ def kind_of(grasped: Grasped, *, target_force_n: float | None) -> str:
 def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
     """Return what is wrong with the sensor that is watched, and what to do; None while it reads."""
     if stale and live.pulse.frames:
-        return "the sensor is silent", "check its cable and power; it goes on as soon as it answers"
+        return Message("the sensor is silent"), Message(
+            "check its cable and power; it goes on as soon as it answers"
+        )
     if live.percent is not None and np.isnan(live.percent).all():
-        return "no pixel reads", "check the cable between sensor and board; Doctor says more"
+        return Message("no pixel reads"), Message(
+            "check the cable between sensor and board; Doctor says more"
+        )
     return None
 
 
 _PHASES = {
-    "wait": "waiting for the sheet to forget a touch",
-    "sweep": "closing in",
-    "felt": "touched?",
-    "approach": "touching finely",
-    "contact": "something is there",
-    "squeeze": "squeezing gently",
-    "settle": "waiting for the sheet",
-    "adjust": "adjusting",
-    "ease": "easing off",
-    "hold": "holding",
-    "release": "giving it back",
+    "wait": Message("waiting for the sheet to forget a touch"),
+    "sweep": Message("closing in"),
+    "felt": Message("touched?"),
+    "approach": Message("touching finely"),
+    "contact": Message("something is there"),
+    "squeeze": Message("squeezing gently"),
+    "settle": Message("waiting for the sheet"),
+    "adjust": Message("adjusting"),
+    "ease": Message("easing off"),
+    "hold": Message("holding"),
+    "release": Message("giving it back"),
 }
 
 
-def _measured(session: Session) -> dict[str, Any]:
+def _measured(session: Session, tr: Language) -> dict[str, Any]:
     """Return the measurements with their intervals, and the twin's truth beside them."""
     grasped, thought = session.grasped, session.live.thought
     result: GraspResult | None = None
@@ -274,18 +284,18 @@ def _measured(session: Session) -> dict[str, Any]:
         result = thought.answer
     rows = {name: None if result is None else getattr(result, name) for name in _MEASURED}
     return {
-        "values": {name: _one(value, truth.get(name)) for name, value in rows.items()},
+        "values": {name: _one(value, truth.get(name), tr) for name, value in rows.items()},
         "decided": grasped is not None or (thought is not None and thought.decided),
         "decision_time_s": None if result is None else result.decision_time_s,
         "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
-        "force_now": _one(session.live.force, None),
+        "force_now": _one(session.live.force, None, tr),
         "holds": grasped is None and session.live.open_hand is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),
     }
 
 
-def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
+def _one(measured: Measurement | None, true: object, tr: Language) -> dict[str, Any] | None:
     if measured is None:
         return None
     value, low, high = finite([measured.value, measured.low, measured.high])
@@ -295,7 +305,7 @@ def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
             "low": None,
             "high": None,
             "status": str(measured.status),
-            "text": measured.text(digits=2),
+            "text": _bound(measured, tr),
             "truth": true,
         }
     return {
@@ -305,3 +315,10 @@ def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
         "status": str(measured.status),
         "truth": true,
     }
+
+
+def _bound(measured: Measurement, tr: Language) -> str:
+    low, high = measured.known_ends
+    if low is not None:
+        return tr("at least {bound:.2f}", bound=low)
+    return tr("not measured") if high is None else tr("at most {bound:.2f}", bound=high)

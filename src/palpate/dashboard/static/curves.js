@@ -1,11 +1,12 @@
 // Force and reading over time, on one time axis that counts from the contact.
-import { $, fixed, seen } from "/static/follow.js";
+import { $, seen } from "/static/follow.js";
+import { fixed, range, t } from "/static/words.js";
 
 const WINDOW_S = 30, POINTS = 400;
 // A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
 const HIGHEST = 100;
 const BOX = { l: 46, r: 12, t: 18, b: 26 };
-const NAMES = { contact: "contact", answer: "answer", adjusted: "adjusted", damage_limit: "limit met", slipped: "slipped", stopped: "stopped", force_limit: "force limit", held: "released" };
+const NAMES = { contact: t("contact"), answer: t("answer"), adjusted: t("adjusted"), damage_limit: t("limit met"), slipped: t("slipped"), stopped: t("stopped"), force_limit: t("force limit"), held: t("released") };
 let pointed = null;
 
 function ticks(low, high, most) {
@@ -22,18 +23,18 @@ function shared(doc) {
   const grasp = doc.replay ? doc.replay.grasp : doc.grasp, zero = grasp ? (grasp.touched_s ?? grasp.began_s) : first;
   const start = doc.replay ? first : Math.max(grasp ? Math.min(grasp.began_s, last - WINDOW_S) : first, first, last - WINDOW_S);
   const end = doc.replay ? last : Math.max(last, start + WINDOW_S);
-  const all = seen.curve.filter(([t]) => t >= start), every = Math.max(1, Math.ceil(all.length / POINTS));
+  const all = seen.curve.filter(([time]) => time >= start), every = Math.max(1, Math.ceil(all.length / POINTS));
   // Every so many by their number in time, so that a curve does not shimmer as it moves.
-  const curve = all.filter(([t], i) => i === all.length - 1 || Math.round(t * 50) % every === 0);
-  const moments = (grasp ? grasp.moments : []).filter(([t]) => t >= start);
+  const curve = all.filter(([time], i) => i === all.length - 1 || Math.round(time * 50) % every === 0);
+  const moments = (grasp ? grasp.moments : []).filter(([time]) => time >= start);
   const now = doc.replay ? doc.replay.time_s : last;
-  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), touched: Boolean(grasp && grasp.touched_s !== null), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([t]) => t >= start) };
+  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), touched: Boolean(grasp && grasp.touched_s !== null), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
 }
 
 function canvas(svg, view, [low, high]) {
   const width = svg.clientWidth || 400, height = svg.clientHeight || 240;
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  const x = (t) => BOX.l + ((t - view.start) / (view.end - view.start)) * (width - BOX.l - BOX.r);
+  const x = (time) => BOX.l + ((time - view.start) / (view.end - view.start)) * (width - BOX.l - BOX.r);
   const y = (v) => BOX.t + ((high - v) / (high - low)) * (height - BOX.t - BOX.b);
   return { width, height, x, y, low, high, clip: `clip-${svg.id}`, line: (points) => points.map((p) => `${x(p[0]).toFixed(1)},${y(p[1]).toFixed(1)}`).join(" ") };
 }
@@ -57,7 +58,7 @@ function happened(c, view) {
   for (const [time, name, finger] of view.moments) {
     const at = c.x(time);
     if (finger !== null) {
-      if (name.startsWith("finger_")) out += `<path class="mark" data-name="${name}" d="M${at} ${c.height - BOX.b}l-4 6h8z"><title>finger ${finger}: ${name.slice(7)}</title></path>`;
+      if (name.startsWith("finger_")) out += `<path class="mark" data-name="${name}" d="M${at} ${c.height - BOX.b}l-4 6h8z"><title>${t("finger {n}", { n: finger })}: ${name === "finger_contact" ? t("contact") : t("removal")}</title></path>`;
       continue;
     }
     if (!NAMES[name]) continue;
@@ -80,7 +81,7 @@ function forecast(c, view, id, [low, value, high], digits, unit) {
   const top = Math.max(BOX.t + 14, Math.min(...shown.map((b) => c.y(b[high]))) - 8);
   return `<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${seen.band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
     <polyline points="${c.line(shown.map((b) => [b[0], b[value]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/></g>
-    <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">settles at ${fixed(now[value], digits)} ${unit} [${fixed(now[low], digits)}, ${fixed(now[high], digits)}]</text>`;
+    <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">${t("settles at")} ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}</text>`;
 }
 
 function level(c, value, name, kind) {
@@ -130,7 +131,7 @@ function drawForce(view) {
   const c = canvas(svg, view, [0, 1.15 * Math.max(highest, ...limits, ...values.map((p) => Math.min(p[4], 1.5 * p[3])))]);
   const outline = [...values.map((p) => [p[0], p[4]]), ...[...values].reverse().map((p) => [p[0], p[2]])];
   const damage = view.bounds.damage_low_n, ceiling = damage === null || damage === undefined ? view.bounds.ceiling_n : null;
-  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${forecast(c, view, "force-band", [4, 5, 6], 2, "N")}${level(c, view.bounds.target_n, "target", "target")}${level(c, damage, "damage limit", "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, "ceiling", "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N [${fixed(p[2], 2)}, ${fixed(p[4], 2)}]`)}`;
+  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${forecast(c, view, "force-band", [4, 5, 6], 2, "N")}${level(c, view.bounds.target_n, t("target"), "target")}${level(c, damage, t("damage limit"), "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, t("ceiling"), "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
 }
 
 function drawReading(view) {
@@ -148,6 +149,6 @@ export function drawCurves(doc) {
   const view = shared(doc);
   drawForce(view);
   drawReading(view);
-  const counts = view.touched ? "s from contact" : "s";
+  const counts = view.touched ? t("s from contact") : "s";
   for (const one of document.querySelectorAll(".counts")) if (one.textContent !== counts) one.textContent = counts;
 }

@@ -1,5 +1,6 @@
 // The pads: each pixel at its place, between the fingers of a hand or side by side without one.
-import { $, esc, fixed, seen } from "/static/follow.js";
+import { $, esc, seen } from "/static/follow.js";
+import { fixed, t, whole as wholeNumber } from "/static/words.js";
 import { color } from "/static/colors.js";
 
 const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, TRACE_S = 30;
@@ -49,8 +50,8 @@ function drawCells(svg, doc) {
     cell.classList.toggle("ill", one !== undefined);
     text.style.fill = ink;
     const small = +text.getAttribute("font-size") < 6;
-    text.textContent = small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0);
-    title.textContent = `R${row} C${col}: ${ohm === null ? "open" : `${fixed(ohm, 0)} ohm`}${one ? `; ${one.text}` : ""}`;
+    text.textContent = small ? "" : value === null ? (ohm === null ? t("open") : t("dead")) : fixed(value, 0);
+    title.textContent = `R${row} C${col}: ${ohm === null ? t("open") : t("{n} ohm", { n: wholeNumber(ohm) })}${one ? `; ${one.text}` : ""}`;
   }
 }
 
@@ -82,11 +83,11 @@ function place(svg, doc) {
 }
 
 function object({ gap, scale, middle }, doc) {
-  const size = doc.measured.values.size_mm, outcome = doc.verdict.text;
-  if (outcome.startsWith("nothing there")) return "";
+  const size = doc.measured.values.size_mm;
+  if (doc.nothing_there) return "";
   const known = size && size.value > 0 && scale > 0;
   const across = known ? size.value * scale : Math.min(gap * 0.62, 120);
-  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : "unknown";
+  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : t("unknown");
   const words = across > 60;
   return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="var(--accent)" fill-opacity="${known ? 0.22 : 0.08}" stroke="var(--accent)" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
     ${words ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
@@ -98,7 +99,7 @@ function namePads(doc) {
   pads.forEach((pad, i) => {
     const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = touching.includes(i);
     group.classList.toggle("touching", touches);
-    group.lastElementChild.innerHTML = `finger ${pad.finger} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touches ? " · contact" : ""}`;
+    group.lastElementChild.innerHTML = `${t("finger {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touches ? ` · ${t("contact")}` : ""}`;
   });
 }
 
@@ -119,15 +120,15 @@ function drawChosen(doc) {
   const { row, col } = chosen, ohm = doc.pixels.ohm[row][col], percent = doc.pixels.percent[row][col];
   const one = (doc.pixels.findings ?? []).find((f) => f.row === row && f.col === col);
   $("pixel-name").textContent = `R${row} C${col}`;
-  $("pixel-ohm").textContent = ohm === null ? "open" : `${Math.round(ohm).toLocaleString("en-US")} ohm`;
+  $("pixel-ohm").textContent = ohm === null ? t("open") : t("{n} ohm", { n: wholeNumber(ohm) });
   $("pixel-percent").textContent = percent === null ? "" : `${fixed(percent, 1)} %`;
   $("pixel-found").textContent = one ? one.text : "";
-  const points = traces.map((t) => [t.time, t.ohm[row][col]]).filter(([, v]) => v !== null);
+  const points = traces.map((one) => [one.time, one.ohm[row][col]]).filter(([, v]) => v !== null);
   const values = points.map(([, v]) => v), low = Math.min(...values), span = Math.max(Math.max(...values) - low, 0.02 * low, 1e-9);
   const end = points.length ? points[points.length - 1][0] : 0;
-  const line = points.map(([t, v]) => `${(300 * (1 - (end - t) / TRACE_S)).toFixed(1)},${(38 - 34 * ((v - low) / span)).toFixed(1)}`).join(" ");
+  const line = points.map(([time, v]) => `${(300 * (1 - (end - time) / TRACE_S)).toFixed(1)},${(38 - 34 * ((v - low) / span)).toFixed(1)}`).join(" ");
   $("pixel-trace").innerHTML = `<polyline points="${line}" fill="none" stroke="var(--curve)" stroke-width="1.5" vector-effect="non-scaling-stroke"/>`;
-  $("pixel-range").textContent = points.length ? `last ${TRACE_S} s: ${fixed(low, 0)} to ${fixed(Math.max(...values), 0)} ohm` : "";
+  $("pixel-range").textContent = points.length ? t("last {s} s: {low} to {high} ohm", { s: TRACE_S, low: fixed(low, 0), high: fixed(Math.max(...values), 0) }) : "";
 }
 
 function choose(row, col) {
@@ -159,7 +160,7 @@ export function drawFingers(doc) {
     built = null;
     traces.length = 0;
     svg.setAttribute("viewBox", "0 0 700 240");
-    svg.firstChild.textContent = `${doc.activity} …`;
+    svg.firstChild.textContent = `${t(doc.activity)} …`;
     return;
   }
   const grid = `${doc.pixels.percent.length}x${doc.pixels.percent[0].length}/${doc.pixels.finger_of_row}`;
@@ -172,11 +173,11 @@ export function drawFingers(doc) {
   $("object").innerHTML = between ? object(between, doc) : "";
   const opening = $("opening");
   opening.setAttribute("x", between ? between.middle : 0);
-  opening.textContent = !between || hand.value === null ? "" : `${fixed(hand.value, 1)} ${between.scale ? "mm apart" : "kPa"}${hand.moving ? ", moving" : ""}`;
+  opening.textContent = !between || hand.value === null ? "" : [between.scale ? t("{width} mm apart", { width: fixed(hand.value, 1) }) : `${fixed(hand.value, 1)} kPa`, ...(hand.moving ? [t("moving")] : [])].join(", ");
   namePads(doc);
   drawCells(svg, doc);
   remember(doc);
   drawChosen(doc);
-  $("fingers-title").textContent = between ? "Fingers, seen from between them" : pads.length === 1 ? "Pad" : `${pads.length} pads`;
+  $("fingers-title").textContent = between ? t("Fingers, seen from between them") : pads.length === 1 ? t("Pad") : t("{n} pads", { n: pads.length });
   seen.built = built;
 }

@@ -1,11 +1,12 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
-import { $, fixed, follow, say, whys } from "/static/follow.js";
+import { $, follow, say, whys } from "/static/follow.js";
+import { fixed, range, t } from "/static/words.js";
 import { begin as beginCurves, drawCurves } from "/static/curves.js";
 import { begin as beginHand, drawFingers } from "/static/hand.js";
 import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
 
-const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20 s", "%", 1] };
-const STATUS = { too_short: "short hold", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
+const UNITS = { size_mm: [t("Size"), "mm", 1], force_n: [t("Grip force"), "N", 2], stiffness_n_per_mm: [t("Stiffness"), "N/mm", 2], settled_percent: [t("Settled at 20 s"), "%", 1] };
+const STATUS = { too_short: t("short hold"), not_settling: t("not settling"), saturated: t("outside range"), fell_back: t("fell back") };
 
 // -- words and numbers -----------------------------------------------------------------------------
 function bar(one) {
@@ -23,22 +24,25 @@ function hideUnmeasured(doc) {
   for (const name of Object.keys(UNITS)) $(`measure-${name}`)?.classList.toggle("hidden", alone && !(name === "force_n" && doc.measured.force_now));
 }
 
+const between = (one, digits) => t("{low} to {high}", { low: fixed(one.low, digits), high: fixed(one.high, digits) });
+const interval = (one, digits) => `90 %: ${between(one, digits)}`;
+
 function drawMeasures(measured) {
   for (const [name, [title, unit, digits]] of Object.entries(UNITS)) {
     const card = $(`measure-${name}`), one = measured.values[name];
     if (!card) continue;
     if (name === "force_n" && measured.force_now && measured.holds) { drawForceNow(card, measured.force_now, one, measured.decided); continue; }
     card.dataset.decided = measured.decided;
-    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : "<span>so far</span>";
+    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : `<span>${t("so far")}</span>`;
     const truth = one && typeof one.truth === "number" ? one.truth : null;
     if (one && one.text) {
-      card.title = "no number: only a bound is known";
+      card.title = t("no number: only a bound is known");
       card.innerHTML = `<div class="name"><span>${title}</span></div><div class="value num">${one.text} <span>${unit}</span></div>
-        <div class="range num">${truth === null ? "" : `true ${fixed(truth, digits)}`}</div>`;
+        <div class="range num">${truth === null ? "" : t("true {value}", { value: fixed(truth, digits) })}</div>`;
       continue;
     }
-    const range = !one ? "" : `${truth === null ? "90 %: " : ""}${fixed(one.low, digits)} to ${fixed(one.high, digits)}${truth === null ? "" : ` · true ${fixed(truth, digits)}`}`;
-    card.title = "with its 90 % interval";
+    const range = !one ? "" : truth === null ? interval(one, digits) : `${between(one, digits)} · ${t("true {value}", { value: fixed(truth, digits) })}`;
+    card.title = t("with its 90 % interval");
     card.innerHTML = `<div class="name"><span>${title}</span>${state}</div><div class="value num">${one ? fixed(one.value, digits) : "–"} <span>${unit}</span></div>
       <div class="range num">${range}</div>${one ? bar(one) : ""}`;
   }
@@ -47,10 +51,10 @@ function drawMeasures(measured) {
 // While something is held the number is of now; the answer stands below it.
 function drawForceNow(card, now, answer, decided) {
   card.dataset.decided = true;
-  card.title = "force now, with its 90 % interval";
-  const settled = answer && answer.value !== null ? `${decided ? "answer" : "so far"} ${fixed(answer.value, 2)} N [${fixed(answer.low, 2)}, ${fixed(answer.high, 2)}]` : "";
-  card.innerHTML = `<div class="name"><span>Grip force now</span></div><div class="value num">${fixed(now.value, 2)} <span>N</span></div>
-    <div class="range num">90 %: ${fixed(now.low, 2)} to ${fixed(now.high, 2)}</div><div class="range num">${settled}</div>`;
+  card.title = t("force now, with its 90 % interval");
+  const settled = answer && answer.value !== null ? `${decided ? t("answer") : t("so far")} ${fixed(answer.value, 2)} N ${range(answer.low, answer.high, 2)}` : "";
+  card.innerHTML = `<div class="name"><span>${t("Grip force now")}</span></div><div class="value num">${fixed(now.value, 2)} <span>N</span></div>
+    <div class="range num">${interval(now, 2)}</div><div class="range num">${settled}</div>`;
 }
 
 function drawVerdict(doc) {
@@ -59,7 +63,7 @@ function drawVerdict(doc) {
   const said = doc.verdict, parts = whys(doc);
   card.dataset.kind = said.kind;
   const now = doc.measured.force_now;
-  if (doc.grasp && said.kind === "busy" && now && now.value >= 0.05) parts.push(`about ${fixed(now.value, 1)} N`);
+  if (doc.grasp && said.kind === "busy" && now && now.value >= 0.05) parts.push(t("about {force} N", { force: fixed(now.value, 1) }));
   say($("verdict-text"), said.text);
   say($("verdict-firm"), said.firmness ?? "");
   say($("verdict-why"), parts.join(" · "));

@@ -33,7 +33,7 @@
     clearTimeout(press.alarm);
     if (pressed === press) pressed = null;
     const after = performance.now() - press.at;
-    say("confirmed", `confirmed after ${after < 1000 ? `${Math.round(after)} ms` : `${(after / 1000).toFixed(1)} s`}`);
+    say("confirmed", `${button.dataset.confirmed} ${after < 1000 ? `${Math.round(after)} ms` : `${(after / 1000).toFixed(1)} s`}`);
     back = setTimeout(() => say("idle", idle), SHOWN_MS);
   }
 
@@ -48,7 +48,7 @@
   }
 
   function giveUp() {
-    say("failed", "not delivered: press again, or use the emergency stop");
+    say("failed", button.dataset.failed);
   }
 
   function stop() {
@@ -59,11 +59,11 @@
       return;
     }
     const press = { at: performance.now(), confirmed: false };
-    press.alarm = setTimeout(() => say("failed", "not delivered: still trying"), DEADLINE_MS);
+    press.alarm = setTimeout(() => say("failed", button.dataset.trying), DEADLINE_MS);
     clearTimeout(back);
     pressed = press;
     owed.setItem(OWED, Date.now());
-    say(failed.hidden ? "sent" : "failed", "sent …");
+    say(failed.hidden ? "sent" : "failed", button.dataset.sent);
     send(press);
   }
 

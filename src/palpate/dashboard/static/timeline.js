@@ -1,5 +1,6 @@
 // The timeline of a replay: its phases, and what pauses, moves and speeds it up.
-import { $, esc, fixed } from "/static/follow.js";
+import { $, esc } from "/static/follow.js";
+import { fixed, t } from "/static/words.js";
 
 const HELD_MS = 400, SEND_MS = 80;
 let touched = -Infinity, sent = -Infinity, later = 0, paused = false, drawn = null;
@@ -33,14 +34,14 @@ function drawPhases(replay) {
   const key = `${replay.start_s}/${replay.end_s}/${replay.phases.length}`;
   if (drawn === key && $("phases").firstChild) return;
   drawn = key;
-  const length = replay.end_s - replay.start_s || 1, share = (t) => (t - replay.start_s) / length;
+  const length = replay.end_s - replay.start_s || 1, share = (time) => (time - replay.start_s) / length;
   let bars = "", names = "";
   replay.phases.forEach(([from, name], i) => {
     const to = i + 1 < replay.phases.length ? replay.phases[i + 1][0] : replay.end_s, width = share(to) - share(from);
     bars += `<rect class="phase" x="${1000 * share(from)}" width="${1000 * width}" y="0" height="30" data-odd="${i % 2}"/>`;
     if (width > 0.12) names += `<span style="left:${100 * share(from)}%;width:${100 * width}%">${esc(name)}</span>`;
   });
-  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * share(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name}</title></rect>`;
+  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * share(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name === "contact" ? t("contact") : t("answer")}</title></rect>`;
   $("phases").innerHTML = bars;
   $("phase-names").innerHTML = names;
 }
@@ -52,7 +53,7 @@ export function drawTimeline(doc) {
   if (!replay) return;
   drawPhases(replay);
   paused = replay.paused;
-  $("play").textContent = paused ? (replay.time_s >= replay.end_s ? "Again" : "Play") : "Pause";
+  $("play").textContent = paused ? (replay.time_s >= replay.end_s ? t("Again") : t("Play")) : t("Pause");
   const slider = $("seek");
   slider.min = replay.start_s;
   slider.max = replay.end_s;
@@ -61,7 +62,7 @@ export function drawTimeline(doc) {
     $("pace").value = String(replay.speed);
   }
   const at = replay.time_s - replay.start_s, whole = replay.end_s - replay.start_s;
-  const now = replay.phases.filter(([t]) => t <= replay.time_s).pop();
-  slider.setAttribute("aria-valuetext", `${fixed(at, 1)} of ${fixed(whole, 1)} seconds${now ? `, ${now[1]}` : ""}`);
+  const now = replay.phases.filter(([from]) => from <= replay.time_s).pop();
+  slider.setAttribute("aria-valuetext", [t("{time} of {whole} seconds", { time: fixed(at, 1), whole: fixed(whole, 1) }), ...(now ? [now[1]] : [])].join(", "));
   $("played").textContent = `${fixed(at, 1)} / ${fixed(whole, 1)} s`;
 }
