@@ -204,3 +204,31 @@ def test_pixels_that_all_read_the_same_are_no_picture_of_the_sheet(plan: Plan) -
         said[4] == "all pixels read the same, which no sheet does; see what `palpate doctor` says"
     )
     assert watched(plan, frames) == [None] * 5, "these rest alike"
+
+
+@pytest.mark.parametrize(("slept", "stuck"), [(3, True), (4, False)])
+def test_a_sheet_of_which_another_pixel_slept_too_is_quiet_and_not_stuck(
+    plan: Plan, slept: int, stuck: bool
+) -> None:
+    """One pixel never changes; when it has slept through eight movements, another one slept too."""
+    frames = at_rest(9)
+    for number, frame in enumerate(frames):
+        frame[1, 0] = REST
+        frame[2, 1] = REST + (number >= 8 - slept)
+    words = watched(plan, frames, step_mm=0.5)[-1]
+    assert (words is not None) == stuck
+    assert not stuck or "R1 C0 reads stuck" in str(words)
+
+
+@pytest.mark.parametrize(
+    ("lively", "alike", "known"), [(30, 3, True), (28, 3, False), (30, 4, False)]
+)
+def test_frames_that_repeat_are_missed_where_few_ever_did(
+    plan: Plan, lively: int, alike: int, known: bool
+) -> None:
+    """Of so many frames, so many in a row were alike once; then none is new any more."""
+    frames = [np.full((4, 2), REST + number % 2) for number in range(lively - alike + 1)]
+    frames += [frames[-1]] * (alike - 1)
+    frames += [np.full((4, 2), REST + 9)] * 12
+    words = watched(plan, frames)[-1]
+    assert ("no pixel has changed in 11 frames" in str(words)) == known
