@@ -27,6 +27,7 @@ from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 _STATIC = Path(__file__).parent / "static"
 _STAGE = (_STATIC / "stage.html").read_text(encoding="utf-8")
 _STOP = (_STATIC / "stop.html").read_text(encoding="utf-8")
+_SOUND = (_STATIC / "sound.html").read_text(encoding="utf-8")
 _OPERATE = (_STATIC / "operate.html").read_text(encoding="utf-8")
 #: What tabs are called, and the address of each.
 TABS = {
@@ -64,11 +65,14 @@ def build_page(desk: Desk, client: Client, *, tab: str, item_id: str | None = No
     ui.timer(_REFRESH_S, hands.refresh)
 
 
-def build_operator_page(desk: Desk, client: Client) -> None:
-    """Fill the page that is read from two metres: verdict, what to do, force, three buttons."""
+def build_operator_page(desk: Desk, client: Client, *, kiosk: bool) -> None:
+    """Fill the page that is read from two metres: verdict, what to do, force, three buttons.
+
+    A `kiosk` leads nowhere else, and keeps its screen awake.
+    """
     hands = _begin(desk, client, script="operate.js")
-    ui.query("body").classes("operate")
-    _header(desk, hands, other=("/", Message("Full page")))
+    ui.query("body").classes("operate kiosk" if kiosk else "operate")
+    _header(desk, hands, other=None if kiosk else ("/", Message("Full page")), sound=True)
     with ui.element("div").classes("operator"):
         _alerts(desk, hands)
         ui.html(_said(_OPERATE, hands.tr), sanitize=False).classes("contents")
@@ -105,7 +109,9 @@ def _said(parts: str, tr: Language) -> str:
     return re.sub(r"\{\{(.+?)\}\}", lambda found: html.escape(tr(found[1])), parts)
 
 
-def _header(desk: Desk, hands: Hands, *, other: tuple[str, str]) -> None:
+def _header(
+    desk: Desk, hands: Hands, *, other: tuple[str, str] | None, sound: bool = False
+) -> None:
     dark, tr = ui.dark_mode(None), hands.tr
 
     async def turn() -> None:
@@ -129,7 +135,10 @@ def _header(desk: Desk, hands: Hands, *, other: tuple[str, str]) -> None:
         who = ui.label().classes("pill").props("id=who")
         take = ui.button(tr("Take over"), on_click=hands.take_over, color=None)
         take.classes("btn plain small").props("flat no-caps id=take-over")
-        ui.link(tr(other[1]), other[0] + hands.query).classes("pill")
+        if other is not None:
+            ui.link(tr(other[1]), other[0] + hands.query).classes("pill")
+        if sound:
+            ui.html(_said(_SOUND, tr), sanitize=False).classes("contents")
         shade = ui.button(icon="contrast", on_click=turn, color=None)
         shade.classes("btn plain small").props("flat id=shade")
         shade.props["aria-label"] = tr("Light or dark")

@@ -108,8 +108,8 @@ def _routes(desk: Desk) -> None:
         build_page(desk, client, tab="Items", item_id=item_id)
 
     @ui.page("/operate")
-    def operate(client: Client) -> None:
-        build_operator_page(desk, client)
+    def operate(client: Client, kiosk: str | None = None) -> None:
+        build_operator_page(desk, client, kiosk=kiosk is not None)
 
     @app.get("/live")
     async def live(

@@ -43,11 +43,12 @@ function drawHead(doc) {
 }
 
 // Everything on the stage is old once the server, or the process behind it, says nothing more.
-function drawLoss() {
+function drawLoss(onLost) {
   const pill = $("link"), box = $("lost");
   if (!pill || !box) return;
   const silentMs = performance.now() - seen.at, server = silentMs > LOST_MS, devices = seen.hungS !== null;
   const lost = server || devices, agoS = (server ? silentMs / 1000 : 0) + (seen.hungS ?? 0);
+  if (lost && !document.body.classList.contains("lost")) onLost();
   document.body.classList.toggle("lost", lost);
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
@@ -58,7 +59,7 @@ function drawLoss() {
   $("link-text").textContent = `${server ? t("NO CONNECTION") : t("DEVICES SILENT")} · ${ago}`;
 }
 
-async function tick(draw) {
+async function tick(draw, onLost) {
   const began = performance.now();
   try {
     const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : -1e9;
@@ -77,15 +78,15 @@ async function tick(draw) {
       document.body.dataset.activity = doc.activity;
       document.body.dataset.recording = doc.recording ?? "";
       document.body.dataset.drawn = seen.drawn += 1;
-      drawLoss();
+      drawLoss(onLost);
     }
   } catch {
     // drawLoss says how long nothing came.
   }
-  setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)), draw);
+  setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)), draw, onLost);
 }
 
-export function follow(draw) {
-  setInterval(drawLoss, LOOK_MS);
-  tick(draw);
+export function follow(draw, onLost = () => {}) {
+  setInterval(drawLoss, LOOK_MS, onLost);
+  tick(draw, onLost);
 }

@@ -1,5 +1,7 @@
 // The operator's view: one verdict, what to do next, and the force, to be read from two metres.
 import { $, follow, say, whys } from "/static/follow.js";
+import { begin as beginKiosk } from "/static/kiosk.js";
+import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";
 
 function draw(doc) {
@@ -15,4 +17,6 @@ function draw(doc) {
   say($("force-target"), t("target: {target}", operator));
 }
 
-follow(draw);
+beginKiosk();
+beginSound();
+follow((doc) => { draw(doc); sound(doc.verdict.kind); }, () => sound("lost"));

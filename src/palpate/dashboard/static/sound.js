@@ -1,0 +1,59 @@
+// One tone for done and one for a fault, for whoever stands with their back to the screen. Off until
+// the button is pressed; this browser remembers it.
+const KEPT = "palpate-sound";
+// Pitch, length and shape differ: each is known without the other.
+const TONES = { done: { hz: 880, s: 0.25, shape: "sine" }, fault: { hz: 220, s: 0.9, shape: "square" } };
+const LOUDNESS = 0.3, EDGE_S = 0.02;
+let context = null, before = null;
+
+const wanted = () => localStorage.getItem(KEPT) === "on";
+
+// A browser lets a page sound only once it was pressed.
+function wake() {
+  if (!wanted()) return;
+  context ??= new AudioContext();
+  if (context.state === "suspended") context.resume();
+}
+
+function play(name) {
+  if (!wanted() || !context) return;
+  const { hz, s, shape } = TONES[name], tone = context.createOscillator(), gain = context.createGain(), now = context.currentTime;
+  tone.type = shape;
+  tone.frequency.value = hz;
+  gain.gain.setValueAtTime(0, now);
+  gain.gain.linearRampToValueAtTime(LOUDNESS, now + EDGE_S);
+  gain.gain.setValueAtTime(LOUDNESS, now + s - EDGE_S);
+  gain.gain.linearRampToValueAtTime(0, now + s);
+  tone.connect(gain).connect(context.destination);
+  tone.start(now);
+  tone.stop(now + s);
+}
+
+function show() {
+  const button = document.getElementById("sound");
+  if (!button || button.ariaPressed === String(wanted())) return;
+  button.ariaPressed = wanted();
+  button.firstElementChild.textContent = wanted() ? "volume_up" : "volume_off";
+}
+
+export function begin() {
+  document.addEventListener("pointerdown", wake, true);
+  document.addEventListener("keydown", wake, true);
+  document.addEventListener("click", (event) => {
+    if (!event.target.closest?.("#sound")) return;
+    localStorage.setItem(KEPT, wanted() ? "off" : "on");
+    show();
+    wake();
+    if (wanted()) play("done");
+  });
+}
+
+// A change is heard, not what was there when the page came.
+export function sound(kind) {
+  show();
+  if (before !== null && kind !== before) {
+    if (kind === "lost" || (kind === "bad" && before !== "lost")) play("fault");
+    else if (before === "busy" && (kind === "good" || kind === "warn")) play("done");
+  }
+  before = kind;
+}

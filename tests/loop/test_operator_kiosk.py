@@ -1,0 +1,111 @@
+"""The operator's view as a screen of its own, and what it lets hear."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+from tests.loop.test_dashboard import SIMULATED, browser, can_press, fresh, release, served, verdict
+from tests.loop.test_operator_view import LOCALES, SIZES, at, breaks_no_rule, fits
+
+__all__ = ["browser"]
+
+#: Notes the pitch of every tone that the browser plays; it plays them all the same.
+LISTEN = """window.heard = [];
+const start = OscillatorNode.prototype.start;
+OscillatorNode.prototype.start = function (when) {
+    if (this.context.state === 'running') window.heard.push(this.frequency.value);
+    return start.call(this, when);
+};"""
+DONE_HZ, FAULT_HZ = 880, 220
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with served(tmp_path_factory.mktemp("kiosk"), *SIMULATED) as address:
+        yield address
+
+
+def heard(page: Page, tones: list[int]) -> None:
+    page.wait_for_function("count => window.heard.length >= count", arg=len(tones))
+    assert page.evaluate("window.heard") == tones
+
+
+def test_sound_is_off_until_it_is_asked_for_and_tells_done_from_fault(
+    browser: Browser, address: str
+) -> None:
+    with at(browser, f"{address}operate", SIZES["wide"]) as page:
+        page.add_init_script(LISTEN)
+        page.reload()
+        fresh(page)
+        if page.locator("#take-over").is_visible():
+            page.locator("#take-over").click()
+        can_press(page, "#grasp")
+        page.locator("#grasp").click()
+        expect(page.locator("#verdict")).to_have_attribute("data-kind", "good")
+        release(page)
+        heard(page, [])
+        button = page.get_by_role("button", name="Sound")
+        expect(button).to_have_attribute("aria-pressed", "false")
+        button.click()
+        expect(button).to_have_attribute("aria-pressed", "true")
+        # So that people know how loud it is.
+        heard(page, [DONE_HZ])
+        # The browser remembers it, and may sound again once something is pressed.
+        page.reload()
+        fresh(page)
+        expect(button).to_have_attribute("aria-pressed", "true")
+        if page.locator("#take-over").is_visible():
+            page.locator("#take-over").click()
+        can_press(page, "#grasp")
+        page.locator("#grasp").click()
+        heard(page, [DONE_HZ])
+        release(page)
+        page.locator("#grasp").click()
+        expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
+        page.locator("#stop").click()
+        verdict(page, "Stopped")
+        heard(page, [DONE_HZ, FAULT_HZ])
+        release(page)
+        button.click()
+        expect(button).to_have_attribute("aria-pressed", "false")
+
+
+@pytest.mark.parametrize("code", LOCALES)
+@pytest.mark.parametrize("size", SIZES)
+def test_a_kiosk_fills_its_screen_and_leads_nowhere(
+    browser: Browser, address: str, size: str, code: str
+) -> None:
+    with at(browser, f"{address}operate?kiosk", SIZES[size], locale=LOCALES[code]) as page:
+        expect(page.locator("#simulated")).to_be_visible()
+        expect(page.locator("a")).to_have_count(0)
+        expect(page.locator("#shade")).to_be_hidden()
+        fits(page)
+        breaks_no_rule(page)
+
+
+def test_a_kiosk_keeps_its_screen_awake_and_stops_by_escape(browser: Browser, address: str) -> None:
+    with at(browser, f"{address}operate?kiosk", SIZES["wide"]) as page:
+        expect(page.locator("body")).to_have_attribute("data-awake", "true")
+        can_press(page, "#grasp")
+        page.locator("#grasp").click()
+        expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
+        page.keyboard.press("Escape")
+        verdict(page, "Stopped")
+        release(page)
+    with at(browser, f"{address}operate", SIZES["wide"]) as page:
+        expect(page.locator("body")).not_to_have_attribute("data-awake", re.compile(".*"))
+
+
+def test_the_loss_of_the_server_is_heard(browser: Browser, address: str) -> None:
+    with at(browser, f"{address}operate", SIZES["wide"]) as page:
+        page.add_init_script(LISTEN)
+        page.reload()
+        fresh(page)
+        page.get_by_role("button", name="Sound").click()
+        heard(page, [DONE_HZ])
+        page.context.set_offline(True)
+        expect(page.locator("#lost-title")).to_have_text("No connection")
+        heard(page, [DONE_HZ, FAULT_HZ])
