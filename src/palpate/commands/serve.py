@@ -145,8 +145,11 @@ def _complain(text: str) -> None:
     print(f"palpate serve: {text}", file=sys.stderr, flush=True)
 
 
-def _announce(address: str) -> None:
+def _announce(address: str, code: str) -> None:
+    """Print the address; on a terminal also its QR code, for a phone."""
     print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True)
+    if sys.stdout.isatty():
+        print(code, flush=True)
 
 
 def open_simulated_bench(rig: str, seed: int) -> CellBench:

@@ -98,6 +98,8 @@ class Desk:
         self.wishes = Wishes()
         #: The last grasp, as `palpate grasp --json` prints it; None before the first.
         self.result: dict[str, object] | None = None
+        #: Where others can open the pages; None where only this machine can.
+        self.address: str | None = None
         #: Called with each such document.
         self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(

@@ -13,6 +13,7 @@ from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
 from palpate.dashboard.desk import Desk
+from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.language import Language, Message, language_for
 from palpate.dashboard.panel_calibrate import calibrate_panel
 from palpate.dashboard.panel_doctor import doctor_panel
@@ -21,6 +22,7 @@ from palpate.dashboard.panel_items import items_panel
 from palpate.dashboard.panel_recordings import recordings_panel
 from palpate.dashboard.panel_run import run_panel
 from palpate.dashboard.pressing import Hands
+from palpate.dashboard.reach import qr_svg
 from palpate.dashboard.session import Action
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 
@@ -139,6 +141,8 @@ def _header(
             ui.link(tr(other[1]), other[0] + hands.query).classes("pill")
         if sound:
             ui.html(_said(_SOUND, tr), sanitize=False).classes("contents")
+        if other is not None and desk.address is not None:
+            _phone_button(desk.address, hands)
         shade = ui.button(icon="contrast", on_click=turn, color=None)
         shade.classes("btn plain small").props("flat id=shade")
         shade.props["aria-label"] = tr("Light or dark")
@@ -152,6 +156,23 @@ def _header(
         take.set_visibility(not mine)
 
     hands.on_refresh(drives)
+
+
+def _phone_button(address: str, hands: Hands) -> None:
+    """Add what shows the address, which has no token in it, as a code to point a phone at."""
+    tr = hands.tr
+    with ui.dialog() as dialog, ui.card().classes("care phone"):
+        dialog.props["aria-label"] = tr("Open on a phone")
+        heading(tr("Open on a phone"))
+        code = ui.html(qr_svg(address + hands.query), sanitize=False).classes("code")
+        code.props("role=img").props["aria-label"] = tr("QR code of the address")
+        ui.link(address + hands.query, address + hands.query)
+        paragraph(tr("In the same network. It asks for the token once."))
+        close = ui.button(tr("Close"), on_click=dialog.close, color=None)
+        close.classes("btn plain").props("flat no-caps")
+    opens = ui.button(icon="qr_code_2", on_click=dialog.open, color=None)
+    opens.classes("btn plain small").props("flat id=phone")
+    opens.props["aria-label"] = tr("Open on a phone")
 
 
 def _alerts(desk: Desk, hands: Hands) -> None:

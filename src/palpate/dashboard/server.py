@@ -29,12 +29,13 @@ def serve(
     host: str,
     port: int,
     token: str | None,
-    announce: Callable[[str], None],
+    announce: Callable[[str, str], None],
     publisher: Publisher | None = None,
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
 
-    `announce` gets the address once it can be visited, `publisher` every result and the state.
+    `announce` gets the address once it can be visited, and its QR code where others can visit it;
+    `publisher` gets every result and the state. The token is in neither.
 
     Raises
     ------
@@ -54,6 +55,7 @@ def serve(
 
         from palpate.dashboard.api import build_api
         from palpate.dashboard.gate import Gate, check_token, is_loopback
+        from palpate.dashboard.reach import address_for_others, qr_text
     check_token(host, token)
     if settings.realtime:
         check_realtime()
@@ -82,9 +84,11 @@ def serve(
     config = uvicorn.Config(
         gate, log_level="warning", access_log=False, timeout_graceful_shutdown=2
     )
-    shown = f"[{host}]" if ":" in host else host
-    address = f"http://{shown}:{listening.getsockname()[1]}/"
-    app.router.on_startup.append(lambda: announce(address))
+    address = address_for_others(host, listening.getsockname()[1])
+    code = ""
+    if not is_loopback(host):
+        desk.address, code = address, qr_text(address)
+    app.router.on_startup.append(lambda: announce(address, code))
     with listening:
         uvicorn.Server(config).run(sockets=[listening])
 
