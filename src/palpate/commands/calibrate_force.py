@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
-from palpate.commands.options import JsonOption, RigOption
+from palpate.commands.options import DpiOption, JsonOption, RigOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def command(
     plot: Annotated[
         Path | None, typer.Option(help="Draw readings and law.", metavar="FILE")
     ] = None,
+    dpi: DpiOption = None,
     seed: Annotated[int, typer.Option(help="Simulated rigs: which sensor.", min=0)] = 0,
     temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
     humidity_percent: Annotated[
@@ -49,12 +50,10 @@ def command(
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
     from palpate.commands.calibrate_bench import calibration_file, has_load_cell
-    from palpate.plots.style import check_plot_path, require_plots
+    from palpate.plots.style import check_plot
 
     path = calibration_file(rig, out)
-    if plot is not None:
-        check_plot_path(plot)
-        require_plots()
+    check_plot(plot, dpi=dpi)
     if loads is None and has_load_cell(rig):
         made = _guided(rig, seed=seed, out=path)
     else:
@@ -66,9 +65,10 @@ def command(
     )
     made.save(path)
     if plot is not None:
-        from palpate.plots.force_calibration import save_force_calibration
+        from palpate.plots.force_calibration import force_calibration_figure
+        from palpate.plots.style import save_figure
 
-        save_force_calibration(made, path=plot)
+        save_figure(force_calibration_figure(made), plot, dpi=dpi)
     if as_json:
         print(json.dumps(_document(made, path=path), indent=1, allow_nan=False))
     else:

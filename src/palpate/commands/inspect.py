@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.commands.options import JsonOption
+from palpate.commands.options import DpiOption, JsonOption
 from palpate.errors import InputError
 
 
@@ -20,13 +20,16 @@ def inspect(
         Path | None,
         typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
     ] = None,
+    dpi: DpiOption = None,
 ) -> None:
     """Show what a recording holds, and whether it is complete. Example: palpate inspect run.mcap"""
+    from palpate.plots.style import check_plot
     from palpate.recording import FileState, RecordingReader
     from palpate.recording.reader import summarise
 
+    check_plot(plot, dpi=dpi)
     if plot is not None:
-        _draw(file, plot)
+        _draw(file, plot, dpi=dpi)
     state = FileState()
     with RecordingReader(file) as reader:
         summary = summarise(reader, state=state)
@@ -48,17 +51,15 @@ def inspect(
     print(json.dumps(document, indent=1) if as_json else _text(document))
 
 
-def _draw(file: Path, plot: Path) -> None:
+def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:
     from palpate.plots.recording import recording_figure
-    from palpate.plots.style import check_plot_path, require_plots, save_figure
+    from palpate.plots.style import save_figure
     from palpate.recording import load_recording
 
-    require_plots()
-    check_plot_path(plot)
     recording = load_recording(file)
     if recording.time_s.size == 0:
         raise InputError(f"{file}: no frame in it, so there is nothing to draw")
-    save_figure(recording_figure(recording, title=file.name), plot)
+    save_figure(recording_figure(recording, title=file.name), plot, dpi=dpi)
 
 
 def _text(found: dict[str, Any]) -> str:

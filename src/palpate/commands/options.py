@@ -50,6 +50,14 @@ QuietOption: TypeAlias = Annotated[
 ]
 
 #: Give it the default None.
+DpiOption: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        "--dpi", help="Dots per inch of a .png plot; 300 by default.", min=30, max=2400, metavar="N"
+    ),
+]
+
+#: Give it the default None.
 StoreOption: TypeAlias = Annotated[
     str | None,
     typer.Option(

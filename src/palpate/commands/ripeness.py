@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.commands import completion
-from palpate.commands.options import JsonOption, StoreOption
+from palpate.commands.options import DpiOption, JsonOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def ripeness(
     plot: Annotated[
         Path | None, typer.Option(help="Draw the days of one item.", metavar="FILE")
     ] = None,
+    dpi: DpiOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Report how ripe items are and when they will be ripe, from their grasps so far.
@@ -58,14 +59,12 @@ def ripeness(
     Example: palpate ripeness A17 --reference ball --plot a17.png
     """
     from palpate.commands.ripeness_report import document, print_report
-    from palpate.plots.style import check_plot_path, require_plots
+    from palpate.plots.style import check_plot
     from palpate.produce.ripeness.items import assumed, verdict_of
     from palpate.produce.store import Store
 
     names = _names(stages, ripe=ripe)
-    if plot is not None:
-        check_plot_path(plot)
-        require_plots()
+    check_plot(plot, dpi=dpi)
     with Store.open(store, create=False) as kept:
         asked = _asked(kept, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
@@ -81,7 +80,7 @@ def ripeness(
         from palpate.plots.style import save_figure
 
         figure = item_figure(judged[0].history, judged[0].ripeness, rule=judged[0].rule)
-        save_figure(figure, plot)
+        save_figure(figure, plot, dpi=dpi)
     if as_json:
         print(json.dumps(document(judged), allow_nan=False, indent=1))
     else:

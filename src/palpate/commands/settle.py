@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.commands import settle_options as option
-from palpate.commands.options import JsonOption, QuietOption
+from palpate.commands.options import DpiOption, JsonOption, QuietOption
 from palpate.commands.progress import progress
 from palpate.errors import InputError
 
@@ -45,6 +45,7 @@ def settle(
     sensor_leg: option.LegOption = None,
     cut: option.CutOption = "auto",
     plot: option.PlotOption = None,
+    dpi: DpiOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
     out: option.OutOption = None,
@@ -55,6 +56,7 @@ def settle(
     """
     from palpate.commands import settle_report as report
     from palpate.commands.settle_source import HoldSource, ReadingOptions
+    from palpate.plots.style import check_plot
 
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
@@ -72,6 +74,7 @@ def settle(
         ),
     )
     files = source.files()
+    check_plot(plot, dpi=dpi)
     report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
     _check_unseen(learn_from or [], files=files)
@@ -103,7 +106,7 @@ def settle(
     if out is not None:
         report.write(document, out)
     if plot is not None:
-        report.draw(document, source, plot, methods=chosen, level=level)
+        report.draw(document, source, plot, dpi=dpi, methods=chosen, level=level)
     if as_json:
         report.print_json(document)
     else:

@@ -100,11 +100,6 @@ def _known(figure: float) -> float | None:
 
 def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]) -> None:
     """Refuse, before the work, files that can't or mustn't be written after it."""
-    if plot is not None:
-        from palpate.plots.style import check_plot_path, require_plots
-
-        check_plot_path(plot)
-        require_plots()
     if out is not None:
         if out.suffix.lower() not in OUT_ENDINGS:
             raise InputError(f"--out {out}: name a file that ends in .json, .csv or .parquet")
@@ -167,6 +162,7 @@ def draw(
     source: HoldSource,
     plot: Path,
     *,
+    dpi: int | None,
     methods: Mapping[str, SettlingMethod],
     level: float,
 ) -> None:
@@ -205,7 +201,7 @@ def draw(
         level=level,
         overviews=_overviews(source),
     )
-    save_figure(figure, plot)
+    save_figure(figure, plot, dpi=dpi)
 
 
 def _overviews(source: HoldSource) -> list[Overview]:

@@ -2,48 +2,48 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.errors import needing
-from palpate.files import atomic_path
+from palpate.plots.style import INK, ORANGE, log_axis, new_figure
 from palpate.sensor.calibration import Calibration
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def save_force_calibration(calibration: Calibration, *, path: Path) -> None:
-    """Draw excess conductance over force, on logarithmic axes, into a file.
+
+def force_calibration_figure(calibration: Calibration) -> Figure:
+    """Draw excess conductance over force, on logarithmic axes.
 
     Raises
     ------
     MissingExtraError
         If matplotlib isn't installed.
     """
-    with needing("a plot", extra="plots"):
-        from matplotlib.figure import Figure
-    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    panel = figure.subplots()
-    pairs = calibration.force
-    settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
-    panel.plot(
-        np.array(pairs.force_n)[settled],
-        np.array(pairs.excess)[settled],
-        "o",
-        ms=5,
-        mec="#222222",
-        mfc="white",
-        label="settled readings",
-    )
-    law = calibration.force_law
-    if law["law"] == "power":
-        reading = np.geomspace(float(law["range"][0]), float(law["range"][1]), 100)
-        log_scale, exponent, offset = law["coefficients"]
-        force_n = offset + np.exp(log_scale + exponent * np.log(reading))
-        panel.plot(force_n, reading, color="#D55E00", lw=1.4, label="settled law")
-    panel.set(xscale="log", yscale="log", xlabel="force, N", ylabel="excess conductance, summed")
-    simulated = " (simulated)" if calibration.origin == "simulated" else ""
-    panel.set_title(f"Force calibration of {calibration.sensor_id}{simulated}", fontsize=10)
-    panel.legend(frameon=False, fontsize=8)
-    panel.spines[["top", "right"]].set_visible(False)
-    with atomic_path(path) as partial:
-        figure.savefig(partial, dpi=150, format=path.suffix.lstrip(".") or "png")
+    with new_figure(width_in=6.4, height_in=4.4) as (figure, axes):
+        panel = axes[0, 0]
+        pairs = calibration.force
+        settled = np.isclose(pairs.since_move_s, max(pairs.since_move_s))
+        panel.plot(
+            np.array(pairs.force_n)[settled],
+            np.array(pairs.excess)[settled],
+            "o",
+            ms=5,
+            mec=INK,
+            mfc="white",
+            label="settled readings",
+        )
+        law = calibration.force_law
+        if law["law"] == "power":
+            reading = np.geomspace(float(law["range"][0]), float(law["range"][1]), 100)
+            log_scale, exponent, offset = law["coefficients"]
+            force_n = offset + np.exp(log_scale + exponent * np.log(reading))
+            panel.plot(force_n, reading, color=ORANGE, lw=1.4, label="settled law")
+        log_axis(panel.xaxis)
+        log_axis(panel.yaxis)
+        panel.set(xlabel="force, N", ylabel="excess conductance, summed")
+        simulated = " (simulated)" if calibration.origin == "simulated" else ""
+        panel.set_title(f"Force calibration of {calibration.sensor_id}{simulated}")
+        panel.legend()
+        return figure

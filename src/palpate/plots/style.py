@@ -137,32 +137,52 @@ def require_plots() -> None:
     del mpl
 
 
-def check_plot_path(path: Path) -> None:
-    """Refuse a file that a plot can't be written to.
+def check_plot(path: Path | None, *, dpi: int | None = None) -> None:
+    """Refuse, before any work, a plot that can't be drawn, or can't be written as it was asked for.
 
     Raises
     ------
     InputError
-        If the ending is not one of `PLOT_ENDINGS`, or the folder does not exist.
+        If the ending is not one of `PLOT_ENDINGS`, the folder does not exist, or dots per inch are
+        given for a file that has none, or for no plot at all.
+    MissingExtraError
+        If matplotlib is not installed.
 
     Examples
     --------
-    >>> check_plot_path(Path("plot.bmp"))
+    >>> check_plot(Path("plot.bmp"))
     Traceback (most recent call last):
     palpate.errors.InputError: plot.bmp: a plot ends in .png, .svg or .pdf
+    >>> check_plot(Path("plot.svg"), dpi=600)
+    Traceback (most recent call last):
+    palpate.errors.InputError: --dpi 600: only .png has dots; plot.svg is sharp at any size
     """
+    if path is None:
+        if dpi is not None:
+            raise InputError(f"--dpi {dpi}: it is for --plot FILE.png; give that, or leave it out")
+        return
+    _check_plot_path(path)
+    if dpi is not None and path.suffix.lower() != ".png":
+        raise InputError(f"--dpi {dpi}: only .png has dots; {path} is sharp at any size")
+    require_plots()
+
+
+def _check_plot_path(path: Path) -> None:
     if path.suffix.lower() not in PLOT_ENDINGS:
         raise InputError(f"{path}: a plot ends in .png, .svg or .pdf")
     if not path.parent.is_dir():
         raise InputError(f"{path}: no folder {path.parent}; make it first")
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure whole or not at all; the ending chooses the format."""
+def save_figure(figure: Figure, path: Path, *, dpi: int | None = None) -> None:
+    """Write a figure whole or not at all; the ending chooses the format.
+
+    `dpi` is of a PNG file, `DPI` by default.
+    """
     import matplotlib as mpl
 
-    check_plot_path(path)
+    _check_plot_path(path)
     # Without dates the same plot is the same file.
     dated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with atomic_path(path) as partial, mpl.rc_context(_STYLE):
-        figure.savefig(partial, dpi=DPI, metadata=dated.get(path.suffix.lower()))
+        figure.savefig(partial, dpi=dpi or DPI, metadata=dated.get(path.suffix.lower()))
