@@ -12,9 +12,9 @@ $(VENV)/.base: pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]'
 	touch $@
 
-$(VENV)/.dev: pyproject.toml studies/pyproject.toml
+$(VENV)/.dev: pyproject.toml studies/pyproject.toml bridges/mujoco/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies --editable './bridges/mujoco[gym]'
 	touch $@ $(VENV)/.base
 
 demo: $(VENV)/.base

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.firmware import open_firmware_array
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
 from palpate.twin.ranges import ranges_of
+from palpate.twin.stage import Stage
 from palpate.twin.world import GripperKind, World
 
 #: What the load cell is faced with in turn: flat and round, soft and stiff.
@@ -34,9 +36,19 @@ FACES = (
     "springs-4",
     "ecoflex-10",
 )
-#: So many of the bench's faces are used.
+#: N of the bench's faces are used.
 _FACED = 6
+#: Added to the seed of a grasp for that of the session in which its rig was calibrated.
+ANOTHER_SESSION = 1_000_003
 _BLOCK_MM, _LARGER_MM, _BLOCK_N, _BLOCK_REPEATS = 40.0, 50.0, 15.0, 3
+
+
+class Workplace(Stage, Protocol):
+    """A world on which a calibration can be made: what lies between the fingers is changed."""
+
+    def place(self, obj: TwinObject | None) -> None:
+        """Take the object away and put another (or none) between the open fingers."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,14 +172,31 @@ def calibrated(
     The steps are a user's: rest, a load cell with changing faces, a rigid block. Nothing is taken
     from the twin's own values, and the object to be grasped is not among the faces.
     """
+    world = World(None, seed=seed + ANOTHER_SESSION, sheet_seed=seed, level=level, gripper=kind)
+    return calibrated_on(world, seed=seed, apart_from=apart_from, sensor_id=f"twin-{seed}")
+
+
+def calibrated_on(world: Workplace, *, seed: int, apart_from: str, sensor_id: str) -> Calibration:
+    """Calibrate the sensor and gripper of a world by a user's steps (`calibrated`).
+
+    Parameters
+    ----------
+    world : Workplace
+        Where, with nothing between the fingers.
+    seed : int
+        Of the faces that the load cell gets.
+    apart_from : str
+        Name of an object that is not among them.
+    sensor_id : str
+        What the calibration is for.
+    """
     rng = np.random.default_rng([seed, 11])
     faces = [name for name in FACES[:_FACED] if name != apart_from]
 
     def face(run: int) -> TwinObject:
         return draw_object(rng, faces[run % len(faces)])
 
-    world = World(None, seed=seed + 1_000_003, sheet_seed=seed, level=level, gripper=kind)
-    protocol = _PROTOCOLS[kind]
+    protocol = _PROTOCOLS[world.gripper]
     bench = twin_bench(world, start=protocol.start)
     rest = measure_rest(bench)
     force = measure_force(
@@ -182,7 +211,7 @@ def calibrated(
         bench, block_mm=_BLOCK_MM, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS, dwell_s=DWELL_S
     )
     current = None
-    if kind == "rigid":
+    if world.gripper == "rigid":
         current = _current(bench, world)
     else:
         larger = draw_object(rng, "rigid-block")
@@ -199,7 +228,7 @@ def calibrated(
         )
     excess, force_n = pairs_at(force, since_move_s=HORIZON_S)
     return Calibration(
-        sensor_id=f"twin-{seed}",
+        sensor_id=sensor_id,
         origin="simulated",
         layout=world.layout,
         rest=rest,
@@ -210,7 +239,7 @@ def calibrated(
     )
 
 
-def _current(bench: Bench, world: World) -> CurrentPairs | None:
+def _current(bench: Bench, world: Workplace) -> CurrentPairs | None:
     """Close on the block that carries the load cell, then with the hand empty."""
     on_block = measure_current(bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS)
     world.place(None)
@@ -261,7 +290,7 @@ def _read_through_firmware(world: World) -> PressureArray:
     )
 
 
-def twin_bench(world: World, *, start: float) -> Bench:
+def twin_bench(world: Stage, *, start: float) -> Bench:
     """Return the devices of a world; `start` as in `Bench`.
 
     Examples

@@ -26,7 +26,7 @@ from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.twin.ranges import Ranges, ranges_of, uniform
-from palpate.twin.stage import Stage
+from palpate.twin.stage import Scanned, Stage
 from palpate.twin.world import OPEN_MM
 
 #: Rigid: reach of the fingers with pads on, servo speed, one encoder step in mm. Soft: regulator.
@@ -51,7 +51,7 @@ class TwinArray:
     is queued, oldest first, as a serial driver would.
     """
 
-    def __init__(self, world: Stage) -> None:
+    def __init__(self, world: Scanned) -> None:
         self._world = world
         self._queue: deque[Frame] = deque()
         self._start_s = world.clock.now_s()

@@ -163,12 +163,27 @@ def pixel_shares(
         tilt = grid.along_mm * off_centre_mm[0] + grid.across_mm * off_centre_mm[1]
         weight = 1.0 + 0.3 * tilt / grid.pitch_mm**2
     else:
-        hertz_mm = math.sqrt(0.25 * obj.size_mm * max(deformation_mm, 0.0))
-        reach_mm = 0.8 * grid.pitch_mm + hertz_mm
+        reach_mm = patch_reach_mm(obj, deformation_mm, pitch_mm=grid.pitch_mm)
         weight = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0)
     total = np.bincount(grid.finger, weights=weight)
     share: NDArray[np.float64] = weight / np.maximum(total, 1e-12)[grid.finger]
     return share
+
+
+def patch_reach_mm(obj: TwinObject, deformation_mm: float, *, pitch_mm: float) -> float:
+    """Return how far the force of a contact spreads: by the pad's cover, and as in Hertz contact.
+
+    Each side of a round object is indented by half; the contacts of a flat one do not grow.
+
+    Examples
+    --------
+    >>> from palpate.twin.objects import draw_object
+    >>> ball = draw_object(np.random.default_rng(1), "ball-33lbs")
+    >>> [round(patch_reach_mm(ball, deep_mm, pitch_mm=10.0)) for deep_mm in (0.0, 2.0)]
+    [8, 13]
+    """
+    hertz_mm = 0.0 if obj.flat else math.sqrt(0.25 * obj.size_mm * max(deformation_mm, 0.0))
+    return 0.8 * pitch_mm + hertz_mm
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,22 +8,21 @@ depend on which other times were read.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.twin.friction import AT_REST, N_PER_G, Slide
-from palpate.twin.lag import follow_line
 from palpate.twin.mechanics import HandCompliance, Motion, RelaxingForce, pixel_shares
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid, Placement, Placements
 from palpate.twin.ranges import Ranges
-from palpate.twin.velostat import Creep, Environment, Sheet
+from palpate.twin.sheet_state import SheetState
+from palpate.twin.velostat import Environment, Sheet
 
 #: Friction of what the object stands on before it is lifted: the finger that comes first feels it.
-_TABLE_FRICTION = 0.4
+TABLE_FRICTION = 0.4
 #: An object this near, beyond where one finger may meet it first, may be touched, mm.
 _NEAR_MM = 1.0
 #: Node spacing while the object is pulled, and while it slides, seconds.
@@ -35,7 +34,7 @@ _SHORTEST_S, _LONGEST_S, _TRAVEL_MM, _GROWTH = 0.005, 0.5, 0.1, 0.1
 
 @dataclass(frozen=True, slots=True)
 class PlantState:
-    """Everything that the future depends on. Arrays over pixels are flattened."""
+    """Everything that the future depends on."""
 
     time_s: float
     motion: Motion
@@ -44,10 +43,7 @@ class PlantState:
     contacts: int
     closure_mm: float
     squeeze: RelaxingForce
-    felt_n: FloatArray
-    target: FloatArray
-    creep: FloatArray
-    spike: FloatArray
+    pixels: SheetState
     peak_force_n: float
     ruptured: bool
     finger_mm: float
@@ -100,7 +96,6 @@ class Plant:
 
     def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> PlantState:
         """Return the state of an open gripper that has been still for long."""
-        pixels = self.sheet.rest_ohm.size
         motion = Motion(start_s=time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
         return PlantState(
             time_s=time_s,
@@ -111,10 +106,7 @@ class Plant:
             closure_mm=self._closure_mm(obj, width_mm + self._backlash_mm, error_mm=0.0),
             finger_mm=width_mm + self._backlash_mm,
             squeeze=RelaxingForce.none(obj),
-            felt_n=np.zeros(pixels),
-            target=np.zeros(pixels),
-            creep=np.zeros((self.placement(0, 0).creep.tau_s.size, pixels)),
-            spike=np.zeros(pixels),
+            pixels=SheetState.unloaded(self.sheet.rest_ohm.size, creep=self.placement(0, 0).creep),
             peak_force_n=0.0,
             ruptured=False,
         )
@@ -144,23 +136,26 @@ class Plant:
         squeeze = self._squeezed(state, closure_mm, time_s - state.time_s)
         force_n = squeeze.force_n
         slide = self._slide(state, force_n, time_s - state.time_s)
-        felt_n, target = self._target(state, closure_mm, force_n, placement)
+        pixels = state.pixels.after(
+            time_s - state.time_s,
+            self._load_n(state, closure_mm, force_n, placement),
+            travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
+            sheet=self.sheet,
+            gain=placement.gain,
+            creep=placement.creep,
+        )
         motion = state.motion
         if force_n > self._lock_force_n and motion.to_mm < width_mm:
             motion = replace(motion, to_mm=width_mm)
         bursts = state.obj is not None and squeeze.elastic_n >= state.obj.rupture_n
-        creep, spike = self._relaxed(state, time_s, target, width_mm, placement.creep)
         following = replace(
             state,
             time_s=time_s,
-            target=target,
-            creep=creep,
-            spike=spike,
+            pixels=pixels,
             motion=motion,
             contacts=contacts,
             closure_mm=closure_mm,
             squeeze=squeeze,
-            felt_n=felt_n,
             peak_force_n=max(state.peak_force_n, force_n),
             ruptured=state.ruptured or bursts,
             finger_mm=finger_mm,
@@ -177,22 +172,25 @@ class Plant:
         if time_s >= following.time_s:
             return following
         share = (time_s - state.time_s) / (following.time_s - state.time_s)
-        target = state.target + share * (following.target - state.target)
         placement = self.placement(following.placed, following.contacts)
         width_mm = state.motion.width_mm(time_s)
         closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
         squeeze = self._squeeze_between(state, following, share, touching=closure_mm > 0)
-        creep, spike = self._relaxed(state, time_s, target, width_mm, placement.creep)
+        pixels = state.pixels.towards(
+            following.pixels,
+            share,
+            step_s=time_s - state.time_s,
+            travel_mm=abs(width_mm - state.motion.width_mm(state.time_s)),
+            sheet=self.sheet,
+            creep=placement.creep,
+        )
         return replace(
             state,
             time_s=time_s,
-            target=target,
-            creep=creep,
-            spike=spike,
+            pixels=pixels,
             closure_mm=closure_mm,
             squeeze=squeeze,
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
-            felt_n=state.felt_n + share * (following.felt_n - state.felt_n),
         )
 
     def run(self, state: PlantState, until_s: float) -> PlantState:
@@ -206,10 +204,8 @@ class Plant:
     def resistance_ohm(self, state: PlantState) -> FloatArray:
         """Return the resistance of every pixel, shape (pixels,)."""
         creep = self.placement(state.placed, state.contacts).creep
-        v = creep.instant * state.target + creep.weight @ state.creep
-        bare = self.rest_ohm * (1.0 + state.spike)
-        resistance: FloatArray = bare / (1.0 + self.sheet.family.excess(v))
-        return resistance
+        factor = self.sheet.rest_factor(self.environment)
+        return state.pixels.resistance_ohm(self.sheet, creep=creep, rest_factor=factor)
 
     @property
     def rest_ohm(self) -> FloatArray:
@@ -258,7 +254,7 @@ class Plant:
 
     def _clear_s(self, state: PlantState) -> float:
         """Return for how long nothing will press: what fades until then is exact over any step."""
-        if state.closure_mm >= 0 or state.target.any():
+        if state.closure_mm >= 0 or state.pixels.target.any():
             return 0.0
         motion = state.motion
         if state.obj is None or motion.to_mm >= motion.width_mm(state.time_s):
@@ -290,23 +286,11 @@ class Plant:
             touching=touching,
         )
 
-    def _target(
-        self, state: PlantState, closure_mm: float, force_n: float, placement: Placement
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the load that each pixel feels and the creep coordinate that it leads to."""
-        load_n = self._load_n(state, closure_mm, force_n, placement)
-        if not load_n.any():
-            nothing = np.zeros_like(state.felt_n)
-            return nothing, nothing
-        felt_n = self.sheet.follow(state.felt_n, load_n)
-        excess = self.sheet.static_excess(felt_n, gain=placement.gain)
-        return felt_n, self.sheet.family.coordinate(excess)
-
     def _load_n(
         self, state: PlantState, closure_mm: float, force_n: float, placement: Placement
     ) -> FloatArray:
         """Return the load of every pixel: of the object, and of a hand that touches a finger."""
-        load_n = np.zeros_like(state.felt_n)
+        load_n = np.zeros(self.sheet.rest_ohm.size)
         for finger, touch_n in enumerate(state.touch_n):
             mine = self.grid.finger == finger
             load_n[mine] += touch_n / mine.sum()
@@ -330,20 +314,4 @@ class Plant:
         """Return what the first finger feels of an object that it pushes to the middle."""
         if state.obj is None or state.pull_n > 0 or not -placement.lead_mm < closure_mm <= 0:
             return 0.0
-        return _TABLE_FRICTION * N_PER_G * state.obj.mass_g
-
-    def _relaxed(
-        self, state: PlantState, time_s: float, target: FloatArray, width_mm: float, creep: Creep
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return creep and spikes, moved under a target that goes in a line."""
-        step_s = time_s - state.time_s
-        moved = follow_line(
-            state.creep, start=state.target, end=target, rate=step_s / creep.tau_s[:, None]
-        )
-        fall = math.exp(-step_s / self.sheet.spike_decay_s)
-        average = (1.0 - fall) * self.sheet.spike_decay_s / step_s if step_s > 0 else 1.0
-        travel_mm = abs(width_mm - state.motion.width_mm(state.time_s))
-        jump = np.abs(target - state.target)
-        push = self.sheet.spike_per_mm * travel_mm + self.sheet.spike_per_target * jump
-        spike = state.spike * fall + push * average
-        return moved, spike
+        return TABLE_FRICTION * N_PER_G * state.obj.mass_g

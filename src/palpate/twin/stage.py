@@ -12,12 +12,8 @@ from palpate.clock import ManualClock
 from palpate.sensor.array import ArrayLayout
 
 
-class Stage(Protocol):
-    """A world with fingers, something between them, and pixels that feel it.
-
-    The twin's own (`palpate.twin.world.World`) is one; a study may bring another, made of
-    recordings. Times asked for must not go backwards.
-    """
+class Scanned(Protocol):
+    """Pixels that can be scanned. Times asked for must not go backwards."""
 
     #: Called with the time before the world moves on to it.
     watchers: list[Callable[[float], None]]
@@ -33,11 +29,6 @@ class Stage(Protocol):
         ...
 
     @property
-    def gripper(self) -> Literal["rigid", "soft"]:
-        """What drives the fingers: width or pressure."""
-        ...
-
-    @property
     def frame_rate_hz(self) -> float:
         """Rate at which the array is scanned."""
         ...
@@ -45,6 +36,23 @@ class Stage(Protocol):
     @property
     def oversampling(self) -> int:
         """Conversions summed per pixel."""
+        ...
+
+    def scan(self, time_s: float) -> NDArray[np.int32]:
+        """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
+        ...
+
+
+class Stage(Scanned, Protocol):
+    """A world with fingers, something between them, and pixels that feel it.
+
+    The twin's own (`palpate.twin.world.World`) is one; a study or a bridge may bring another, made
+    of recordings or of another simulator's physics.
+    """
+
+    @property
+    def gripper(self) -> Literal["rigid", "soft"]:
+        """What drives the fingers: width or pressure."""
         ...
 
     @property
@@ -88,8 +96,4 @@ class Stage(Protocol):
 
     def pixel_voltage_v(self, time_s: float) -> NDArray[np.float64]:
         """Return the voltage at the converter's input for each pixel, shape (rows, cols)."""
-        ...
-
-    def scan(self, time_s: float) -> NDArray[np.int32]:
-        """Return one scan of the array: counts summed over the conversions, shape (rows, cols)."""
         ...

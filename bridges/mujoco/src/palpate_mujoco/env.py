@@ -1,0 +1,156 @@
+"""The gymnasium environment `palpate/Grasp-v0`: close on an object by what the pads feel."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
+from palpate.errors import InputError
+from palpate.gripper.interface import GripperCommand
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import relative_change_percent
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import OBJECTS, draw_object
+from palpate_mujoco.world import MujocoWorld
+
+Felt: TypeAlias = dict[str, Any]
+Info: TypeAlias = dict[str, Any]
+
+#: Frames whose mean is the rest of the sheet, at the start of an episode.
+_REST_FRAMES = 15
+#: A relative change is reported up to this, percent.
+_MOST_PERCENT = 100.0
+#: What damage costs, in steps without any force.
+_DAMAGE_COST = 20.0
+
+
+class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
+    """One grasp in MuJoCo, a frame of the sensor at each step.
+
+    Observation: `change_percent`, change of each pixel's resistance relative to rest, shape
+    (rows, cols), and `width_mm`, the opening as the servo reads it, shape (1,). Action: where to go
+    at a fixed speed, -1 closed, 1 open. Reward: minus the error of the grip force as a share of
+    the target's, with a cost once the object is damaged, which ends the episode. `info["truth"]`
+    has what no hand knows.
+
+    Parameters
+    ----------
+    object_name : str, optional
+        What to grasp (`palpate.twin.objects.OBJECTS`); drawn at each reset by default.
+    target_force_n : float
+        Grip force to reach and keep.
+    rate_mm_per_s : float
+        Speed of the fingers.
+    level : {"paper", "field"}
+        How much sheets scatter; each reset draws another.
+
+    Raises
+    ------
+    InputError
+        If there is no such object.
+
+    Examples
+    --------
+    >>> env = gymnasium.make("palpate/Grasp-v0", object_name="springs-4")
+    >>> felt, info = env.reset(seed=1)
+    >>> felt["change_percent"].shape, felt["width_mm"].round().tolist()
+    ((4, 2), [74.0])
+    >>> felt, reward, terminated, truncated, info = env.step(np.array([0.5], dtype=np.float32))
+    >>> round(reward, 2), info["truth"]["force_n"]
+    (-1.0, 0.0)
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 - gymnasium's own form
+
+    def __init__(
+        self,
+        *,
+        object_name: str | None = None,
+        target_force_n: float = 3.0,
+        rate_mm_per_s: float = 20.0,
+        level: str = "paper",
+    ) -> None:
+        if object_name is not None and object_name not in OBJECTS:
+            raise InputError(
+                f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}"
+            )
+        self._object_name, self._level = object_name, level
+        self._target_force_n, self._rate_mm_per_s = target_force_n, rate_mm_per_s
+        self._open(seed=0)
+        layout, limits = self._array.layout, self._gripper.limits
+        self._lowest_mm, self._span_mm = limits.lowest, limits.span
+        self.observation_space = gymnasium.spaces.Dict(
+            {
+                "change_percent": gymnasium.spaces.Box(
+                    -_MOST_PERCENT, _MOST_PERCENT, (layout.rows, layout.cols)
+                ),
+                "width_mm": gymnasium.spaces.Box(0.0, limits.highest + limits.lowest, (1,)),
+            }
+        )
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Felt, Info]:
+        """Draw another sheet and object, open the hand and take the rest values."""
+        super().reset(seed=seed)
+        self._open(seed=int(self.np_random.integers(2**31)))
+        ohm = [self._ohm() for _ in range(_REST_FRAMES)]
+        self._rest_ohm = np.mean(ohm, axis=0)
+        return self._felt(ohm[-1]), self._info()
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Felt, float, bool, bool, Info]:
+        """Send the fingers on their way, and let one frame pass."""
+        share = 0.5 + 0.5 * float(np.clip(action, -1.0, 1.0)[0])
+        target_mm = self._lowest_mm + share * self._span_mm
+        self._gripper.command(GripperCommand(target=target_mm, rate=self._rate_mm_per_s))
+        felt, info = self._felt(self._ohm()), self._info()
+        truth = info["truth"]
+        reward = -abs(truth["force_n"] / self._target_force_n - 1.0)
+        reward -= _DAMAGE_COST * truth["damaged"]
+        return felt, reward, truth["damaged"], False, info
+
+    def _open(self, *, seed: int) -> None:
+        obj = draw_object(np.random.default_rng([seed, 10]), self._object_name)
+        self._world = MujocoWorld(obj, seed=seed, level=self._level)
+        self._array, self._gripper = TwinArray(self._world), TwinGripper(self._world)
+        self._obj = obj
+
+    def _ohm(self) -> FloatArray:
+        frame = self._array.read(timeout_s=1.0)
+        layout = self._array.layout
+        return pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
+
+    def _felt(self, ohm: FloatArray) -> Felt:
+        change_percent = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
+        # An open pixel has no finite change: it reads the most.
+        change_percent = np.nan_to_num(change_percent, nan=_MOST_PERCENT)
+        change_percent = np.clip(change_percent, -_MOST_PERCENT, _MOST_PERCENT)
+        width_mm = np.array([self._gripper.state().width_mm])
+        return {
+            "change_percent": change_percent.astype(np.float32),
+            "width_mm": width_mm.astype(np.float32),
+        }
+
+    def _info(self) -> Info:
+        world = self._world
+        return {
+            "time_s": world.now_s(),
+            "truth": {
+                "object": self._obj.name,
+                "size_mm": self._obj.size_mm,
+                "force_n": world.force_n(world.now_s()),
+                "peak_force_n": world.peak_force_n,
+                "damaged": world.damaged,
+            },
+        }
+
+
+#: `gymnasium.make("palpate_mujoco.env:palpate/Grasp-v0")` imports this file and finds it.
+ENV_ID = "palpate/Grasp-v0"
+if ENV_ID not in gymnasium.registry:
+    gymnasium.register(ENV_ID, entry_point="palpate_mujoco.env:GraspEnv", max_episode_steps=300)

@@ -1,0 +1,211 @@
+"""A pressure sensor on pads of any MuJoCo model: contacts through the twin's sheet to counts."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
+from palpate.clock import ManualClock
+from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
+from palpate.twin.placement import PixelGrid, Placement, Placements
+from palpate.twin.ranges import ranges_of
+from palpate.twin.readout import Readout
+from palpate.twin.sheet_state import SheetState
+from palpate.twin.velostat import Environment, draw_sheet
+from palpate_mujoco.pads import Pad, PadLoads
+
+#: How far the force of a contact spreads, as a share of the pixels' pitch (as on the twin).
+REACH = 0.8
+#: A pad that was free for this long is touched anew, at another place of the sheet, seconds.
+_FREE_S = 0.2
+
+
+class PadSensor:
+    """Pixels on the pads of a model, the sheet under them and its readout.
+
+    `palpate.twin.devices.TwinArray(sensor)` is its array: reading a frame steps the model on to it.
+    Programs that step the model themselves call `feel` after each step, and `counts` for a frame.
+    Contacts are taken in from time to time, and loads are straight lines in between.
+
+    Parameters
+    ----------
+    model, data : MjModel, MjData
+        Any model that has the pads' geoms, and its state.
+    pads : sequence of Pad
+        One for each finger of the layout.
+    layout : ArrayLayout
+        Pixels and readout.
+    seed : int
+        Of what differs from touch to touch, and of noise.
+    sheet_seed : int, optional
+        Of the sheet; `seed` by default.
+    level : {"paper", "field"}
+        How much sheets scatter (`palpate.twin.ranges`).
+    clock : ManualClock, optional
+        The clock that the array moves; one that starts at the model's time by default.
+    frame_rate_hz : float
+        Rate at which the array is scanned.
+    oversampling : int
+        Conversions summed per pixel.
+    every_s : float, optional
+        How often contacts are taken in; once a frame by default.
+
+    Examples
+    --------
+    A ball of 1 kg on a pad that faces up:
+
+    >>> model = mujoco.MjModel.from_xml_string('''<mujoco><worldbody>
+    ...   <geom name="pad" type="box" size="0.01 0.01 0.001"/>
+    ...   <body pos="0 0 0.026"><freejoint/><geom size="0.025" mass="1"/></body>
+    ... </worldbody></mujoco>''')
+    >>> palm = ArrayLayout(name="palm", rows=2, cols=2, finger_of_row=(0, 0))
+    >>> up = Pad(geom="pad", along=(1, 0, 0), across=(0, 1, 0))
+    >>> sensor = PadSensor(model, mujoco.MjData(model), pads=[up], layout=palm, seed=1)
+    >>> sensor.step_to(1.0)
+    >>> sensor.load_n.round(2).tolist()
+    [[2.45, 2.45], [2.45, 2.45]]
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        *,
+        pads: Sequence[Pad],
+        layout: ArrayLayout = RIGID_LAYOUT,
+        seed: int,
+        sheet_seed: int | None = None,
+        level: str = "paper",
+        clock: ManualClock | None = None,
+        frame_rate_hz: float = 15.0,
+        oversampling: int = 1,
+        every_s: float | None = None,
+    ) -> None:
+        self._every_s = 1.0 / frame_rate_hz if every_s is None else every_s
+        self.layout, self.frame_rate_hz, self.oversampling = layout, frame_rate_hz, oversampling
+        self.clock = ManualClock(data.time) if clock is None else clock
+        #: Called with the time before the world moves on to it (an array scanning on its own).
+        self.watchers: list[Callable[[float], None]] = []
+        #: How far the force of a contact spreads, mm.
+        self.reach_mm = REACH * layout.pitch_mm
+        self._pads = tuple(pads)
+        self._ranges = ranges_of(level)
+        sheet_seed = seed if sheet_seed is None else sheet_seed
+        self.sheet = draw_sheet(np.random.default_rng([sheet_seed, 0]), layout=layout, level=level)
+        grid = PixelGrid.of(layout)
+        self._on_finger = 1.0 * (grid.finger == np.arange(layout.fingers)[:, None])
+        self._placements = Placements(sheet=self.sheet, grid=grid, ranges=self._ranges, seed=seed)
+        self._environment = Environment()
+        self._rest_factor = self.sheet.rest_factor(self._environment)
+        self._placed = self._touches = 0
+        self._readout = Readout(
+            sheet=self.sheet,
+            layout=layout,
+            oversampling=oversampling,
+            adc_noise_counts=self._ranges.adc_noise_counts,
+            crosstalk=False,
+            seed=seed,
+            start_s=self.clock.now_s(),
+        )
+        self.attach(model, data)
+        self._state = SheetState.unloaded(layout.pixels, creep=self.placement.creep)
+        self._free_s = np.inf
+
+    @property
+    def placement(self) -> Placement:
+        """What chance gave to the present touch."""
+        return self._placements.of(self._placed, self._touches, environment=self._environment)
+
+    @property
+    def load_n(self) -> FloatArray:
+        """Load of every pixel when the sheet last took it in, shape (rows, cols)."""
+        return self._load_n.reshape(self.layout.rows, self.layout.cols)
+
+    @property
+    def finger_n(self) -> FloatArray:
+        """What presses on each finger's pad, shape (fingers,)."""
+        finger_n: FloatArray = self._on_finger @ self._load_n
+        return finger_n
+
+    def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Go on with the same pads in another model, or another state of it."""
+        self.model, self.data = model, data
+        self._loads = PadLoads(model, pads=self._pads, layout=self.layout)
+        self._load_n = np.zeros(self.layout.pixels)
+        self._felt_s = data.time
+
+    def renew(self) -> None:
+        """Take the next object: it lies elsewhere on the pads."""
+        self._placed += 1
+
+    def copy(self, data: mujoco.MjData) -> PadSensor:
+        """Return a sensor that goes on from here on its own, on a copy of the state."""
+        other = copy.copy(self)
+        other.watchers, other.data = [], data
+        return other
+
+    def step_to(self, time_s: float) -> None:
+        """Step the model to a time, and take in its contacts on the way."""
+        while (left_s := time_s - self.data.time) > 0.5 * self.model.opt.timestep:
+            steps = max(round(min(left_s, self._every_s) / self.model.opt.timestep), 1)
+            mujoco.mj_step(self.model, self.data, steps)
+            self.take_in()
+
+    def feel(self) -> None:
+        """Take in the contacts if it is time to."""
+        if self.data.time - self._felt_s >= self._every_s - 0.5 * self.model.opt.timestep:
+            self.take_in()
+
+    def take_in(self, *, travel_mm: float = 0.0) -> None:
+        """Let the sheet take in the contacts at the model's time.
+
+        `travel_mm` is how far the fingers moved since the last call: that alone makes spikes.
+        """
+        step_s = self.data.time - self._felt_s
+        if step_s <= 0:
+            return
+        self._felt_s = self.data.time
+        self._load_n = self._loads.load_n(self.data, reach_mm=self.reach_mm)
+        loaded = bool(self._load_n.any())
+        self._touches += loaded and self._free_s > _FREE_S
+        self._free_s = 0.0 if loaded else self._free_s + step_s
+        placement = self.placement
+        self._state = self._state.after(
+            step_s,
+            self._load_n,
+            travel_mm=travel_mm,
+            sheet=self.sheet,
+            gain=placement.gain,
+            creep=placement.creep,
+        )
+
+    def resistance_ohm(self) -> FloatArray:
+        """Return the resistance of each pixel without noise, shape (rows, cols)."""
+        ohm = self._state.resistance_ohm(
+            self.sheet, creep=self.placement.creep, rest_factor=self._rest_factor
+        )
+        return ohm.reshape(self.layout.rows, self.layout.cols)
+
+    def change_percent(self) -> FloatArray:
+        """Return the change of each pixel relative to rest without noise, shape (rows, cols)."""
+        rest_ohm = (self.sheet.rest_ohm * self._rest_factor).reshape(self.load_n.shape)
+        return 100.0 * (self.resistance_ohm() / rest_ohm - 1.0)
+
+    def voltage_v(self) -> FloatArray:
+        """Return the voltages at the converter's input, shape (rows, cols)."""
+        return self._readout.volts(self.resistance_ohm(), time_s=self.data.time)
+
+    def counts(self) -> NDArray[np.int32]:
+        """Take in the contacts and return one scan at the model's time, shape (rows, cols)."""
+        self.take_in()
+        return self._readout.counts(self.resistance_ohm(), time_s=self.data.time)
+
+    def scan(self, time_s: float) -> NDArray[np.int32]:
+        """Step the model to a time and return one scan, shape (rows, cols)."""
+        self.step_to(time_s)
+        return self.counts()

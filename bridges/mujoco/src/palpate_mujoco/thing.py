@@ -1,0 +1,139 @@
+"""An object of the twin in a MuJoCo model: two halves, and the twin's law of force between them.
+
+The halves lie in each other; the left pad meets only the left half, the right pad the right one.
+Their one joint is by how much the object is flattened. On what it stands, it slides along the
+closing axis against friction; it can neither turn nor fall.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import mujoco
+
+from palpate.twin.friction import N_PER_G
+from palpate.twin.mechanics import RelaxingForce, object_force_n
+from palpate.twin.objects import TwinObject
+from palpate.twin.plant import TABLE_FRICTION
+
+_MM_PER_M = 1e3
+#: The slope of the law is taken no nearer to first contact than here: Hertz's begins with none.
+_LEAST_MM = 0.03
+#: The halves get the inertia that keeps the fastest swing at this phase per time step, radians.
+_PHASE = 0.6
+#: Force at which that is worked out, newtons.
+_STIFFEST_N = 60.0
+_DAMPING_N_S_PER_M = 2.0
+#: Faces of a flat object, half their side in metres: larger than the pads.
+_FACE_M = 0.02
+_PUSH, _SPRING, _FLATTENED = "object_push", "object_spring", "object_flattened"
+
+
+def add_object(
+    spec: mujoco.MjSpec,
+    obj: TwinObject,
+    *,
+    place_mm: tuple[float, float, float],
+    pads: tuple[str, str],
+) -> None:
+    """Add an object to a model that has two pads facing each other along x."""
+    half_m, mass_kg = 0.5 * obj.size_mm / _MM_PER_M, 0.5 * obj.mass_g / _MM_PER_M
+    slope = (
+        1e3
+        * object_force_n(replace(obj, yield_n=float("inf")), _deepest_mm(obj), ruptured=False)[1]
+    )
+    body = spec.worldbody.add_body(name="object", pos=[mm / _MM_PER_M for mm in place_mm])
+    body.add_joint(
+        name="object",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[1, 0, 0],
+        frictionloss=TABLE_FRICTION * N_PER_G * obj.mass_g,
+        damping=0.5,
+    )
+    other = body.add_body(name="object_half")
+    other.add_joint(
+        name=_FLATTENED,
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[-1, 0, 0],
+        limited=True,
+        range=[0.0, half_m],
+        damping=_DAMPING_N_S_PER_M,
+        armature=slope * (spec.option.timestep / _PHASE) ** 2,
+    )
+    for side, (part, pad) in enumerate(zip((body, other), pads, strict=True)):
+        name = f"object_{'left' if side == 0 else 'right'}"
+        if obj.flat:
+            shape = {
+                "type": mujoco.mjtGeom.mjGEOM_BOX,
+                "size": [half_m / 2, _FACE_M, _FACE_M],
+                "pos": [(-0.5 if side == 0 else 0.5) * half_m, 0, 0],
+            }
+        else:
+            shape = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [half_m, 0, 0]}
+        part.add_geom(
+            name=name, mass=mass_kg, contype=0, conaffinity=0, rgba=[0.8, 0.3, 0.2, 0.6], **shape
+        )
+        spec.add_pair(name=name, geomname1=pad, geomname2=name, condim=1, solref=[0.004, 1.0])
+    _add_law(spec)
+
+
+def _add_law(spec: mujoco.MjSpec) -> None:
+    """Add the force between the halves: a push and a spring whose sizes are commands.
+
+    So the law is part of the model's state, not of the model.
+    """
+    joint = {"trntype": mujoco.mjtTrn.mjTRN_JOINT, "target": _FLATTENED}
+    spec.add_actuator(name=_PUSH, **joint).gainprm[0] = 1.0
+    spring = spec.add_actuator(name=_SPRING, gaintype=mujoco.mjtGain.mjGAIN_AFFINE, **joint)
+    spring.gainprm[:3] = [0.0, 1.0, 0.0]
+
+
+def _deepest_mm(obj: TwinObject) -> float:
+    """Return about how far an object is flattened at the largest force."""
+    unhurt, deep_mm = replace(obj, yield_n=float("inf")), 0.01
+    while object_force_n(unhurt, deep_mm, ruptured=False)[0] < _STIFFEST_N:
+        deep_mm *= 1.1
+    return deep_mm
+
+
+class Thing:
+    """The object's law at work.
+
+    Parameters
+    ----------
+    obj : TwinObject
+        What it is.
+    model, data : MjModel, MjData
+        Where `add_object` added it.
+    """
+
+    def __init__(self, obj: TwinObject, *, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.obj, self._data = obj, data
+        self._flattened = int(model.joint(_FLATTENED).qposadr[0])
+        self._push, self._spring = model.actuator(_PUSH).id, model.actuator(_SPRING).id
+        self._squeeze = RelaxingForce.none(obj)
+        self._now_s = data.time
+        self.ruptured = False
+
+    def copy(self, data: mujoco.MjData) -> Thing:
+        """Return the object as it goes on from here on its own, on a copy of the state."""
+        other = copy.copy(self)
+        other._data = data
+        return other
+
+    @property
+    def flattened_mm(self) -> float:
+        """By how much it is flattened."""
+        return max(_MM_PER_M * float(self._data.qpos[self._flattened]), 0.0)
+
+    def resist(self) -> None:
+        """Take in how far it is flattened, and set its force until the next call."""
+        deep_mm = self.flattened_mm
+        elastic_n, _ = object_force_n(self.obj, deep_mm, ruptured=self.ruptured)
+        self.ruptured = self.ruptured or elastic_n >= self.obj.rupture_n
+        step_s, self._now_s = self._data.time - self._now_s, self._data.time
+        self._squeeze = self._squeeze.changed(self.obj, elastic_n=elastic_n, step_s=step_s)
+        slope = object_force_n(self.obj, max(deep_mm, _LEAST_MM), ruptured=self.ruptured)[1]
+        self._data.ctrl[self._push] = slope * deep_mm - self._squeeze.force_n
+        self._data.ctrl[self._spring] = -_MM_PER_M * slope

@@ -1,0 +1,64 @@
+"""The environment keeps gymnasium's rules, and rewards the grip that it asks for."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from palpate.errors import InputError
+from palpate_mujoco.env import GraspEnv
+
+NAME = "palpate_mujoco.env:palpate/Grasp-v0"
+
+
+def test_gymnasiums_own_check_passes() -> None:
+    check_env(gymnasium.make(NAME).unwrapped, skip_render_check=True)
+
+
+def test_closing_further_presses_more_and_is_felt() -> None:
+    env = gymnasium.make(NAME, object_name="springs-4", target_force_n=4.0)
+    env.reset(seed=2)
+    seen = []
+    # Size of the springs less 0.5, 1.5 and 2.5 mm, of an opening between 5 and 74 mm.
+    for width_mm in (44.5, 43.5, 42.5):
+        action = np.array([2.0 * (width_mm - 5.0) / 69.0 - 1.0], dtype=np.float32)
+        for _ in range(45):
+            felt, reward, terminated, _, info = env.step(action)
+        assert not terminated
+        seen.append((felt["change_percent"].mean(), info["truth"]["force_n"], reward))
+        assert felt["width_mm"][0] == pytest.approx(width_mm, abs=0.15)
+    changes, forces_n, rewards = zip(*seen, strict=True)
+    assert changes[0] > changes[1] > changes[2]
+    assert forces_n[0] < forces_n[1] < forces_n[2]
+    assert rewards == pytest.approx([-abs(force_n / 4.0 - 1.0) for force_n in forces_n])
+
+
+def test_damage_ends_the_episode_at_a_cost() -> None:
+    env = gymnasium.make(NAME, object_name="strawberry")
+    env.reset(seed=2)
+    terminated = False
+    while not terminated:
+        _, reward, terminated, truncated, info = env.step(np.array([-1.0], dtype=np.float32))
+        assert not truncated
+    assert info["truth"]["damaged"]
+    assert reward < -20.0
+
+
+def test_an_episode_is_as_long_as_a_grasp() -> None:
+    env = gymnasium.make(NAME, object_name="apple")
+    env.reset(seed=1)
+    ends = [env.step(np.array([1.0], dtype=np.float32))[3] for _ in range(300)]
+    assert ends.index(True) == 299
+
+
+def test_each_reset_draws_another_sheet_and_object() -> None:
+    env = gymnasium.make(NAME)
+    drawn = [env.reset(seed=seed)[1]["truth"]["size_mm"] for seed in (1, 2, 1)]
+    assert drawn[0] == drawn[2] != drawn[1]
+
+
+def test_an_unknown_object_is_refused() -> None:
+    with pytest.raises(InputError, match="no simulated object 'anvil'"):
+        GraspEnv(object_name="anvil")

@@ -1,0 +1,132 @@
+"""The rig `mujoco`: a whole grasp, what ends one early, and a core that does without it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.strength import ClosingCurve
+from palpate.grasp.belief import Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import Subscriber, run_grasp
+from palpate.grasp.safety import SafetyLimits
+from palpate.rig import Rig, rig_names
+from palpate.sensor.calibration import Calibration
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import TwinObject, draw_object
+from palpate_mujoco import MujocoWorld
+from palpate_mujoco.rig import open_mujoco
+
+SEED = 3
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return open_mujoco(object_name="strawberry", seed=SEED)
+
+
+@pytest.fixture(scope="module")
+def calibration(rig: Rig) -> Calibration:
+    return rig.calibration
+
+
+def thing(name: str) -> TwinObject:
+    return draw_object(np.random.default_rng([SEED, 10]), name)
+
+
+def grasp(world: MujocoWorld, plan: Plan, *subscribers: Subscriber) -> GraspResult:
+    array, gripper = TwinArray(world), TwinGripper(world)
+    return run_grasp(plan, array=array, gripper=gripper, clock=world.clock, subscribers=subscribers)
+
+
+def planned(calibration: Calibration, world: MujocoWorld, target_force_n: float) -> Plan:
+    return plan_grasp(calibration, gripper=TwinGripper(world), target_force_n=target_force_n)
+
+
+def springs_that_yield(n: float) -> DamageModel:
+    """Return what springs of 2 to 12 N/mm teach that all yield at about one force."""
+    rng, paths, limits_n = np.random.default_rng(3), [], []
+    for stiffness in np.geomspace(2.0, 12.0, 24):
+        limits_n.append(float(n * np.exp(0.1 * rng.standard_normal())))
+        curve, path = ClosingCurve(), []
+        for x_mm in np.arange(0.05, limits_n[-1] / stiffness, 0.05):
+            path += curve.push(float(x_mm), force_n=float(stiffness * x_mm))
+        paths.append(path)
+    return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["spring"] * len(paths))
+
+
+def test_a_berry_is_held_and_measured(rig: Rig) -> None:
+    plan = plan_grasp(rig.calibration, gripper=rig.gripper)
+    result = run_grasp(plan, array=rig.array, gripper=rig.gripper, clock=rig.clock)
+    assert rig.truth is not None
+    truth = rig.truth()
+    assert result.outcome is Outcome.HELD
+    assert rig.simulated
+    assert truth["size_mm"] == thing("strawberry").size_mm
+    assert result.size_mm is not None
+    # As wide as the scatter of `sim-rigid` on the same objects (`benchmarks/mujoco_rig.py`).
+    assert result.size_mm.value == pytest.approx(truth["size_mm"], abs=0.8)
+    assert result.force_n is not None
+    assert result.force_n.low < truth["force_n"] < result.force_n.high
+    assert not truth["damaged"]
+
+
+def test_an_unknown_object_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["grasp", "--rig", "mujoco", "--object", "anvil"]
+    assert run(build_app(), asked, name="palpate") == 2
+    assert "no simulated object 'anvil'" in capsys.readouterr().err
+
+
+def test_an_empty_hand_finds_nothing(calibration: Calibration) -> None:
+    world = MujocoWorld(None, seed=SEED)
+    assert grasp(world, planned(calibration, world, 5.0)).outcome is Outcome.NOTHING_THERE
+
+
+def test_a_target_is_reached_and_the_hand_opens_again(calibration: Calibration) -> None:
+    world = MujocoWorld(thing("springs-8"), seed=SEED)
+    result = grasp(world, planned(calibration, world, 8.0))
+    assert result.outcome is Outcome.HELD
+    assert world.truth().force_n == pytest.approx(8.0, rel=0.25)
+    assert world.drive_value(world.now_s()) == pytest.approx(74.0, abs=0.1)
+
+
+def test_the_force_ceiling_ends_the_grasp_and_opens(calibration: Calibration) -> None:
+    world = MujocoWorld(thing("springs-8"), seed=SEED)
+    safe = replace(planned(calibration, world, 3.0), safety=SafetyLimits(force_ceiling_n=5.0))
+
+    def shove(_: Observation) -> None:
+        if world.sensor.finger_n.mean() > 2.0:
+            world.data.body("right_finger").xfrc_applied[0] = -40.0
+
+    result = grasp(world, safe, shove)
+    assert result.outcome is Outcome.FORCE_LIMIT
+    assert world.drive_value(world.now_s()) == pytest.approx(74.0, abs=0.1)
+    assert world.force_n(world.now_s()) == 0.0
+
+
+def test_a_damage_limit_holds_back_from_the_target(calibration: Calibration) -> None:
+    world = MujocoWorld(thing("springs-4"), seed=SEED)
+    plan = replace(planned(calibration, world, 8.0), damage=springs_that_yield(4.0))
+    result = grasp(world, plan)
+    assert result.outcome is Outcome.HELD
+    assert "damage_limit" in [moment.name for moment in result.moments]
+    assert world.truth().peak_force_n < 5.0
+
+
+def test_the_core_knows_the_rig_and_imports_none_of_it() -> None:
+    assert "mujoco" in rig_names()
+    code = (
+        "import sys, palpate, palpate.cli, palpate.rig; palpate.rig.rig_names(); "
+        "print({'mujoco', 'gymnasium', 'palpate_mujoco'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

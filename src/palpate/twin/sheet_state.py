@@ -1,0 +1,133 @@
+"""What the resistances of a sheet depend on, moved along by loads that change with time.
+
+Nothing here knows what presses: the twin's own fingers (`palpate.twin.plant`) or another simulator.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.twin.lag import follow_line
+from palpate.twin.velostat import Creep, Sheet
+
+
+@dataclass(frozen=True, slots=True)
+class SheetState:
+    """The pixels of one sheet at one time, flattened; between two times the target is a line.
+
+    Attributes
+    ----------
+    felt_n : ndarray, shape (pixels,)
+        Load that the sheet follows, behind in its fall by hysteresis.
+    target : ndarray, shape (pixels,)
+        Creep coordinate that this load leads to.
+    creep : ndarray, shape (states, pixels)
+        Parts of the target that are on their way.
+    spike : ndarray, shape (pixels,)
+        What movements have added to the resistance, as a share.
+
+    Examples
+    --------
+    >>> from palpate.sensor.array import RIGID_LAYOUT
+    >>> from palpate.twin.velostat import draw_sheet, two_mode_creep
+    >>> rng = np.random.default_rng(1)
+    >>> sheet = draw_sheet(rng, layout=RIGID_LAYOUT, level="paper")
+    >>> creep = two_mode_creep(rng, 1.0)
+    >>> rest = SheetState.unloaded(8, creep=creep)
+    >>> load_n = np.full(8, 2.0)
+    >>> pressed = rest.after(0.1, load_n, travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep)
+    >>> later = pressed.after(5.0, load_n, travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep)
+    >>> ohm = [state.resistance_ohm(sheet, creep=creep).mean() for state in (rest, pressed, later)]
+    >>> bool(ohm[0] > ohm[1] > ohm[2])
+    True
+    """
+
+    felt_n: FloatArray
+    target: FloatArray
+    creep: FloatArray
+    spike: FloatArray
+
+    @classmethod
+    def unloaded(cls, pixels: int, *, creep: Creep) -> Self:
+        """Return a sheet that nothing has pressed for long."""
+        nothing = np.zeros(pixels)
+        return cls(nothing, nothing, np.zeros((creep.tau_s.size, pixels)), nothing)
+
+    def after(
+        self,
+        step_s: float,
+        load_n: FloatArray,
+        *,
+        travel_mm: float,
+        sheet: Sheet,
+        gain: FloatArray,
+        creep: Creep,
+    ) -> SheetState:
+        """Return the state one step later.
+
+        Parameters
+        ----------
+        step_s : float
+            Length of the step.
+        load_n : ndarray, shape (pixels,)
+            Load at its end.
+        travel_mm : float
+            How far the fingers moved in it.
+        sheet, gain, creep
+            The sheet, and what chance gave to this contact.
+        """
+        if not load_n.any():
+            nothing = np.zeros_like(load_n)
+            return self._moved(step_s, nothing, nothing, travel_mm, sheet, creep)
+        felt_n = sheet.follow(self.felt_n, load_n)
+        target = sheet.family.coordinate(sheet.static_excess(felt_n, gain=gain))
+        return self._moved(step_s, felt_n, target, travel_mm, sheet, creep)
+
+    def towards(
+        self,
+        following: SheetState,
+        share: float,
+        *,
+        step_s: float,
+        travel_mm: float,
+        sheet: Sheet,
+        creep: Creep,
+    ) -> SheetState:
+        """Return the state within a step, `share` of it (`step_s`) on the way to its end."""
+        felt_n = self.felt_n + share * (following.felt_n - self.felt_n)
+        target = self.target + share * (following.target - self.target)
+        return self._moved(step_s, felt_n, target, travel_mm, sheet, creep)
+
+    def resistance_ohm(self, sheet: Sheet, *, creep: Creep, rest_factor: float = 1.0) -> FloatArray:
+        """Return the resistance of every pixel, shape (pixels,).
+
+        `rest_factor` is that of the surroundings (`Sheet.rest_factor`).
+        """
+        v = creep.instant * self.target + creep.weight @ self.creep
+        bare = sheet.rest_ohm * rest_factor * (1.0 + self.spike)
+        resistance: FloatArray = bare / (1.0 + sheet.family.excess(v))
+        return resistance
+
+    def _moved(
+        self,
+        step_s: float,
+        felt_n: FloatArray,
+        target: FloatArray,
+        travel_mm: float,
+        sheet: Sheet,
+        creep: Creep,
+    ) -> SheetState:
+        """Return the state after a step, with creep and spikes under a target that is a line."""
+        crept = follow_line(
+            self.creep, start=self.target, end=target, rate=step_s / creep.tau_s[:, None]
+        )
+        fall = math.exp(-step_s / sheet.spike_decay_s)
+        average = (1.0 - fall) * sheet.spike_decay_s / step_s if step_s > 0 else 1.0
+        jump = np.abs(target - self.target)
+        push = sheet.spike_per_mm * travel_mm + sheet.spike_per_target * jump
+        return SheetState(felt_n, target, crept, self.spike * fall + push * average)
