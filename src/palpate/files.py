@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -54,6 +55,46 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         sync_folder(final.parent)
     except BaseException:
         partial.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary folder beside `path`; put it in place only if the block succeeds.
+
+    Parameters
+    ----------
+    path : path
+        The new folder; its own folder must exist.
+
+    Raises
+    ------
+    InputError
+        If it is there already, or its folder is not.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp()) / "set"
+    >>> with atomic_folder(folder) as partial:
+    ...     _ = (partial / "note.txt").write_text("whole")
+    >>> (folder / "note.txt").read_text()
+    'whole'
+    """
+    final = Path(path)
+    if final.exists():
+        raise InputError(f"{final}: exists already and is not overwritten; choose another name")
+    if not final.parent.is_dir():
+        raise InputError(f"{final}: there is no folder {final.parent}; make it first")
+    partial = Path(tempfile.mkdtemp(prefix=f".{final.name}-", dir=final.parent))
+    try:
+        yield partial
+        readable = _mode(final)
+        partial.chmod(readable | ((readable & 0o444) >> 2))
+        partial.rename(final)
+        sync_folder(final.parent)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
         raise
 
 

@@ -41,6 +41,7 @@ EXECUTED = (
     "grasp-produce",
     "archive",
     "foxglove",
+    "lerobot",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(

@@ -1,4 +1,4 @@
-"""`palpate export FILE`: a recording, or the holds in it, as CSV or Parquet."""
+"""`palpate export FILE`: a recording, or the holds in it, as a table; grasps for LeRobot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ class HoldUnit(StrEnum):
 
 
 def export(
-    file: Annotated[Path, typer.Argument(help="An .mcap recording.")],
+    files: Annotated[
+        list[Path], typer.Argument(help="An .mcap recording; with --lerobot any number of grasps.")
+    ],
     to: Annotated[
         Target | None, typer.Option(help="Form of the file. [default: by --out's ending, or csv]")
     ] = None,
@@ -41,11 +43,44 @@ def export(
     out: Annotated[
         Path | None, typer.Option(help="File to write. [default: next to FILE]", metavar="FILE")
     ] = None,
+    lerobot: Annotated[
+        Path | None,
+        typer.Option(help="Write recorded grasps as a LeRobot data set, v3.0.", metavar="DIR"),
+    ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(help="With --lerobot: what was done, in words. [default: by each recording]"),
+    ] = None,
+    fps: Annotated[
+        int | None,
+        typer.Option(
+            help="With --lerobot: ticks per second. [default: the first recording's]",
+            min=1,
+            metavar="HZ",
+        ),
+    ] = None,
 ) -> None:
-    """Write a recording as a table of frames, or its holds as a holds file.
+    """Write a recording as a table of frames, or its holds as a holds file; grasps for LeRobot.
 
     Example: palpate export run.mcap --holds && palpate settle run.holds.csv
     """
+    if lerobot is not None:
+        from palpate.commands.export_lerobot import export_lerobot
+
+        if to is not None or holds or out is not None:
+            raise InputError("--lerobot writes a folder of its own: leave out --to, --holds, --out")
+        export_lerobot(files, folder=lerobot, task=task, fps=fps)
+        return
+    if task is not None or fps is not None:
+        raise InputError("--task and --fps are for --lerobot; name its folder, or leave them out")
+    if len(files) > 1:
+        raise InputError(f"{files[1]}: one recording at a time, except with --lerobot")
+    _export_table(files[0], to=to, holds=holds, unit=unit, out=out)
+
+
+def _export_table(
+    file: Path, *, to: Target | None, holds: bool, unit: HoldUnit, out: Path | None
+) -> None:
     from palpate.recording import RecordingReader, load_recording
     from palpate.recording.exporting import cut_holds, frame_tables, hold_tables, write_tables
 

@@ -34,6 +34,7 @@ def replay(
 
     Example: palpate grasp --record run.mcap && palpate replay run.mcap
     """
+    from palpate.grasp.decide_again import decide_again
     from palpate.recording import Replay
 
     if speed is not None and not 0 < speed < float("inf"):
@@ -44,7 +45,7 @@ def replay(
         if frames or source.info.gripper is None or source.info.calibration is None:
             _play(source, as_json=as_json)
             return
-        result = _decide_again(source, clock=clock)
+        result = decide_again(source, clock=clock)
     finally:
         source.close()
     if as_json:
@@ -65,26 +66,6 @@ def _clock(file: Path, *, speed: float | None) -> Clock:
     if speed is None:
         return ManualClock(start_s)
     return PacedClock(RealClock(), start_s=start_s, speed=speed)
-
-
-def _decide_again(source: Replay, *, clock: Clock) -> GraspResult:
-    from palpate.estimate.damage_file import recorded_model
-    from palpate.grasp.planning import plan_grasp
-    from palpate.grasp.runner import run_grasp
-    from palpate.recording import ReplayGripper
-    from palpate.sensor.calibration import Calibration
-
-    calibration = Calibration.from_text(source.info.calibration or "", where="the recording")
-    gripper = ReplayGripper(source)
-    plan = plan_grasp(
-        calibration,
-        gripper=gripper,
-        target_force_n=source.info.target_force_n,
-        expect_size_mm=source.info.expect_size_mm,
-        damage=recorded_model(source.info.damage),
-        kind=source.info.kind,
-    )
-    return run_grasp(plan, array=source, gripper=gripper, clock=clock)
 
 
 def _play(source: Replay, *, as_json: bool) -> None:

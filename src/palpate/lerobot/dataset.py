@@ -1,0 +1,262 @@
+"""The files of a LeRobot data set, format v3.0: frames, episodes, tasks, statistics, what is what.
+
+Written as LeRobot 0.4's own writer lays them out; its loader reads them
+(`bridges/lerobot/check_with_lerobot.py`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import InputError, needing
+from palpate.files import atomic_folder
+from palpate.lerobot.episode import GraspTrack
+from palpate.lerobot.statistics import statistics
+
+_FORMAT = "v3.0"
+_FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+#: What each frame has in every data set of LeRobot.
+_COUNTED = ("frame_index", "episode_index", "index", "task_index")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Episode:
+    """A grasp on the raster of its data set."""
+
+    grasp: GraspTrack
+    task: str
+    #: Column of the data set -> values, one row per tick.
+    columns: dict[str, NDArray[Any]]
+
+
+def write_dataset(
+    folder: Path, grasps: Sequence[tuple[GraspTrack, str]], *, fps: int, version: str
+) -> list[Episode]:
+    """Write a data set, whole or not at all; return its episodes.
+
+    Parameters
+    ----------
+    folder : Path
+        A new folder.
+    grasps : sequence of (GraspTrack, str)
+        At least one, of one kind of sensor and gripper, each with its task in words.
+    fps : int
+        Ticks per second.
+    version : str
+        Of palpate, which decided the commands.
+
+    Raises
+    ------
+    InputError
+        If the folder is there already, or the grasps don't go together.
+    RecordingError
+        If a recording has too few frames for the raster.
+    MissingExtraError
+        Without pyarrow.
+    """
+    with needing("a LeRobot data set", extra="data"):
+        import pyarrow
+    del pyarrow
+    _check_alike([grasp for grasp, _ in grasps])
+    episodes = _episodes(grasps, fps=fps)
+    with atomic_folder(folder) as partial:
+        _write_frames(partial, episodes)
+        _write_tasks(partial, _tasks(grasps))
+        _write_episodes(partial, episodes)
+        every = {name: _joined(episodes, name) for name in episodes[0].columns}
+        stats = {name: statistics(values) for name, values in every.items()}
+        _write_json(partial / "meta/stats.json", stats)
+        _write_json(partial / "meta/info.json", _info(episodes, fps=fps, version=version))
+        (partial / "README.md").write_text(_card(episodes), encoding="utf-8")
+    return episodes
+
+
+def _check_alike(grasps: Sequence[GraspTrack]) -> None:
+    first = grasps[0]
+    for other in grasps[1:]:
+        if other.state_names != first.state_names:
+            raise InputError(
+                f"{other.path}: its sensor or gripper is not of the kind of {first.path} "
+                f"({', '.join(other.state_names)}); a data set holds one kind"
+            )
+
+
+def _tasks(grasps: Sequence[tuple[GraspTrack, str]]) -> list[str]:
+    return list(dict.fromkeys(task for _, task in grasps))
+
+
+def _episodes(grasps: Sequence[tuple[GraspTrack, str]], *, fps: int) -> list[Episode]:
+    tasks, episodes, begin = _tasks(grasps), list[Episode](), 0
+    for number, (grasp, task) in enumerate(grasps):
+        ticks = grasp.at_rate(fps)
+        index = np.arange(len(ticks))
+        columns: dict[str, NDArray[Any]] = {
+            "observation.state": grasp.state[ticks].astype(np.float32),
+            "action": grasp.action[ticks].astype(np.float32),
+            "timestamp": (index / fps).astype(np.float32),
+            "frame_index": index,
+            "episode_index": np.full(len(ticks), number),
+            "index": begin + index,
+            "task_index": np.full(len(ticks), tasks.index(task)),
+        }
+        episodes.append(Episode(grasp=grasp, task=task, columns=columns))
+        begin += len(ticks)
+    return episodes
+
+
+def _joined(episodes: Sequence[Episode], name: str) -> NDArray[Any]:
+    return np.concatenate([episode.columns[name] for episode in episodes])
+
+
+def _write_frames(folder: Path, episodes: Sequence[Episode]) -> None:
+    import pyarrow
+
+    columns = {}
+    for name in episodes[0].columns:
+        values = _joined(episodes, name)
+        flat = pyarrow.array(values.ravel())
+        columns[name] = (
+            flat
+            if values.ndim == 1
+            else pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+        )
+    _write_parquet(folder / "data", pyarrow.table(columns))
+
+
+def _write_tasks(folder: Path, tasks: list[str]) -> None:
+    """Write the tasks as pandas writes a frame whose index they are: LeRobot looks there."""
+    import pyarrow
+    import pyarrow.parquet
+
+    index = "__index_level_0__"
+    table = pyarrow.table({"task_index": pyarrow.array(range(len(tasks))), index: tasks})
+    kinds = {"task_index": ("int64", "int64"), index: ("unicode", "object")}
+    described = {
+        "index_columns": [index],
+        "column_indexes": [],
+        "columns": [
+            {
+                "name": None if name == index else name,
+                "field_name": name,
+                "pandas_type": kind,
+                "numpy_type": numpy_kind,
+                "metadata": None,
+            }
+            for name, (kind, numpy_kind) in kinds.items()
+        ],
+        "creator": {"library": "palpate", "version": ""},
+        "pandas_version": "2.2.0",
+    }
+    path = folder / "meta" / "tasks.parquet"
+    path.parent.mkdir(exist_ok=True)
+    pyarrow.parquet.write_table(
+        table.replace_schema_metadata({"pandas": json.dumps(described)}), path
+    )
+
+
+def _write_episodes(folder: Path, episodes: Sequence[Episode]) -> None:
+    import pyarrow
+
+    rows = []
+    for episode in episodes:
+        index, info = episode.columns["index"], episode.grasp.info
+        rows.append(
+            {
+                "episode_index": int(episode.columns["episode_index"][0]),
+                "tasks": [episode.task],
+                "length": len(index),
+                "data/chunk_index": 0,
+                "data/file_index": 0,
+                "dataset_from_index": int(index[0]),
+                "dataset_to_index": int(index[-1]) + 1,
+                "meta/episodes/chunk_index": 0,
+                "meta/episodes/file_index": 0,
+                **{
+                    f"stats/{name}/{statistic}": found
+                    for name, values in episode.columns.items()
+                    for statistic, found in statistics(values).items()
+                },
+                "palpate/recording": episode.grasp.path.name,
+                "palpate/origin": info.origin,
+                "palpate/simulated": info.origin != "hardware",
+                "palpate/rig": info.rig,
+                "palpate/seed": info.seed,
+                "palpate/kind": info.kind,
+                "palpate/outcome": episode.grasp.outcome,
+                "palpate/recorded_by": info.versions.get("palpate"),
+            }
+        )
+    _write_parquet(folder / "meta" / "episodes", pyarrow.Table.from_pylist(rows))
+
+
+def _write_parquet(folder: Path, table: Any) -> None:
+    import pyarrow.parquet
+
+    path = folder / _FILE.format(chunk_index=0, file_index=0)
+    path.parent.mkdir(parents=True)
+    pyarrow.parquet.write_table(table, path)
+
+
+def _info(episodes: Sequence[Episode], *, fps: int, version: str) -> dict[str, Any]:
+    grasp = episodes[0].grasp
+    vectors = {"observation.state": grasp.state_names, "action": grasp.action_names}
+    origins = sorted({episode.grasp.info.origin for episode in episodes})
+    return {
+        "codebase_version": _FORMAT,
+        "robot_type": f"palpate gripper{_simulated(episodes)}",
+        "total_episodes": len(episodes),
+        "total_frames": sum(len(episode.columns["index"]) for episode in episodes),
+        "total_tasks": len({episode.task for episode in episodes}),
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": fps,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": f"data/{_FILE}",
+        "video_path": None,
+        "features": {
+            **{
+                name: {"dtype": "float32", "shape": [len(names)], "names": names}
+                for name, names in vectors.items()
+            },
+            "timestamp": {"dtype": "float32", "shape": [1], "names": None},
+            **{name: {"dtype": "int64", "shape": [1], "names": None} for name in _COUNTED},
+        },
+        "palpate": {
+            "version": version,
+            "origins": origins,
+            "simulated": origins != ["hardware"],
+            "action": "decided again from the recorded frames",
+        },
+    }
+
+
+def _simulated(episodes: Sequence[Episode]) -> str:
+    count = sum(episode.grasp.info.origin != "hardware" for episode in episodes)
+    if count in (0, len(episodes)):
+        return " (SIMULATED)" if count else ""
+    return f" ({count} of {len(episodes)} episodes SIMULATED)"
+
+
+def _card(episodes: Sequence[Episode]) -> str:
+    """Return the card that a hub of data sets shows."""
+    config = "configs:\n- config_name: default\n  data_files: data/*/*.parquet\n"
+    return (
+        f"---\ntags:\n- LeRobot\n{config}---\n\n"
+        f"{len(episodes)} grasps by palpate{_simulated(episodes)}. `observation.state` is what was "
+        "measured, `action` where the hand was sent and how fast; the names of the columns have "
+        "their units and are in `meta/info.json`. Force is an estimate with its 90 % interval. "
+        "Where an episode comes from is in its `palpate/...` columns.\n"
+    )
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=4) + "\n", encoding="utf-8")

@@ -1,0 +1,214 @@
+"""A recorded grasp as an episode: what was seen and commanded at each tick of an even raster.
+
+A recording keeps no commands. They are decided again, by the controller and from the recorded
+frames, as `palpate replay` does; what the hand did is as it was recorded.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
+from palpate.clock import ManualClock
+from palpate.errors import RecordingError
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.decide_again import decide_again
+from palpate.grasp.planning import force_now
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.gripper.interface import GripperCommand, GripperState
+from palpate.recording import RecordingInfo, RecordingReader, Replay, ReplayGripper
+from palpate.recording.replay import observations
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import excess_conductance, relative_change_percent
+
+#: Unit of position and rate, by the gripper's drive.
+_POSITION = {"width": ("width_mm", "rate_mm_per_s"), "pressure": ("pressure_kpa", "rate_kpa_per_s")}
+#: Outcomes after which the commands may not be those that were sent: a recording cut short, or of a
+#: hand that was driven otherwise.
+_BROKEN = (Outcome.SENSOR_LOST, Outcome.GRIPPER_FAULT)
+#: A recording this much slower than the raster can't fill it.
+_SLOWEST_SHARE = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraspTrack:
+    """A grasp as it was recorded, with the commands decided again; n frames.
+
+    Attributes
+    ----------
+    path : Path
+        The recording.
+    info : RecordingInfo
+        Where it comes from.
+    outcome : str
+        How the grasp ended.
+    time_s : ndarray, shape (n,)
+        When each frame was scanned.
+    state : ndarray, shape (n, n_state)
+        By `state_names`: position, force with its interval, change of each pixel against rest. NaN
+        where a pixel did not read.
+    action : ndarray, shape (n, 2)
+        By `action_names`: where the hand was last sent, and how fast, as decided on this frame.
+    """
+
+    path: Path
+    info: RecordingInfo
+    outcome: str
+    time_s: FloatArray
+    state: FloatArray
+    action: FloatArray
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second."""
+        return float(1.0 / np.median(np.diff(self.time_s)))
+
+    @property
+    def state_names(self) -> list[str]:
+        """Names of the columns of `state`."""
+        layout = self.info.layout
+        cells = ((row, col) for row in range(layout.rows) for col in range(layout.cols))
+        pixels = [f"r{row}c{col}_change_percent" for row, col in cells]
+        return [self.action_names[0], "force_n", "force_low_n", "force_high_n", *pixels]
+
+    @property
+    def action_names(self) -> list[str]:
+        """Names of the columns of `action`."""
+        assert self.info.gripper is not None
+        return list(_POSITION[self.info.gripper.drive])
+
+    def at_rate(self, fps: int) -> NDArray[np.intp]:
+        """Return which frame is nearest to each tick of a raster that begins with the first.
+
+        Raises
+        ------
+        RecordingError
+            If there are too few frames for it: none is made up.
+        """
+        if self.rate_hz < _SLOWEST_SHARE * fps:
+            raise RecordingError(
+                f"{self.path}: {self.rate_hz:.3g} frames/s can't fill {fps} ticks/s; lower --fps"
+            )
+        from_start_s = self.time_s - self.time_s[0]
+        ticks_s = np.arange(math.floor(from_start_s[-1] * fps + 0.5) + 1) / fps
+        middles_s = (from_start_s[1:] + from_start_s[:-1]) / 2
+        return np.searchsorted(middles_s, ticks_s)
+
+
+def read_grasp(path: Path) -> GraspTrack:
+    """Read a recorded grasp, and decide it again.
+
+    Raises
+    ------
+    RecordingError
+        If it is not of a grasp, ended before the sensor's rest was known, or its hand did not go
+        where the commands send it.
+    """
+    with RecordingReader(path) as reader:
+        start_s = next((frame.time_s for frame, _ in observations(reader)), 0.0)
+    clock = ManualClock(start_s)
+    source = Replay(path, clock=clock)
+    try:
+        scribe = _Scribe(source)
+        result = decide_again(
+            source,
+            clock=clock,
+            gripper=scribe,
+            subscribers=[scribe.see],
+            watchers=[scribe.believe],
+        )
+        return _track(path, source.info, result, scribe)
+    except RecordingError as error:
+        where = "" if str(error).startswith(str(path)) else f"{path}: "
+        raise RecordingError(f"{where}{error}") from error
+    finally:
+        source.close()
+
+
+def _track(path: Path, info: RecordingInfo, result: GraspResult, scribe: _Scribe) -> GraspTrack:
+    if result.outcome is Outcome.STOPPED:
+        # Not the recorded grasp: that one ends with its frames.
+        raise KeyboardInterrupt
+    if result.outcome in _BROKEN:
+        why = " ".join(result.faults)
+        raise RecordingError(f"decided again, it ends with {result.outcome} ({why}); leave it out")
+    steps = scribe.steps
+    if scribe.rest_ohm is None or len(steps) < 2:
+        raise RecordingError("the grasp ended before the sensor's rest was known")
+    assert info.gripper is not None
+    calibration = Calibration.from_text(info.calibration or "", where="the recording")
+    following = force_now(calibration.force)
+    state = []
+    for seen, _ in steps:
+        frame = seen.frame
+        ohm = pixel_resistance_ohm(
+            frame.counts, layout=info.layout, oversampling=frame.oversampling
+        )
+        excess = excess_conductance(ohm, rest_ohm=scribe.rest_ohm)
+        force = following.step(frame.time_s, excess)
+        change = relative_change_percent(ohm, rest_ohm=scribe.rest_ohm)
+        position = info.gripper.reported(seen.gripper)
+        state.append([position, force.value, force.low, force.high, *change.ravel()])
+    return GraspTrack(
+        path=path,
+        info=info,
+        outcome=str(result.outcome),
+        time_s=np.array([seen.frame.time_s for seen, _ in steps]),
+        state=np.array(state),
+        action=np.array([[command.target, command.rate] for _, command in steps]),
+    )
+
+
+class _Scribe:
+    """The recorded gripper, which notes what it was sent after each observation.
+
+    Attributes
+    ----------
+    rest_ohm : ndarray or None, shape (rows, cols)
+        The rest that the grasp itself took.
+    steps : list of (Observation, GripperCommand)
+        Each observation with the command that held from then on.
+    """
+
+    def __init__(self, source: Replay) -> None:
+        self._recorded = ReplayGripper(source)
+        self.limits = self._recorded.limits
+        self.rest_ohm: FloatArray | None = None
+        self.steps: list[tuple[Observation, GripperCommand]] = []
+        self._sent: GripperCommand | None = None
+
+    def see(self, observation: Observation) -> None:
+        """Take an observation: what is sent from here on was decided on it."""
+        here = GripperCommand(target=self.limits.reported(observation.gripper), rate=0.0)
+        self.steps.append((observation, self._sent or here))
+
+    def believe(self, belief: Belief) -> None:
+        """Take a belief: the first that knows the rest is the grasp's own."""
+        if self.rest_ohm is None and belief.rest_ohm is not None:
+            self.rest_ohm = belief.rest_ohm
+
+    def state(self) -> GripperState:
+        """Return the recorded state."""
+        return self._recorded.state()
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        """Note a command."""
+        self._sent = self._recorded.command(wanted)
+        if self.steps:
+            self.steps[-1] = (self.steps[-1][0], self._sent)
+        return self._sent
+
+    def stop(self) -> None:
+        """Hold where the hand is."""
+
+    def release(self) -> None:
+        """Do nothing: a grasp opens the hand by a command."""
+
+    def close(self) -> None:
+        """Do nothing."""

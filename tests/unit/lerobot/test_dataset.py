@@ -1,0 +1,281 @@
+"""Grasps of the twin as a LeRobot data set, read by pyarrow and pandas as LeRobot reads it.
+
+LeRobot itself is too heavy for the tests: `bridges/lerobot/check_with_lerobot.py` asks it.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from palpate.cli import build_app, run
+from palpate.errors import RecordingError
+from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.requests import Requests
+from palpate.grasp.runner import run_grasp
+from palpate.gripper.interface import Gripper, GripperCommand, GripperLimits, GripperState
+from palpate.lerobot.episode import read_grasp
+from palpate.recording import RecordingWriter, load_recording
+from palpate.rig import open_rig
+from palpate.rig.recorded import open_grasp_recording
+
+TARGET_N = 2.0
+DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"
+
+
+class NotingGripper:
+    """A gripper that notes what was really sent, and when."""
+
+    def __init__(self, gripper: Gripper) -> None:
+        self._gripper = gripper
+        self.sent: list[tuple[float, GripperCommand]] = []
+
+    @property
+    def limits(self) -> GripperLimits:
+        return self._gripper.limits
+
+    def state(self) -> GripperState:
+        return self._gripper.state()
+
+    def command(self, wanted: GripperCommand) -> GripperCommand:
+        sent = self._gripper.command(wanted)
+        self.sent.append((self._gripper.state().time_s, sent))
+        return sent
+
+    def stop(self) -> None:
+        self._gripper.stop()
+
+    def release(self) -> None:
+        self._gripper.release()
+
+    def close(self) -> None:
+        self._gripper.close()
+
+
+def palpate(*arguments: object) -> int:
+    return run(build_app(), [str(argument) for argument in arguments], name="palpate")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with two grasps, of which the second has a target force."""
+    folder = tmp_path_factory.mktemp("grasps")
+    palpate("grasp", "--rig", "sim-rigid", "--seed", 1, "--record", folder / "gentle.mcap")
+    options = ["--target-force-n", TARGET_N, "--record", folder / "firm.mcap"]
+    palpate("grasp", "--rig", "sim-rigid", "--seed", 2, *options)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def dataset(recorded: Path) -> Path:
+    folder = recorded / "dataset"
+    files = [recorded / "gentle.mcap", recorded / "firm.mcap"]
+    assert palpate("export", *files, "--lerobot", folder) == 0
+    return folder
+
+
+def read(dataset: Path, file: str) -> dict[str, np.ndarray]:
+    table = pq.read_table(dataset / file)
+    return {name: np.array(table[name].to_pylist()) for name in table.column_names}
+
+
+def info_of(dataset: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((dataset / "meta/info.json").read_text())
+    return found
+
+
+def test_the_commands_decided_again_are_those_that_were_sent(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    rig = open_rig("sim-rigid", seed=5)
+    hand = NotingGripper(rig.gripper)
+    plan = plan_grasp(rig.calibration, gripper=hand, target_force_n=TARGET_N)
+    with open_grasp_recording(file, rig=rig, seed=5, target_force_n=TARGET_N) as writer:
+        run_grasp(
+            plan,
+            array=rig.array,
+            gripper=hand,
+            clock=rig.clock,
+            subscribers=[lambda seen: writer.add_observation(seen.frame, gripper=seen.gripper)],
+        )
+    track = read_grasp(file)
+    assert len(hand.sent) > 10
+    for at_s, sent in hand.sent:
+        frame = np.searchsorted(track.time_s, at_s + 1e-6) - 1
+        assert track.action[frame].tolist() == [sent.target, sent.rate]
+    still = track.time_s < hand.sent[0][0]
+    assert (track.action[still, 1] == 0.0).all()
+    assert track.action[still, 0] == pytest.approx(track.state[still, 0])
+
+
+def test_a_hand_that_was_driven_otherwise_is_refused(tmp_path: Path) -> None:
+    """The commands of a user who gives the object back are in no recording."""
+    file, requests = tmp_path / "given_back.mcap", Requests()
+    rig = open_rig("sim-rigid", seed=3)
+
+    def give_back(belief: Belief) -> None:
+        if belief.phase is Phase.HOLD:
+            requests.release.set()
+
+    with open_grasp_recording(file, rig=rig, seed=3, target_force_n=TARGET_N) as writer:
+        run_grasp(
+            plan_grasp(rig.calibration, gripper=rig.gripper, target_force_n=TARGET_N),
+            array=rig.array,
+            gripper=rig.gripper,
+            clock=rig.clock,
+            subscribers=[lambda seen: writer.add_observation(seen.frame, gripper=seen.gripper)],
+            watchers=[give_back],
+            requests=requests,
+        )
+    with pytest.raises(RecordingError, match=r"given_back\.mcap: .*gripper_fault"):
+        read_grasp(file)
+
+
+def test_states_are_what_was_recorded(recorded: Path, dataset: Path) -> None:
+    frames, names = read(dataset, DATA), info_of(dataset)["features"]["observation.state"]["names"]
+    first = frames["observation.state"][frames["episode_index"] == 0]
+    recording = load_recording(recorded / "gentle.mcap")
+    assert first.shape == (len(recording.time_s), len(names))
+    widths = np.interp(recording.time_s, recording.gripper.time_s, recording.gripper.width_mm)
+    assert first[:, names.index("width_mm")] == pytest.approx(widths, abs=1e-3)
+    force, low, high = (first[:, names.index(f"force_{one}n")] for one in ("", "low_", "high_"))
+    assert ((low <= force) & (force <= high)).all()
+    pixels = first[:, 4:]
+    assert np.abs(pixels[:5]).max() < 5.0, "nothing is touched at the beginning"
+    assert pixels.min() < -20.0
+
+
+def test_the_force_of_a_grasp_comes_to_its_target(dataset: Path) -> None:
+    frames = read(dataset, DATA)
+    state = frames["observation.state"][frames["episode_index"] == 1]
+    assert state[:, 1].max() == pytest.approx(TARGET_N, rel=0.5)
+    assert state[:8, 1].max() < 0.5
+
+
+def test_frames_are_numbered_and_timed_as_lerobot_wants_them(dataset: Path) -> None:
+    frames, info = read(dataset, DATA), info_of(dataset)
+    assert info["codebase_version"] == "v3.0"
+    assert list(frames) == list(info["features"])
+    schema = pq.read_schema(dataset / DATA)
+    for name, feature in info["features"].items():
+        kind = schema.field(name).type
+        if feature["shape"] == [1]:
+            assert str(kind).replace("float", "float32") == feature["dtype"]
+        else:
+            assert str(kind.value_type) == "float"
+            assert kind.list_size == feature["shape"][0] == len(feature["names"])
+    assert info["fps"] == 15
+    assert frames["timestamp"] == pytest.approx(frames["frame_index"] / 15, abs=1e-5)
+    assert frames["index"].tolist() == list(range(info["total_frames"]))
+    assert np.flatnonzero(frames["frame_index"] == 0).tolist() == [
+        0,
+        int((frames["episode_index"] == 0).sum()),
+    ]
+
+
+def test_episodes_have_bounds_tasks_and_origin(dataset: Path) -> None:
+    frames, info = read(dataset, DATA), info_of(dataset)
+    episodes = pq.read_table(dataset / EPISODES).to_pylist()
+    tasks = pd.read_parquet(dataset / "meta/tasks.parquet")
+    assert info["total_episodes"] == len(episodes) == 2
+    assert info["total_tasks"] == len(tasks) == 2
+    assert info["splits"] == {"train": "0:2"}
+    for number, episode in enumerate(episodes):
+        part = slice(episode["dataset_from_index"], episode["dataset_to_index"])
+        assert set(frames["episode_index"][part]) == {number}
+        assert episode["length"] == len(frames["index"][part])
+        (text,) = episode["tasks"]
+        assert set(frames["task_index"][part]) == {tasks.loc[text].task_index}
+        assert (episode["palpate/origin"], episode["palpate/simulated"]) == ("twin", True)
+        assert episode["palpate/outcome"] == "held"
+    assert "2 N" in tasks.index[1]
+    assert (info["palpate"]["origins"], info["palpate"]["simulated"]) == (["twin"], True)
+    assert "SIMULATED" in info["robot_type"]
+    assert "SIMULATED" in (dataset / "README.md").read_text()
+
+
+def test_statistics_are_those_of_all_frames_and_of_each_episode(dataset: Path) -> None:
+    frames = read(dataset, DATA)
+    whole = json.loads((dataset / "meta/stats.json").read_text())
+    episode = pq.read_table(dataset / EPISODES).to_pylist()[1]
+    second = frames["episode_index"] == 1
+    for name, values in frames.items():
+        kept = {key: episode[f"stats/{name}/{key}"] for key in whole[name]}
+        for found, of in ((whole[name], values), (kept, values[second])):
+            rows = of.reshape(len(of), -1)
+            assert found["count"] == [len(rows)]
+            assert found["mean"] == pytest.approx(rows.mean(axis=0), rel=1e-4, abs=1e-4)
+            assert found["std"] == pytest.approx(rows.std(axis=0), rel=1e-4, abs=1e-4)
+            assert found["max"] == pytest.approx(rows.max(axis=0))
+            assert found["q50"] == pytest.approx(np.median(rows, axis=0))
+
+
+def test_a_slower_raster_takes_the_nearest_frames(recorded: Path, tmp_path: Path) -> None:
+    track = read_grasp(recorded / "gentle.mcap")
+    assert track.rate_hz == pytest.approx(15.0)
+    assert track.at_rate(5)[:5].tolist() == [0, 3, 6, 9, 12]
+    folder = tmp_path / "slow"
+    file = recorded / "gentle.mcap"
+    assert palpate("export", file, "--lerobot", folder, "--fps", 5, "--task", "Touch.") == 0
+    assert info_of(folder)["fps"] == 5
+    assert read(folder, DATA)["observation.state"] == pytest.approx(track.state[::3], rel=1e-6)
+    assert pd.read_parquet(folder / "meta/tasks.parquet").index.tolist() == ["Touch."]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["gentle.mcap", "--lerobot", "new", "--fps", "30"], "lower --fps"),
+        (["gentle.mcap", "cut.mcap", "--lerobot", "new"], "cut.mcap: decided again"),
+        (
+            ["gentle.mcap", "pad.mcap", "--lerobot", "new"],
+            "pad.mcap: the recording names no",
+        ),
+        (["gentle.mcap", "soft.mcap", "--lerobot", "new"], "holds one kind"),
+        (["gentle.mcap", "--lerobot", "there"], "exists already"),
+        (["gentle.mcap", "--lerobot", "no/new"], "make it first"),
+        (["gentle.mcap", "--lerobot", "new", "--holds"], "leave out"),
+        (["gentle.mcap", "--fps", "15"], "--lerobot"),
+        (["gentle.mcap", "firm.mcap"], "one recording at a time"),
+    ],
+)
+def test_what_makes_no_data_set_is_refused_and_leaves_nothing(
+    recorded: Path,
+    words: list[str],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(recorded)
+    (recorded / "there").mkdir(exist_ok=True)
+    if "soft.mcap" in words and not Path("soft.mcap").exists():
+        palpate("grasp", "--rig", "sim-soft", "--seed", 1, "--record", "soft.mcap")
+    if "pad.mcap" in words:
+        palpate("record", "pad.mcap", "--rig", "sim-rigid", "--duration", "1")
+    if "cut.mcap" in words:
+        _cut("gentle.mcap", "cut.mcap")
+    capsys.readouterr()
+    before = sorted(recorded.iterdir())
+    assert palpate("export", *words) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.strip().splitlines()) == 1
+    assert sorted(recorded.iterdir()) == before
+
+
+def _cut(whole: str, half: str) -> None:
+    """Write the first half of a recording, as a killed process leaves it."""
+    from palpate.recording import RecordingReader
+
+    with RecordingReader(whole) as reader:
+        messages = list(reader.messages())
+        with RecordingWriter(half, info=reader.info) as writer:
+            for message in messages[: len(messages) // 2]:
+                writer.add(message)
