@@ -37,6 +37,7 @@ def lying(
     size: str = "0.01",
     at_mm: tuple[float, float] = (0.0, 0.0),
     cone: str = "elliptic",
+    layout: ArrayLayout = PALM,
 ) -> PadSensor:
     """Return a sensor on which 1 kg has come to rest."""
     above_m = float(size.split()[-1]) + 0.0011
@@ -44,7 +45,7 @@ def lying(
         cone=cone, shape=shape, size=size, x=at_mm[0] / 1e3, y=at_mm[1] / 1e3, z=above_m
     )
     model = mujoco.MjModel.from_xml_string(text)
-    sensor = PadSensor(model, mujoco.MjData(model), pads=[pad], layout=PALM, seed=1)
+    sensor = PadSensor(model, mujoco.MjData(model), pads=[pad], layout=layout, seed=1)
     sensor.step_to(1.0)
     return sensor
 

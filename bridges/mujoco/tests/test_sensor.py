@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 from bridges.mujoco.tests.lying import PALM, UP, lying
 
-from palpate.errors import DeviceTimeoutError
+from palpate.errors import DeviceTimeoutError, InputError
 from palpate.sensor.array import wrong_counts
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.twin.devices import TwinArray
@@ -64,6 +67,28 @@ def test_a_program_that_steps_the_model_itself_reads_the_same() -> None:
 def test_the_same_seed_reads_the_same_counts() -> None:
     first, second = lying(), lying()
     assert first.counts().tolist() == second.counts().tolist()
+
+
+def test_floating_lines_leak_as_the_solver_expects() -> None:
+    matrix = replace(PALM, idle_lines="floating")
+    sensor = lying(layout=matrix)
+    ohm = [pixel_resistance_ohm(sensor.counts(), layout=matrix) for _ in range(50)]
+    assert np.mean(ohm, axis=0) == pytest.approx(sensor.resistance_ohm(), rel=0.05)
+    leaky = pixel_resistance_ohm(sensor.counts(), layout=PALM)
+    assert np.abs(leaky / sensor.resistance_ohm() - 1.0).max() > 0.2
+
+
+@pytest.mark.parametrize("wiring", [{"idle_lines": "held"}, {"line_ohm": 70.0}])
+def test_a_wiring_that_is_not_simulated_is_refused(wiring: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="neither held lines nor line_ohm"):
+        lying(layout=replace(PALM, **wiring))
+
+
+def test_a_reset_needs_a_new_sensor() -> None:
+    sensor = lying()
+    mujoco.mj_resetData(sensor.model, sensor.data)
+    with pytest.raises(ValueError, match="went back from 1 to 0 s; after a reset make a new"):
+        sensor.counts()
 
 
 def test_an_unloaded_pad_goes_back_to_rest() -> None:

@@ -206,7 +206,7 @@ class Sheet:
 
     def follow(self, played_n: FloatArray, load_n: FloatArray) -> FloatArray:
         """Return the load that the sheet feels: at once when rising, behind by a ratio in fall."""
-        return np.clip(played_n, load_n, load_n * (1.0 + self.hysteresis))
+        return np.minimum(np.maximum(played_n, load_n), load_n * (1.0 + self.hysteresis))
 
     def rest_factor(self, environment: Environment) -> float:
         """Return the rest resistance relative to that of a new sheet in the paper's room.

@@ -107,7 +107,7 @@ class PadLoads:
             Where, along and across, from the middle of its pixels.
         """
         contact = data.contact
-        pad = self._pad_of_geom[contact.geom].max(axis=1, initial=-1)
+        pad = np.maximum(*self._pad_of_geom[contact.geom].T)
         which = (pad >= 0).nonzero()[0]
         if not which.size:
             return which, np.zeros(0), np.zeros((0, 2))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.clock import ManualClock
+from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout
 from palpate.twin.placement import PixelGrid, Placement, Placements
 from palpate.twin.ranges import ranges_of
@@ -55,6 +56,11 @@ class PadSensor:
     every_s : float, optional
         How often contacts are taken in; once a frame by default.
 
+    Raises
+    ------
+    InputError
+        If the model lacks a pad, or the layout is wired in a way that is not simulated.
+
     Examples
     --------
     A ball of 1 kg on a pad that faces up:
@@ -86,6 +92,11 @@ class PadSensor:
         oversampling: int = 1,
         every_s: float | None = None,
     ) -> None:
+        if layout.idle_lines == "held" or layout.line_ohm > 0:
+            raise InputError(
+                f"layout {layout.name}: the simulated readout has neither held lines nor line_ohm; "
+                "use idle_lines 'isolated' or 'floating', and line_ohm 0"
+            )
         self._every_s = 1.0 / frame_rate_hz if every_s is None else every_s
         self.layout, self.frame_rate_hz, self.oversampling = layout, frame_rate_hz, oversampling
         self.clock = ManualClock(data.time) if clock is None else clock
@@ -108,7 +119,7 @@ class PadSensor:
             layout=layout,
             oversampling=oversampling,
             adc_noise_counts=self._ranges.adc_noise_counts,
-            crosstalk=False,
+            crosstalk=layout.idle_lines == "floating",
             seed=seed,
             start_s=self.clock.now_s(),
         )
@@ -165,9 +176,19 @@ class PadSensor:
         """Let the sheet take in the contacts at the model's time.
 
         `travel_mm` is how far the fingers moved since the last call: that alone makes spikes.
+
+        Raises
+        ------
+        ValueError
+            If the model's time went back: a sheet can't forget what pressed it.
         """
         step_s = self.data.time - self._felt_s
-        if step_s <= 0:
+        if step_s < 0:
+            raise ValueError(
+                f"the model's time went back from {self._felt_s:g} to {self.data.time:g} s; after "
+                "a reset make a new sensor (MuJoCo also resets a simulation that diverges)"
+            )
+        if step_s == 0:
             return
         self._felt_s = self.data.time
         self._load_n = self._loads.load_n(self.data, reach_mm=self.reach_mm)

@@ -52,8 +52,6 @@ class MujocoWorld:
     True
     """
 
-    #: Where all of it comes from, for every file and result.
-    origin = "twin"
     gripper: Literal["rigid", "soft"] = "rigid"
 
     def __init__(
