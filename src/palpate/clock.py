@@ -7,7 +7,7 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What a loop needs of time: a monotonic reading and a way to wait."""
+    """Time for a loop: a monotonic reading and a way to wait."""
 
     def now_s(self) -> float:
         """Return monotonic time, seconds."""
@@ -32,7 +32,7 @@ class RealClock:
 
 
 class ManualClock:
-    """A clock that moves only when told to.
+    """A clock that moves only on command.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The one error tree. Every message says what, where and what to do, in one line.
+"""The one error tree. Every message states what, where and what to do, in one line.
 
 World outcomes (a slip, a hold that is too short) are statuses on results; only bad input and broken
 equipment raise. `exit_status` is what the command line returns for the error.
@@ -74,7 +74,7 @@ class ClusterError(PalpateError):
 
 @contextmanager
 def needing(what: str, *, extra: str) -> Iterator[None]:
-    """Import within what an extra brings; where it is missing, say how to install it.
+    """Import within what an extra brings; where it is missing, explain how to install it.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from palpate.errors import InputError
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; put it in place only if the block succeeds.
+    """Yield a temporary path next to `path`; put it in place only if the block succeeds.
 
     Parameters
     ----------

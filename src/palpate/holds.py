@@ -52,13 +52,13 @@ def read_holds(
 
     Columns are `hold_id,time_s,value` and optionally `channel` and `unit`. The rows of a hold are
     together; channels may be interleaved within it. The unit ``percent`` (change relative to rest)
-    helps to predict; others need no telling. A CSV file may have semicolons or tabs instead of
+    helps to predict; others need not be given. A CSV file may have semicolons or tabs instead of
     commas, and decimal commas then. Memory is bounded by the longest hold, or by `until_s`.
 
     Parameters
     ----------
     path : path
-        Told apart by content, then by ending.
+        The format is recognised by content, then by ending.
     until_s : float
         Samples after the first one at or beyond this time are checked and not kept.
     progress : callable, optional

@@ -1,6 +1,6 @@
 """Plain values, as JSON gives them, into dataclasses; what does not fit is named by its place.
 
-Strict: no value is converted but whole numbers into floats, no name is passed over. A field with a
+Strict: no value is converted but whole numbers into floats, no name is skipped. A field with a
 default may be missing: files older than it lack it.
 """
 
@@ -33,7 +33,7 @@ def structured(kind: type[T], stored: object, *, where: str = "") -> T:
     Raises
     ------
     InputError
-        If a name is missing or unknown, or a value is of another type; one line that says where.
+        If a name is missing or unknown, or a value is of another type; one line that names it.
 
     Examples
     --------
@@ -54,10 +54,10 @@ def structured(kind: type[T], stored: object, *, where: str = "") -> T:
         "has {}, which is not known": sorted(set(stored) - set(there)),
     }
     if any(faults.values()):
-        said = " and ".join(
+        fault = " and ".join(
             text.format(", ".join(names)) for text, names in faults.items() if names
         )
-        raise InputError(f"{where or 'the file'} {said}; units are part of the names")
+        raise InputError(f"{where or 'the file'} {fault}; units are part of the names")
     hints = get_type_hints(kind)
     return kind(**{name: _value(hints[name], stored[name], _in(where, name)) for name in stored})
 

@@ -62,20 +62,20 @@ def _add_recording(
         station = check_name("station", station or Path(info.rig or "unknown").stem)
         date = _day(info.clock_zero_unix_ns)
         name = f"{_plain(path.stem)}-{source[:12]}"
-        told = {"recording": name, "origin": info.origin}
+        labels = {"recording": name, "origin": info.origin}
 
         def part(kind: str) -> Part:
             return Part(kind=kind, station=station, date=date, name=name)
 
         added = {}
-        # Frames come last: they are what says that the recording was added.
+        # Frames come last: their presence marks the recording as added.
         if holds := _holds(path, name):
             added["holds"] = archive.write(
-                part("holds"), [_hold_table(holds, told)], sources=[source]
+                part("holds"), [_hold_table(holds, labels)], sources=[source]
             )
         layout = info.layout
         frames = (
-            _frame_table(table, told, layout.rows, layout.cols) for table in frame_tables(reader)
+            _frame_table(table, labels, layout.rows, layout.cols) for table in frame_tables(reader)
         )
         added["frames"] = archive.write(part("frames"), frames, sources=[source])
     return added
@@ -140,7 +140,7 @@ def _holds(path: Path, name: str) -> list[Hold]:
         return []
 
 
-def _hold_table(holds: Iterable[Hold], told: dict[str, str]) -> Any:
+def _hold_table(holds: Iterable[Hold], labels: dict[str, str]) -> Any:
     """Return holds in the columns that `palpate settle` reads too."""
     pa = arrow()
     columns: dict[str, list[Any]] = {
@@ -154,12 +154,13 @@ def _hold_table(holds: Iterable[Hold], told: dict[str, str]) -> Any:
         columns["channel"] += [hold.channel] * count
         columns["unit"] += [hold.unit] * count
     kinds = {"time_s": pa.float64(), "value": pa.float64()}
-    return _told(
-        {name: pa.array(v, type=kinds.get(name, pa.string())) for name, v in columns.items()}, told
+    return _labelled(
+        {name: pa.array(v, type=kinds.get(name, pa.string())) for name, v in columns.items()},
+        labels,
     )
 
 
-def _frame_table(table: dict[str, list[Any]], told: dict[str, str], rows: int, cols: int) -> Any:
+def _frame_table(table: dict[str, list[Any]], labels: dict[str, str], rows: int, cols: int) -> Any:
     """Return frames in columns that are the same for every sensor: pixels row by row in a list."""
     pa = arrow()
     pixels = [f"r{row}c{col}" for row in range(rows) for col in range(cols)]
@@ -182,14 +183,14 @@ def _frame_table(table: dict[str, list[Any]], told: dict[str, str], rows: int, c
     for ending, kind in (("counts", pa.int32()), ("ohm", pa.float64())):
         each = zip(*(table[f"{pixel}_{ending}"] for pixel in pixels), strict=True)
         columns[ending] = pa.array(each, type=pa.list_(kind))
-    return _told(columns, told)
+    return _labelled(columns, labels)
 
 
-def _told(columns: dict[str, Any], told: dict[str, str]) -> Any:
-    """Return a table whose first columns tell of every row where it comes from."""
+def _labelled(columns: dict[str, Any], labels: dict[str, str]) -> Any:
+    """Return a table whose first columns give each row's recording and origin."""
     pa = arrow()
     count = len(next(iter(columns.values())))
-    named = {name: pa.array([text] * count, type=pa.string()) for name, text in told.items()}
+    named = {name: pa.array([text] * count, type=pa.string()) for name, text in labels.items()}
     return pa.table(named | columns)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.archive.layout import Archive, Part, arrow, sources_of
 
-#: Parts are joined up to so many rows: what one worker holds of holds or grasps at once.
+#: Parts are joined up to this many rows: what one worker holds of holds or grasps at once.
 MOST_ROWS = 1_000_000
 
 

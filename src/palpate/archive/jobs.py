@@ -1,4 +1,4 @@
-"""What can be done with every part of an archive: each job makes one table of one part."""
+"""Jobs on every part of an archive: each makes one table of one part."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Job(Protocol):
 
 def digest(job: Job) -> str:
     """Return what changes whenever the results of a job may change."""
-    said = f"{job.name}\n{version('palpate')}\n{job.settings}"
-    return hashlib.sha256(said.encode()).hexdigest()
+    identity = f"{job.name}\n{version('palpate')}\n{job.settings}"
+    return hashlib.sha256(identity.encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +178,7 @@ class Recalibrate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judge:
-    """Say again which bin each grasp alone would have sent its item to, by one file of rules."""
+    """Decide again which bin each grasp alone would have sent its item to, by one file of rules."""
 
     #: The rules file, which every worker reads.
     rules: Path
@@ -225,7 +225,7 @@ class Judge:
 
 
 def _evidence(grasp: dict[str, Any]) -> Any:
-    """Return what one grasp alone tells: the kind, if a person said it, and the size."""
+    """Return what one grasp alone shows: the kind, if a person stated it, and the size."""
     from palpate.estimate.measurement import Measurement
     from palpate.produce.identify.identifier import as_labelled
     from palpate.produce.sorting.rules import Evidence

@@ -54,7 +54,7 @@ class Archive:
     root : path
         Its folder.
     create : bool
-        Make it where there is none.
+        Create it if it does not exist.
 
     Raises
     ------

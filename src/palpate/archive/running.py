@@ -23,7 +23,7 @@ from palpate.errors import ClusterError, needing
 #: How often a task is tried whose worker died.
 TRIES = 3
 _JOB = b"palpate.job"
-#: A scheduler that does not answer for so long is lost.
+#: A scheduler that does not answer within this time is lost.
 _PATIENCE_S = 10
 
 Show = Callable[[float], None]
@@ -36,7 +36,7 @@ class Task:
     job: Job
     source: Path
     target: Path
-    #: What says that the results are those of this job and this part.
+    #: Marks the results as those of this job and this part.
     mark: str
 
     @property

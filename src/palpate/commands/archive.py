@@ -16,7 +16,7 @@ STEPS: Steps = {
     "compact": ("archive_compact", "Join a day's small files into few"),
     "settle": ("archive_settle", "Predict the settled value of every hold again"),
     "recalibrate": ("archive_recalibrate", "Read the force of every frame again"),
-    "judge": ("archive_judge", "Say again which bin each grasp alone would have chosen"),
+    "judge": ("archive_judge", "Decide again which bin each grasp alone would have chosen"),
 }
 
 

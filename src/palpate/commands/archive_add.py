@@ -19,7 +19,7 @@ def command(
         list[Path] | None, typer.Argument(help="Recordings, or folders of them.")
     ] = None,
     to: Annotated[
-        Path, typer.Option(help="The archive; made where there is none.", metavar="DIR")
+        Path, typer.Option(help="The archive; created if it does not exist.", metavar="DIR")
     ] = Path("archive"),
     station: Annotated[
         str | None,
@@ -31,7 +31,7 @@ def command(
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Add recordings and the grasps of a store. What the archive holds already is passed over.
+    """Add recordings and the grasps of a store. What the archive holds already is skipped.
 
     Example: palpate archive add recordings --to archive --station north
     """
@@ -46,7 +46,7 @@ def command(
     if not recordings and store is None:
         raise InputError("nothing to add: name recordings, a folder that holds some, or --store")
     if store is not None and station is None:
-        raise InputError("--store: say with --station whose grasps these are")
+        raise InputError("--store: state with --station whose grasps these are")
     if station is not None:
         check_name("--station", station)
     archive = Archive(to, create=True)

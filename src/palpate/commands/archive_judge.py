@@ -26,7 +26,7 @@ def command(
     scheduler: SchedulerOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Say which bin each grasp alone would have sent its item to, by its kind and its size.
+    """Decide which bin each grasp alone would have sent its item to, by its kind and its size.
 
     Ripeness and bruises take an item's history, which only a store has: `palpate sort`.
 

@@ -36,7 +36,7 @@ def command(
     scheduler: SchedulerOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Predict every hold's settled value from 1, 2.5 and 5 s, beside the value it came to.
+    """Predict every hold's settled value from 1, 2.5 and 5 s, next to the value it reached.
 
     Example: palpate archive settle archive --method exponential
     """

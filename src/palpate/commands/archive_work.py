@@ -1,4 +1,4 @@
-"""What the steps that work on a whole archive share: its place, the engine, the report."""
+"""Shared by the steps that work on a whole archive: its place, the engine, the report."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def work_on(
     scheduler: str | None,
     quiet: bool,
 ) -> None:
-    """Run a job over the archive and say where the results are."""
+    """Run a job over the archive and print where the results are."""
     from palpate.archive.layout import Archive
     from palpate.archive.running import forget_others, run_here, run_on_dask, tasks_of
 

@@ -19,7 +19,7 @@ _SIGNATURES = {
     "1e9587": "ATmega32U4 (Arduino Leonardo, Micro)",
     "1e9703": "ATmega1280 (the first Arduino Mega)",
 }
-#: What avrdude says -> what it means; the first that is found counts.
+#: avrdude's message -> what it means; the first match counts.
 _MEANINGS = (
     (
         r"permission denied",
@@ -46,7 +46,7 @@ def avrdude_path() -> str:
     Raises
     ------
     DeviceNotFoundError
-        If it isn't installed; the message says how to.
+        If it isn't installed; the message explains how to install it.
     """
     found = shutil.which("avrdude")
     if found is None:
@@ -65,7 +65,7 @@ def write_image(image: Path, *, port: str) -> None:
     InputError
         If the image is not an Intel hex file.
     DeviceError
-        If avrdude is missing or fails; one line that says why.
+        If avrdude is missing or fails; one line that gives the reason.
     """
     _refuse_other_files(image)
     command = [avrdude_path(), "-p", _PART, "-c", _PROGRAMMER, "-P", port, "-b", str(_BOOT_BAUD)]
@@ -89,15 +89,15 @@ def write_image(image: Path, *, port: str) -> None:
         raise DeviceError(f"{port}: {meaning(done.stdout + done.stderr)}")
 
 
-def meaning(said: str) -> str:
-    """Translate what a failing avrdude said into one line.
+def meaning(output: str) -> str:
+    """Translate the output of a failed avrdude into one line.
 
     Examples
     --------
     >>> meaning("avrdude: Device signature = 0x1e950f (probably m328p)")
     'the board is an ATmega328P (Arduino Uno, Nano), not a Mega 2560; palpate needs a Mega 2560'
     """
-    signature = re.search(r"signature = (?:0x)?([0-9a-f ]{6,8})", said, re.IGNORECASE)
+    signature = re.search(r"signature = (?:0x)?([0-9a-f ]{6,8})", output, re.IGNORECASE)
     if signature is not None:
         chip = signature[1].replace(" ", "").lower()
         if chip in ("000000", "ffffff"):
@@ -107,9 +107,9 @@ def meaning(said: str) -> str:
             article = "an " if name.startswith("ATmega") else ""
             return f"the board is {article}{name}, not a Mega 2560; palpate needs a Mega 2560"
     for pattern, line in _MEANINGS:
-        if re.search(pattern, said, re.IGNORECASE):
+        if re.search(pattern, output, re.IGNORECASE):
             return line
-    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
     wrong = [line for line in lines if "error" in line.lower()] or lines or ["no reason given"]
     return f"avrdude failed: {wrong[0]}"
 

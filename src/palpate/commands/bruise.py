@@ -48,7 +48,7 @@ def bruise(
 ) -> None:
     """Judge whether an item is bruised, side by side, from its last visit.
 
-    Each side is held against its own earlier record, the item's other sides, and items of its kind
+    Each side is compared with its own earlier record, the item's other sides, and items of its kind
     that people called sound on the same rig (palpate items NAME --say bruise=sound): whatever there
     is of these. The answer is kept with the item. Exits with 1 where it is bruised.
 

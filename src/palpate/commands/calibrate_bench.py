@@ -58,7 +58,7 @@ def has_load_cell(rig: str) -> bool:
     Raises
     ------
     InputError
-        If a rig file can't be read, or what it says of its load cells is at fault.
+        If a rig file can't be read, or its description of the load cells is wrong.
     """
     from palpate.rig.file import load_cells_stated
 
@@ -80,7 +80,7 @@ def open_bench(
     seed : int
         Of the simulated rig.
     ask : callable
-        Says to the user of a real rig what to do, and returns when it is done.
+        Tells the user of a real rig what to do, and returns when it is done.
     placements : int
         How often the load cell will be placed, all steps together.
 
@@ -96,7 +96,7 @@ def open_bench(
         return
     from palpate.rig.bench import open_board_bench
 
-    # Steps count their own runs from 0; whoever places the cell counts on.
+    # Steps count their own runs from 0; the person who places the cell sees one running count.
     number = count(1)
     with open_board_bench(Path(rig)) as opened:
 
@@ -148,7 +148,7 @@ def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
 
 
 def calibration_file(rig: str, out: Path | None) -> Path:
-    """Return the file that a step goes into: as told, else the rig file's, else the usual one.
+    """Return the file that a step goes into: the one given, else the rig file's, else the default.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def calibration_file(rig: str, out: Path | None) -> Path:
 
 
 def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> Calibration | None:
-    """Return the calibration in a file that is to be renewed, None where there is none.
+    """Return the existing calibration in a file that is to be renewed, None if there is none.
 
     Raises
     ------
@@ -180,8 +180,8 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
     origin = "simulated" if simulated else "hardware"
     if difference := earlier.layout.difference(layout):
         raise CalibrationError(
-            f"{path} is of another sensor ({difference}); mend the rig file, "
-            "give another --out, or begin the file anew with `palpate calibrate rest --new`"
+            f"{path} is of another sensor ({difference}); fix the rig file, "
+            "give another --out, or start the file again with `palpate calibrate rest --new`"
         )
     if earlier.origin != origin:
         raise CalibrationError(

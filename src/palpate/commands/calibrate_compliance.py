@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palpate.estimate.compliance import Compliance
     from palpate.sensor.calibration import Calibration
 
-#: Closings are read so long after each step, so often, up to this force.
+#: Closings go up to this force, newtons, and are repeated this often.
 _UP_TO_N, _REPEATS = 15.0, 3
 
 
@@ -55,7 +55,7 @@ def command(
     simulated = " (simulated)" if made.origin == "simulated" else ""
     print(f"{path}{simulated}: {len(block.force_n)} closings up to {give.largest_force_n:.1f} N")
     print(f"fingers and servo give {give.slope_mm_per_n:.3f} mm/N, pads {sum(give.pad_mm):.2f} mm")
-    print(f"width is off by {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")
+    print(f"error of the width: {give.zero_mm:+.2f} mm; scatter {give.residual_mm:.3f} mm")
     if made.current is None:
         print("no current reported")
     else:

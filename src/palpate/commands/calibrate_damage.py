@@ -131,19 +131,21 @@ def _print(made: DamageFile, *, path: Path) -> None:
 
 def _verdict(made: DamageFile) -> list[str]:
     """Return what a user should know before relying on it."""
-    said = []
+    remarks = []
     for kind, one in made.held_out.items():
         who = kind or "produce of any kind"
         if one.error_percent >= one.median_error_percent:
-            said.append(f"{who}: stiffness does not predict the strength; the limit is a fixed one")
+            remarks.append(
+                f"{who}: stiffness does not predict the strength; the limit is a fixed one"
+            )
         # Three standard deviations of a count that hits 95 %.
         if one.above_low < 0.95 - 3 * math.sqrt(0.95 * 0.05 / one.closings):
-            said.append(f"{who}: the lower bound holds too rarely; are the labels right?")
+            remarks.append(f"{who}: the lower bound holds too rarely; are the labels right?")
     for kind, count in made.closings.items():
         if kind not in made.kinds:
-            said.append(f"{kind}: too few for a limit of its own ({count})")
+            remarks.append(f"{kind}: too few for a limit of its own ({count})")
         elif kind not in made.held_out:
-            said.append(f"{kind}: too few to be judged with some left out ({count})")
-    return said or [
+            remarks.append(f"{kind}: too few to be judged with some left out ({count})")
+    return remarks or [
         f"usable: stiffness predicts the strength of {', '.join(made.kinds) or 'these'}"
     ]

@@ -98,8 +98,8 @@ class _Shown:
         typer.prompt(what, default="", err=True, show_default=False)
         self._bar.start()
 
-    def say(self, what: str, *, advance: int = 0) -> None:
-        """Say what is being done, and by how many placements that is further."""
+    def show(self, what: str, *, advance: int = 0) -> None:
+        """Show what is being done, and by how many placements the work has advanced."""
         self._bar.update(self._task, description=what, advance=advance)
 
 
@@ -115,7 +115,7 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
         earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
 
         def placed(run: int) -> None:
-            shown.say(f"settled holds, placement {run + 1}", advance=1)
+            shown.show(f"settled holds, placement {run + 1}", advance=1)
             guided.reseat(run)
 
         rest = measure_rest(bench)

@@ -126,7 +126,7 @@ def _rest_values(
         try:
             refuse_load(rest.rest_ohm, known_ohm=known_ohm)
         except CalibrationError as loaded:
-            raise CalibrationError(f"{loaded} (--new); if nothing does, say --empty") from loaded
+            raise CalibrationError(f"{loaded} (--new); if nothing does, give --empty") from loaded
     useless = np.isnan(rest.rest_ohm) | np.isinf(middle_ohm) | (middle_ohm == 0)
     dead = [pixel_name(int(row), int(col)) for row, col in np.argwhere(useless)]
     if dead:

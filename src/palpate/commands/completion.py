@@ -1,4 +1,4 @@
-"""What the shell offers after <Tab>, where it is a name that palpate knows.
+"""Completion after <Tab> in the shell, for names that palpate knows.
 
 A completion must be quick and never fail: what can't be listed is not offered.
 """

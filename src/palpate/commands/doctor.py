@@ -169,11 +169,11 @@ def _pressed(
     from palpate.sensor.press_order import PressWatch, order_findings
 
     rest_ohm = rest.rest_ohm(layout=layout)
-    watch, told, taken = PressWatch(rest_ohm), None, rest.frames()
+    watch, asked, taken = PressWatch(rest_ohm), None, rest.frames()
     for frame in frames:
-        if watch.expected is not None and watch.expected != told:
-            told = watch.expected
-            prompt(f"press pixel {pixel_name(*told)} (finger {layout.finger_of_row[told[0]]})")
+        if watch.expected is not None and watch.expected != asked:
+            asked = watch.expected
+            prompt(f"press pixel {pixel_name(*asked)} (finger {layout.finger_of_row[asked[0]]})")
         ohm = pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)
         watch.see(frame.time_s, ohm)
         taken.append(frame)

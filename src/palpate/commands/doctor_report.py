@@ -1,4 +1,4 @@
-"""What `palpate doctor` prints: pixels, link, and each finding with what to check."""
+"""The report of `palpate doctor`: pixels, link, and each finding with what to check."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def print_report(examined: Examined) -> None:
     health = examined.health
     color = "green" if health.healthy else "red"
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    said = "healthy" if health.healthy else f"{faults} fault{'s' if faults > 1 else ''}"
-    parts: list[RenderableType] = [Text(said.capitalize(), style=f"bold {color}"), Text("")]
+    summary = "healthy" if health.healthy else f"{faults} fault{'s' if faults > 1 else ''}"
+    parts: list[RenderableType] = [Text(summary.capitalize(), style=f"bold {color}"), Text("")]
     parts += [_pixels(examined), Text(""), _summary(examined)]
     if health.findings:
         parts += [Text(""), _findings(health)]

@@ -35,7 +35,7 @@ def flash(
     avrdude_path()
     chosen = image or image_path(baud)
     device = port or _only_port()
-    # Opened and closed: says in one line what avrdude says in many, or not at all.
+    # Opened and closed first: reports in one line what avrdude reports in many, or not at all.
     SerialStream(device, baud=baud).close()
     print(f"writing {chosen.name} to {device} ...", file=sys.stderr)
     write_image(chosen, port=device)

@@ -1,4 +1,4 @@
-"""`palpate grasp`: close on an unknown object and say what it is like."""
+"""`palpate grasp`: close on an unknown object and report what it is like."""
 
 from __future__ import annotations
 
@@ -163,8 +163,10 @@ def grasp(
             )
             print(json.dumps(document, allow_nan=False, indent=1), flush=True)
         else:
-            said = verdict(result, target_force_n=target_force_n)
-            print_card(result, said=said, rig=devices, seed=seed, truth=truth, limited=limited)
+            summary = verdict(result, target_force_n=target_force_n)
+            print_card(
+                result, summary=summary, rig=devices, seed=seed, truth=truth, limited=limited
+            )
             sys.stdout.flush()
         # After the answer: the store may not give one.
         unkept = memory is not None and not memory.keep()

@@ -16,7 +16,7 @@ from palpate.rig import Rig
 from palpate.settling.result import Status
 
 _BAR = 20
-#: Narrower terminals have no room for the bars beside the numbers.
+#: Narrower terminals have no room for the bars next to the numbers.
 _WIDE = 80
 #: Name of the measurement, label with its unit, digits after the point.
 _ROWS = (
@@ -37,7 +37,7 @@ _NOTES = {
 def print_card(
     result: GraspResult,
     *,
-    said: Mapping[str, object],
+    summary: Mapping[str, object],
     rig: Rig,
     seed: int,
     truth: Mapping[str, object] | None,
@@ -45,12 +45,12 @@ def print_card(
 ) -> None:
     """Print the card on standard output; `limited` is what a learned damage limit did."""
     good = result.outcome is Outcome.HELD
-    headline = Text(str(said["text"]).capitalize(), style="bold green" if good else "bold red")
-    if said["firmness"]:
-        headline.append(f"  ·  {said['firmness']}", style="bold")
-    if said["on_target"] is not None:
-        met = "target within the interval" if said["on_target"] else "off target"
-        headline.append(f"  ·  {met} ({said['target_force_n']:g} N)", style="bold")
+    headline = Text(str(summary["text"]).capitalize(), style="bold green" if good else "bold red")
+    if summary["firmness"]:
+        headline.append(f"  ·  {summary['firmness']}", style="bold")
+    if summary["on_target"] is not None:
+        met = "target within the interval" if summary["on_target"] else "off target"
+        headline.append(f"  ·  {met} ({summary['target_force_n']:g} N)", style="bold")
     console = Console(highlight=False)
     parts: list[RenderableType] = [
         headline,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Limit:
-    """The damage model of one grasp; it watches how the limit is told."""
+    """The damage model of one grasp; it follows the limit over the closing."""
 
     def __init__(self, file: DamageFile, *, path: Path, kind: str) -> None:
         self.model = file.model
@@ -31,7 +31,7 @@ class Limit:
         self._low_n = belief.damage_low_n
 
     def as_json(self, result: GraspResult) -> dict[str, object]:
-        """Return what the limit was and did, as the JSON of the grasp says it."""
+        """Return what the limit was and did, as in the JSON of the grasp."""
         from palpate.grasp.document import limit_document
 
         return limit_document(
@@ -45,7 +45,7 @@ def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
     Raises
     ------
     InputError
-        If a kind is told without a file, or is not in it.
+        If a kind is given without a file, or is not in it.
     CalibrationError
         If the file can't be used.
     """
@@ -56,21 +56,21 @@ def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
             raise InputError(f"--kind {kind}: give --damage FILE too, which knows kinds")
         return None
     file = DamageFile.load(path)
-    told = "" if kind is None else file.known_kind(kind, where=f"--damage {path}")
-    return Limit(file, path=path, kind=told)
+    known = "" if kind is None else file.known_kind(kind, where=f"--damage {path}")
+    return Limit(file, path=path, kind=known)
 
 
-def limit_text(said: Mapping[str, object]) -> str:
+def limit_text(limit: Mapping[str, object]) -> str:
     """Return what the limit was and did, in a line for the card."""
-    who = said["kind"] or "unknown kind"
-    learned = f"{who}, {said['closings']} closings"
-    if said["low_n"] is None:
+    who = limit["kind"] or "unknown kind"
+    learned = f"{who}, {limit['closings']} closings"
+    if limit["low_n"] is None:
         why = "not shown by this closing, so the hand closed only a little further"
         return f"Damage limit ({learned}): {why}"
     did = ""
-    if said["passed"]:
-        # A sheet that feels nothing of a faint force tells the limit only once it is passed.
+    if limit["passed"]:
+        # A sheet that does not feel a faint force shows the limit only once it is passed.
         did = ": shown only once the force had passed it; nothing more was pressed"
-    elif said["kept_below_target"]:
+    elif limit["kept_below_target"]:
         did = ": it kept the force below what was asked for"
-    return f"Damage limit {said['low_n']:.1f} N ({learned}){did}"
+    return f"Damage limit {limit['low_n']:.1f} N ({learned}){did}"

@@ -43,7 +43,7 @@ class Memory:
         self._seen.append(observation)
 
     def take(self, result: GraspResult, *, rig: Rig, recording: Path | None) -> dict[str, str]:
-        """Take how the grasp ended; return what the JSON says of it."""
+        """Take how the grasp ended; return its entry in the JSON."""
         from palpate.produce.grasp_record import records_of
 
         calibration, grasp = records_of(
@@ -91,12 +91,12 @@ def open_memory(
     InputError
         If the item can't be named so, or there is a store and no item.
     StoreError
-        If waiting would not mend the store.
+        If waiting would not help the store.
     """
     if item_id is None:
         for option, value in (("--store", store), ("--angle-deg", angle_deg)):
             if value is not None:
-                raise InputError(f"{option} {value}: say which item this is with --item NAME")
+                raise InputError(f"{option} {value}: name the item with --item NAME")
         return None
     from palpate.produce.records import Item
     from palpate.produce.store.outbox import Keeper

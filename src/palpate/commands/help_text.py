@@ -85,7 +85,7 @@ def readable(command: Any) -> Any:
         parameter.help = _literal(parameter.help or "")
         if parameter.param_type_name == "argument":
             parameter.metavar = parameter.metavar or parameter.name.upper()
-            # Its type stands next to the name otherwise.
+            # Otherwise its type is shown next to the name.
             parameter.display_type_rich = _no_type
         elif parameter.metavar is None:
             parameter.metavar = _placeholder(parameter)

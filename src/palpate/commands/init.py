@@ -96,7 +96,7 @@ def _port(port: str | None) -> str:
 
 
 def _pixels(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
-    """Return the matrix, and how many fingers it is on where its name does not say so."""
+    """Return the matrix, and its number of fingers where its name does not give it."""
     from palpate.sensor.board_array import PRESETS
 
     name = _ask(f"Layout ({', '.join(PRESETS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
@@ -165,7 +165,7 @@ def rig_text(
     gripper : dict
         The gripper's table; empty for none.
     calibration : str
-        Name of the calibration file, beside the rig file.
+        Name of the calibration file, next to the rig file.
 
     Examples
     --------

@@ -64,7 +64,7 @@ def items(
     Example: palpate items A17 --set kind=avocado --say ripeness=ripe
     """
     if item is None and (changes or labels):
-        raise InputError("--set and --say tell something of one item: palpate items ITEM --set ...")
+        raise InputError("--set and --say are about one item: palpate items ITEM --set ...")
     from palpate.produce.store.item_json import item_document, items_document
 
     with opened(store, create=bool(changes or labels)) as known:
@@ -149,18 +149,18 @@ def _find(
 def _tell(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
     from palpate.produce.records import About, Item, Source, Verdict
 
-    told = dict(_pair(text, option="--set", known=_SETTABLE) for text in changes)
-    said = [_pair(text, option="--say", known=tuple(map(str, About))) for text in labels]
+    settings = dict(_pair(text, option="--set", known=_SETTABLE) for text in changes)
+    labelled = [_pair(text, option="--say", known=tuple(map(str, About))) for text in labels]
     store.add_item(
         Item(
             item_id=item_id,
-            kind=told.get("kind"),
-            batch=told.get("batch"),
-            label=told.get("label"),
+            kind=settings.get("kind"),
+            batch=settings.get("batch"),
+            label=settings.get("label"),
         )
     )
     grasps = store.grasps_of(item_id)
-    for about, text in said:
+    for about, text in labelled:
         store.add_verdict(
             Verdict(
                 item_id=item_id,
@@ -209,13 +209,13 @@ def _export(
         grasps = store.grasps(kind=kind, batch=batch, since=since, until=until)
         wanted = {one.item_id for one in items}
         verdicts = tuple(
-            said
+            verdict
             for about in About
-            for said in store.verdicts(about, kind=kind)
-            if said.item_id in wanted
-            and (since is None or until is None or since <= said.given_at < until)
+            for verdict in store.verdicts(about, kind=kind)
+            if verdict.item_id in wanted
+            and (since is None or until is None or since <= verdict.given_at < until)
         )
-    beside = path.with_suffix(".verdicts.parquet")
+    verdicts_path = path.with_suffix(".verdicts.parquet")
     rows = export_grasps(path, grasps, items=items)
-    said_rows = export_verdicts(beside, verdicts)
-    print(f"{path}: {rows} grasps; {beside}: {said_rows} verdicts", file=sys.stderr)
+    verdict_rows = export_verdicts(verdicts_path, verdicts)
+    print(f"{path}: {rows} grasps; {verdicts_path}: {verdict_rows} verdicts", file=sys.stderr)

@@ -30,7 +30,7 @@ def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
     )
     for page in pages:
         size, stiffness = page.latest("size_mm"), page.latest("stiffness_n_per_mm")
-        said = [one for about in About if (one := page.said(about)) is not None]
+        latest = [one for about in About if (one := page.said(about)) is not None]
         table.add_row(
             Text(page.item.item_id, style="bold"),
             Text(page.item.kind or "-"),
@@ -39,7 +39,7 @@ def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
             f"{len(page.grasps)}{f' {_SIMULATED}' if page.simulated else '  '}",
             _value(size, 1),
             _value(stiffness, 2),
-            Text(", ".join(one.text for one in said) or "-"),
+            Text(", ".join(one.text for one in latest) or "-"),
         )
     console.print(table)
     if any(page.simulated for page in pages):
@@ -97,7 +97,7 @@ def _verdicts(page: ItemHistory) -> Table:
             str(one.about),
             Text(one.text, style="bold"),
             "-" if one.probability is None else f"{one.probability:.0%}",
-            Text("said by a person" if person and not one.explanation else one.explanation),
+            Text("given by a person" if person and not one.explanation else one.explanation),
         )
     return table
 

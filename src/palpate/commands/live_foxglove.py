@@ -1,4 +1,4 @@
-"""What `palpate live --foxglove` sends: each frame and what it means, events, and the link."""
+"""Messages of `palpate live --foxglove`: each frame and what it means, events, and the link."""
 
 from __future__ import annotations
 

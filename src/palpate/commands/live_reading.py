@@ -1,4 +1,4 @@
-"""What `palpate live` knows at each frame: resistances against rest, the force, and the link."""
+"""The state of `palpate live` at each frame: resistances against rest, the force, the link."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from palpate.signal.relative import finger_means, mean_change
 DRAW_HZ = 10.0
 #: Depth at which colour and curve end; the curve's span, and one of its columns, seconds.
 _DEEPEST_PERCENT, _CURVE_COLUMNS, _COLUMN_S = 80.0, 64, 0.25
-#: A pixel about to come loose reads a hundred times its rest value: more digits would say no more.
+#: A pixel about to come loose reads a hundred times its rest value: more digits add nothing.
 _HIGHEST_PERCENT = 999
 #: Widest matrix -> characters per pixel: sixteen columns must fit a terminal of eighty.
 _CELL_WIDTHS = ((4, 11), (8, 7), (16, 4))
@@ -146,7 +146,7 @@ def _newtons(force: Measurement) -> str:
 
 
 def _percent(mean: float) -> str:
-    """Return a mean over pixels in words of one width; there is none where no pixel reads."""
+    """Return a mean over pixels as text of one width; "no pixel" where none reads."""
     return "no pixel" if math.isnan(mean) else f"{min(mean, _HIGHEST_PERCENT):+6.1f} %"
 
 

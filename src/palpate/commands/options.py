@@ -21,7 +21,7 @@ def stated_rig() -> str | None:
 
 
 def _chosen(rig: str) -> str:
-    """Return the rig asked for, the stated one, or the twin, which says so in all its output."""
+    """Return the rig asked for, the stated one, or the twin, whose output always says so."""
     from palpate.rig import DEFAULT_RIG
 
     return rig or stated_rig() or DEFAULT_RIG
@@ -46,7 +46,8 @@ JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one J
 
 #: Give it the default False.
 QuietOption: TypeAlias = Annotated[
-    bool, typer.Option("--quiet", help="No progress bar. There is none without a terminal either.")
+    bool,
+    typer.Option("--quiet", help="No progress bar (nor is there one without a terminal)."),
 ]
 
 #: Give it the default None.

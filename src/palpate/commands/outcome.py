@@ -1,4 +1,4 @@
-"""What each kind of failure means to a user: one line and an exit status."""
+"""How each kind of failure is reported to a user: one line and an exit status."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from palpate.errors import PalpateError
 
 EXIT_STOPPED = 130
 _UNANSWERED = "run it in a terminal, or use an option (--help)"
-#: What to do about the failures of a disk; of others the system's own words say enough.
+#: What to do about the failures of a disk; for others the system's own message is enough.
 _REMEDIES = {
-    errno.EACCES: "mend the rights of the file or its folder, or choose another place",
+    errno.EACCES: "change the permissions of the file or its folder, or choose another place",
     errno.EROFS: "choose a place that can be written to",
     errno.ENOSPC: "make room, or choose another disk",
 }
-#: Failures of a disk that no other argument mends.
+#: Failures of a disk that no other argument remedies.
 _EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
@@ -42,7 +42,7 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
         context = getattr(error, "ctx", None)
         verb = context.command_path if context is not None else name
         message = " ".join(error.format_message().split())
-        if message:  # there is none where the help was printed instead
+        if message:  # empty where the help was printed instead
             end = "" if message.endswith((".", "?", "!")) else "."
             print(f"{name}: {message}{end} Try `{verb} --help`.", file=sys.stderr)
         return 2
@@ -53,12 +53,12 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
         print(f"{name}: stopped", file=sys.stderr)
         return EXIT_STOPPED
     except BrokenPipeError:
-        # The reader of our output left (`| head`): nothing more to say, and nothing went wrong.
+        # The reader of our output left (`| head`): nothing more to print, and nothing went wrong.
         sys.stderr.close()
         return 0
     except OSError as error:
         what = [error.filename, error.strerror or error]
         remedy = _REMEDIES.get(error.errno or 0)
-        said = ": ".join(str(part) for part in what if part)
-        print(f"{name}: {said}" + (f"; {remedy}" if remedy else ""), file=sys.stderr)
+        reason = ": ".join(str(part) for part in what if part)
+        print(f"{name}: {reason}" + (f"; {remedy}" if remedy else ""), file=sys.stderr)
         return 3 if error.errno in _EQUIPMENT else 2

@@ -1,4 +1,4 @@
-"""What `palpate pattern` leaves behind: the cut files, and what it says of them."""
+"""Output of `palpate pattern`: the cut files, and the report on them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def write_files(drawn: Pattern, folder: Path, *, dxf: bool) -> list[Path]:
     try:
         draw_pattern(drawn, folder / f"{name}.png")
     except MissingExtraError as error:
-        # The cut files are what was asked for; the picture is beside them.
+        # The cut files are what was asked for; the picture is an extra.
         print(f"palpate pattern: no preview: {error}", file=sys.stderr)
     else:
         files.append(folder / f"{name}.png")

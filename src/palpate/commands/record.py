@@ -98,7 +98,7 @@ def record(
 
 @contextmanager
 def _stop_signals() -> Iterator[Callable[[], bool]]:
-    """Yield a function that says whether Ctrl-C or SIGTERM came: nothing is torn apart by it."""
+    """Yield a function that returns whether Ctrl-C or SIGTERM came, so that neither cuts a file."""
     came: list[int] = []
     before = {
         number: signal.signal(number, lambda number, _: came.append(number))

@@ -1,4 +1,4 @@
-"""What `palpate record` records: a board on a port, or a rig with its gripper."""
+"""Sources of `palpate record`: a board on a port, or a rig with its gripper."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class RecordSource:
     clock : Clock
         What its times are on.
     info : RecordingInfo
-        What the recording will say of itself.
+        The description that the recording will carry.
     gripper : callable
-        Gives the gripper's state; None where there is none.
+        Gives the gripper's state; None without a gripper.
     """
 
     name: str
@@ -60,7 +60,7 @@ class RecordSource:
         return LoadCells(time_s=self.array.newest_s, raw=tuple(cell.raw for cell in cells))
 
     def link_text(self) -> str:
-        """Say what happened on the link, where there is one."""
+        """Report what happened on the link, if there is one."""
         if not isinstance(self.array, SerialArray):
             return "recorded"
         count = self.array.counters
@@ -114,14 +114,14 @@ def rig_source(
     if rig.simulated and endless:
         raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
     info = recording_info(rig, seed=seed)
-    said = f"{name} (simulated)" if rig.simulated else name
+    label = f"{name} (simulated)" if rig.simulated else name
     return RecordSource(
-        name=said, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state
+        name=label, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state
     )
 
 
 def _lacks_gripper(name: str) -> bool:
-    """Tell a rig file without a gripper; whatever else is wrong with it is for who opens it."""
+    """Whether a rig file has no gripper; any other fault in it is reported when it is opened."""
     if not name.endswith(".toml"):
         return False
     try:

@@ -11,7 +11,7 @@ from palpate.plots.inline_svg import THEME
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tile:
-    """One figure in large type: what it is, the value, its unit, what stands below it."""
+    """One figure in large type: what it is, the value, its unit, the line below it."""
 
     name: str
     value: str
@@ -29,9 +29,9 @@ def document(
     title : str
         Stands on top.
     chips : iterable of str
-        Short facts beside it.
+        Short facts next to it.
     simulated : bool
-        Whether to say that any of it is simulated.
+        Whether to state that any of it is simulated.
     body : iterable of str
         Sections, HTML.
     foot : str

@@ -1,4 +1,4 @@
-"""The report of one item: what it is like now, how it got there, and what was said of it."""
+"""The report of one item: what it is like now, how it got there, and the verdicts on it."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def item_report(page: ItemHistory, *, store: str, zone: tzinfo | None = None) ->
 
 
 def verdict_tile(verdict: Verdict) -> Tile:
-    """Return what was said, large."""
-    below = "said by a person"
+    """Return the verdict, large."""
+    below = "given by a person"
     if verdict.source is Source.PALPATE:
         below = "" if verdict.probability is None else f"{verdict.probability:.0%} sure"
     return Tile(name=str(verdict.about).capitalize(), value=verdict.text, below=below)
@@ -85,8 +85,8 @@ def _tiles(page: ItemHistory) -> list[Tile]:
             ends = f"{measured.low:.{digits}f} to {measured.high:.{digits}f}"
             value = number(measured, digits)
             shown.append(Tile(name=caption, value=value, unit=unit, below=ends))
-    said = (page.said(about) for about in About)
-    return [*shown, *(verdict_tile(verdict) for verdict in said if verdict is not None)]
+    verdicts = (page.said(about) for about in About)
+    return [*shown, *(verdict_tile(verdict) for verdict in verdicts if verdict is not None)]
 
 
 def _figures(page: ItemHistory, zone: tzinfo | None) -> list[tuple[str, str]]:
@@ -109,11 +109,11 @@ def _verdicts(page: ItemHistory, zone: tzinfo | None) -> str:
             str(one.about),
             one.text,
             "-" if one.probability is None else f"{one.probability:.0%}",
-            one.explanation or ("said by a person" if one.source is Source.PERSON else ""),
+            one.explanation or ("given by a person" if one.source is Source.PERSON else ""),
         )
         for one in reversed(page.verdicts[-_MOST_ROWS:])
     ]
-    return table("What was said", ["when", "about", "verdict", ">sure", "why"], rows)
+    return table("Verdicts", ["when", "about", "verdict", ">sure", "why"], rows)
 
 
 def _grasps(page: ItemHistory, zone: tzinfo | None) -> str:

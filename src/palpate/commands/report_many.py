@@ -24,7 +24,7 @@ from palpate.produce.store.item_history import ItemHistory
 
 _MOST_ROWS = 500
 _FOOT = (
-    "From the {store}. Each item stands with its last grasp; * marks readings whose interval "
+    "From the {store}. Each item is listed with its last grasp; * marks readings whose interval "
     "promises less than level 0.9. Times are local."
 )
 
@@ -119,7 +119,7 @@ def _figures(pages: Sequence[ItemHistory]) -> list[tuple[str, str]]:
 
 def _items(pages: Sequence[ItemHistory], zone: tzinfo | None) -> str:
     columns = ["item", "kind", "last grasp", ">grasps", ">size, mm", ">stiffness, N/mm"]
-    # What nothing was said about gets no column.
+    # A subject without any verdict gets no column.
     abouts = [
         about
         for about in (About.RIPENESS, About.BRUISE, About.BIN)

@@ -1,4 +1,4 @@
-"""`palpate ripeness`: what days of grasps say of an item, and when it will be ripe."""
+"""`palpate ripeness`: what days of grasps show of an item, and when it will be ripe."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _asked(store: Store, items: list[str], *, batch: str | None) -> list[Item]:
 
 
 class _Judge:
-    """What is learned from the store, once for each kind and gripper."""
+    """Rules and drifts learned from the store, once for each kind and gripper."""
 
     def __init__(
         self, store: Store, *, reference: str | None, stages: tuple[str, ...], ripe: str
@@ -153,7 +153,7 @@ class _Judge:
         """Return what labels teach of its kind; None where its own first day must do."""
         if item.kind is None:
             found: RipenessRule | InputError = InputError(
-                f"nobody said what it is (palpate items {item.item_id} --set kind=...)"
+                f"its kind is not known (palpate items {item.item_id} --set kind=...)"
             )
         else:
             key = (item.kind, drive)

@@ -1,4 +1,4 @@
-"""What `palpate ripeness` prints: a table for people, one document for programs."""
+"""Output of `palpate ripeness`: a table for people, one document for programs."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from palpate.gripper.interface import Gripper
     from palpate.sensor.calibration import Calibration
 
-#: A frame is waited for so long before the sensor counts as silent.
+#: The sensor counts as silent after this long without a frame.
 FRAME_TIMEOUT_S = 2.0
 
 
@@ -55,12 +55,12 @@ class SensorSource:
 
     @property
     def asked_hz(self) -> float | None:
-        """The rate that the board was told, where there is a board."""
+        """The rate that the board was set to, if there is a board."""
         board = self.array.identity if isinstance(self.array, SerialArray) else None
         return None if board is None else board.rate_hz
 
     def events(self) -> LinkEvents:
-        """What the link has counted so far."""
+        """Counts of the link so far."""
         if not isinstance(self.array, SerialArray):
             return LinkEvents()
         count = self.array.counters
@@ -83,7 +83,7 @@ class SensorSource:
         return None if calibration is None else calibration.rest_ohm
 
     def known_calibration(self) -> Calibration | None:
-        """Return the calibration that belongs to the sensor; None where there is none yet.
+        """Return the calibration that belongs to the sensor; None before the first one.
 
         Raises
         ------
@@ -100,12 +100,12 @@ class SensorSource:
         if difference := calibration.layout.difference(layout):
             raise CalibrationError(
                 f"the calibration is of another sensor ({difference}); "
-                "mend the rig file, or run `palpate calibrate rest --new`"
+                "fix the rig file, or run `palpate calibrate rest --new`"
             )
         return calibration
 
     def frames(self, duration_s: float) -> FrameColumns:
-        """Read frames for so long, in the sensor's own time.
+        """Read frames for this long, in the sensor's own time.
 
         Raises
         ------

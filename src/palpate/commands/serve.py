@@ -112,7 +112,7 @@ def serve(
     )
     serve_page(
         settings,
-        # In an address it stands in brackets.
+        # In an address it is written in brackets.
         host=host.strip("[]"),
         port=port,
         token=token,

@@ -190,14 +190,14 @@ def _check_rereadable(files: Sequence[Path]) -> None:
 
 
 def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
-    """Pass holds on; say once where their times look like another unit's."""
+    """Pass holds on; warn once if their times seem to be in another unit."""
     import numpy as np
 
-    said = False
+    warned = False
     for hold in holds:
-        if not said and len(hold.time_s) > 1:
+        if not warned and len(hold.time_s) > 1:
             step_s = float(np.median(np.diff(hold.time_s)))
-            if said := step_s > SLOWEST_S:
+            if warned := step_s > SLOWEST_S:
                 print(
                     f"palpate: {source}: hold {hold.hold_id} has a sample every {step_s:g} s; "
                     "time_s is in seconds, are these milliseconds?",

@@ -1,4 +1,4 @@
-"""The document of `palpate settle`: as JSON, as a file, and as a plot of telling holds."""
+"""The document of `palpate settle`: as JSON, as a file, and as a plot of the holds that matter."""
 
 from __future__ import annotations
 

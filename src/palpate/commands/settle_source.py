@@ -17,14 +17,14 @@ from palpate.signal.circuit import Divider
 from palpate.tables.files import form_of, open_table
 from palpate.tables.text import lines_of, open_text
 
-#: Endings that a recording in a folder may have; other files of it are passed over.
+#: Endings that a recording in a folder may have; other files of it are skipped.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
 _MCAP_MAGIC = b"\x89MCA"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingOptions:
-    """What the user says of recordings; of holds files, the unit alone.
+    """How the user described the recordings; for holds files only the unit counts.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class ReadingOptions:
     cut: CutAt = "auto"
 
     def is_about_units(self) -> bool:
-        """Return whether the user said nothing but perhaps that readings are in ohm or percent."""
+        """Return whether at most the unit is given, and that as ohm or percent."""
         return self in (
             ReadingOptions(),
             ReadingOptions(unit="percent"),
@@ -64,7 +64,7 @@ class HoldSource:
 
     paths: Sequence[Path]
     reading: ReadingOptions = field(default_factory=ReadingOptions)
-    _said: set[Path] = field(default_factory=set)
+    _warned: set[Path] = field(default_factory=set)
 
     def files(self) -> list[Path]:
         """Return the files, those of folders by name.
@@ -93,7 +93,7 @@ class HoldSource:
     ) -> Iterator[Hold]:
         """Yield the holds of one file.
 
-        A file of a folder without any is passed over with a line on standard error.
+        A file of a folder without any is skipped with a line on standard error.
         """
         if self._is_holds(file):
             for hold in read_holds(file, until_s=until_s, progress=progress):
@@ -105,8 +105,8 @@ class HoldSource:
         except PalpateError as error:
             if file in self.paths:
                 raise
-            self._say(file, f"{error} (passed over)")
-        self._said.add(file)
+            self._warn(file, f"{error} (skipped)")
+        self._warned.add(file)
 
     def recordings(self) -> list[Path]:
         """Return the files that are cut into holds."""
@@ -116,7 +116,7 @@ class HoldSource:
         return self.reading.is_about_units() and is_holds_file(file)
 
     def columns(self, file: Path) -> list[CutColumn]:
-        """Return the sensors of a recording, cut; say once what should be known about it.
+        """Return the sensors of a recording, cut; warn once of what the user should know about it.
 
         Raises
         ------
@@ -125,20 +125,20 @@ class HoldSource:
         """
         if _starts_with(file, _MCAP_MAGIC):
             return [_from_mcap(file, self.reading)]
-        said = self.reading
+        options = self.reading
         found: list[CutColumn] = []
         remarks: list[str] = []
         recordings = read_recordings(
             file,
-            time_column=said.time_column,
-            time_unit=said.time_unit,
-            value_columns=said.value_columns,
-            unit=said.unit,
-            divider=said.divider,
+            time_column=options.time_column,
+            time_unit=options.time_unit,
+            value_columns=options.value_columns,
+            unit=options.unit,
+            divider=options.divider,
         )
         for readings in recordings:
             remarks += readings.remarks
-            columns = cut_columns(readings, cut=said.cut)
+            columns = cut_columns(readings, cut=options.cut)
             if not any(column.holds for column in columns):
                 if len(recordings) == 1:
                     raise InputError(why_none(str(file), columns))
@@ -150,11 +150,11 @@ class HoldSource:
             raise InputError(f"{file}: no hold in any of its {len(recordings)} recordings")
         # Not before: a file that is refused gives one line.
         for remark in remarks:
-            self._say(file, remark)
+            self._warn(file, remark)
         return found
 
-    def _say(self, file: Path, remark: str) -> None:
-        if file not in self._said:
+    def _warn(self, file: Path, remark: str) -> None:
+        if file not in self._warned:
             print(f"palpate: {file}: {remark.removeprefix(f'{file}: ')}", file=sys.stderr)
 
 

@@ -23,7 +23,7 @@ ROWS_SHOWN = 10
 #: Columns of text where standard output is no terminal that has a width of its own.
 PIPED_WIDTH = 120
 
-#: From this width on intervals are shown beside their half-widths; below it every cell may fold.
+#: From this width on intervals are shown with their half-widths; below it every cell may fold.
 WIDE, NARROWEST = 100, 80
 
 

@@ -1,4 +1,4 @@
-"""What `palpate sort` says: each item's bin with the reason, then purity and throughput."""
+"""The text of `palpate sort`: each item's bin with the reason, then purity and throughput."""
 
 from __future__ import annotations
 
@@ -106,20 +106,20 @@ class SortReport:
         console.print(self._last_line(found), highlight=False)
 
     def _last_line(self, found: Score) -> str:
-        said = [f"{100 * found.left_over:.0f} % left for {self.book.default_bin!r}"]
+        parts = [f"{100 * found.left_over:.0f} % left for {self.book.default_bin!r}"]
         if found.purity is not None:
-            said.insert(0, f"{100 * found.purity:.0f} % of what went to a bin belongs there")
+            parts.insert(0, f"{100 * found.purity:.0f} % of what went to a bin belongs there")
         if self.dry:
-            said.append("dry run: nothing was grasped or written")
+            parts.append("dry run: nothing was grasped or written")
         else:
-            said.append(f"{found.grasps_per_item:.1f} grasps per item")
-            said.append(
+            parts.append(f"{found.grasps_per_item:.1f} grasps per item")
+            parts.append(
                 f"{found.items_per_hour:.0f} items per hour, with {CARRY_S:g} s to bring and carry "
                 f"away and {TURN_S:g} s to turn an item taken for granted"
             )
         if self._simulated:
-            said.append("simulated")
-        return "; ".join(said)
+            parts.append("simulated")
+        return "; ".join(parts)
 
 
 def _row(one: Sorted, placed: Placed) -> dict[str, Any]:

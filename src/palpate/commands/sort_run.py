@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from palpate.produce.sorting.run import Sorted
     from palpate.produce.store import Store
 
-#: Grasps of each item that teaches: two tell how far grasps of one item differ.
+#: Grasps of each item that teaches: two show how far grasps of one item differ.
 _TAUGHT_GRASPS = 2
 _BROKEN = {"sensor_lost": "the sensor was lost", "gripper_fault": "the gripper failed"}
 #: Writes records to the store, where there is one.

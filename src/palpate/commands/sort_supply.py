@@ -1,4 +1,4 @@
-"""What comes before the hand of `palpate sort`: a simulated crate, or items named line by line."""
+"""The items that `palpate sort` grasps: a simulated crate, or items named line by line."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Supply(Protocol):
         ...
 
     def lay(self, name: str, *, turn: int) -> None:
-        """Have an item between the open fingers, turned so often."""
+        """Place an item between the open fingers, after this many turns."""
         ...
 
     def belongs(self, name: str, *, book: RuleBook) -> str | None:
@@ -178,7 +178,7 @@ class NamedByLine:
 def open_supply(
     rig: str, *, seed: int, items: int, taught: int, damage: DamageModel | None = None
 ) -> Supply:
-    """Open what a rig's name stands for; its grasps keep to a learned damage limit.
+    """Open the rig of a name; its grasps keep to a learned damage limit.
 
     Raises
     ------

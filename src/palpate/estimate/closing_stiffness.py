@@ -2,8 +2,8 @@
 
 Everything that the curve leaves open is open together: where contact began, the shape of the
 object's law, its scale, how this contact reads against the sheet's law, and what the gripper gives
-here. A force read too high takes too much give out and makes the object too stiff in one go, so
-these doubts are weighed together, and the answer's interval comes from all of them at once. Shape
+here. A force read too high has too much give taken out and makes the object look too stiff, both at
+once, so these doubts are weighed together, and the answer's interval covers all of them. Shape
 and scale are looked at on a grid; given them, the rest moves every step's witness of where contact
 began in proportion, and is solved for (generalised least squares with priors).
 """
@@ -33,11 +33,11 @@ _GIVE_SD = 0.02
 #: By how much (in ln force) the object has relaxed at the horizon against its closing, and how
 #: likely: springs and silicone hardly, fruit by a tenth to a third. At one closure no force rises.
 _RELAXED = ((0.6, -0.03, 0.04), (0.4, -0.2, 0.1))
-#: Neither sheet nor current sees a held thing relax: of half of them, fruit, the settled force is
-#: less than said by so much (ln), of the others it is not.
+#: Neither sheet nor current sees a held thing relax: for half of them, fruit, the settled force is
+#: lower than estimated by this much (ln), for the others it is not.
 _FRUIT_SHARE, _UNSEEN, _UNSEEN_SD = 0.5, -0.06, 0.04
-#: A staircase is no clean step, of which alone the settling is known: its forecast is off (ln
-#: force) by so much beyond its own interval.
+#: A staircase is no clean step, and settling is known only for clean steps: its forecast has this
+#: error (ln force) beyond its own interval.
 _FORECAST_SD = 0.02
 #: A width is never known better, mm (half an encoder step of the usual servo).
 _SHARPEST_MM = 0.02
@@ -48,10 +48,11 @@ _UNKNOWN = 5
 #: proportional in a large doubt is looked at in several places.
 _SOLVED_SHARE = 0.5
 
-#: A step that raises the force at one go is read low, because the sheet lags: by this share of the
-#: rise (in ln force) that is not yet forgotten. On development closings of the twin, with the true
-#: forces beside them, 0.16 on springs; 0.05 where half the things relax as fruit does meanwhile.
-#: Relaxing bends a closing the other way: a stiffness, told from the bend, takes none on average.
+#: A step that raises the force at once is read low, because the sheet lags: by this share of the
+#: rise (in ln force) that is not yet forgotten. On development closings of the twin, compared with
+#: the true forces, 0.16 on springs; 0.05 where half the things relax as fruit does meanwhile.
+#: Relaxing bends a closing the other way: a stiffness estimated from the bend needs no correction
+#: on average.
 LAG, LAG_SD = 0.1, 0.08
 #: A sheet forgets this share of a rise of the force with each step of a closing.
 _FORGOTTEN = 0.3
@@ -59,13 +60,13 @@ _FORGOTTEN = 0.3
 #: and a sheet near its end bends: scatter per unit of ln force, as a share of the law's own scatter
 #: from placement to placement, and its least and most.
 _TILT_SHARE, _TILT_SDS = 0.5, (0.04, 0.4)
-#: The gain is told by the servo's current all along the closing, from this share of the force on
-#: and the more the larger it was; the lag of the sheet is taken out there.
-_TOLD_FROM = 0.3
-#: A reading below so many scatters of faint forces may be drift before the contact: such a step
-#: says only that the force was no larger.
+#: The servo's current gives the gain all along the closing, from this share of the force on and
+#: with a weight that grows with it; the lag of the sheet is taken out there.
+_GAIN_FROM = 0.3
+#: A reading below this many standard deviations of faint forces may be drift before the contact:
+#: such a step shows only that the force was no larger.
 FELT = 2.0
-#: Steps of a long closing that are looked at: neighbours say the same.
+#: Steps of a long closing that are used: neighbours carry the same information.
 _MOST_STEPS = 14
 
 
@@ -295,7 +296,7 @@ class Looks:
     #: Force read, and opening.
     read_n: FloatArray
     width_mm: FloatArray
-    #: ln force, from where the gain was told.
+    #: ln force, relative to where the gain was estimated.
     above: FloatArray
     #: Its rise that is not yet forgotten, beyond that of the last step.
     lagging: FloatArray
@@ -318,7 +319,7 @@ class ClosingSteps:
 
     @property
     def faint_n(self) -> float:
-        """Force below which a reading tells no more than that it is small."""
+        """Force below which a reading shows only that it is small."""
         return FELT * self.floor_n
 
     @property
@@ -333,21 +334,21 @@ class ClosingSteps:
 
     @property
     def looked_at(self) -> NDArray[np.int64]:
-        """Which of the felt steps are looked at: at most so many, evenly spread."""
+        """Which of the felt steps are used: at most `_MOST_STEPS`, evenly spread."""
         felt = int(np.count_nonzero(self.felt))
         return np.unique(np.linspace(0, felt - 1, min(felt, _MOST_STEPS)).round().astype(int))
 
     @property
     def looks(self) -> Looks:
-        """What is looked at."""
+        """The steps that are used."""
         read_n = self.force_n[self.felt][self.looked_at]
         share = read_n / read_n.max()
-        told = np.where(share > _TOLD_FROM, share**2, 0.0)
+        weight = np.where(share > _GAIN_FROM, share**2, 0.0)
         above, lagging = np.log(read_n), self.rising[self.looked_at]
         return Looks(
             read_n=read_n,
             width_mm=self.width_mm[self.felt][self.looked_at],
-            above=above - np.average(above, weights=told),
+            above=above - np.average(above, weights=weight),
             lagging=lagging - lagging[-1],
         )
 

@@ -1,4 +1,4 @@
-"""What gives way besides the object (pads, fingers, servo), as rigid blocks show it."""
+"""Compliance of everything but the object (pads, fingers, servo), measured on rigid blocks."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from palpate.errors import CalibrationError
 #: Forces over which a pad bottoms out; their mixture makes any curve that stiffens smoothly.
 _PAD_FORCES_N = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 
-#: Nothing softer is an object, and nothing stiffer can be told from rigid by such a gripper, N/mm.
+#: Nothing softer is an object, and such a gripper can't distinguish anything stiffer from rigid,
+#: N/mm.
 SOFTEST_N_PER_MM, STIFFEST_N_PER_MM = 0.02, 500.0
-#: Sizes of the blocks must differ by so much, mm.
+#: Sizes of the blocks must differ by at least this much, mm.
 _APART_MM = 3.0
 
 
@@ -135,7 +136,7 @@ class SoftFingerCompliance:
         if not np.ptp(block) > _APART_MM:
             raise CalibrationError(
                 "fingers driven by pressure: close them on rigid blocks of two sizes, at least "
-                f"{_APART_MM:g} mm apart; one tells no millimetres"
+                f"{_APART_MM:g} mm apart; one block gives no millimetres"
             )
         design = np.column_stack([np.ones_like(force), -block, force, np.sqrt(force)])
         per_mm = float(np.linalg.lstsq(design, pressure, rcond=None)[0][1])

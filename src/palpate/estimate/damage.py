@@ -1,8 +1,8 @@
 """A damage limit learned while closing: where the object will rupture, and where to stop before.
 
 Two answers from one closing curve. The *prediction* is the likely rupture force with a lower bound.
-The *guard* stops closing where the force has come so near to it that at most a nominal share of
-objects like those seen ruptures. Both work with a force from any source, with the kind of object
+The *guard* stops closing where the force has come close enough to it that at most a nominal share
+of objects like those seen ruptures. Both work with a force from any source, with the kind of object
 known or not.
 """
 
@@ -34,7 +34,7 @@ LEAST_LOAD = -6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageLimit:
-    """What is known of the damage limit at one moment of a closing."""
+    """The damage limit as known at one moment of a closing."""
 
     #: The force level just passed.
     force_n: float
@@ -50,7 +50,7 @@ class DamageLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamageModel:
-    """What was learned from closings that ended in rupture, for one kind of object or for any."""
+    """A model learned from closings that ended in rupture, for one kind of object or for any."""
 
     #: Shape (n_objects,). The critical loads of all objects, ascending: the largest that each bore,
     #: by models fitted without it.
@@ -82,7 +82,7 @@ class DamageModel:
         return float(self.critical_scores[min(rank, count) - 1])
 
     def limit(self, state: ClosingState, *, kind: str = "", stop_score: float) -> DamageLimit:
-        """Return what one state of a closing curve says (kind ``""``: not known)."""
+        """Return the limit from one state of a closing curve (kind ``""``: not known)."""
         kind = kind if kind in self.strengths else ""
         strength = self.strengths[kind]
         score, predicted_n = strength.load(state), strength.predict_n(state)
@@ -125,7 +125,7 @@ class DamageModel:
 
 
 class DamageGuard:
-    """Follows one closing and says when to stop."""
+    """Follows one closing and decides when to stop."""
 
     def __init__(self, model: DamageModel, *, kind: str, stop_score: float) -> None:
         self._curve = ClosingCurve()
@@ -164,11 +164,11 @@ def fit_damage_model(
     Parameters
     ----------
     paths : sequence of sequences of ClosingState
-        The states of each closing (`ClosingCurve.push`); those past the rupture are passed over.
+        The states of each closing (`ClosingCurve.push`); those past the rupture are skipped.
     rupture_force_n : sequence of float
         Force at which each object ruptured, N.
     kinds : sequence of str
-        Kind of each object. Kinds of fewer than twice `FEWEST` objects are not told apart.
+        Kind of each object. Kinds with fewer than twice `FEWEST` objects are not told apart.
     tell_apart : bool
         Whether the kind will be known when the model is used.
 

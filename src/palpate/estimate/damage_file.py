@@ -24,7 +24,7 @@ from palpate.structure import structured
 
 FORMAT, VERSION = "palpate-damage-model", 1
 _BROKEN = "not whole JSON ({}); take it from a backup or run `palpate calibrate damage` again"
-#: More digits than any closing tells; people read the file.
+#: More digits than any closing supports; people read the file.
 _DIGITS = 5
 _STRENGTH = tuple(f.name for f in fields(Strength))
 _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
@@ -44,7 +44,7 @@ class DamageFile:
     made_at: str
     #: Closings that were not learned from, and why.
     left_out: Mapping[str, str] = field(default_factory=dict)
-    #: What was said of closings left out in turn, by kind; ``""`` where the kind is not told.
+    #: Predictions for closings left out in turn, by kind; ``""`` where the kind is not given.
     held_out: Mapping[str, HeldOut] = field(default_factory=dict)
 
     @property
@@ -53,7 +53,7 @@ class DamageFile:
         return tuple(kind for kind in self.model.strengths if kind)
 
     def known_kind(self, name: str, *, where: str) -> str:
-        """Return the name of a kind that a grasp may be told.
+        """Return the name of a kind that may be given for a grasp.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class DamageFile:
         ------
         CalibrationError
             If it can't be read, is cut, comes from a newer version, or lacks or misnames a value;
-            one line that says which.
+            one line that names it.
 
         Examples
         --------
@@ -158,7 +158,7 @@ def recorded_model(text: str | None) -> DamageModel | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _StoredKind(Strength):
-    """What the file has of a kind."""
+    """The entry of one kind in the file."""
 
     low_share: float
     held_out: HeldOut | None

@@ -17,9 +17,9 @@ from palpate.tables import read_table
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """What a model said of closings that it was not fitted to."""
+    """How well a model predicted closings that it was not fitted to."""
 
-    #: How many it said something of.
+    #: Number of closings with a prediction.
     closings: int
     #: Mean error of the rupture force predicted at half load, percent of the true one.
     error_percent: float
@@ -99,19 +99,19 @@ def split(
 
 
 def at_half_load(closing: FruitClosing, *, model: DamageModel, kind: str) -> DamageLimit | None:
-    """Return what a model says of a closing when half of its own prediction is reached."""
+    """Return a model's limit for a closing when half of its own prediction is reached."""
     return half_load([model.limit(s, kind=kind, stop_score=np.inf) for s in closing.states])
 
 
 def held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
-    """Return what a model says of closings left out of it, by kind; ``""`` is for kind untold.
+    """Score a model on closings left out of it, by kind; ``""`` is for an unknown kind.
 
     Raises
     ------
     InputError
         If there are too few to leave some out.
     """
-    said: dict[str, list[tuple[float, float, float]]] = {}
+    predictions: dict[str, list[tuple[float, float, float]]] = {}
     for training, test in split(closings):
         model = learn(training)
         for closing in test:
@@ -120,18 +120,18 @@ def held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
                 if limit is None or (kind and kind not in model.strengths):
                     continue
                 alike = [c.rupture_force_n for c in training if kind in ("", c.fruit)]
-                said.setdefault(kind, []).append(
+                predictions.setdefault(kind, []).append(
                     (
                         limit.predicted_n / closing.rupture_force_n,
                         float(np.median(alike)) / closing.rupture_force_n,
                         limit.low_n / closing.rupture_force_n,
                     )
                 )
-    return {kind: _scored(said[kind]) for kind in sorted(said)}
+    return {kind: _scored(predictions[kind]) for kind in sorted(predictions)}
 
 
-def _scored(said: Iterable[tuple[float, float, float]]) -> HeldOut:
-    predicted, median, low = np.array(list(said)).T
+def _scored(predictions: Iterable[tuple[float, float, float]]) -> HeldOut:
+    predicted, median, low = np.array(list(predictions)).T
     return HeldOut(
         closings=len(predicted),
         error_percent=100 * float(np.mean(np.abs(predicted - 1))),
@@ -241,7 +241,7 @@ def follow(
 
 
 def copies(closings: Sequence[FruitClosing]) -> dict[str, str]:
-    """Return which closings are the same recording as an earlier one, and of which.
+    """Return the closings that are the same recording as an earlier one, with that one's name.
 
     Two names for one fruit are no second fruit: learned from twice, or learned from and then tested
     on, it would make a model look better than it is.

@@ -22,7 +22,7 @@ from palpate.structure import structured
 
 #: Fewer calibration pairs than this can't show their own scatter.
 MIN_PAIRS = 4
-#: A calibration whose largest load is less than this times its smallest says nothing of a slope.
+#: A calibration whose largest load is less than this times its smallest gives no slope.
 MIN_LOAD_RATIO = 1.2
 
 #: Forces below which readings scatter by newtons rather than by percent, as multiples of the
@@ -162,8 +162,8 @@ def _listed(value: Any) -> Any:
 class PowerForceLaw:
     """force = offset + scale * excess ** exponent.
 
-    Scatter is proportional to the force, and some newtons besides: near its threshold the sheet
-    tells little, and that must not widen the intervals of firm grips.
+    Scatter is proportional to the force, plus some newtons: near its threshold the sheet shows
+    little, and that must not widen the intervals of firm grips.
 
     Attributes
     ----------

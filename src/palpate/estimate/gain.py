@@ -1,4 +1,4 @@
-"""How one contact reads against the sheet's law: what the law leaves open, and other witnesses."""
+"""Gain of one contact against the sheet's law, estimated with other measurements of the force."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class MeasuredForce:
     #: The force and its scatter.
     force_n: float
     sd_n: float
-    #: What may be wrong with it in proportion besides.
+    #: Additional relative error.
     log_sd: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gain:
-    """By how much the force of a contact differs from what the sheet's law says of it."""
+    """By how much the force of a contact differs from the force by the sheet's law."""
 
     #: Of ln (true force / force by the law).
     log_mean: float
@@ -37,7 +37,7 @@ class Gain:
 
     @classmethod
     def unknown(cls, *, law_sd: float, more_sd: float = 0.0) -> Gain:
-        """Return what the sheet's calibration alone says, and what it can't know besides.
+        """Return the gain known from the sheet's calibration alone, plus what that can't know.
 
         Examples
         --------
@@ -47,7 +47,7 @@ class Gain:
         return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, more_sd)), law_sd=law_sd)
 
     def told(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
-        """Return the gain once a force was measured; `sheet_n` is that by the sheet's law.
+        """Return the gain after a force was measured; `sheet_n` is the force by the sheet's law.
 
         Compared in newtons: a force that may be anything from a half to nothing has no logarithm
         to speak of.
@@ -55,8 +55,8 @@ class Gain:
         Examples
         --------
         >>> measured = MeasuredForce(force_n=2.2, sd_n=0.2, log_sd=0.0)
-        >>> told = Gain.unknown(law_sd=0.1).told(measured, sheet_n=2.0)
-        >>> round(told.log_mean, 2), round(told.log_sd, 2)
+        >>> gain = Gain.unknown(law_sd=0.1).told(measured, sheet_n=2.0)
+        >>> round(gain.log_mean, 2), round(gain.log_sd, 2)
         (0.05, 0.07)
         """
         if not (sheet_n > 0 and self.log_sd > 0):
@@ -71,32 +71,32 @@ class Gain:
         spread = float(np.sqrt(weight @ (log_gain - mean) ** 2))
         return Gain(log_mean=mean, log_sd=spread, law_sd=self.law_sd)
 
-    def applied(self, said: ForceEstimate) -> ForceEstimate:
-        """Return what the law says with the gain in it; what it says of faint forces stays.
+    def applied(self, estimate: ForceEstimate) -> ForceEstimate:
+        """Return the law's estimate with the gain applied; faint forces stay as estimated.
 
         Examples
         --------
         >>> law_sd = np.log(2.0) / ndtri(0.95)
-        >>> said = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
+        >>> raw = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
         ...     in_range=np.array([True]), level=0.9)
         >>> gain = Gain(log_mean=np.log(1.5), log_sd=law_sd / 2, law_sd=law_sd)
-        >>> gain.applied(said).value.round(3).tolist(), gain.applied(said).high.round(3).tolist()
+        >>> gain.applied(raw).value.round(3).tolist(), gain.applied(raw).high.round(3).tolist()
         ([3.0], [4.243])
         """
-        reach = float(ndtri(0.5 + said.level / 2))
-        factor, read = float(np.exp(self.log_mean)), said.value > 0
-        value = np.where(read, said.value, 1.0)
-        up = self._reaches(np.log(np.where(read, said.high, 1.0) / value), reach)
-        down = self._reaches(np.log(value / np.maximum(said.low, 1e-9 * value)), reach)
+        reach = float(ndtri(0.5 + estimate.level / 2))
+        factor, read = float(np.exp(self.log_mean)), estimate.value > 0
+        value = np.where(read, estimate.value, 1.0)
+        up = self._reaches(np.log(np.where(read, estimate.high, 1.0) / value), reach)
+        down = self._reaches(np.log(value / np.maximum(estimate.low, 1e-9 * value)), reach)
         return ForceEstimate(
-            value=factor * said.value,
-            low=np.where(read & (said.low > 0), factor * value * np.exp(-down), 0.0),
-            high=np.where(read, factor * value * np.exp(up), said.high),
-            in_range=said.in_range,
-            level=said.level,
+            value=factor * estimate.value,
+            low=np.where(read & (estimate.low > 0), factor * value * np.exp(-down), 0.0),
+            high=np.where(read, factor * value * np.exp(up), estimate.high),
+            in_range=estimate.in_range,
+            level=estimate.level,
         )
 
     def _reaches(self, log_half: FloatArray, reach: float) -> FloatArray:
         """Return half widths of ln force with this doubt in the place of the law's own."""
-        beside = np.maximum(log_half**2 - (reach * self.law_sd) ** 2, 0.0)
-        return np.asarray(np.sqrt(beside + (reach * self.log_sd) ** 2))
+        rest = np.maximum(log_half**2 - (reach * self.law_sd) ** 2, 0.0)
+        return np.asarray(np.sqrt(rest + (reach * self.log_sd) ** 2))

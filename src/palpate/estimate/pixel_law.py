@@ -19,7 +19,7 @@ from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate, enough_pairs
 
 #: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
-#: rises; the smallest power stands for the threshold.
+#: rises; the smallest power represents the threshold.
 EXPONENTS = (0.1, 0.3, 0.5, 0.75, 1.0, 1.4)
 #: How far the gain of a pixel may lie off its sheet (log sd): more is not believed of one
 #: calibration.
@@ -65,7 +65,7 @@ class PixelReading:
 
     @classmethod
     def fit(cls, pixel_excess: ArrayLike, *, force_n: ArrayLike) -> PixelReading:
-        """Fit weights and gains to readings beside a load cell.
+        """Fit weights and gains to readings taken with a load cell.
 
         Parameters
         ----------
@@ -147,7 +147,7 @@ class PixelForceLaw:
         Parameters
         ----------
         reading, force_n : array_like, shape (n,)
-            Readings and the forces beside them, newtons.
+            Readings and the forces measured with them, newtons.
         run : array_like, shape (n,)
             To which placement each belongs.
 
@@ -170,7 +170,7 @@ class PixelForceLaw:
         keep = (x > 0.3 * _FAINT_N) & (y > _FAINT_N)
         x, y = enough_pairs(x[keep], y[keep])
         of_run = np.unique(np.asarray(run)[keep], return_inverse=True)[1]
-        # Near the threshold a reading says little of the law, and would tilt the line.
+        # Near the threshold a reading shows little of the law, and would tilt the line.
         log_x, left, weight = np.log(x), np.log(y / x), y**2 / (y**2 + _FIRM_N**2)
         weight_of = np.bincount(of_run, weights=weight)
         middle = np.bincount(of_run, weights=weight * log_x) / weight_of
@@ -219,7 +219,7 @@ class PixelForceLaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedReadings:
-    """Readings of a sheet beside a load cell, some soon after a movement, some settled."""
+    """Readings of a sheet with a load cell's force, some soon after a movement, some settled."""
 
     run: FloatArray
     pixel_excess: FloatArray
@@ -256,11 +256,11 @@ def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, P
     reading, early, settled = _fit(placements)
     if np.unique(placements.run).size < _FEWEST_RUNS:
         return reading, early, settled
-    said, force, is_early = left_out(placements)
+    estimated, force, is_early = left_out(placements)
     return (
         reading,
-        _doubted(early, said[is_early], force[is_early]),
-        _doubted(settled, said[~is_early], force[~is_early]),
+        _doubted(early, estimated[is_early], force[is_early]),
+        _doubted(settled, estimated[~is_early], force[~is_early]),
     )
 
 
@@ -277,15 +277,15 @@ def left_out(placements: PlacedReadings) -> tuple[FloatArray, FloatArray, NDArra
     CalibrationError
         If there are too few pairs.
     """
-    said, force, early = [], [], []
+    estimated, force, early = [], [], []
     for run in np.unique(placements.run):
         other, *laws = _fit(placements.without(run))
         mine = placements.only(run)
         seen = other.reading(mine.pixel_excess[:, None, :])
-        said.append(np.where(mine.early, *(law.force_n(seen).value for law in laws)))
+        estimated.append(np.where(mine.early, *(law.force_n(seen).value for law in laws)))
         force.append(mine.force_n)
         early.append(mine.early)
-    return np.concatenate(said), np.concatenate(force), np.concatenate(early)
+    return np.concatenate(estimated), np.concatenate(force), np.concatenate(early)
 
 
 def _fit(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, PixelForceLaw]:
@@ -301,18 +301,18 @@ def _fit(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, Pixel
 
 #: No sheet that can be calibrated at all is doubted more.
 _MOST_DOUBT = 0.7
-#: From so many errors on their quantile is believed.
+#: With at least this many errors their quantile is believed.
 _MANY = 20
 
 
-def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelForceLaw:
+def _doubted(law: PixelForceLaw, estimated: FloatArray, force: FloatArray) -> PixelForceLaw:
     """Return the law with its doubts, of ln force and of a faint force.
 
-    Sorted by what is said, for that is all that a grasp will know.
+    Sorted by the estimated force, because a grasp knows nothing else.
     """
-    tenth, firm = float(ndtri(0.95)), said > _FIRM_N
-    log_error = np.abs(np.log(said[firm] / np.maximum(force[firm], 0.1)))
-    error_n = np.abs(said[~firm] - force[~firm])
+    tenth, firm = float(ndtri(0.95)), estimated > _FIRM_N
+    log_error = np.abs(np.log(estimated[firm] / np.maximum(force[firm], 0.1)))
+    error_n = np.abs(estimated[~firm] - force[~firm])
     return replace(
         law,
         residual_sd=min(max(_spread(log_error, tenth), 0.03), _MOST_DOUBT),
@@ -321,9 +321,9 @@ def _doubted(law: PixelForceLaw, said: FloatArray, force: FloatArray) -> PixelFo
 
 
 def _spread(errors: FloatArray, tenth: float) -> float:
-    """Return the standard deviation of errors, as far as nine tenths of them tell it.
+    """Return the standard deviation of errors, from the quantile that nine tenths stay below.
 
-    Of few errors that quantile is the largest, which says more of chance than of the law.
+    With few errors that quantile is the largest, which reflects chance more than the law.
     """
     if errors.size < _MANY:
         return float(np.sqrt(np.mean(errors**2))) if errors.size else 0.0

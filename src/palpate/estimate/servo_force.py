@@ -1,17 +1,17 @@
-"""Force from the servo's current while the fingers close: a second witness beside the sheet.
+"""Force from the servo's current while the fingers close: a second measurement next to the sheet's.
 
 While a servo closes, the friction of its gears adds to the grip, so current is a line in force. At
 rest it is not: there friction holds any part of itself either way. One reading is coarse (some
 tenths of a newton), and so is one movement, because friction differs from one to the next; but a
-closing has several, and the sheet tells how the force rose through them. What they say together of
-the force at the end is as good as a calibrated sheet, and knows nothing of wear or of where on the
-sheet the object lies.
+closing has several, and the sheet shows how the force rose through them. Together they give the
+force at the end as well as a calibrated sheet does, whatever the wear and wherever on the sheet the
+object lies.
 
 What a servo's gears take without load: along the way, and from one movement to the next.
 
 Friction of gears is never twice the same. Part of it comes back at the same places, as the teeth
 turn: an empty hand that closes slowly shows it. The rest has another size in every movement and
-stays through it: the scatter of many short movements tells how much that is.
+stays through it: the scatter of many short movements shows how much that is.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from palpate.errors import CalibrationError
 from palpate.estimate.gain import MeasuredForce
 from palpate.sensor.calibration import CurrentPairs
 
-#: A calibration of the current needs so many readings under load, and this range of force.
+#: A calibration of the current needs this many readings under load, and this range of force.
 _FEWEST, _RANGE_N = 10, 2.0
-#: How the force rose is told by a sheet whose lag is not quite known, and the thing relaxes a
-#: little once the fingers stand: a few percent off, the same for all readings.
+#: How the force rose is measured by a sheet whose lag is not quite known, and the thing relaxes a
+#: little once the fingers stop: a few percent of error, the same for all readings.
 _SHAPE_SD = 0.03
 #: From session to session the torque of an ampere changes with the warmth of the motor: copper and
 #: magnets lose some percent from cold to warm.
 WARMTH_SD = 0.035
 #: What a sheet may not show of a force (threshold of its pixels, typical), newtons, and the least
-#: share of the final force that a reading must have to say anything of it.
+#: share of the final force that a reading must have to be used.
 _BLIND_N, _LEAST_SHARE = 0.25, 0.3
 #: Friction grows with the load: by this share of the grip (a guess for small geared servos, between
 #: a twentieth and a quarter). The empty hand does not show how that part scatters.
@@ -44,13 +44,13 @@ _LOADED_SHARE = 0.15
 #: the way (a guess for small geared servos, between a tenth and a quarter).
 _USUAL_SHARE = 0.15
 
-#: Below this a load cell says that nothing is pressed, newtons.
+#: Below this force on the load cell nothing is pressed, newtons.
 _FREE_N = 0.1
 #: A movement shows the shape of the friction over at least this way, mm.
 _LONG_MM = 5.0
 #: The map's spacing and smoothing, mm: finer than the teeth of a small servo's last gears.
 _SPACING_MM, _SMOOTHING_MM = 0.5, 0.4
-#: From so many short movements on their own scatter is believed; before that, this share of the
+#: From this many short movements on their own scatter is believed; before that, this share of the
 #: friction is taken for it (a guess for small geared servos, between a tenth and a quarter).
 _FEWEST_MOVEMENTS, _USUAL_GEAR_SHARE = 10, 0.15
 
@@ -115,9 +115,9 @@ class CurrentLaw:
     ) -> MeasuredForce | None:
         """Return the force at the end of a closing; None if no reading is of a grip.
 
-        A sheet that is blind to faint forces tells shares that are too small, the more so the
+        A sheet that is blind to faint forces gives shares that are too small, the more so the
         smaller they are: force = share * end + (1 - share) * blind, `blind` some tenths of a
-        newton. Readings of one movement share what its friction is off.
+        newton. Readings of one movement share its error of friction.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ class CurrentLaw:
         movement : array_like, shape (n,)
             Equal for readings of one movement.
         tilt_sd : float
-            Scatter of the exponent of the sheet that told the shares.
+            Scatter of the exponent of the sheet that gave the shares.
 
         Examples
         --------

@@ -44,7 +44,7 @@ class OwnCreep:
     ) -> OwnCreep | None:
         """Learn from the readings of holds, shape (n,) each; None from too few.
 
-        Medians: a placement near a pixel's threshold says little of the others.
+        Medians: a placement near a pixel's threshold shows little of the others.
 
         Examples
         --------
@@ -81,8 +81,8 @@ class OwnCreep:
         Examples
         --------
         >>> creep = OwnCreep(log_mean=0.2, log_sd=0.0, early_s=0.4, settled_s=20.0)
-        >>> said = Measurement(value=1.0, low=0.8, high=1.2, unit="reading")
-        >>> found = creep.joined(said, now=1.0, since_s=0.4 * 50**0.5)
+        >>> predicted = Measurement(value=1.0, low=0.8, high=1.2, unit="reading")
+        >>> found = creep.joined(predicted, now=1.0, since_s=0.4 * 50**0.5)
         >>> round(found.value, 2), found.high - found.value < 0.1
         (1.09, True)
         """

@@ -14,7 +14,7 @@ from palpate.arrays import FloatArray
 #: Exponents of force over indentation and how common they are: 1 a flat or layered body, 1.5 a
 #: round one (Hertz).
 _EXPONENTS = {1.0: 0.6, 1.5: 0.4}
-#: The curve is read through a force law whose own exponent is off by a log sd of so much, and
+#: The curve is read through a force law whose own exponent has an error of this log sd, and is
 #: always a little low: a grasp loads the sheet in a few large steps, the bench in many small ones,
 #: so that high forces have crept less here. Without it the exponent could only be too large, and
 #: with it the size.
@@ -78,8 +78,8 @@ def contact_point(
     give_mm : array_like, shape (n_steps,)
         How far pads, fingers and servo give way under that force.
     floor_n : float
-        Force below which readings can't be told apart: those near it count little, and steps
-        without force may have had so much.
+        Force below which readings can't be distinguished: those near it count little, and steps
+        without force may have had up to this much.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def contact_point(
     size = np.arange(float(inner.max()) + _GRID_MM, highest, _GRID_MM)
     # At small forces the gripper gives way at least as easily as at the smallest one that was felt.
     give_mm_per_n = float(np.max(give[felt] / force[felt]))
-    # Steps wider than any candidate could not have felt it, and say nothing.
+    # Steps wider than any candidate could not have felt it, and carry no information.
     beyond = beyond[beyond < size[-1]]
     log_weight = _log_evidence(
         np.log(size[:, None] - inner),

@@ -2,9 +2,9 @@
 
 Soft fingers give way by millimetres per newton, so what the object gives is a small difference of
 two large ways: how far the fingers would have closed beyond the first touch, and how far they bent
-back under the force. The curve in between tells little more, because a sheet's error of exponent
-bends it as an object would. So only both ends are used, and what they leave open is said: often no
-more than that the object is not softer than so much.
+back under the force. The curve in between adds little, because a sheet's error of exponent bends it
+as an object would. So only both ends are used, and the answer states what they leave open: often no
+more than a lower bound of the stiffness.
 
 Both ends give the softness (mm/N) of hand and object together, and its doubt is a proportion: that
 of the force. The hand's own softness is known; the object's is what goes beyond it, and can't be
@@ -30,7 +30,7 @@ from palpate.settling.result import Status
 #: much (ln force): it is the nearest to the threshold, and spread over other pixels. On 160
 #: development closings of the twin 0.15 to 0.19 at both levels.
 _FIRST_SD = 0.2
-#: How the force scatters from contact to contact is told by the placements of the guided
+#: The scatter of the force from contact to contact is measured by the placements of the guided
 #: calibration, seven of them, less one for the scale.
 _FREEDOM = 6
 _FORCES = 200
@@ -56,8 +56,8 @@ def soft_stiffness(
     -------
     Measurement or None
         Its status is `saturated` where the object may be as stiff as you like. The interval covers
-        as often as its level says whatever the true stiffness, so of things that are rigid one in
-        ten gets an upper end.
+        as often as its level states whatever the true stiffness, so one in ten rigid things gets an
+        upper end.
 
     Examples
     --------

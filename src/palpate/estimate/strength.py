@@ -1,4 +1,4 @@
-"""The force at which a held object will rupture, told by how stiff it is at half of that force.
+"""The force at which a held object will rupture, predicted from its stiffness at half that force.
 
 One line in logarithms, ln(rupture force) = a + b ln(stiffness), with the scatter about it. On
 recorded fruit neither more features of the curve (its early stiffness, how it bends, how far it has
@@ -31,9 +31,9 @@ LEAST_LOG_SD = 0.05
 
 #: Forces are looked at in steps of this size in ln(force): about 5 %.
 LEVEL_STEP = 0.05
-#: Below this force, N, sensors and contact geometry say more than the object does.
+#: Below this force, N, sensors and contact geometry shape the curve more than the object does.
 LOWEST_N = 0.5
-#: A curve that begins under load says nothing before the force has grown by this factor.
+#: A curve that begins under load gives nothing before the force has grown by this factor.
 GROWTH = 1.15
 #: A slope over a smaller ratio of forces than this would be mostly noise.
 SHORTEST_SPAN = 1.03
@@ -74,8 +74,8 @@ class Strength:
     def below(self, force_n: float, log_stiffness: FloatArray) -> FloatArray:
         """Return the probability that an object bears less than a force, for each stiffness.
 
-        Student's t: the line and the scatter about it are known only as well as so many objects
-        tell.
+        Student's t: the line and the scatter about it are only as certain as their number of
+        objects allows.
         """
         log_median = self.log_force + self.slope * (log_stiffness - self.log_stiffness)
         spread = self.log_sd * np.sqrt(1.0 + 1.0 / self.objects)
@@ -145,7 +145,7 @@ def _at_half(path: Sequence[ClosingState], limit_n: float) -> ClosingState | Non
 
 
 class ClosingState(NamedTuple):
-    """What the curve up to `force_n` says."""
+    """The closing curve up to `force_n`."""
 
     #: The force level just passed.
     force_n: float

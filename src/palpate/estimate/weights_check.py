@@ -1,4 +1,4 @@
-"""What error to expect of a force calibration: each load, or each placement, left out once."""
+"""Expected error of a force calibration: each load, or each placement, left out once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def held_out_of_placements(placements: PlacedReadings) -> dict[str, dict[str, fl
     """Return the median errors of the laws that a grasp reads, on placements left out, percent.
 
     A grasp is one more placement, so every placement counts once: by its readings near the force,
-    or by the nearest one where it was not closed so far. What differs from place to place is a
+    or by the nearest one where it was not closed that far. What differs from place to place is a
     gain, about the same at every force; the few placements that reach the highest show too little
     of it.
 
@@ -34,10 +34,10 @@ def held_out_of_placements(placements: PlacedReadings) -> dict[str, dict[str, fl
     if np.unique(placements.run).size < _FEWEST_PLACEMENTS:
         nothing = {f"{at_n:g}_n": None for at_n in _AT_N}
         return {"settled": dict(nothing), "early": dict(nothing)}
-    said, force, early = left_out(placements)
+    read_n, force, early = left_out(placements)
     # Read placement by placement.
     run = np.sort(placements.run)
-    log_force, error = np.log(np.maximum(force, 1e-3)), np.abs(said / np.maximum(force, 1e-3) - 1)
+    log_force, error = np.log(np.maximum(force, 1e-3)), np.abs(read_n / np.maximum(force, 1e-3) - 1)
     return {
         "settled": _error_of_placements(log_force[~early], error[~early], run[~early]),
         "early": _error_of_placements(log_force[early], error[early], run[early]),

@@ -1,4 +1,4 @@
-"""What a sensor is to be like: its numbers, in millimetres, and the designs that have a name."""
+"""The design of a sensor: its dimensions, in millimetres, and the designs that have a name."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cutter:
-    """What the cutter and the hands that align its parts can do.
+    """Tolerances of the cutter and of the hands that align its parts.
 
     The cutting area is that of the Brother ScanNCut2 CM350 on its 12 inch mat (296 x 298 mm). The
     least feature and gap are cautious habits for copper tape and Velostat on such a machine, not
@@ -44,7 +44,7 @@ class SensorDesign:
     gap_mm: float
     #: Radius of its corners: 0 for a rectangle, half of its size for a circle.
     corner_mm: float = 0.0
-    #: How far the Velostat stands out all round where two copper lines cross.
+    #: How far the Velostat overlaps all round where two copper lines cross.
     overhang_mm: float = 1.0
     #: Width of the copper between pixels and pads.
     trace_mm: float = 1.2
@@ -56,7 +56,7 @@ class SensorDesign:
     tail_mm: float = 20.0
     #: Base and cover stand out this far round pixels and copper.
     margin_mm: float = 3.0
-    #: Width of base and cover beside the pixels, where the finger sets it; None for what fits.
+    #: Width of base and cover around the pixels, where the finger sets it; None for what fits.
     substrate_width_mm: float | None = None
 
     @property

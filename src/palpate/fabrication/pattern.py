@@ -1,9 +1,9 @@
 """From a design to shapes: five layers that lie on each other, with marks to lay them by.
 
 Everything is placed as the finished sensor is seen from its cover. Rows leave their pixels on the
-left and run down in lanes; columns run straight down and are gathered beside them. Nowhere but in a
-pixel does row copper pass over column copper. Rows' pads lie on the base where the cover ends short
-of them, columns' pads on the cover where the base does.
+left and run down in lanes; columns run straight down and are gathered next to them. Row copper
+passes over column copper only in a pixel. Rows' pads lie on the base where the cover ends short of
+them, columns' pads on the cover where the base does.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Pattern:
     cols: tuple[Stroke, ...]
     #: Row by row.
     pixels: tuple[Pixel, ...]
-    #: Base and cover beside the pixels, without the tail.
+    #: Base and cover around the pixels, without the tail.
     body: Rect
     #: Their corners.
     base: tuple[Point, ...]
@@ -168,7 +168,7 @@ def lay_out(design: SensorDesign) -> Pattern:
     body = Rect(
         left=BORDER_MM,
         top=BORDER_MM,
-        # Columns that spread towards wider pads turn beside the pixels: tape must be there too.
+        # Columns that spread towards wider pads turn next to the pixels: tape must be there too.
         right=BORDER_MM + design.substrate_width_mm
         if design.substrate_width_mm is not None
         else max(active.right, pads.right) + design.margin_mm,

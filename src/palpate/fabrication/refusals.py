@@ -167,7 +167,7 @@ def _folds(design: SensorDesign, *, cutter: Cutter) -> Iterator[str]:
 def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
     """Row and column copper may lie over each other only with Velostat between, and some to spare.
 
-    What is left beside the crossing must keep its distance too: layers are laid by hand.
+    What is left next to the crossing must keep its distance too: layers are laid by hand.
     """
     pixels = {(p.row, p.col): p for p in pattern.pixels}
     for r, row in enumerate(pattern.rows):
@@ -175,7 +175,7 @@ def _across_layers(pattern: Pattern, *, cutter: Cutter) -> Iterator[str]:
             spare_mm = _least_spare_mm(row, column, pixel=pixels[r, c], design=pattern.design)
             if cutter.alignment_mm - spare_mm > _TINY_MM:
                 yield (
-                    f"R{r} and C{c} come within {spare_mm:.2f} mm of touching beside their pixel, "
+                    f"R{r} and C{c} come within {spare_mm:.2f} mm of touching next to their pixel, "
                     f"{cutter.alignment_mm - spare_mm:.2f} mm less than the {cutter.alignment_mm:g}"
                     " mm that laying the layers by hand needs; raise the overhang or the pad pitch"
                 )

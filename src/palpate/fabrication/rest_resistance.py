@@ -1,4 +1,4 @@
-"""What a pixel may read at rest: rough, and said to be."""
+"""A pixel's expected resistance at rest: a rough figure, and labelled so."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from palpate.errors import DeviceNotFoundError
 
-#: In a wheel the images lie beside this file, in a source checkout where they were built.
+#: In a wheel the images lie next to this file, in a source checkout where they were built.
 _HERE = Path(__file__).resolve().parent
 _PLACES = (_HERE, _HERE.parents[2] / "firmware" / "build")
 #: Speed of the serial line -> image.
@@ -19,7 +19,7 @@ def image_path(baud: int) -> Path:
     Raises
     ------
     DeviceNotFoundError
-        If there is none for this speed, or none has been built.
+        If there is no image for this speed, or none has been built.
 
     Examples
     --------

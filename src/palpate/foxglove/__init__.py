@@ -1,4 +1,4 @@
-"""What a sensor gives, to every Foxglove that connects: the channels of a recording, and more.
+"""A sensor's data for every Foxglove that connects: the channels of a recording, and more.
 
 `layout.json` is the arrangement of panels that a user imports there. Its form is that of the app's
 own export.

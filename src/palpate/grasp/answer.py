@@ -37,8 +37,9 @@ _BLIND_NODES, _BLIND_WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 _SINCE_SD = 0.05
 #: What is left at the horizon of the force while closing: things relax by a percent or two.
 _RELAXED = 0.985
-#: What is held still keeps at least this share of its reading until the horizon, and comes to that
-#: many times it at most: fruit relaxes by a third, sheets creep by half. Beyond is noise drawn out.
+#: What is held still keeps at least this share of its reading until the horizon, and reaches at
+#: most that multiple of it: fruit relaxes by a third, sheets creep by half. Beyond is extrapolated
+#: noise.
 _KEPT = (0.5, 2.0)
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
 FELT_PERCENT = -1.0
@@ -46,7 +47,7 @@ FELT_PERCENT = -1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settled:
-    """What the sheet is going to read at the horizon."""
+    """The sheet's predicted reading at the horizon."""
 
     relative_percent: Measurement
     reading: Measurement
@@ -126,7 +127,7 @@ def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
 
 
 def examined(belief: Belief, *, plan: Plan) -> Belief:
-    """Put size and stiffness into the result, where the hand can tell them."""
+    """Put size and stiffness into the result, where the hand can measure them."""
     force = belief.result.force_n
     if force is None:
         return belief
@@ -203,14 +204,14 @@ def _contact_point(belief: Belief, plan: Plan, give: Compliance) -> ContactPoint
     if felt[first:].sum() < 2 or not hinted.any():
         return None
     force = np.where(felt, read.value, 0.0)
-    # Below the weakest reading of the calibration the law can't tell forces apart.
+    # Below the weakest reading of the calibration the law can't distinguish forces.
     floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
     # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
     # out as the gripper's give goes with it.
     upper = np.log(read.high[felt] / read.value[felt])
     reach = float(ndtri(0.5 + plan.level / 2))
     gain_sd = float(np.median(upper)) / reach
-    # Nor is it known how much force goes before a pixel feels any: all forces are off by that.
+    # Nor is it known how much force is lost before a pixel feels any: all forces have that error.
     blind_n = float(plan.early_law.force_n(0.0, level=plan.level).high) / reach
     points, weights = [], []
     for gain, share in zip(_GAIN_NODES, _GAIN_WEIGHTS, strict=True):
@@ -255,7 +256,7 @@ def _stiffness(
 
 
 def stiffness_told(belief: Belief, force: Measurement, *, plan: Plan) -> Measurement | None:
-    """Return the object's secant stiffness at a force, if the hand can tell it and felt enough."""
+    """Return the object's secant stiffness at a force, if the hand can and felt enough."""
     if plan.bend is not None:
         return _soft_stiffness(belief, force, plan, plan.bend)
     return None if plan.give is None else _stiffness(belief, force, plan, plan.give)
@@ -264,7 +265,7 @@ def stiffness_told(belief: Belief, force: Measurement, *, plan: Plan) -> Measure
 def _soft_stiffness(
     belief: Belief, force: Measurement, plan: Plan, bend: SoftFingerCompliance
 ) -> Measurement | None:
-    """Return the same from fingers driven by pressure, as far as they tell it."""
+    """Return the same from fingers driven by pressure, as far as they can measure it."""
     curve = _closing_curve(belief, plan, bend.give, mm_per_unit=-bend.mm_per_kpa)
     if curve is None:
         return None

@@ -15,28 +15,28 @@ from palpate.gripper.interface import GripperCommand
 #: How long a pixel hides its own fall under load: the rise that a movement and a rising load make
 #: fades with 0.06 to 0.12 s.
 _SHEET_LAG_S = 0.06
-#: A hand that stands has lost the spike of its movement after so long.
+#: A hand that stands still has lost the spike of its movement after this time.
 QUIET_S = 0.21
 #: Steps of the approach that the hand may go on after a touch. On development sensors of the twin a
 #: touch at this speed presses no harder in the median than steps that are waited for.
 _OVERRUN_STEPS = 2.0
-#: Commands reach so many frames ahead, and a little more: if no more comes, the hand stops by
+#: Commands reach this many frames ahead, and a little more: if no more comes, the hand stops by
 #: itself. Where nothing is expected yet, going faster is worth a halt at a frame that is late.
 _FRAMES, _HASTE_FRAMES, _AHEAD_S = 2.0, 1.25, 0.02
-#: A hand that does not move is sent on after so long.
+#: A hand that does not move is sent on after this time.
 _IDLE_S = 0.7
-#: A hand that comes back goes so many steps at most.
+#: A hand that comes back goes at most this many steps.
 _FURTHER_BACK_STEPS = 4.0
 #: A sheet remembers less than this share of a touch once the fingers have left the object.
 _STUCK_SHARE = 0.7
 #: What a sheet remembers is waited for until it reads as less than this share of the force that is
-#: lost before a pixel feels any (a size doubts that anyway), or for so long.
+#: lost before a pixel feels any (the size has that uncertainty anyway), or for this time.
 _REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 1.2
-#: An object that one finger pushes lies so many steps off the middle at most.
+#: An object that one finger pushes lies at most this many steps off the middle.
 _PUSHED_STEPS = 5.0
 #: A way that is cut to what is safe is not steady, and an unsteady one reads like a touch.
 _HASTE_SHARE = 0.85
-#: A size that is expected may be off by so much and the hand still comes near at full speed, mm.
+#: An expected size may have this error and the hand still comes near at full speed, mm.
 _EXPECTED_MM = 6.0
 
 
@@ -86,7 +86,7 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Go on closing, a little ahead of where the hand is; stop where something is felt."""
     sweep = belief.sweep
     assert sweep is not None
-    # A hand that stands shakes nothing: that it did not arrive is told by its way.
+    # A hand that stands still shakes nothing: its position shows that it did not arrive.
     asleep = sweep.asleep and belief.still_since_s is None
     if sweep.time_s and (asleep or sweep.touched(plan.current)):
         # No further than it reports to be: a stop is never cut.
@@ -96,7 +96,7 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     near = sweep.end < plan.gripper.span
     ahead = sweep.rate * _command_s(belief, frames=_HASTE_FRAMES if near else _FRAMES)
     if near and belief.closure >= sweep.end - ahead:
-        # Before it comes to a stop there: that would read like a touch.
+        # Before it stops there: that would read like a touch.
         return begun(belief, plan), None
     if belief.closure >= sweep.end - plan.smallest_step:
         return replace(belief, swept_to=belief.closure).enter(Phase.FELT), None
@@ -120,8 +120,8 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
         pushes = now.deepest_percent <= FELT_PERCENT
         swept_to = belief.closure + (_PUSHED_STEPS * plan.step if pushes else 0.0)
         return replace(belief, swept_to=swept_to).enter(Phase.APPROACH), None
-    said = plan.early_law.force_n(now.reading, level=plan.level)
-    belief = pressed(belief, force_n=float(said.value), force_high_n=float(said.high))
+    estimate = plan.early_law.force_n(now.reading, level=plan.level)
+    belief = pressed(belief, force_n=float(estimate.value), force_high_n=float(estimate.high))
     belief = replace(belief, felt_s=belief.moved_s, released_s=belief.now_s, memory=None)
     if now.shared_percent <= plan.epsilon_percent or belief.force_n > 0.5 * plan.gentle_force_n:
         belief = belief.noted("contact")

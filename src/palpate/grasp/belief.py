@@ -1,4 +1,4 @@
-"""What the controller knows at one moment, and how an observation adds to it."""
+"""The controller's knowledge at one moment, and how an observation adds to it."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ from palpate.signal.relative import (
 
 #: Errors of a reported width (mm) or pressure (kPa) that are the report's own.
 _REPORT = {"width": 0.06, "pressure": 0.3}
-#: A movement's spike, and the sheet's first answer to it, are over after so long.
+#: A movement's spike, and the sheet's first answer to it, are over after this time.
 _QUIET_S = 0.3
 #: Phases of an open hand: what is felt then is somebody's touch.
 _OPEN = (Phase.WAIT,)
-#: What is read as "now" is the mean of so many frames, or of all in so long where that are more.
+#: What is read as "now" is the mean of this many frames, or of all within this time if that is
+#: more.
 _NOW_FRAMES, _NOW_S = 3, 0.14
 
 
@@ -76,7 +77,7 @@ class Touch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Closing:
-    """One step of the staircase, read after its dwell; mm or kPa as the gripper's drive says."""
+    """One step of the staircase, read after its dwell; mm or kPa by the gripper's drive."""
 
     closure: float
     touch: Touch
@@ -121,7 +122,7 @@ class Belief:
     peak_force_n : float
         Largest grip force so far.
     damage_low_n : float
-        Lower bound of the force that damages the object, as the closing so far tells it.
+        Lower bound of the force that damages the object, from the closing so far.
     pulls : tuple of Pull
         Servo current at moments of the closing.
     gain : Gain
@@ -129,7 +130,7 @@ class Belief:
     again : float
         Closure to come back to, in the phase `ease`.
     sent : float
-        Closure last commanded, as the gripper says that it was sent.
+        Closure last commanded, as the gripper reports that it was sent.
     fingers : tuple of ContactState
         What each finger has felt while the hand stood still.
     tries : int
@@ -218,7 +219,7 @@ class Belief:
         )
 
     def enter(self, phase: Phase, *, note: str | None = None) -> Belief:
-        """Begin a phase, and note the moment in the result if it is worth telling."""
+        """Begin a phase, and note the moment in the result if `note` names it."""
         belief = self if note is None else self.noted(note)
         return replace(belief, phase=phase, since_s=self.now_s)
 
@@ -305,8 +306,8 @@ def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) 
     change = relative_change_percent(ohm, rest_ohm=belief.rest_ohm)
     fingers = finger_means(change, finger_of_row=plan.layout.finger_of_row)
     # A pixel beyond the converter's range has at least the conductance of its last step.
-    told = np.maximum(ohm, plan.layout.divider.least_ohm)
-    excess = excess_conductance(told, rest_ohm=belief.rest_ohm)
+    readable_ohm = np.maximum(ohm, plan.layout.divider.least_ohm)
+    excess = excess_conductance(readable_ohm, rest_ohm=belief.rest_ohm)
     return Touch(
         time_s=time_s,
         finger_percent=tuple(np.nan_to_num(fingers).tolist()),

@@ -66,7 +66,7 @@ _PACES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The sheet beside the load cell at one time; attributes as in `ForcePairs`."""
+    """The sheet and the load cell read at one time; attributes as in `ForcePairs`."""
 
     since_move_s: float
     pixel_excess: tuple[float, ...]
@@ -239,7 +239,7 @@ def _open(bench: Bench) -> None:
     if bench.gripper.limits.closure(bench.gripper.state()) > _before(bench):
         _drive(bench, _before(bench))
     # The opening's own spike and the sheet's memory of the last load have to fade: after 3 s a
-    # rest may still be off by 3 %, as much as half a newton leaves.
+    # rest may still have an error of 3 %, as much as half a newton leaves.
     _wait(bench, bench.clock.now_s() + _FORGETTING_S)
 
 
@@ -296,7 +296,7 @@ def _rest(bench: Bench, *, duration_s: float) -> RestBaseline:
             if bench.clock.now_s() > give_up_s:
                 raise DeviceError(
                     f"the sensor does not come to rest in {_RECOVERY_S:g} s with the hand open: "
-                    f"{refused}. `palpate doctor` says which pixel is at fault"
+                    f"{refused}. `palpate doctor` shows which pixel is at fault"
                 ) from refused
             _wait(bench, bench.clock.now_s() + 5.0)
             continue
@@ -304,7 +304,7 @@ def _rest(bench: Bench, *, duration_s: float) -> RestBaseline:
         if dead:
             pixels = ", ".join(f"r{row}c{col}" for row, col in dead)
             raise DeviceError(
-                f"no signal from {pixels} with the hand open; `palpate doctor` says more"
+                f"no signal from {pixels} with the hand open; `palpate doctor` shows more"
             )
         return rest
 
@@ -312,11 +312,11 @@ def _rest(bench: Bench, *, duration_s: float) -> RestBaseline:
 def _reading(
     bench: Bench, rest: RestBaseline, moved_s: float, *, since_move_s: float, mean_s: float
 ) -> Reading:
-    """Read so long after a movement: means of the last `mean_s`."""
+    """Read this long after a movement: means of the last `mean_s`."""
     ohm = _ohm(bench, moved_s + since_move_s, mean_s=mean_s)
     # A pixel beyond the converter's range has at least the conductance of its last step.
-    told = np.maximum(ohm, bench.array.layout.divider.least_ohm)
-    excess = np.nan_to_num(excess_conductance(told, rest_ohm=rest.rest_ohm)).mean(axis=0)
+    readable_ohm = np.maximum(ohm, bench.array.layout.divider.least_ohm)
+    excess = np.nan_to_num(excess_conductance(readable_ohm, rest_ohm=rest.rest_ohm)).mean(axis=0)
     relative = mean_change(relative_change_percent(ohm, rest_ohm=rest.rest_ohm))
     return Reading(
         since_move_s=since_move_s,

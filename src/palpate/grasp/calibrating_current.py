@@ -15,7 +15,7 @@ _RATE, _POLL_S = 1.5, 0.05
 _EMPTY_RATE = 3.0
 #: Short movements of the empty hand, as a grasp makes them: length (mm or kPa) and duration.
 _STEP, _STEP_S = 1.5, 0.38
-#: An empty hand whose load cell says more than this is not empty, newtons.
+#: An empty hand whose load cell reads more than this is not empty, newtons.
 _EMPTY_N = 0.5
 
 #: Force, current and width of single readings.
@@ -25,7 +25,7 @@ _Rows = list[tuple[float, float, float, int]]
 def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPairs | None:
     """Close slowly on the load cell and pair its force with the servo's current.
 
-    Returns None where the gripper reports no current. Readings before contact are kept: they tell
+    Returns None where the gripper reports no current. Readings before contact are kept: they show
     what the gears take without load.
     """
     limits = bench.gripper.limits
@@ -40,7 +40,7 @@ def measure_current(bench: Bench, *, up_to_n: float, repeats: int) -> CurrentPai
 
 
 def measure_gears(bench: Bench, *, sweeps: int = 3) -> CurrentPairs | None:
-    """Close the empty hand, slowly in one go and then in short steps, and read the current.
+    """Close the empty hand, first slowly and all the way, then in short steps; read the current.
 
     The slow closings show where on the way the gears take more; the steps, how much that differs
     from one movement to the next. Returns None where the gripper reports no current.

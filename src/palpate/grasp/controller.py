@@ -85,7 +85,7 @@ def _wished(belief: Belief, plan: Plan) -> Move:
 
 
 def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:
-    """End the grasp because of a danger, as `safety.reaction` says for its phase."""
+    """End the grasp because of a danger, as `safety.reaction` decides for its phase."""
     outcome = Outcome(danger.outcome)
     if reaction(danger, phase=belief.phase, drive=plan.gripper.drive) is Reaction.OPEN:
         return _release(belief, plan, outcome)
@@ -107,7 +107,7 @@ def _wait(belief: Belief, plan: Plan) -> Move:
     touched = any(moment.name == "touch" for moment in belief.result.moments[-1:])
     if belief.still_s < plan.wait_s and not touched:
         return belief, None
-    # Rest values are taken anew, from now on.
+    # Rest values are taken again, from now on.
     again = replace(
         belief,
         rest_ohm=None,
@@ -177,7 +177,7 @@ def _onward(belief: Belief, plan: Plan) -> Move:
 
 
 def _blind(belief: Belief, plan: Plan) -> Move:
-    """Open: the calibration can't tell that the little that is felt isn't too much already."""
+    """Open: the calibration can't exclude that the little that is felt is too much already."""
     fault = (
         f"by this calibration a faint touch could be {belief.force_high_n:.1f} N, and "
         f"{plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the force again"
@@ -230,7 +230,7 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
 
 
 def _settle(belief: Belief, plan: Plan) -> Move:
-    """Stand still until the settled force can be told well enough, or is clearly not the target."""
+    """Stand still until the settled force is known well enough, or is clearly not the target."""
     if belief.still_s >= plan.dwell_s and belief.adjustments:
         belief = read(belief, plan)
     looking = plan.decide_after_s if plan.target_force_n is None else plan.correct_after_s
@@ -280,7 +280,7 @@ def _ease(belief: Belief, plan: Plan) -> Move:
 
 
 def _hold(belief: Belief, plan: Plan) -> Move:
-    """Keep holding for as long as the plan says."""
+    """Keep holding for the plan's `hold_s`."""
     if belief.now_s - belief.since_s < plan.hold_s:
         return belief, None
     return _release(belief, plan, Outcome.HELD)

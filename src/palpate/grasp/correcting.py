@@ -16,8 +16,8 @@ _STILL_RELAXING = 1.03
 _LESS_STEEP = 4.0
 #: Share of the goal by which the hand opens below it before it comes back.
 _EASED_SHARE = 0.3
-#: A correction lasts so long where the servo's current is to tell of it: more frames than of a step
-#: of the squeeze, because it is made near the target.
+#: A correction lasts this long where the servo's current is used: more frames than in a step of the
+#: squeeze, because it is made near the target.
 _CORRECTED_S = 0.5
 
 
@@ -80,7 +80,7 @@ def eased(belief: Belief, plan: Plan, *, goal_n: float) -> tuple[Belief, Gripper
 def come_back(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Close again from below, as every force that the sheet was calibrated with was reached.
 
-    In one go where that is safe, else in several. On its way up the sheet remembers more than
+    At once where that is safe, else in several steps. On its way up the sheet remembers more than
     there is, so what it reads bounds the force.
     """
     way = belief.again - belief.closure

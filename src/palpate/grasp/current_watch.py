@@ -21,16 +21,17 @@ from palpate.gripper.interface import GripperState
 #: Deviations at which one movement is believed, and at which two in a row are: of some fifty
 #: movements of a grasp none may raise a false alarm.
 _ALONE, _TWICE = 4.5, 3.0
-#: Readings whose mean is taken; while the hand stands the current changes slowly.
+#: Readings whose mean is taken; while the hand stands still the current changes slowly.
 _MOVING, _STANDING = 4, 6
-#: The current must show so many times what the sheet shows at most.
+#: The current must show this many times the most that the sheet shows.
 _TIMES = 2.0
 #: The sheet is asked once it has answered the movement.
 _ANSWERED_S = 0.2
-#: A motor that turns is never quite steady: so many equal readings in a row are none.
+#: A motor that turns is never quite steady: this many equal readings in a row are none.
 _EQUAL = 16
 #: Without a calibration of the current, the first movements of the grasp itself show what the gears
-#: take; so many are needed. Later ones may take so many times the most of them, and this more, mA.
+#: take; this many are needed. Later ones may take this many times the largest of them, and this
+#: more, mA.
 _FEWEST, _TIMES_EMPTY, _MORE_MA = 4, 2.0, 20.0
 
 
@@ -57,14 +58,14 @@ class CurrentWatch:
         self._empty_ma = list[float]()
 
     def alarm(self, state: GripperState, *, belief: Belief) -> Alarm | None:
-        """Take the gripper's next report; say what the current shows, None if all is explained."""
+        """Take the gripper's next report; return an unexplained rise of the current."""
         if math.isnan(state.current_ma):
             return None
         reading = (state.current_ma, self._plan.gripper.reported(state))
         closure, before = self._plan.gripper.closure(state), self._closure
         self._closure = closure
         if self._stand and (state.moving or belief.moved_s != self._moved_s):
-            # What was read before the last command tells nothing of what came after, even if that
+            # What was read before the last command shows nothing of what came after, even if that
             # was too short to be seen.
             self._stand.clear()
             self._pull.clear()
@@ -139,7 +140,7 @@ class CurrentWatch:
             return None
         words = (
             f"the servo's current shows a grip of at least {least_n:.1f} N, and the sheet at most "
-            f"{shown_n:.1f} N: does the object lie beside the sheet? See what `palpate doctor` says"
+            f"{shown_n:.1f} N: does the object lie beside the sheet? Run `palpate doctor`"
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
@@ -157,6 +158,6 @@ class CurrentWatch:
             return None
         words = (
             f"the servo's current rose to {pull_ma:.0f} mA, {most_ma:.0f} mA moved the empty hand, "
-            "and the sheet shows nothing; see what `palpate doctor` says"
+            "and the sheet shows nothing; run `palpate doctor`"
         )
         return Alarm(danger=Danger.UNSEEN_FORCE, words=words)

@@ -9,7 +9,7 @@ class Phase(StrEnum):
     """What the grasp is doing. `adjust` returns to `settle`,
     through `ease` where the force was too large; `stopped` is the only end.
 
-    `sweep` closes at speed until something is felt, in `felt` the hand stands and looks, and
+    `sweep` closes at speed until something is felt, in `felt` the hand stands still and reads, and
     `approach` touches finely. `wait` is the open hand between two tries, where nothing was there;
     `approach` follows it.
     """

@@ -11,35 +11,36 @@ from palpate.grasp.safety import Alarm, Danger
 from palpate.sensor.findings import pixel_name
 from palpate.sensor.health_pixels import at_ends
 
-#: An end of the range must be read so often in a row: a joint that flickers once is no dead pixel.
+#: An end of the range must be read this often in a row: a joint that flickers once is no dead
+#: pixel.
 _FRAMES = 2
 #: A pixel is under load when it has lost this share of its resistance, and has jumped when its
 #: reading changed by this share from one frame to the next.
 _LOADED, _JUMP = 0.5, 0.05
-#: Every movement of the fingers shakes each pixel's reading, contact or not. One that has slept
-#: through so many, while no other one slept through more than `_OTHERS` of them, is stuck. Where
+#: Every movement of the fingers shakes each pixel's reading, contact or not. A pixel that has slept
+#: through this many, while no other one slept through more than `_OTHERS` of them, is stuck. Where
 #: all of them slept through `_ALL_MOVES`, the frames arrive and are not new.
 _MOVES, _OTHERS, _ALL_MOVES = 8, 3, 4
-#: So is one that slept through fewer, for so long, while no other slept through more than one: a
+#: So is one that slept through fewer, for this long, while no other slept through more than one: a
 #: hand that approaches at speed makes few movements.
 _FEW_MOVES, _LONG_S = 5, 3.0
-#: The sheet has answered a movement after so long; the reports of a hand that stands differ by less
-#: than this, mm or kPa.
+#: The sheet has answered a movement after this time; the reports of a hand that stands still differ
+#: by less than this, mm or kPa.
 _ANSWERED_S, _SAME = 0.3, 0.1
-#: A sensor that flickers, so that of so many frames never more than a few in a row were alike, is
-#: not quiet all at once: from so many alike on they are no new ones.
+#: A sensor that flickers, so that among this many frames never more than a few in a row were alike,
+#: does not fall quiet all at once: this many alike in a row are no new ones.
 _SEEN, _FEW_ALIKE, _MOST_ALIKE = 30, 2, 10
-#: No two pixels rest alike: where so many differ by this many counts at rest, a frame in which none
-#: differs from another by more than one is no picture of them.
+#: No two pixels rest alike: where this many differ by this many counts at rest, a frame in which no
+#: two differ by more than one count is no picture of them.
 _SEVERAL, _UNLIKE, _EQUAL = 4, 8, 1
-_SEE_DOCTOR = "see what `palpate doctor` says"
+_SEE_DOCTOR = "run `palpate doctor`"
 
 
 class PixelWatch:
     """Watches the pixels that the calibration knows; what it did not read is not missed.
 
     A pixel that jumps to an end of its range makes a frame doubtful, and is an alarm at its second
-    frame. A short is never taken for no load: it is told from a sheet pressed beyond the
+    frame. A short is never taken for no load: it differs from a sheet pressed beyond the
     converter's range by how it came, alone or while the fingers stood still, which no load does.
     Where a load brings a pixel to the end step by step, it reads the least that it can be, and the
     others go on; once it has brought most of those that it presses there, nothing is known of it
@@ -59,7 +60,7 @@ class PixelWatch:
         self._plan, self._layout = plan, plan.layout
         rest_ohm = np.asarray(plan.rest_ohm, dtype=float)
         self._known = np.isfinite(rest_ohm) & (rest_ohm > 0)
-        # Resistance over reference: what the counts tell without it.
+        # Resistance over reference: what the counts give without knowing it.
         self._rest = np.where(self._known, rest_ohm, 1.0) / plan.layout.divider.reference_ohm
         resting = plan.layout.divider.full_scale / (1.0 + self._rest[self._known])
         self._unlike = resting.size >= _SEVERAL and float(np.ptp(resting)) >= _UNLIKE
@@ -87,7 +88,7 @@ class PixelWatch:
 
     @property
     def beyond(self) -> str | None:
-        """What to say of pixels that a load has brought to the end of their range, if there are."""
+        """The remark on pixels that a load has brought to the end of their range, if any."""
         if not (self._known & self._pressed).any():
             return None
         return (
@@ -96,7 +97,7 @@ class PixelWatch:
         )
 
     def alarm(self, observation: Observation) -> Alarm | None:
-        """Take the next observation; say which pixel failed and how, None if none did."""
+        """Take the next observation; return which pixel failed and how, None if none did."""
         frame = observation.frame
         counts = np.asarray(frame.counts, dtype=float) / frame.oversampling
         before = counts if self._counts is None else self._counts
@@ -196,7 +197,7 @@ class PixelWatch:
         return self._asleep(_MOVES, others=_OTHERS) | (self._asleep(_FEW_MOVES, others=1) & long)
 
     def _asleep(self, moves: int, *, others: int) -> NDArray[np.bool_]:
-        """Return which pixels slept through so many movements, where the others were awake."""
+        """Return which pixels slept through `moves` movements, where the others were awake."""
         asleep = self._known & (self._slept >= moves)
         rest = self._slept[self._known & ~asleep]
         quiet = rest.size == 0 or rest.max() > others

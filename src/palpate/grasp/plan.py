@@ -1,4 +1,4 @@
-"""What is to be done, with which sensor, within which bounds: all that the controller may know."""
+"""The task, the sensor and the bounds of a grasp: all that the controller may know."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Plan:
         the sheet lags, so they are two laws.
     give : Compliance or None
         How far pads, fingers and servo give way. None for pressure-driven fingers: their pressure
-        tells no width, so there is neither size nor stiffness.
+        gives no width, so there is neither size nor stiffness.
     steepest_n : float
         Upper bound of the rise of force per mm or kPa of closing, for whatever is gripped.
     gripper : GripperLimits
@@ -48,7 +48,7 @@ class Plan:
     creep : OwnCreep or None
         How this sheet creeps after a step, where its calibration had enough holds to show it.
     bend : SoftFingerCompliance or None
-        How fingers driven by pressure close and give way, where two blocks told it.
+        How fingers driven by pressure close and give way, measured on two blocks if known.
     current : CurrentLaw or None
         Servo current over force while closing, where the gripper reports it and was calibrated.
     target_force_n : float or None
@@ -114,7 +114,7 @@ class Plan:
     target_tolerance : float
         Share of the target that the settled force may miss without a further correction.
     most_adjustments : int
-        Corrections towards the target before the answer stands as it is.
+        Corrections towards the target before the answer is accepted as it is.
     hold_s : float
         How long to hold after the answer, before release.
     longest_s : float

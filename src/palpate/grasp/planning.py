@@ -57,7 +57,7 @@ def plan_grasp(
 ) -> Plan:
     """Plan a grasp with a calibrated sensor.
 
-    What stands in `Plan` beyond these options is for those who study grasping:
+    The fields of `Plan` beyond these options are for those who study grasping:
     ``dataclasses.replace(plan, gentle_force_n=1.0)`` changes it.
 
     Parameters
@@ -218,7 +218,7 @@ def _by_pressure(block: BlockPairs) -> dict[str, Any]:
 def pairs_at(
     pairs: ForcePairs, *, since_move_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return excess and force of the pairs that were read so long after the movement.
+    """Return excess and force of the pairs that were read this long after the movement.
 
     Raises
     ------

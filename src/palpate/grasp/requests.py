@@ -1,4 +1,4 @@
-"""What may be asked of a grasp while it runs: from any thread, heard before the next frame."""
+"""Requests to a running grasp: made from any thread, handled before the next frame."""
 
 from __future__ import annotations
 

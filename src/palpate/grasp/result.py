@@ -1,4 +1,4 @@
-"""What a grasp hands back: the outcome, the measurements, and how it went."""
+"""The result of a grasp: the outcome, the measurements, and how it went."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class GraspResult:
         the force below the target), `answer`, the outcome; and of single fingers `finger_contact`,
         `finger_slip`, `finger_removal`, and `touch` where a hand touched the open fingers.
     faults : tuple of str
-        What went wrong beside the grasp itself: a recorder that failed, a device's last words.
+        Faults outside the grasp itself: a recorder that failed, a device's last message.
     """
 
     outcome: Outcome

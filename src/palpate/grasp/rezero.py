@@ -1,8 +1,8 @@
-"""Rest values of a grasp: taken anew each time, unless something presses already.
+"""Rest values of a grasp: measured again each time, unless something presses already.
 
 The sheet drifts with climate and wear. But what presses at the start must not be zeroed away, and
-a sheet that weather made more conductive reads as if something pressed. The two are told apart by
-closing on: where something is between the fingers the reading rises with the next millimetres, on
+a sheet that weather made more conductive reads as if something pressed. Closing on distinguishes
+the two: where something is between the fingers the reading rises with the next millimetres, on
 a sheet that only drifted it does not.
 """
 
@@ -18,12 +18,12 @@ from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
 from palpate.signal.relative import rest_baseline
 
-#: A hand that touches the sheet, or a sheet that recovers, gets so long to come to rest, seconds.
+#: A hand that touches the sheet, or a sheet that recovers, has this long to come to rest, seconds.
 _PATIENCE_S = 3.0
 #: Weather and wear move a sheet's rest by less than this factor, all pixels alike, and single
 #: pixels by less than this one against the others: what lies beyond is no rest of this sheet.
 _SHEET_FACTOR, _PIXEL_FACTOR = 2.5, 1.6
-#: Closing over so many steps of the approach without a rise shows that nothing presses.
+#: Closing over this many steps of the approach without a rise shows that nothing presses.
 _PROVING_STEPS = 1.5
 
 
@@ -46,7 +46,7 @@ def rezeroed(belief: Belief, *, plan: Plan) -> Belief:
 
 
 def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
-    """Say why rest values can't be this sheet's, whatever the weather; None if they can.
+    """Return why rest values can't be this sheet's, whatever the weather; None if they can.
 
     They are compared with the calibration's: the median over the pixels, then each pixel.
 
@@ -66,15 +66,14 @@ def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
     if not 1.0 / _SHEET_FACTOR < shared < _SHEET_FACTOR:
         return (
             f"the sheet at rest reads {shared:.2g} times the calibration's resistance, and weather "
-            f"or wear move it by less than a factor of {_SHEET_FACTOR:g}; see what `palpate "
-            "doctor` says"
+            f"or wear move it by less than a factor of {_SHEET_FACTOR:g}; run `palpate doctor`"
         )
     apart = float(np.exp(np.abs(np.log(ratio / shared)).max()))
     if apart < _PIXEL_FACTOR:
         return None
     return (
         f"a pixel at rest has moved by a factor of {apart:.2g} against the others since the "
-        f"calibration, and weather or wear move them alike; see what `palpate doctor` says"
+        f"calibration, and weather or wear move them alike; run `palpate doctor`"
     )
 
 

@@ -33,18 +33,18 @@ Subscriber: TypeAlias = Callable[[Observation], None]
 #: Gets what the controller makes of each observation, on the same terms.
 Watcher: TypeAlias = Callable[[Belief], None]
 
-Told = TypeVar("Told")
+Event = TypeVar("Event")
 
 #: How long an opening hand may take before it is stopped where it is.
 _OPENING_S = 10.0
-#: A hand that did not move at so many commands does not hear them, or can't.
+#: A hand that did not move at this many commands does not hear them, or can't.
 _IDLE = 4
-#: Until some frames have told the sensor's own rate, it gets this long for each.
+#: Until some frames have shown the sensor's own rate, it gets this long for each.
 _FIRST_FRAME_S = 2.0
 #: The period is the median of the last intervals, of a few at least: no single frame that is late
 #: or early moves the limit.
 _INTERVALS, _FEWEST_INTERVALS = 15, 3
-#: A frame may be scanned so far in the future: what two clocks differ by.
+#: A frame may be scanned this far in the future: what two clocks differ by.
 _AHEAD_S = 0.1
 
 
@@ -99,7 +99,7 @@ class _Feed:
 
 
 class _Hand:
-    """The gripper, held to what it was told, and to what its current shows."""
+    """The gripper, checked against its commands and against what its current shows."""
 
     def __init__(self, gripper: Gripper, *, plan: Plan) -> None:
         self._gripper, self._plan = gripper, plan
@@ -127,7 +127,7 @@ class _Hand:
         return state
 
     def alarm(self, state: GripperState, *, belief: Belief, now_s: float) -> Alarm | None:
-        """Say what is wrong: it is not where it was sent, or presses more than it may."""
+        """Return what is wrong: it is not where it was sent, or presses more than it may."""
         if self._following is not None:
             complaint = self._following.complaint(
                 state, now_s=now_s, limits=self._limits, safety=self._safety
@@ -150,7 +150,7 @@ class _Hand:
             return Alarm(danger=Danger.GRIPPER_FAULT, words=str(error))
 
     def send(self, move: Move, *, now_s: float) -> Belief:
-        """Send a move's command, if there is one, and follow it; return the belief, told of it.
+        """Send a move's command, if there is one, and follow it; return the belief updated with it.
 
         Raises
         ------
@@ -219,7 +219,7 @@ def run_grasp(
     array, a pixel that fails, and a sheet that does not show what the gripper presses with
     `sensor_lost`; a gripper that fails or does not go where it is sent with `gripper_fault`; force
     above the ceiling, by the sheet or by the servo's current, with `force_limit`. The result's
-    `faults` say why. What that means for the hand is in `palpate.grasp.safety`.
+    `faults` explain why. What that means for the hand is in `palpate.grasp.safety`.
     """
     belief, feed, faults = Belief(), _Feed(array, clock=clock, plan=plan), list[str]()
     hand, views, beliefs = _Hand(gripper, plan=plan), list(subscribers), list(watchers)
@@ -252,7 +252,7 @@ def run_grasp(
                 alarm = alarm or _strange(belief, move[0], plan=plan)
                 alarm = alarm or hand.alarm(observation.gripper, belief=move[0], now_s=frame.time_s)
                 _tell(views, observation, faults)
-                # Whatever fails from here on is told of this moment.
+                # Whatever fails from here on is attributed to this moment.
                 before, belief = belief, move[0]
                 if pixels.beyond is not None and pixels.beyond not in faults:
                     faults.append(pixels.beyond)
@@ -269,7 +269,7 @@ def run_grasp(
     finally:
         unstopped = hand.stop()
     if unstopped is not None:
-        faults.append(f"the hand could not be told to stop: {unstopped}")
+        faults.append(f"the stop command failed: {unstopped}")
         belief, _ = stopped(belief, Danger.GRIPPER_FAULT, plan=plan)
     return replace(
         belief.result,
@@ -296,7 +296,7 @@ def _strange(before: Belief, now: Belief, *, plan: Plan) -> Alarm | None:
 
 
 def _given_up(before: Belief, now: Belief, *, plan: Plan) -> list[str]:
-    """Say why the controller itself has just ended the grasp, where its outcome does not."""
+    """Return why the controller itself has just ended the grasp, unless its outcome shows it."""
     if now.phase is not Phase.RELEASE or before.phase is Phase.RELEASE or now.result.faults:
         return []
     reasons = {
@@ -335,11 +335,11 @@ def _asked(belief: Belief, requests: Requests, *, plan: Plan) -> Move | None:
     return None
 
 
-def _tell(views: list[Callable[[Told], None]], told: Told, faults: list[str]) -> None:
+def _tell(views: list[Callable[[Event], None]], event: Event, faults: list[str]) -> None:
     for view in tuple(views):
         try:
-            view(told)
-        # Whatever a recorder or view does wrong, the hand must not feel it; the result tells.
+            view(event)
+        # Whatever a recorder or view does wrong, the hand must not feel it; the result reports it.
         except Exception as error:
             views.remove(view)
             name = getattr(view, "__name__", type(view).__name__)

@@ -1,4 +1,4 @@
-"""What keeps a grasp safe: the ceiling, the largest safe step, stale frames, what a stop means."""
+"""Safety of a grasp: the force ceiling, the largest safe step, stale frames, what a stop means."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class Danger(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alarm:
-    """A danger that a watch has seen, and the line that says why."""
+    """A danger that a watch has seen, and the line that explains it."""
 
     danger: Danger
     words: str
 
 
 class Reaction(StrEnum):
-    """What the gripper does when it has to stop."""
+    """The gripper's reaction when it has to stop."""
 
     HOLD_STILL = "hold_still"
     OPEN = "open"
@@ -59,11 +59,11 @@ class SafetyLimits:
     stale_floor_s : float
         But never frames younger than this: a scheduler's hiccup is not a lost sensor.
     astray_mm, astray_kpa : float
-        A gripper that reports a width or pressure so far from what it was sent to, once it had the
-        time to arrive, stops the grasp. More than a loaded servo's error of position.
+        A gripper that reports a width or pressure this far from what it was sent to, once it had
+        the time to arrive, stops the grasp. More than a loaded servo's error of position.
     past_mm, past_kpa : float
-        A gripper that has closed so far beyond where it was sent stops the grasp at once. Less than
-        `astray_mm`, because no load makes a servo close too far.
+        A gripper that has closed this far beyond where it was sent stops the grasp at once. Less
+        than `astray_mm`, because no load makes a servo close too far.
     arrival_s : float
         Time to arrive, beyond what the way takes at the rate sent.
     latency_s : float
@@ -151,7 +151,7 @@ def reaction(
     not show. For any other reason a width-driven hand holds still: dropping is damage too. A
     pressure-driven one vents: it can't hold without a host that feeds it, so the choice is only
     between now and when the heartbeat runs out. An opening that has begun is completed: half a grip
-    is the worst of both. A gripper that failed is only told to stop.
+    is the worst of both. A gripper that failed is only commanded to stop.
 
     Examples
     --------

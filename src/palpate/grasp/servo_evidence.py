@@ -1,4 +1,4 @@
-"""What the gripper itself feels of the grip, beside the sheet."""
+"""The grip as the gripper itself measures it, in addition to the sheet."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def pulled(belief: Belief, gripper: GripperState, plan: Plan) -> tuple[Pull, ...
 
 
 def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
-    """Return what the gripper itself says of the force at the present closure, if it can."""
+    """Return the force at the present closure as the gripper itself measures it, if it can."""
     if plan.current is None or not belief.pulls or not belief.staircase:
         return None
     closure = np.array([stair.closure for stair in belief.staircase])

@@ -29,7 +29,7 @@ _FURTHER = 1.2
 _UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 #: Share of the room to the damage limit that one step may take.
 _SHARE_OF_ROOM = 0.8
-#: A step that the servo's current is to tell of lasts so long: some frames must fall into it.
+#: A step in which the servo's current is used lasts this long: some frames must fall into it.
 _FELT_S = 0.2
 #: Steps that differ by less, mm or kPa (or whole steps of a drive), differ by arithmetic only.
 _EXACT = 1e-9
@@ -69,7 +69,7 @@ def read(belief: Belief, plan: Plan) -> Belief:
 
 
 def force_now(belief: Belief, plan: Plan) -> Measurement:
-    """Return the force of the last step read, as the sheet tells it soon after."""
+    """Return the force of the last step read, as the sheet reads it soon after."""
     return Measurement(
         value=belief.force_n,
         low=belief.force_n**2 / belief.force_high_n,
@@ -218,13 +218,13 @@ def slope_n(belief: Belief, plan: Plan) -> float:
 
 
 def _damage_low_n(belief: Belief, plan: Plan) -> float:
-    """Return the lower bound of the damage limit, as the closing so far tells it.
+    """Return the lower bound of the damage limit, estimated from the closing so far.
 
     Force and limit are read by one gain: where the force is less than it seems, so is the limit. So
-    the bound is told as the largest gain reads forces, for that is how the upper force is told.
+    the bound is given as the largest gain reads forces, because the upper force is given so too.
 
-    Of a thing that stiffens the hand tells less than the slope that the model learned from, for it
-    counts from the first touch: that errs to the safe side.
+    For a thing that stiffens, the hand measures a smaller slope than the one that the model learned
+    from, because it counts from the first touch: that errs to the safe side.
     """
     if plan.damage is None or not belief.force_n > 0:
         return math.inf
@@ -249,5 +249,5 @@ def _gripped(belief: Belief, plan: Plan) -> list[Closing]:
 
 def _forces_n(stairs: Sequence[Closing], belief: Belief, plan: Plan) -> NDArray[np.float64]:
     """Return the forces of steps, soon after each, by the sheet and this contact's gain."""
-    said = plan.early_law.force_n(np.array([stair.touch.reading for stair in stairs]))
-    return np.asarray(math.exp(belief.gain.log_mean) * said.value)
+    estimate = plan.early_law.force_n(np.array([stair.touch.reading for stair in stairs]))
+    return np.asarray(math.exp(belief.gain.log_mean) * estimate.value)

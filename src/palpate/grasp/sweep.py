@@ -3,7 +3,7 @@
 Every movement makes the resistance of all pixels rise for as long as it lasts and a little longer.
 At a steady speed that rise is steady, so a touch is what changes any pixel against its own last few
 tenths of a second. While the hand gathers speed only a fall counts: the rise of the movement itself
-is no touch. The servo's current tells a touch that lies beside the pixels, and knows no lag.
+is no touch. The servo's current shows a touch that lies beside the pixels, and has no lag.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ from palpate.estimate.servo_force import CurrentLaw
 _REMEMBERED_S, _NOW_S, _APART_S = 0.6, 0.016, 0.06
 #: The rise of resistance that a movement makes is steady from here on (it fades with 0.06-0.12 s).
 _STEADY_S = 0.4
-#: The level of a way is the mean over so long.
+#: The level of a way is the mean over this time.
 _LEVEL_S = 0.2
-#: A change is a touch from so many standard deviations on, and above this share of the resistance.
+#: A change is a touch from this many standard deviations on, and above this share of the
+#: resistance.
 _SURE_SD, _LEAST_SHARE = 6.0, 0.008
-#: A hand at speed shakes every pixel: so many frames that are all alike are not new.
+#: A hand at speed shakes every pixel: this many frames that are all alike are not new.
 _ASLEEP, _ASLEEP_S = 4, 0.2
 #: A slow fall by this share from the level of the way, or below rest, is a touch too, where noise
 #: alone makes none.
 _SLOW_SHARE = 0.016
-#: What a faster movement before this one left behind is over after so long.
+#: What a faster movement before this one left behind is over after this time.
 _SLOWED_S = 0.25
 #: Fewest readings to compare with.
 _FEWEST = 3
@@ -38,8 +39,8 @@ _FEWEST = 3
 _UNSEEN_NOISE = 0.008
 #: Median of the square of a standard normal variable.
 _MEDIAN_SQUARE = 0.4549
-#: The current has to rise by so many deviations, and by this share of what the gears take: friction
-#: along the way is mapped no better.
+#: The current has to rise by this many deviations, and by this share of what the gears take:
+#: friction along the way is mapped no better.
 _CURRENT_SD, _GEARS_SHARE = 4.5, 0.15
 
 
@@ -60,7 +61,7 @@ class Sweep:
     log_ohm : tuple of ndarray, shape (rows, cols)
         ln of each pixel's resistance over its rest value, frame by frame.
     gears_ma : tuple of float
-        Servo current less what the gears take there, while the hand moves; NaN where none is told.
+        Servo current less what the gears take there, while the hand moves; NaN where it is unknown.
     level : ndarray or None, shape (rows, cols)
         ln resistance over rest once the speed was steady; None before.
     slowed : bool
@@ -139,8 +140,8 @@ class Sweep:
     ) -> bool:
         """Whether the servo pulls harder than on the way so far."""
         gears_ma = np.array(self.gears_ma)
-        told = np.isfinite(gears_ma)
-        now, before = now & told, before & told
+        known = np.isfinite(gears_ma)
+        now, before = now & known, before & known
         if not now.any() or np.count_nonzero(before) < _FEWEST:
             return False
         more_ma = float(gears_ma[now].mean() - gears_ma[before].mean())
@@ -150,7 +151,7 @@ class Sweep:
 
 
 def _means(pixels: FloatArray, many: int) -> FloatArray:
-    """Return means of so many frames each, the latest ones whole."""
+    """Return means of `many` frames each, the latest ones whole."""
     blocks = pixels[pixels.shape[0] % many :]
     return np.asarray(blocks.reshape(-1, many, *pixels.shape[1:]).mean(axis=1))
 

@@ -11,7 +11,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import force_now, squeezed
 
 #: An object that is surely stiffer gives way so much less than fingers and pads that a firmer
-#: squeeze would not tell by how much.
+#: squeeze would not show how stiff it is.
 _FIRM_N_PER_MM = 6.0
 
 
@@ -44,7 +44,7 @@ def gentle_goal(belief: Belief, plan: Plan) -> tuple[float, str]:
 
 
 def _known(stiffness: Measurement, *, share: float) -> bool:
-    """Whether a stiffness is known well enough, or to be more than so small a force can tell."""
+    """Whether a stiffness is known well enough, or is above what a small force can measure."""
     near = stiffness.high / stiffness.low <= (1.0 + share) / (1.0 - share)
     return near or stiffness.low > _FIRM_N_PER_MM
 
@@ -89,7 +89,7 @@ def over(belief: Belief, plan: Plan) -> bool:
 
 
 def astray(belief: Belief, plan: Plan) -> bool:
-    """Whether the target is missed by so much that there is no need to be sure by how much."""
+    """Whether the target is missed so clearly that the uncertainty does not matter."""
     if plan.target_force_n is None or belief.adjustments >= plan.most_adjustments:
         return False
     too_little = missing_n(belief, plan) > plan.target_tolerance * goal_n(plan)
@@ -97,11 +97,11 @@ def astray(belief: Belief, plan: Plan) -> bool:
 
 
 def noted_on_target(belief: Belief, plan: Plan) -> Belief:
-    """Note when the settled force is first told to be on target since the last movement."""
+    """Note when the settled force is first known to be on target since the last movement."""
     moments = belief.result.moments
-    told = any(m.name == "on_target" and m.time_s > belief.moved_s for m in moments)
+    known = any(m.name == "on_target" and m.time_s > belief.moved_s for m in moments)
     near = missing_n(belief, plan) <= plan.target_tolerance * goal_n(plan)
-    if plan.target_force_n is None or told or not near or over(belief, plan):
+    if plan.target_force_n is None or known or not near or over(belief, plan):
         return belief
     return belief.noted("on_target")
 

@@ -9,7 +9,7 @@ from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 _UNITS = {"width": "mm", "pressure": "kPa"}
-#: So far beyond the ends of its range a gripper's report is still believed, mm or kPa.
+#: Up to this far beyond the ends of its range a gripper's report is still believed, mm or kPa.
 _BEYOND = {"width": 5.0, "pressure": 10.0}
 #: A way that is shorter than this shows nothing (mm or kPa); of what the rate would have made of a
 #: longer one by now at least this share is made, or the hand does not move.
@@ -22,7 +22,7 @@ _MOST_MA = 20_000.0
 def unbelievable(
     state: GripperState, *, limits: GripperLimits, before: GripperState | None = None
 ) -> str | None:
-    """Say what of a gripper's report can't be; None if all can.
+    """Return what is impossible in a gripper's report; None if nothing is.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class Following:
         return every_s if closes and now_s <= self.ends_s + 2 * every_s else None
 
     def idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
-        """Return whether the hand has stayed where it was; None where it is too early to say.
+        """Return whether the hand has stayed where it was; None where it is too early to know.
 
         Examples
         --------
@@ -139,7 +139,7 @@ class Following:
     def complaint(
         self, state: GripperState, *, now_s: float, limits: GripperLimits, safety: SafetyLimits
     ) -> str | None:
-        """Say what is wrong: closed beyond the target, or not there in time; None if nothing is."""
+        """Return what is wrong, if anything: closed beyond the target, or not there in time."""
         reported, unit = limits.reported(state), _UNITS[limits.drive]
         past, astray = safety.past_mm, safety.astray_mm
         if limits.drive == "pressure":

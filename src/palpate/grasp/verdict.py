@@ -1,4 +1,4 @@
-"""What the numbers of a grasp say in words."""
+"""The numbers of a grasp in words."""
 
 from __future__ import annotations
 

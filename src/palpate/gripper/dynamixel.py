@@ -21,16 +21,16 @@ from palpate.gripper.servo_line import REPLY_S, RefusedError, ServoLine, value_a
 WIDOWX_LIMITS = GripperLimits(drive="width", lowest=30.0, highest=74.0, fastest=60.0)
 #: After a reboot the servo needs this long before it answers (e-Manual: below 0.5 s).
 _REBOOT_S, _REBOOT_POLL_S = 2.0, 0.1
-#: A stop is confirmed by readings that say standing still, within this time.
+#: A stop is confirmed by readings that report standing still, within this time.
 _STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
-#: No servo of these turns faster (rad/s), and readings may be off by so much (rad): a position that
+#: No servo of these turns faster (rad/s), and readings may have this error (rad): a position that
 #: it can't have reached since the last one is another's answer, or a fault of its encoder.
 _FASTEST_RAD_PER_S, _SLACK_RAD = 12.0, 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoHealth:
-    """What the servo says of itself."""
+    """The servo's own report."""
 
     temperature_c: float
     supply_v: float
@@ -156,7 +156,7 @@ class DynamixelGripper:
                 self._line.write_blindly(x.BUS_WATCHDOG, 1)
             raise
         raise DeviceError(
-            f"{self._line.name} was told to stop and moves on after {_STOPPED_S:g} s; take its "
+            f"{self._line.name} was told to stop but still moves after {_STOPPED_S:g} s; take its "
             "supply away"
         )
 
@@ -260,7 +260,7 @@ class DynamixelGripper:
         return tick
 
     def _refuse_errors(self) -> None:
-        """Raise if the servo's last reply told of a hardware error."""
+        """Raise if the servo's last reply reported a hardware error."""
         if self._line.alerted:
             errors = self._line.errors()
             names = ", ".join((error.name or "").lower().replace("_", " ") for error in errors)
@@ -284,7 +284,7 @@ class DynamixelGripper:
 
 
 def _moving(run: bytes) -> bool:
-    """Whether a reading says that the servo turns, or is on its way."""
+    """Whether a reading shows that the servo turns, or is on its way."""
     ongoing = value_at(run, x.MOVING_STATUS, x.STATE_BEGIN) & x.PROFILE_ONGOING
     return bool(ongoing or value_at(run, x.MOVING, x.STATE_BEGIN))
 

@@ -15,7 +15,7 @@ from palpate.gripper.interface import GripperCommand, GripperLimits, GripperStat
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.servo_line import REPLY_S, ServoLine, value_at
 
-#: A stop is confirmed by readings that say standing still, within this time.
+#: A stop is confirmed by readings that report standing still, within this time.
 _STOPPED_S, _STOPPED_POLL_S = 0.3, 0.01
 #: Of the jaw, mm/s: half a turn of it takes the servo about a second.
 _FASTEST_MM_PER_S = 60.0
@@ -150,8 +150,8 @@ class FeetechGripper:
                 return
             if self._clock.now_s() >= until_s:
                 raise DeviceError(
-                    f"{self._line.name} was told to stop and moves on after {_STOPPED_S:g} s; take "
-                    "its supply away"
+                    f"{self._line.name} was told to stop but still moves after {_STOPPED_S:g} s; "
+                    "take its supply away"
                 )
             self._target = _position(run)
             self._send(self._target)
@@ -187,8 +187,8 @@ class FeetechGripper:
     def _read(self) -> bytes:
         run = self._line.read_run(sts.STATE_BEGIN, sts.STATE_END - sts.STATE_BEGIN)
         if self._line.alerted:
-            told = sts.State(self._line.alerted)
-            names = ", ".join((one.name or str(one.value)).lower() for one in told)
+            reported = sts.State(self._line.alerted)
+            names = ", ".join((one.name or str(one.value)).lower() for one in reported)
             raise DeviceError(
                 f"{self._line.name} protects itself: {names}; let it cool or take the load away, "
                 "then switch its supply off and on"

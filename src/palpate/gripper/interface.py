@@ -1,4 +1,4 @@
-"""What a gripper must offer, whether it is driven by width or by pressure."""
+"""The interface of a gripper, whether it is driven by width or by pressure."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class GripperLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperState:
-    """What the gripper reports of itself; NaN for what it can't sense."""
+    """The gripper's reported state; NaN for what it can't sense."""
 
     time_s: float
     width_mm: float = math.nan
@@ -68,7 +68,7 @@ class GripperState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperCommand:
-    """Where to go and how fast: mm and mm/s, or kPa and kPa/s, as the gripper's `drive` says."""
+    """Where to go and how fast: mm and mm/s, or kPa and kPa/s, by the gripper's `drive`."""
 
     target: float
     rate: float

@@ -26,7 +26,7 @@ class Packets:
     check_bytes: int
     #: What a ping is answered with: the model number in the first two, or nothing.
     model_bytes: int
-    #: Bits of a reply's error that tell of the servo's state; the others refuse the request.
+    #: Bits of a reply's error that report the servo's state; the others refuse the request.
     alert: int
 
     def request(self, number: int, instruction: int, given: bytes) -> list[int]:

@@ -32,12 +32,12 @@ _PING_S = 0.1
 _VENT_KPA_PER_S = 500.0
 #: The read-back lags behind the output, and has steps of 0.05 kPa and noise.
 _NEAR_KPA, _LAG_S = 0.5, 0.5
-#: A read-back older than this says nothing of now.
+#: A read-back older than this shows nothing of now.
 _STALE_S = 0.5
 
 
 class PressureBoard(Protocol):
-    """What the gripper needs of the board that it shares with the sensor."""
+    """Interface of the board that the gripper shares with the sensor."""
 
     def newest(self) -> FrameMessage | None:
         """Return the newest frame as the board sent it."""
@@ -72,7 +72,7 @@ class PneumaticGripper:
         self.limits = limits
         self._board, self._clock = board, clock
         self._target_kpa = self._set_kpa = 0.0
-        self._sent_s = self._told_s = self._arrives_s = -math.inf
+        self._sent_s = self._commanded_s = self._arrives_s = -math.inf
 
     def state(self) -> GripperState:
         """Read the pressure, and tell the board that the host is alive.
@@ -143,8 +143,8 @@ class PneumaticGripper:
     def _go(self, sent: GripperCommand) -> GripperCommand:
         self._send(SetPressure(target_kpa=sent.target, slew_kpa_per_s=sent.rate))
         way_kpa = max(abs(sent.target - self._set_kpa), abs(sent.target - self._target_kpa))
-        self._told_s = self._sent_s
-        self._arrives_s = self._told_s + way_kpa / sent.rate
+        self._commanded_s = self._sent_s
+        self._arrives_s = self._commanded_s + way_kpa / sent.rate
         self._target_kpa = sent.target
         return sent
 
@@ -158,8 +158,8 @@ class PneumaticGripper:
                 "the board has vented the fingers: a pixel reached its ceiling. Take the cause "
                 "away, then restart the board"
             )
-        # Frames from before the last pressure command may still tell of an earlier silence.
-        pressed = self._target_kpa > self.limits.lowest and self._board.newest_s > self._told_s
+        # Frames from before the last pressure command may still report an earlier silence.
+        pressed = self._target_kpa > self.limits.lowest and self._board.newest_s > self._commanded_s
         if status & BoardStatus.HEARTBEAT_LOST and pressed:
             raise DeviceError(
                 "the board has vented the fingers: it heard nothing for 0.5 s. Check its cable, "

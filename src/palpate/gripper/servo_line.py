@@ -16,8 +16,8 @@ from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError,
 _TRIES = 3
 #: How long a reply may take by default: the adapter holds bytes back for up to 16 ms.
 REPLY_S = 0.05
-#: After a reply that did not come, or was another's, the line must be silent for so many times that
-#: long before the next question: a reply that is late must not be taken for the next one's.
+#: After a reply that did not come, or was another's, the line must be silent for this many times
+#: that long before the next question: a late reply must not be taken for the next one's.
 _SILENT_TIMES = 2.0
 #: Instructions, of both protocols.
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
@@ -69,7 +69,7 @@ class ServoLine:
             import dynamixel_sdk as sdk
         self._sdk = sdk
         self.name = f"servo {servo_id} on {port}"
-        #: What the last reply said of the servo's state: not 0 means a hardware error.
+        #: The servo's state in its last reply: not 0 means a hardware error.
         self.alerted = 0
         self._id, self._layout = servo_id, packets
         self._reply_ms = 1e3 * reply_s
@@ -88,9 +88,9 @@ class ServoLine:
             raise DeviceError(f"{port}: the servo line can't run at {baud} baud")
 
     def ping(self) -> int:
-        """Return the servo's model number; 0 where the protocol does not tell it."""
-        told = self._asked(_PING, b"", answer=self._layout.model_bytes)
-        return int.from_bytes(told[:2], "little")
+        """Return the servo's model number; 0 where the protocol does not give it."""
+        reply = self._asked(_PING, b"", answer=self._layout.model_bytes)
+        return int.from_bytes(reply[:2], "little")
 
     def read(self, register: Register) -> int:
         """Return the value of a register."""

@@ -87,7 +87,7 @@ class PacketError(IntEnum):
     ACCESS = 7
 
 
-#: Bit of the error byte that says: read `HARDWARE_ERROR`.
+#: Bit of the error byte that means: read `HARDWARE_ERROR`.
 ALERT = 0x80
 
 

@@ -1,11 +1,11 @@
-"""What waits for the broker: on the disk, in order, and no more than a stated number."""
+"""Messages that wait for the broker: on the disk, in order, and no more than a stated number."""
 
 from __future__ import annotations
 
 import sqlite3
 from pathlib import Path
 
-#: So many messages wait at most: a day of a grasp every nine seconds, about 30 MB. When one more
+#: At most this many messages wait: a day of a grasp every nine seconds, about 30 MB. When one more
 #: comes the oldest goes, and is counted.
 MOST_WAITING = 10_000
 
@@ -16,7 +16,7 @@ class Outbox:
     Parameters
     ----------
     path : path
-        Made, with its folder, where there is none.
+        Created, with its folder, if it does not exist.
     most : int
         How many may wait.
 

@@ -57,7 +57,7 @@ _Event: TypeAlias = _Result | _State | _Connected | _Gone | _Arrived
 
 
 class Publisher:
-    """Publishes documents; whoever hands one over never waits.
+    """Publishes documents; the caller never waits.
 
     A result goes to the outbox first, and leaves it once the broker has it. One is on its way at a
     time, so that their order holds through every lost connection; a result whose receipt was lost
@@ -87,7 +87,7 @@ class Publisher:
     ) -> None:
         self._topic, self._path, self._complain = broker.topic, outbox, complain
         self._events: SimpleQueue[_Event | None] = SimpleQueue()
-        self._told: bytes | None = None
+        self._last_state: bytes | None = None
         self._link = _Link()
         self._client = self._connecting(broker)
         self._client.connect_async(broker.host, broker.port_or_usual, keepalive=_KEEPALIVE_S)
@@ -100,10 +100,10 @@ class Publisher:
         self._events.put(_Result(_payload(document)))
 
     def state(self, document: Mapping[str, object]) -> None:
-        """Publish the state, unless it is what was told last."""
+        """Publish the state, unless it is the one published last."""
         payload = _payload(document)
-        if payload != self._told:
-            self._told = payload
+        if payload != self._last_state:
+            self._last_state = payload
             self._events.put(_State(payload))
 
     def close(self) -> None:
@@ -199,7 +199,7 @@ class Publisher:
 
 @dataclass(slots=True)
 class _Link:
-    """What the thread knows of the connection."""
+    """State of the connection, owned by the thread."""
 
     up: bool = False
     #: The client's number of the result that it has, and the outbox's.

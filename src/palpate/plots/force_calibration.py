@@ -1,4 +1,4 @@
-"""What a force calibration saw: readings beside the reference, and the law through them."""
+"""The data of a force calibration: readings over the reference, and the law through them."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from palpate.settling.result import Status
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Sides of which the pixels are shown: the last grasp of each.
+#: Number of sides whose pixels are shown: the last grasp of each.
 _MOST_SIDES = 4
 #: Not colours of the page: what lies under them does not change by night.
 _ON_DARK, _ON_LIGHT = "#FDFDFD", "#101010"
@@ -27,7 +27,7 @@ _ON_DARK, _ON_LIGHT = "#FDFDFD", "#101010"
 def history_figure(
     page: ItemHistory, name: str, *, label: str, zone: tzinfo | None = None
 ) -> Figure:
-    """Draw one measurement of an item over time, with its intervals and what a person said.
+    """Draw one measurement of an item over time, with its intervals and the verdicts of people.
 
     Parameters
     ----------

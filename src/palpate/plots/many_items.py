@@ -156,11 +156,11 @@ def hours_figure(grasps: Sequence[Grasp], *, zone: tzinfo | None = None) -> Figu
 
 
 def kind_of(page: ItemHistory) -> str:
-    """Return what an item is: as a person said, else as it was identified."""
+    """Return what an item is: as a person stated, else as it was identified."""
     if page.item.kind is not None:
         return page.item.kind
-    said = page.said(About.IDENTITY)
-    return "not named" if said is None else said.text
+    verdict = page.said(About.IDENTITY)
+    return "not named" if verdict is None else verdict.text
 
 
 def _looks(pages: Sequence[ItemHistory]) -> dict[str, tuple[str, str]]:

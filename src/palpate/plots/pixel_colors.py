@@ -2,7 +2,7 @@
 
 It diverges from dark, because nothing pressed is the usual case: a fall of the resistance goes
 through red to pale yellow (points of matplotlib's inferno), a rise through blue to pale blue. Both
-arms grow lighter, so they can be told apart from rest without colour vision, and from each other by
+arms grow lighter, so they differ from rest without colour vision, and from each other by
 the sign that is printed in each pixel.
 """
 

@@ -29,7 +29,7 @@ def item_figure(
     history : FirmnessHistory
         What was felt.
     ripeness : Ripeness
-        What is said of it.
+        The verdict on it.
     rule : RipenessRule, optional
         Course and stages; without them the grasps alone are drawn.
     """
@@ -98,10 +98,10 @@ def _shown(firmness: ArrayLike, width: bool) -> NDArray[np.float64]:
 def _title(history: FirmnessHistory, ripeness: Ripeness) -> str:
     simulated = ", simulated" if any(grasp.simulated for grasp in history.grasps) else ""
     chance = 100 * ripeness.probabilities[ripeness.stage]
-    said = f"{history.item_id}{simulated}: {ripeness.stage} ({chance:.0f} %)"
+    title = f"{history.item_id}{simulated}: {ripeness.stage} ({chance:.0f} %)"
     days = ripeness.days_to_ripe
     if days is not None and np.isfinite([days.low, days.high]).all() and days.high > 0:
-        said += (
+        title += (
             f", ripe in {max(days.value, 0):.1f} days ({max(days.low, 0):.1f} to {days.high:.1f})"
         )
-    return said
+    return title

@@ -1,4 +1,4 @@
-"""What a prediction of the settled value looks like: curve, window, forecast, band, settled."""
+"""Figure of a predicted settled value: curve, window, forecast, band, settled value."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a grasp says about an item of produce."""
+"""Items of produce: records of grasps, and the judgements that follow from them."""

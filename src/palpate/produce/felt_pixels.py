@@ -1,4 +1,4 @@
-"""What each pixel felt when a grasp gave its answer."""
+"""Change of each pixel at the moment when a grasp gave its answer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
-#: Readings are means over so long: before the first movement, and before the answer.
+#: Readings are means over this time: before the first movement, and before the answer.
 MEAN_S = 0.4
 
 
@@ -32,7 +32,7 @@ def felt_pixels(
     Parameters
     ----------
     observations : sequence of Observation
-        Of the whole grasp, as `run_grasp` tells its subscribers.
+        Of the whole grasp, as `run_grasp` gives them to its subscribers.
     result : GraspResult
         Of that grasp.
     layout : ArrayLayout

@@ -1,4 +1,4 @@
-"""What the store keeps of a grasp: result, what each pixel felt, the calibration behind both."""
+"""The stored record of a grasp: result, change of each pixel, the calibration behind both."""
 
 from __future__ import annotations
 
@@ -94,12 +94,12 @@ def held_at(
 
     It is what the gripper reports, with its own zero, over the same moments as the pixels; the
     interval holds all of these reports. One hand meets one object at one place of its way, so the
-    place tells how much force there is, whatever the sheet says of it.
+    place shows how much force there is, whatever the sheet reads.
 
     Parameters
     ----------
     observations : sequence of Observation
-        Of the whole grasp, as `run_grasp` tells its subscribers.
+        Of the whole grasp, as `run_grasp` gives them to its subscribers.
     result : GraspResult
         Of that grasp.
     drive : {"width", "pressure"}
@@ -116,6 +116,6 @@ def held_at(
     if not reported or not np.isfinite(reported).all():
         return {}
     low, high = min(reported), max(reported)
-    # A mean of equal numbers may be off by a rounding.
+    # A mean of equal numbers may have a rounding error.
     value = min(max(float(np.mean(reported)), low), high)
     return {name: Measurement(value=value, low=low, high=high, unit=MEASURED[name])}

@@ -1,4 +1,4 @@
-"""What is remembered: items, grasps with their measurements, and what was said of them.
+"""Records that are kept: items, grasps with their measurements, and verdicts on them.
 
 Plain values; `Store` keeps them. Times are aware and in UTC.
 """
@@ -52,7 +52,7 @@ _LONGEST = 200
 
 
 class About(StrEnum):
-    """What a verdict is about."""
+    """The subject of a verdict."""
 
     RIPENESS = "ripeness"
     BRUISE = "bruise"
@@ -61,7 +61,7 @@ class About(StrEnum):
 
 
 class Source(StrEnum):
-    """Who gave a verdict. What a person said is what the others are learned from."""
+    """Who gave a verdict. Verdicts of people are what the others are learned from."""
 
     PALPATE = "palpate"
     PERSON = "person"
@@ -84,13 +84,13 @@ class Item:
 
     #: What its sticker or the user calls it; unique in the store.
     item_id: str
-    #: What it is, where a person said so: ``"avocado"``.
+    #: What it is, if a person stated it: ``"avocado"``.
     kind: str | None = None
     #: What it came with: a delivery, a crate, a tree.
     batch: str | None = None
     #: A note for people.
     label: str | None = None
-    #: When it was met first; None to let the store say.
+    #: When it was met first; None to let the store set it.
     first_seen: datetime | None = None
 
     def __post_init__(self) -> None:
@@ -190,7 +190,7 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Something said of an item, by palpate or by a person.
+    """A verdict on an item, by palpate or by a person.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the columns of a table of readings are: names, units, and ways to write a time."""
+"""Recognising the columns of a table of readings: names, units, and ways to write a time."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _UNITS: dict[Unit, set[str]] = {
 }
 _READINGS = {"value", "values", "reading", "readings", "sensor", "signal", "fsr", "velostat"}
 _READINGS |= {"pixel", "taxel", "pressure", "conductance", "ch", "channel", "s", "p", "wert"}
-#: What often stands beside a sensor's reading and isn't one.
+#: Columns that often accompany a sensor's reading and aren't one.
 _OTHERS = {"force", "load", "weight", "newton", "n", "temperature", "temp", "humidity", "index"}
 _OTHERS |= {"displacement", "position", "distance", "width", "sample", "sequence", "id", "row"}
 _OTHERS |= {"phase", "touch", "trial", "label", "moving", "oversampling", "current", "ma", "mm"}
@@ -87,7 +87,7 @@ def find_clock(names: Sequence[str]) -> str | None:
 
 
 def unit_of(name: str) -> Unit | None:
-    """Return the unit that a reading's name tells, if any.
+    """Return the unit that a reading's name gives, if any.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def unit_of(name: str) -> Unit | None:
     if len(words) == 2 and words[0] == "a" and words[1].isdigit():
         return "counts"
     found = [unit for word in reversed(words) for unit in _UNITS if word in _UNITS[unit]]
-    # The last word tells best: r0c0_counts is in counts.
+    # The last word counts most: r0c0_counts is in counts.
     exact = [unit for unit in found if words[-1] in _UNITS[unit]]
     return next(iter(exact or found), None)
 
@@ -124,14 +124,14 @@ def find_readings(names: Sequence[str]) -> list[str]:
 
 
 def find_part(names: Sequence[str]) -> str | None:
-    """Return the column that says which of several recordings a row belongs to."""
+    """Return the column that gives which of several recordings a row belongs to."""
     return next((name for part in _PART for name in names if name.lower() == part), None)
 
 
 def seconds(
     column: NDArray[Any], *, name: str, unit: str | None, file: str
 ) -> tuple[NDArray[np.float64], str]:
-    """Return a clock's readings in seconds, NaN where there is none, and the unit they were in.
+    """Return a clock's readings in seconds, NaN where missing, and the unit they were in.
 
     Absolute times (Unix, dates) begin at 0 with the first reading.
 
@@ -140,7 +140,7 @@ def seconds(
     column : ndarray, shape (n_rows,)
         float64, datetime64, timedelta64, or texts of ISO dates or of times of day.
     name : str
-        The column's name, which may tell the unit.
+        The column's name, which may give the unit.
     unit : {"s", "ms", "us", "unix"}, optional
         Where it is known.
     file : str
@@ -149,7 +149,7 @@ def seconds(
     Raises
     ------
     InputError
-        If the unit can't be told, or texts aren't times.
+        If the unit can't be found, or texts aren't times.
 
     Examples
     --------
@@ -164,15 +164,15 @@ def seconds(
     known = column[np.isfinite(column)]
     if known.size == 0:
         raise InputError(f"{file}: column {name} has no times in it; name another --time-column")
-    told = unit or time_unit_of(name) or _unit_by_values(known, name=name, file=file)
+    found = unit or time_unit_of(name) or _unit_by_values(known, name=name, file=file)
     absolute = float(known[0]) >= _UNIX_FROM
-    if told == "unix" or (told == "s" and absolute and unit is None):
-        told = _finest_unix(float(known[0]))
-    per_second = _PER_SECOND[told]
+    if found == "unix" or (found == "s" and absolute and unit is None):
+        found = _finest_unix(float(known[0]))
+    per_second = _PER_SECOND[found]
     counts = column - known[0] if absolute and known[0] / per_second >= _UNIX_FROM else column
-    if told in ("ms", "us"):
+    if found in ("ms", "us"):
         counts = _unwrapped(counts)
-    return counts / per_second, told
+    return counts / per_second, found
 
 
 def is_moment(value: object) -> bool:
@@ -181,7 +181,7 @@ def is_moment(value: object) -> bool:
 
 
 def _unit_by_values(known: NDArray[np.float64], *, name: str, file: str) -> str:
-    """Tell the unit by what times of a recording of holds can be."""
+    """Find the unit from the range that times of a recording of holds can have."""
     if known[0] >= _UNIX_FROM and np.ptp(known) < known[0] / 10:
         return "unix"
     steps = np.diff(known)
@@ -197,7 +197,7 @@ def _unit_by_values(known: NDArray[np.float64], *, name: str, file: str) -> str:
         return "us"
     raise InputError(
         f"{file}: column {name} has a reading every {step:g}, which may be seconds or milliseconds;"
-        " say which with --time-unit"
+        " choose with --time-unit"
     )
 
 
@@ -249,7 +249,7 @@ def _tried(reader: Callable[[str], float], text: object) -> float:
 
 def _date_s(text: str) -> float:
     moment = datetime.fromisoformat(text.replace(",", "."))
-    # Without a zone the time is taken as it stands: a recording has no summer time.
+    # Without a zone the time is taken as written: a recording has no summer time.
     first = datetime(1970, 1, 1, tzinfo=moment.tzinfo)
     return (moment - first).total_seconds()
 

@@ -102,7 +102,7 @@ def outline(time_s: FloatArray, values: FloatArray) -> ContactOutline:
 def _cells(time_s: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return the middle of equal cells, the median reading in each, and their length.
 
-    A cell without a reading keeps the one before: across a gap the step stands at its end.
+    A cell without a reading keeps the one before: across a gap the step is placed at its end.
     """
     usual_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else CELL_S
     cell_s = max(CELL_S, usual_s)
@@ -137,14 +137,14 @@ def _noise(smooth: FloatArray) -> float:
 def _moving(smooth: FloatArray, *, step: float, cells: int) -> NDArray[np.bool_]:
     """Return which cells lie within a window whose ends differ by a step.
 
-    Shape (n_cells - 1,): cell i stands for the way from i to i + 1.
+    Shape (n_cells - 1,): cell i represents the step from i to i + 1.
     """
     moving = np.zeros(max(0, smooth.size - 1), dtype=np.bool_)
     if step <= 0:
         return moving
     for reach in range(1, min(cells, smooth.size - 1) + 1):
         fast = np.flatnonzero(np.abs(smooth[reach:] - smooth[:-reach]) >= step)
-        # The shortest window that holds the step tells best where it is.
+        # The shortest window that holds the step shows best where it is.
         fresh = fast[~_any_within(moving, fast, reach)] if reach > 1 else fast
         for place in range(reach):
             moving[fresh + place] = True

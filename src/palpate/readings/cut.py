@@ -103,7 +103,7 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
     values : ndarray, shape (n_times,)
         Finite readings.
     unit : {"ohm", "percent"}, optional
-        Helps to tell rest from load; any other unit, or None, doesn't.
+        Helps to distinguish rest from load; any other unit, or None, doesn't.
 
     Notes
     -----

@@ -39,7 +39,7 @@ class CutColumn:
     spans: list[tuple[float, float]]
     #: Time 0 is where the hold begins.
     holds: list[Hold]
-    #: Why there is none, where there is none.
+    #: Why there is no hold; empty if there is one.
     reason: str = ""
     #: What should be known about them.
     remarks: list[str] = field(default_factory=list)
@@ -65,7 +65,7 @@ def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> lis
     Raises
     ------
     InputError
-        If no column has a hold; the message says why.
+        If no column has a hold; the message explains why.
 
     Examples
     --------
@@ -85,11 +85,11 @@ def cut_holds(recording: Any, values: Any = None, *, cut: CutAt = "auto") -> lis
 
 
 def why_none(name: str, columns: list[CutColumn]) -> str:
-    """Return the one line that says why a recording has no hold."""
+    """Return the one line that explains why a recording has no hold."""
     first, *others = columns
     more = f" (likewise the other {len(others)} columns)" if others else ""
     return (
-        f"{name}: {first.column}: {first.reason}{more}. `--cut SECONDS` says where a hold begins, "
+        f"{name}: {first.column}: {first.reason}{more}. `--cut SECONDS` sets where a hold begins, "
         "`--cut none` takes the whole recording as one"
     )
 
@@ -167,7 +167,7 @@ def _spans(
     cut: CutAt,
     remarks: list[str],
 ) -> tuple[list[tuple[float, float]], str]:
-    """Return beginning and end of each hold, and the reason where there is none."""
+    """Return beginning and end of each hold, and the reason if there is none."""
     if time_s.size < _FEWEST:
         return [], "fewer than two readings"
     if cut != "auto":
@@ -188,11 +188,11 @@ def _spans(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Converter:
-    """What a column's readings are made into."""
+    """Converts a column's readings."""
 
     #: Counts become ohm by it; without it readings stay as they are.
     divider: Divider | None
-    #: Counts at the ends of the converter's range, which say nothing of the resistance.
+    #: Counts at the ends of the converter's range, which show nothing of the resistance.
     ends: tuple[float, ...]
 
     @classmethod
@@ -203,7 +203,7 @@ class _Converter:
             if values.size and not (values.min() >= 0 and values.max() <= top):
                 raise InputError(
                     f"{readings.name}: {name} goes from {values.min():g} to {values.max():g}, and "
-                    f"{divider.adc_bits} bits count from 0 to {top}; give other --adc-bits, or say "
+                    f"{divider.adc_bits} bits count from 0 to {top}; give other --adc-bits, or "
                     "--unit"
                 )
             return cls(divider=divider, ends=(0, top))

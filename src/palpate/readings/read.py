@@ -42,7 +42,7 @@ class Readings:
     time_s : ndarray, shape (n_times,)
         Strictly increasing, seconds.
     columns : mapping of str to ndarray, shape (n_times,)
-        Readings by column; NaN where there is none.
+        Readings by column; NaN where missing.
     units : mapping of str to str or None
         ``ohm``, ``percent``, ``counts``, ``volt``, or None where it isn't known.
     divider : Divider or None
@@ -80,11 +80,11 @@ def read_recording(
     time_column : str, optional
         The clock; recognised by usual names (``time``, ``t``, ``timestamp``, ``ms``, ...).
     time_unit : {"s", "ms", "us", "unix"}, optional
-        Of numbers in it; told by the column's name, or by what a recording's times can be.
+        Of numbers in it; found from the column's name, or from what a recording's times can be.
     value_columns : sequence of str, optional
         The sensors; recognised by usual names (``resistance``, ``A0``, ``value``, ...).
     unit : {"ohm", "percent", "counts", "volt"}, optional
-        Of all value columns; told by their names.
+        Of all value columns; found from their names.
     divider : Divider, optional
         Circuit that counts were read through. `cut_holds` gives ohm then.
 
@@ -126,7 +126,7 @@ def read_recordings(
     unit: Unit | None = None,
     divider: Divider | None = None,
 ) -> list[Readings]:
-    """Read all recordings of a table: more than one where a column ``recording_id`` tells them."""
+    """Read all recordings of a table: several where a column ``recording_id`` separates them."""
     table, stem = _table(source)
     if time_unit not in (None, *get_args(TimeUnit)) or unit not in (None, *get_args(Unit)):
         raise InputError(f"{table.name}: time_unit {time_unit}, unit {unit}: no such unit")
@@ -136,9 +136,9 @@ def read_recordings(
     for label, rows in _parts(table):
         remarks = list(table.left_out) if not found else []
         where = f"{table.name} {label}".strip()
-        raw_s, told = seconds(table.columns[clock][rows], name=clock, unit=time_unit, file=where)
-        if told != "s" and time_unit is None and time_unit_of(clock) == "":
-            remarks.append(f"times in {clock} are taken as {told}; --time-unit says otherwise")
+        raw_s, taken = seconds(table.columns[clock][rows], name=clock, unit=time_unit, file=where)
+        if taken != "s" and time_unit is None and time_unit_of(clock) == "":
+            remarks.append(f"times in {clock} are taken as {taken}; --time-unit changes that")
         time_s, order = _ordered(raw_s, rows, table, clock, where=where, remarks=remarks)
         columns = {name: _averaged(table.columns[name][rows], order) for name in values}
         units: dict[str, Unit | None] = {name: unit or unit_of(name) for name in values}
@@ -211,7 +211,7 @@ def _values(table: Table, clock: str, wanted: Sequence[str]) -> list[str]:
     numeric = [name for name in table.numeric() if name not in (clock, find_part([name]))]
     found = list(dict.fromkeys(wanted)) or find_readings(numeric)
     if not found:
-        raise InputError(f"{table.name}: no column of readings beside {clock} (it has: {has})")
+        raise InputError(f"{table.name}: no column of readings next to {clock} (it has: {has})")
     return found
 
 

@@ -1,4 +1,4 @@
-"""What a recording holds, and where it came from."""
+"""The contents of a recording, and its origin."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout
 
-#: Where the frames came from. Anything but `hardware` is simulated, and is said to be.
+#: Where the frames came from. Anything but `hardware` is simulated, and is labelled so.
 Origin = Literal["hardware", "firmware-simulated", "twin"]
 
 
@@ -47,7 +47,7 @@ class RecordingInfo:
     damage : str or None
         The damage file's whole text, where a learned limit was kept to: a replay needs it too.
     kind : str
-        Kind of object that the damage limit was told; empty if none.
+        Kind of object that the damage limit was given; empty if none.
     clock_zero_unix_ns : int
         Unix time, nanoseconds, at which the recording's clock read 0 s. 0 for simulated time, so
         that the same seed gives the same file.

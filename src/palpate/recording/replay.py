@@ -45,7 +45,7 @@ class PacedClock:
 
 
 class Replay:
-    """A recording as a `PressureArray`, with the gripper states recorded beside the frames.
+    """A recording as a `PressureArray`, and the gripper states recorded with the frames.
 
     On a `ManualClock` started at the first frame it runs as fast as it is read, on a `PacedClock`
     at speed; frames and their times are the recorded ones either way.
@@ -67,7 +67,7 @@ class Replay:
 
     @property
     def info(self) -> RecordingInfo:
-        """What it is a recording of."""
+        """The description of the recorded rig."""
         return self._reader.info
 
     @property
@@ -117,7 +117,7 @@ class Replay:
 
 
 class ReplayGripper:
-    """The gripper of a recording: it tells the recorded states and does what it did then.
+    """The gripper of a recording: it reports the recorded states and does what it did then.
 
     Commands are taken and change nothing. Where the same decisions are made from the same frames,
     they are the commands that were sent.

@@ -72,8 +72,8 @@ class RecordingWriter:
     """Writes one recording; also a context manager.
 
     Every half second of recorded time is one chunk, handed to the system whole: after `kill -9`
-    the file lacks less than a second. Syncing to the disk itself (against power loss) runs beside,
-    so that a slow card never delays a control loop.
+    the file lacks less than a second. Syncing to the disk itself (against power loss) runs in
+    parallel, so that a slow card never delays a control loop.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def capture(
 ) -> int:
     """Record frames until the time is up, or it is stopped; return how many.
 
-    A sensor that falls silent is waited for: it is said once, and becomes an event of the
+    A sensor that falls silent is waited for: that is reported once, and becomes an event of the
     recording, as does its return. One that stays silent until the time is up is lost.
 
     Parameters
@@ -230,7 +230,7 @@ def capture(
     gripper : callable
         Gives the gripper's state, if there is one; recorded with each frame.
     stopped : callable
-        Says whether to end, between frames: a recording is never cut within a message.
+        Returns whether to end, between frames: a recording is never cut within a message.
     report : callable
         Takes one line for the user.
 

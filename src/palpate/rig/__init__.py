@@ -43,7 +43,7 @@ class Rig:
     calibration : Calibration
         Made with this sensor on this gripper.
     origin : {"hardware", "firmware-simulated", "twin"}
-        Where the frames come from; every result of a simulated rig must say so.
+        Where the frames come from; every result of a simulated rig must state it.
     subject : str or None
         What lies between the fingers, where the rig knows.
     truth : callable or None

@@ -24,7 +24,7 @@ class BoardBench:
 
     #: The devices.
     bench: Bench
-    #: The bench's load cell, to be set to zero again where it is placed anew.
+    #: The bench's load cell, to be set to zero again where it is placed again.
     cell: BoardLoadCell
 
 

@@ -33,7 +33,7 @@ _CELLS = (1, 2)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigFile:
-    """What a rig file states of a real rig, checked."""
+    """A real rig as described by a rig file, checked."""
 
     #: The file.
     path: Path
@@ -58,7 +58,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     Raises
     ------
     InputError
-        If the file can't be read, or lacks or misnames something; one line that says what.
+        If the file can't be read, or lacks or misnames something; one line that names it.
     CalibrationError
         If the calibration can't be read, or was made with another layout, divider or wiring.
     DeviceError
@@ -67,7 +67,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     stated = stated_in(path)
     if "use" in stated:
         if stated.keys() != {"use"}:
-            raise InputError(f"rig file {path}: `use` stands alone; leave the rest out")
+            raise InputError(f"rig file {path}: `use` must be the only entry; leave the rest out")
         return open_rig(used_in(path, stated), object_name=object_name, seed=seed)
     rig_file = read_rig_file(path)
     calibration = Calibration.load(rig_file.calibration)
@@ -76,7 +76,7 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
         gripper.close()
         array.close()
         raise CalibrationError(
-            f"calibration {rig_file.calibration}: it is of another sensor ({difference}); mend "
+            f"calibration {rig_file.calibration}: it is of another sensor ({difference}); fix "
             f"[array] in {path}, or calibrate again"
         )
     return Rig(
@@ -110,7 +110,7 @@ def read_rig_file(path: Path) -> RigFile:
     Raises
     ------
     InputError
-        If the file can't be read, or lacks or misnames something; one line that says what.
+        If the file can't be read, or lacks or misnames something; one line that names it.
     """
     stated = stated_in(path)
     for name, what in _PARTS.items():

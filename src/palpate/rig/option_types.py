@@ -1,4 +1,4 @@
-"""What a rig file states for an opener, checked against the opener's own signature."""
+"""Options in a rig file for an opener, checked against the opener's own signature."""
 
 from __future__ import annotations
 

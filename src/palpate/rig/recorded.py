@@ -1,4 +1,4 @@
-"""A recording of what a rig gives, and what it says of where it comes from."""
+"""A recording of what a rig gives, with a description of its origin."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def open_grasp_recording(
 
 
 def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:
-    """Return what a recording of a rig says of itself: a replay plays it, and decides nothing.
+    """Return the description in a recording of a rig: a replay plays it, and decides nothing.
 
     `seed` counts for simulated rigs.
 
@@ -77,7 +77,7 @@ def clock_zero_unix_ns() -> int:
 
 
 def firmware_version(array: PressureArray) -> str | None:
-    """Return the version that the board told, None where there is no board.
+    """Return the version that the board reported, None without a board.
 
     Raises
     ------

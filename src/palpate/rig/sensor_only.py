@@ -79,7 +79,7 @@ def _calibration(file: Path, array: PressureArray) -> Calibration | None:
     calibration = Calibration.load(file)
     if difference := calibration.layout.difference(array.layout):
         raise CalibrationError(
-            f"calibration {file}: it is of another sensor ({difference}); mend [array] in the rig "
+            f"calibration {file}: it is of another sensor ({difference}); fix [array] in the rig "
             "file, or calibrate again"
         )
     return calibration

@@ -36,7 +36,7 @@ FACES = (
     "springs-4",
     "ecoflex-10",
 )
-#: N of the bench's faces are used.
+#: This many of the bench's faces are used.
 _FACED = 6
 #: Added to the seed of a grasp for that of the session in which its rig was calibrated.
 ANOTHER_SESSION = 1_000_003
@@ -101,7 +101,7 @@ def open_rigid(
 ) -> Rig:
     """Open rigid fingers on the twin, with an object between them.
 
-    `read_through` makes the array that reads the twin's pixels, and `origin` says what that is.
+    `read_through` makes the array that reads the twin's pixels, and `origin` names what that is.
 
     Raises
     ------

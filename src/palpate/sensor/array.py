@@ -142,7 +142,7 @@ class Frame:
 
 
 def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
-    """Say what of a frame its layout and converter can't have given; None if they can.
+    """Return what is impossible in a frame by its layout and converter; None if nothing is.
 
     Examples
     --------

@@ -45,7 +45,7 @@ class BoardLink:
         self.stream = stream
         self.decoder = decoder or Decoder()
         self.identity: BoardIdentity | None = None
-        #: The board started anew (an identity that nobody asked for) since it was last set up.
+        #: The board started again (an identity that nobody asked for) since it was last set up.
         self.was_reset = False
         self._clock = clock
         self._commands: Sequence[Command] = ()
@@ -124,7 +124,7 @@ class BoardLink:
     def _identified(self, identity: BoardIdentity) -> None:
         self.identity = identity
         if identity.tag == 0 and self._todo:
-            self._todo = list(self._commands)  # what it was told before is forgotten
+            self._todo = list(self._commands)  # the board has forgotten its earlier settings
             self._next_command()
         elif identity.tag == 0:
             self.was_reset = True

@@ -20,7 +20,7 @@ class ByteStream(Protocol):
 
     @property
     def name(self) -> str:
-        """What to call it in messages, e.g. the port."""
+        """Its name in messages, e.g. the port."""
         ...
 
     def read_waiting(self) -> bytes:
@@ -97,7 +97,7 @@ def _gone(port: str) -> str:
 
 
 def _why_not(port: str, error: serial.SerialException) -> DeviceError:
-    """Say in one line why a port can't be opened, and what helps."""
+    """Return in one line why a port can't be opened, and what helps."""
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return DeviceNotFoundError(

@@ -1,7 +1,7 @@
 """The calibration file: rest values, raw force and closure pairs, and the law made of them.
 
 JSON, written whole or not at all. The raw pairs are always kept, so a better law can be fitted to
-an old calibration; the law's own numbers stand beside them for whoever reads the file.
+an old calibration; the law's own numbers are next to them for people who read the file.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class RestValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForcePairs:
-    """Readings of the sheet beside a reference force, one entry per reading.
+    """Readings of the sheet with a reference force, one entry per reading.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class ForcePairs:
     force_n : tuple of float
         Reference: mean of the fingers' normal forces.
     pixel_excess : tuple of tuple of float
-        Excess conductance of each pixel, row by row; empty where only the sum was kept. It tells
+        Excess conductance of each pixel, row by row; empty where only the sum was kept. It shows
         how the load was spread.
     """
 
@@ -142,7 +142,7 @@ class Calibration:
     temperature_c, humidity_percent : float or None
         Conditions, where known.
     current : CurrentPairs or None
-        Servo current beside the load cell while closing, where the gripper reports one.
+        Servo current paired with the load cell while closing, where the gripper reports one.
     held_out : mapping
         Expected error at 1, 5 and 10 N from placements left out of the fit, percent.
 
@@ -204,7 +204,7 @@ class Calibration:
         ------
         CalibrationError
             If it can't be read, is cut, comes from a newer version, or lacks or misnames a value
-            (units stand in the names); one line that says which.
+            (units are in the names); one line that names it.
         """
         try:
             text = Path(path).read_text(encoding="utf-8-sig")

@@ -1,4 +1,4 @@
-"""Dead weights on a sheet: settled readings beside typed loads, up and down."""
+"""Dead weights on a sheet: settled readings paired with typed loads, up and down."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from palpate.signal.relative import (
 SETTLED_S, _PATIENCE_S = 20.0, 40.0
 #: Settled: two stretches of this length, one after the other, differ by less than this share.
 _STRETCH_S, _SETTLED_SHARE = 2.0, 0.03
-#: Excess conductance that counts as nothing: below it a share says nothing.
+#: Excess conductance that counts as nothing: below it a share means nothing.
 _FAINT_EXCESS = 0.1
 #: A pixel that reads less than this is at the end of its converter.
 _SATURATED_OHM = 1.0

@@ -21,7 +21,7 @@ class DeviceClock:
     bounded below by the line that is looked for. The smallest difference of each half second is
     kept for a minute; the line that lies below all of them, and closest to them, is the edge of
     their lower convex hull that spans their middle. Stalls of the host and bursts only lie above.
-    The Mega's ceramic resonator is off by up to 0.5 %, 5 ms in each second.
+    The Mega's ceramic resonator has an error of up to 0.5 %, 5 ms in each second.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a health check can find, and what to do about each: the one list of it."""
+"""All findings of a health check, and what to do about each: the one list."""
 
 from __future__ import annotations
 

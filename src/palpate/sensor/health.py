@@ -22,7 +22,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.sensor.reference_resistor import ResistorFit, fit_reference
 from palpate.signal.relative import rest_baseline
 
-#: Fewer frames say nothing about noise.
+#: Fewer frames show nothing about noise.
 FEWEST_FRAMES = 30
 #: Where no load was seen, pixels are taken to fall to a twentieth of their rest value: real
 #: Velostat under a robot's indenter fell 9-fold at 3 N and 32-fold at 10 N (medians over 30
@@ -93,7 +93,7 @@ class FrameColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """What was measured, and what is wrong."""
+    """The measurements of a health check, and its findings."""
 
     #: Rest value, noise, drift and resolution of each pixel.
     pixels: PixelReadings
@@ -135,7 +135,7 @@ def examine(
     known_ohm : array_like, shape (rows, cols), optional
         Rest values of the calibration.
     asked_hz : float, optional
-        Rate that the board was told.
+        Rate that the board was set to.
     events : LinkEvents, optional
         What the link counted.
     also : tuple of Finding
@@ -198,14 +198,14 @@ def _refuse_unfit(stretch: FrameColumns, *, layout: ArrayLayout) -> None:
 
 
 def _unrest(ohm: FloatArray, *, known_ohm: FloatArray | None) -> list[Finding]:
-    """Say whether the stretch would be refused as rest; NaN for pixels that don't count."""
+    """Report if the stretch would be refused as rest; NaN for pixels that don't count."""
     if np.isnan(ohm).all(axis=0).all():
         return []
     try:
         rest_baseline(ohm, known_ohm=known_ohm)
     except CalibrationError as error:
-        said = str(error).partition(";")[0]
-        return [Finding(code="unrest", severity=Severity.FAULT, where="sensor", text=said)]
+        reason = str(error).partition(";")[0]
+        return [Finding(code="unrest", severity=Severity.FAULT, where="sensor", text=reason)]
     return []
 
 

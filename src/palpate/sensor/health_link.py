@@ -1,4 +1,4 @@
-"""What is wrong with the link, from times and numbers of frames and what the link counted."""
+"""Faults of the link, from times and numbers of frames and the link's own counts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.sensor.findings import Finding, Severity
 
-#: Below this share of the asked rate something holds up the board; a resonator is off by 0.5 %.
+#: Below this share of the asked rate something delays the board; a resonator has an error of 0.5 %.
 _SLOW_SHARE = 0.95
 #: Losses above this are a fault, fewer are worth a word.
 _LOST_PERCENT = 0.1
@@ -23,7 +23,7 @@ _DRIFT_PPM = 5000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkEvents:
-    """What the link counted during the stretch; zero where the source has no link."""
+    """Counts of the link during the stretch; zero where the source has no link."""
 
     corrupt: int = 0
     late: int = 0
@@ -85,7 +85,7 @@ def link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Fin
     link : LinkReadings
         As measured.
     asked_hz : float or None
-        The rate that the board was told, where known.
+        The rate that the board was set to, where known.
     """
     if asked_hz is not None and link.rate_hz < _SLOW_SHARE * asked_hz:
         yield _fault("slow", f"{link.rate_hz:.1f} frames/s instead of {asked_hz:g}")
@@ -106,7 +106,7 @@ def link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Fin
     if events.drift_ppm is not None and abs(events.drift_ppm) > _DRIFT_PPM:
         yield _fault("clock", f"board and computer drift apart by {events.drift_ppm:+.0f} ppm")
     if events.restarts:
-        yield _fault("restarted", f"the stream began anew {events.restarts} times")
+        yield _fault("restarted", f"the stream began again {events.restarts} times")
 
 
 def _fault(code: str, text: str) -> Finding:

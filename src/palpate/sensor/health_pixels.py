@@ -1,4 +1,4 @@
-"""What is wrong with single pixels, from a stretch of frames at rest."""
+"""Faults of single pixels, from a stretch of frames at rest."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from palpate.signal.relative import relative_change_percent
 BoolArray: TypeAlias = NDArray[np.bool_]
 Verdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]
 
-#: Within so many counts of an end of the range nothing is read but the converter's noise. A pixel
+#: Within this many counts of an end of the range nothing is read but the converter's noise. A pixel
 #: that rests there is dead; one that goes there now and then has a loose joint.
 _END_COUNTS, _FEWEST_DROPOUTS = 1.0, 2
 #: Jumps from one frame to the next that no sheet at rest makes; a touch or a spike makes two.
@@ -40,7 +40,7 @@ _Q90_OF_DIFFERENCES = 1.6449 * math.sqrt(2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelReadings:
-    """What each pixel did over the stretch; arrays have shape (rows, cols)."""
+    """Statistics of each pixel over the stretch; arrays have shape (rows, cols)."""
 
     #: Median resistance: inf for an open pixel, 0 for a short one.
     rest_ohm: FloatArray
@@ -148,7 +148,7 @@ def _verdicts(
     yield "stuck", stuck, "never moves, though the other pixels' noise should move it", nothing
     shared = _typical(readings.drift_percent)
     own = readings.drift_percent - shared
-    # When most pixels move together the sensor is not at rest, and no pixel can be told apart.
+    # When most pixels move together the sensor is not at rest, and no pixel can be singled out.
     calm = abs(shared) < 0.5 * _DRIFT_PERCENT
     yield (
         "drifting",
@@ -168,8 +168,8 @@ def _changed(readings: PixelReadings, known_ohm: FloatArray) -> tuple[BoolArray,
 
 def _named(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterator[Finding]:
     for where, pixels in grouped(mask):
-        said = text.format(f"{float(np.median(values[pixels])):.3g}")
-        yield Finding(code=code, severity=Severity.FAULT, where=where, text=said)
+        message = text.format(f"{float(np.median(values[pixels])):.3g}")
+        yield Finding(code=code, severity=Severity.FAULT, where=where, text=message)
 
 
 def grouped(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
@@ -234,7 +234,7 @@ def _interruptions(
 def _stuck(
     mean_counts: FloatArray, steps_per_count: int, *, sound: BoolArray, layout: ArrayLayout
 ) -> BoolArray:
-    """Tell pixels that stand still although their neighbours' noise should move them.
+    """Find pixels that stand still although their neighbours' noise should move them.
 
     A reading in the middle of a step stays there while its noise is within half a step. The noise
     is taken as the least of the moving pixels', less where this one is less sensitive.

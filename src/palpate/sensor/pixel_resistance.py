@@ -16,7 +16,7 @@ from palpate.signal.crosstalk import UnmixedPixels, unmix_floating, unmix_held
 
 
 def solve_pixels(counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 1) -> UnmixedPixels:
-    """Solve the counts of frames to pixel resistances, saying how sure each is.
+    """Solve the counts of frames to pixel resistances, with the uncertainty of each.
 
     Parameters
     ----------

@@ -34,14 +34,14 @@ class Port:
     description: str
     #: Vendor and product.
     usb_id: tuple[int, int] | None = None
-    #: Of the USB device: tells two boards apart.
+    #: Of the USB device: distinguishes two boards.
     serial_number: str | None = None
     #: What is probably behind it; None if nothing speaks for a board.
     board: str | None = None
 
 
 def board_of(usb_id: tuple[int, int] | None) -> str | None:
-    """Say what board or chip a USB id speaks for.
+    """Return the board or chip that a USB id suggests.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def follow(
     """Return a function that names the port of the board that is now at `device`.
 
     A board that is pulled out and put back may come back under another name; its USB serial number
-    stays. Where there is none, the name stays.
+    stays. Without one, the name stays.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def identify(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
         link = BoardLink(stream, clock=clock)
         link.ask(Identify())
         if link.identity is None:
-            raise DeviceError(f"{stream.name}: the board did not say what it is")
+            raise DeviceError(f"{stream.name}: the board did not identify itself")
         return link.identity
     finally:
         stream.close()

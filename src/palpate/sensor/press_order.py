@@ -1,6 +1,6 @@
 """Are the pixels wired in order? One pixel after the other is pressed, and must be the one to fall.
 
-The watch is fed frames and says which pixel to press next; it has no clock and no I/O, so a
+The watch is fed frames and names the pixel to press next; it has no clock and no I/O, so a
 recording of presses is judged as live ones are.
 """
 
@@ -22,7 +22,7 @@ Pixel: TypeAlias = tuple[int, int]
 #: A press falls by twice the paper's contact threshold, with one pixel in the lead for a while.
 _PRESSED_PERCENT, _HELD_S = -20.0, 0.25
 #: Let go: risen to half of the press's depth. The sheet then goes on creeping back, so the next
-#: press is measured from where it stands a little later.
+#: press is measured from its level a little later.
 _RELEASED_SHARE, _CALM_S = 0.5, 0.5
 
 
@@ -135,7 +135,7 @@ class PressWatch:
 
 
 def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Finding]:
-    """Say which pixels did not answer, and which answered for another.
+    """Return which pixels did not answer, and which answered for another.
 
     Whole rows or columns that answer for each other are named as such.
 
@@ -170,8 +170,8 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
         return findings
     for expected, answered in answers.items():
         if expected != answered:
-            said = f"answers as {pixel_name(*answered)}"
-            findings.append(_fault("swapped", pixel_name(*expected), said))
+            text = f"answers as {pixel_name(*answered)}"
+            findings.append(_fault("swapped", pixel_name(*expected), text))
     return findings
 
 

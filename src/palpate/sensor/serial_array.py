@@ -33,7 +33,7 @@ from palpate.sensor.wire_messages import (
 _REOPEN_S = 0.25
 #: Frames older than this on arrival in the program count as late: 5 periods, at least 100 ms.
 _LATE_PERIODS, _LATE_S = 5, 0.1
-#: Without a frame for so long the stream is set up anew: 10 periods, at least 0.5 s.
+#: Without a frame for this long the stream is set up again: 10 periods, at least 0.5 s.
 _SILENT_PERIODS, _SILENT_S = 10, 0.5
 
 
@@ -139,7 +139,7 @@ class SerialArray:
 
     @property
     def identity(self) -> BoardIdentity | None:
-        """What the board says of itself; None while it is unplugged."""
+        """The board's own description; None while it is unplugged."""
         return None if self._link is None else self._link.identity
 
     @property
@@ -267,7 +267,7 @@ class SerialArray:
         try:
             stream = self._reopen()
         except DeviceError:
-            return  # still unplugged: the caller is told by the timeout
+            return  # still unplugged: the timeout informs the caller
         self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
         self._link.begin(self._setup)
         self._name = stream.name

@@ -77,7 +77,7 @@ def unstuff(stuffed: bytes | bytearray) -> bytes | None:
             return None
     if at != end:
         return None
-    # A code of 255 stands for 254 bytes with no zero after them.
+    # A code of 255 means 254 bytes with no zero after them.
     for position in reversed(long_runs):
         if position < end:
             del data[position]
@@ -130,7 +130,7 @@ def encode_message(message: Message) -> bytes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireCounters:
-    """What a decoder has seen so far."""
+    """Counts of a decoder so far."""
 
     #: Frames accepted.
     frames: int = 0
@@ -179,7 +179,7 @@ class Decoder:
 
     @property
     def counters(self) -> WireCounters:
-        """What has been seen so far."""
+        """The counts so far."""
         return WireCounters(
             frames=self._frames,
             lost=self._lost,
@@ -246,7 +246,7 @@ class Decoder:
         return self._expected - 1, self._time_us
 
     def _account(self, ack: Ack | None) -> Ack | None:
-        """Count what is missing before an answer: it says which frames went before it."""
+        """Count what is missing before an answer: it states which frames went before it."""
         if ack is None or ack.stream == 0:
             return ack
         if ack.stream != self._stream:

@@ -1,4 +1,4 @@
-"""What travels on the wire: the messages of the board and the commands of the host.
+"""Messages on the wire: those of the board and the commands of the host.
 
 `docs/protocol.md` is the specification; `palpate.sensor.wire` turns them into bytes and back.
 """
@@ -43,7 +43,7 @@ class CommandType(IntEnum):
 
 
 class Result(IntEnum):
-    """What the board made of a command."""
+    """The board's response to a command."""
 
     OK = 0
     UNKNOWN_COMMAND = 1
@@ -57,7 +57,7 @@ class Result(IntEnum):
 
 
 class Contents(IntFlag):
-    """What a frame carries besides the pixels."""
+    """Data of a frame besides the pixels."""
 
     PIXELS = 0
     LOAD_CELLS = 1
@@ -146,7 +146,7 @@ class Ack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardIdentity:
-    """What the board says of itself; sent once at start-up (tag 0) and on `Identify`.
+    """The board's own description; sent once at start-up (tag 0) and on `Identify`.
 
     Attributes
     ----------

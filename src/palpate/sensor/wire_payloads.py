@@ -72,7 +72,7 @@ def pack_command(command: Command, *, tag: int) -> tuple[int, bytes]:
     Raises
     ------
     ValueError
-        If a value does not fit its field; whether it makes sense is the board's to say.
+        If a value does not fit its field; whether it makes sense is for the board to decide.
     """
     form = _COMMANDS[type(command)]
     try:

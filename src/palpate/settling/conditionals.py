@@ -48,13 +48,13 @@ LINEAR_BELOW_S = 0.1
 #: coloured (mains, filters), and a thousand samples a second don't know it a thousand times better.
 MOST_NOISE_SAMPLES = 12.0
 #: Scatter this much larger (variance) over the whole than over the later half is no noise: contact
-#: was being made. The later half alone then tells the noise.
+#: was being made. The later half alone then gives the noise.
 CONTACT_SCATTER = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conditionals:
-    """What the components make of one grid; m is the number of differences."""
+    """The components evaluated on one grid; m is the number of differences."""
 
     #: How samples are averaged first.
     bins: Bins

@@ -29,7 +29,7 @@ LOOK_RATIO = 1.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """When a hold was called, and what was said of it.
+    """When a hold was called, and the estimate at that moment.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def _looks(times: np.ndarray[tuple[int], np.dtype[np.float64]]) -> list[int]:
 
 
 def _is_narrow(estimate: SettledEstimate, half_width_percent: float) -> bool:
-    """Return whether the interval is narrow and its status stands behind it."""
+    """Return whether the interval is narrow and its status supports it."""
     half_width = (estimate.high - estimate.low) / 2
     return bool(
         estimate.status == Status.OK

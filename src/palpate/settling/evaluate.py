@@ -31,7 +31,7 @@ class Calibrates(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """One hold, method and cut-off, beside what the hold settled to."""
+    """One hold, method and cut-off, with the value that the hold settled to."""
 
     #: Which hold of which file.
     source: str
@@ -154,7 +154,7 @@ def _beside_settled(
     settled: float,
     decided: bool | None = None,
 ) -> Prediction:
-    """Put an estimate beside what the hold settled to; None stands for no sample at all."""
+    """Pair an estimate with the value that the hold settled to; None means no sample at all."""
     value, low, high = (
         (np.nan, np.nan, np.nan)
         if estimate is None

@@ -3,7 +3,7 @@
 Least squares of A exp(-lambda (t - t_p)) + C over the samples from t_p + t_a to t_c; the prediction
 is C, the paper's value "after an infinite amount of time", whatever the horizon. Variable
 projection needs no starting value and can't fail to converge. What can fail is the question: a
-window too short for the rate leaves C undetermined. `docs/paper-notes.md` says how this reads
+window too short for the rate leaves C undetermined. `docs/paper-notes.md` explains how this reads
 equation 3, and why the rule below replaces the paper's range of -100 to 0 %.
 """
 
@@ -44,13 +44,13 @@ _STATUS_IF_STANDS = np.array([Status.NOT_SETTLING, Status.OK], dtype=object)
 class ExponentialFit:
     """Parameters of equation 3, each an array of shape (n_holds,)."""
 
-    #: C where the fit stands, the recorded value where it doesn't (see `status`).
+    #: C where the fit is accepted, the recorded value where it isn't (see `status`).
     settled: FloatArray
     #: A, at the peak; NaN without a fit.
     amplitude: FloatArray
     #: lambda; NaN without a fit.
     rate_per_s: FloatArray
-    #: Length of the fitted stretch; 0 where the recorded value stands in.
+    #: Length of the fitted stretch; 0 where the recorded value is used instead.
     window_s: FloatArray
     #: `ok`; `too_short` with fewer than four samples; `not_settling` where the rate is at an end of
     #: its range (as in a constant window, which has none), or C runs away: it lies further from the

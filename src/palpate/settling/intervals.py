@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
 
-#: How much wider the interval is than the mixture says, without calibration: no prior holds every
+#: How much wider the interval is than the mixture gives, without calibration: no prior holds every
 #: shape. Chosen on training holds, see `docs/prediction.md`.
 WIDENING = 1.5
 #: Calibration residuals count against this many imagined ones that follow the default.

@@ -14,8 +14,8 @@ from palpate.settling.conditionals import DEVIATION_OF, N_DEVIATIONS, NOISE, Con
 #: Scale of the change of ln R from 0.3 to 20 s, and how many samples' worth that is known: sheets
 #: creep by a tenth, rarely by less than a fiftieth or more than a half.
 SCALE, SCALE_DEGREES = 0.1, 6.0
-#: No curve is the truth: each forecast may be off by this share of itself, and of the change that
-#: the recent pace per e-fold of time would bring.
+#: No curve is the truth: each forecast may have this relative error, and this share of the change
+#: that the recent pace per e-fold of time would bring.
 SHAPE_DOUBT = 0.08
 #: Components that weigh less than this share of the heaviest one change no digit that matters.
 LIGHTEST = 1e-3

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.signal.transient import peak_index
 
-#: A baseline stays within this share of the whole change for at least so long (s) and so many
-#: samples; the change then comes to the larger share within three quarters of that time or one
-#: sample, while a curve that relaxes from the start slows down and takes three times it.
+#: A baseline stays within this share of the whole change for at least this long (s) and this many
+#: samples; the change then reaches the larger share within three quarters of that time or one
+#: sample, while a curve that relaxes from the start slows down and takes three times as long.
 _FLAT, _FLAT_S, _FLAT_SAMPLES = 0.1, 0.1, 2
 _GONE, _SUDDEN = 0.4, 0.75
 #: A contact was made between two samples where the next change is at most this share of the first.
 _REST_OF_IT = 0.5
-#: A change of a positive reading by a fifth within so long (s) is a contact; where zero is
+#: A change of a positive reading by a fifth within this time (s) is a contact; where zero is
 #: not known, so is a change that makes up nearly all there is. What rings is left out; time still
 #: counts from the contact.
 _CONTACT_LOG, _CONTACT_SHARE, _CONTACT_S, _RUNG_OUT_S = 0.2, 0.9, 0.3, 0.35
-#: Leaving samples out takes so many, over so long (s), to be left.
+#: Samples are left out only if this many, over this long (s), are left.
 _FEWEST_LEFT, _SHORTEST_LEFT_S = 4, 0.25
 
 
@@ -57,7 +57,7 @@ def windows(time_s: FloatArray, values: FloatArray, *, positive: bool) -> Iterat
 def origins(
     time_s: FloatArray, values: FloatArray, *, positive: bool
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find the origin of time of each hold and the first sample that tells how it settles.
+    """Find the origin of time of each hold and the first sample that shows how it settles.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def origins(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Grid:
-    """What each sample of a grid is as an origin, all shape (n_times,), and one more index."""
+    """Each sample of a grid taken as the origin: all of shape (n_times,), and one more index."""
 
     #: Last sample that may show a contact.
     soon: NDArray[np.intp]
@@ -132,7 +132,7 @@ def _grid(time_bytes: bytes) -> _Grid:
 
 
 def _baseline_end(time_s: FloatArray, values: FloatArray, *, could_end: int) -> NDArray[np.intp]:
-    """Return the last sample of a flat stretch in front, 0 where there is none."""
+    """Return the last sample of a flat stretch in front, 0 if there is none."""
     away = np.abs(values - values[:, :1])
     whole = away.max(axis=1, keepdims=True)
     if could_end >= time_s.size or (away[:, could_end] > _FLAT * whole[:, 0]).all():

@@ -23,9 +23,9 @@ from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate
 from palpate.settling.scoring import settled_value
 
-#: The general odds count as so many of the sensor's own holds, and for a tenth at least.
+#: The general odds count as this many of the sensor's own holds, and for a tenth at least.
 GENERAL_HOLDS, MOST = 4.0, 0.9
-#: Holds that it takes to see a common error; a slope below so many times its variance is none.
+#: Holds needed to see a common error; a slope below this many times its variance is none.
 FEWEST = 4
 #: Cut-offs that are remembered.
 REMEMBERED = 64

@@ -13,7 +13,7 @@ from palpate.arrays import FloatArray
 from palpate.holds import Hold
 from palpate.settling.result import SettledEstimate, SettlingMethod
 
-#: The only unit that a predictor has to be told.
+#: The only unit that a predictor must be given.
 PERCENT = "percent"
 
 
@@ -50,7 +50,7 @@ class InPercent:
 
 
 def for_unit(method: SettlingMethod, unit: str | None) -> SettlingMethod:
-    """Return the method for holds of a unit; None stands for an unknown one."""
+    """Return the method for holds of a unit; None means an unknown one."""
     return InPercent(method=method) if unit == PERCENT else method
 
 
@@ -66,7 +66,7 @@ def as_percent(ratio: SettledEstimate) -> SettledEstimate:
 
 
 def without_percent(hold: Hold) -> Hold:
-    """Return the hold in a unit that needs no telling: one in percent as shares of rest."""
+    """Return the hold in a unit that need not be given: one in percent as shares of rest."""
     if hold.unit != PERCENT:
         return hold
     return replace(hold, values=of_rest(hold.values), unit=None)

@@ -40,7 +40,7 @@ def method_named(name: str) -> SettlingMethod:
     Raises
     ------
     InputError
-        If there is none of that name; the message lists those that there are.
+        If there is no method of that name; the message lists the existing ones.
     """
     if name not in METHODS:
         raise InputError(f"no method {name!r}; there are: {', '.join(METHODS)}")
@@ -76,8 +76,8 @@ def predict_settled(
     level : float
         Probability that the interval is to cover, between 0 and 1.
     unit : str, optional
-        ``"percent"`` says that values are changes relative to rest: rest is at 0, and none falls
-        below -100. Other units need no telling.
+        ``"percent"`` means that values are changes relative to rest: rest is at 0, and none falls
+        below -100. Other units need not be given.
 
     Returns
     -------

@@ -15,7 +15,7 @@ from palpate.settling.result import SettledEstimate, Status
 class Recorded:
     """The last sample as it is (paper, Table 1: "recorded resistance").
 
-    It has no interval: one sample says nothing of the change still to come.
+    It has no interval: one sample shows nothing of the change still to come.
 
     Examples
     --------

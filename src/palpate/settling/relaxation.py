@@ -24,12 +24,12 @@ from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 CHUNK = 256
 #: A prediction from less than this after the origin has no basis but the prior.
 SHORTEST_S = 0.3
-#: And from fewer samples there is no telling noise from change.
+#: And with fewer samples noise can't be distinguished from change.
 FEWEST_SAMPLES = 4
-#: So soon after a contact it may still be ringing.
+#: This soon after a contact it may still be ringing.
 RINGING_S = 1.5
-#: Before this time after the origin a wide interval means that it is too early to tell; later, that
-#: no shape fits.
+#: Before this time after the origin a wide interval means that it is too early to decide; later,
+#: that no shape fits.
 EARLY_S = 2.0
 #: An interval wider than this to either side, as a share of the value, is none to act on.
 WIDEST = 0.2
@@ -233,7 +233,7 @@ class Relaxation:
         Parameters
         ----------
         holds : iterable of Hold
-            Calibration holds that reach the horizon (others are passed over), best of several
+            Calibration holds that reach the horizon (others are skipped), best of several
             specimens. Sampling may differ from hold to hold.
         horizon_s : float
             Time of the settled value.

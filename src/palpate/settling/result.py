@@ -1,4 +1,4 @@
-"""What every predictor of the settled value returns."""
+"""The result of every predictor of the settled value."""
 
 from __future__ import annotations
 

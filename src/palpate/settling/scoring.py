@@ -16,7 +16,7 @@ SETTLED_WINDOW_S = 0.5
 def settled_value(time_s: FloatArray, values: FloatArray, *, horizon_s: float) -> float:
     """Return the mean of the last 0.5 s before the horizon; NaN where the hold ends before.
 
-    A sample stands for the time up to the next one, so a hold reaches the horizon when its last
+    A sample covers the time up to the next one, so a hold reaches the horizon when its last
     sample is no more than one usual interval before it.
 
     Parameters
@@ -42,7 +42,7 @@ def settled_value(time_s: FloatArray, values: FloatArray, *, horizon_s: float) -
 
 
 def recorded_value(time_s: FloatArray, values: FloatArray, *, cutoff_s: float) -> float:
-    """Return the last sample up to the cut-off; NaN where there is none.
+    """Return the last sample up to the cut-off; NaN if there is none.
 
     Examples
     --------
@@ -109,18 +109,18 @@ def _percent(part: FloatArray, whole: FloatArray) -> FloatArray:
 
 
 def median(values: FloatArray) -> float:
-    """Return the median of the finite values; NaN where there is none."""
+    """Return the median of the finite values; NaN if there are none."""
     return quantile(values, 0.5)
 
 
 def quantile(values: FloatArray, share: float) -> float:
-    """Return a quantile of the finite values; NaN where there is none."""
+    """Return a quantile of the finite values; NaN if there are none."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, share)) if finite.size else float("nan")
 
 
 def mean(values: FloatArray) -> float:
-    """Return the mean of the finite values; NaN where there is none."""
+    """Return the mean of the finite values; NaN if there are none."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else float("nan")
 

@@ -3,8 +3,8 @@
 Each curve has a reason: creep in log time (carbon-black composites, viscoelastic solids with a flat
 spectrum) and its tilted forms (power laws), decays of one time constant (the paper's equation 2),
 decays on creep, decays of spread time constants (stretched), two decays, and the paper's own sensor
-as both rows of its Table 1 describe it. A deviation says how noisy, how wavy and how free a hold is
-around its curve, and whether making contact adds something before anything relaxes.
+as both rows of its Table 1 describe it. A deviation gives how noisy, how wavy and how free a hold
+is around its curve, and whether making contact adds something before anything relaxes.
 """
 
 from __future__ import annotations

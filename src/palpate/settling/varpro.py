@@ -3,7 +3,7 @@
 For a given rate the amplitude and offset of ``amplitude * basis(x, rate) + offset`` are linear and
 have a closed form, so the fit is a search over the rate alone (Golub & Pereyra 1973). On an
 abscissa that all the fits share, a grid over the rate is one matrix product; interpolation between
-its nodes starts Newton's method so near that one step is mostly enough.
+its nodes starts Newton's method close enough that one step is mostly enough.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class RateFit(Generic[Number, Flag]):
     #: Sum of squared residuals.
     unexplained: Number
     #: How much larger that sum is at the slowest rate of the grid, where a decay is a straight
-    #: line: what the data say about the rate at all.
+    #: line: how much information the data carry about the rate.
     gained: Number
     #: The sum of squares is smallest at an end of the grid: the data don't determine the rate.
     at_end: Flag
@@ -142,8 +142,8 @@ def fit_one_rate(
 ) -> RateFit[float, bool]:
     """Fit a single row, `y` of shape (n_points,), to numbers.
 
-    The same search as that of `fit_rate` on one row, in a third of its time: on so little data a
-    call into NumPy costs more than what it computes.
+    The same search as that of `fit_rate` on one row, in a third of its time: for few data a
+    call into NumPy costs more than its computation.
     """
     table, weight = _grid(x, rates, basis=basis, offset=offset)
     mean = float(y @ weight)

@@ -1,6 +1,6 @@
 """From ADC counts to ohm and back: the voltage divider that reads a pixel.
 
-Counts may be the sum of several conversions (oversampling). A converter code stands for the middle
+Counts may be the sum of several conversions (oversampling). A converter code represents the middle
 of its step: the ATmega2560's ideal first transition is half a step above zero (datasheet, "ADC
 Accuracy Definitions").
 """
@@ -45,12 +45,12 @@ class Divider:
 
     @property
     def least_ohm(self) -> float:
-        """Least resistance that is told from a short: half a step from the end of the range."""
+        """Least resistance that differs from a short: half a step from the end of the range."""
         return self.reference_ohm * 1.5 / (self.full_scale - 1.5)
 
 
 class PixelFault(IntEnum):
-    """What a reading at the end of the converter's range means."""
+    """Meaning of a reading at the end of the converter's range."""
 
     NONE = 0
     OPEN = 1
@@ -105,7 +105,7 @@ def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1
 def pixel_faults(
     counts: ArrayLike, *, divider: Divider, oversampling: int = 1
 ) -> NDArray[np.uint8]:
-    """Tell open and short pixels: those where every conversion hit the end of the range.
+    """Find open and short pixels: those where every conversion hit the end of the range.
 
     Parameters
     ----------

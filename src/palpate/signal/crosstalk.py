@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 
 #: Above this gain a 1 % error of the readings makes the pixel uncertain by more than 10 %.
 ILL_CONDITIONED_GAIN = 10.0
-#: A pixel that carries less than this share of its reading's conductance can't be told from open.
+#: A pixel that carries less than this share of its reading's conductance can't be distinguished
+#: from open.
 _HIDDEN_SHARE = 1e-5
 _TOLERANCE = 1e-9
 _MAX_STEPS = 60
-#: Frames are solved in batches of so many numbers (32 MB) per intermediate array.
+#: Frames are solved in batches of this many numbers (32 MB) per intermediate array.
 _MOST_COUPLINGS = 1 << 22
 
 _Array = NDArray[np.float64]
@@ -48,12 +49,12 @@ class UnmixedPixels:
 
     @property
     def ill_conditioned(self) -> NDArray[np.bool_]:
-        """Where the readings say little about the pixel: gain above 10, or nothing at all."""
+        """Where the readings show little about the pixel: gain above 10, or nothing at all."""
         return np.asarray(~(self.error_gain <= ILL_CONDITIONED_GAIN))
 
 
 def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
-    """What each pixel reads when all idle lines float.
+    """Return the reading of each pixel when all idle lines float.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
 
     Examples
     --------
-    Three equal pixels in series beside the one that is read:
+    Three equal pixels in series, in parallel with the one that is read:
 
     >>> floating_readings_ohm([[100.0, 100.0], [100.0, 100.0]]).round(6).tolist()
     [[75.0, 75.0], [75.0, 75.0]]
@@ -94,7 +95,7 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     With T the voltages across all pixels per ampere through each selected one, the readings are
     diag(T) and d ln(reading) = -P d ln(conductance), P = T^2 g / diag(T), whose rows sum to one.
     Newton's method in the logarithms keeps every conductance positive. Where a reading is higher
-    than its detours alone allow (noise on a resistive pixel beside pressed ones), the pixel is
+    than its detours alone allow (noise on a resistive pixel next to pressed ones), the pixel is
     given up as hidden and the others are solved without it.
 
     Parameters

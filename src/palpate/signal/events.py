@@ -1,7 +1,7 @@
-"""What happens in a stream of relative changes: actuation spikes, contact, removal, slip.
+"""Events in a stream of relative changes: actuation spikes, contact, removal, slip.
 
 All of it is causal: an event at a sample rests on that sample and those before it, so a whole
-recording and a live stream give the same answer. Signals have shape (n_times,) or, where said,
+recording and a live stream give the same answer. Signals have shape (n_times,) or, where stated,
 (n_times, fingers); times are in seconds and strictly increasing.
 """
 
@@ -20,7 +20,7 @@ _FORGET = 0.02
 
 
 class EventKind(StrEnum):
-    """What an event is."""
+    """The kind of an event."""
 
     SPIKE = "spike"
     CONTACT = "contact"
@@ -49,7 +49,7 @@ def actuation_spikes(
 ) -> list[SignalEvent]:
     """Find the spikes upward in resistance that each movement of the fingers makes.
 
-    A spike begins where the signal stands more than `rise_percent` above its lowest value of the
+    A spike begins where the signal is more than `rise_percent` above its lowest value of the
     last `within_s`, and ends when it falls back below half of that. Opening makes a spike as well
     as closing; a release, which also rises but stays up, counts as one.
 
@@ -86,7 +86,7 @@ def actuation_spikes(
 
 @dataclass(frozen=True, slots=True)
 class ContactState:
-    """What `watch_contact` remembers of one finger: touched or not, and the deepest change held."""
+    """State of one finger in `watch_contact`: touched or not, and the deepest change held."""
 
     touching: bool = False
     held_percent: float = 0.0
@@ -96,7 +96,7 @@ class ContactState:
 def watch_contact(
     state: ContactState, change_percent: float, *, threshold_percent: float = CONTACT_PERCENT
 ) -> tuple[ContactState, EventKind | None]:
-    """Take one sample of a finger's relative change; say whether something happened.
+    """Take one sample of a finger's relative change; return whether something happened.
 
     Contact is a change below the threshold; removal one above half of it (so that noise at the
     threshold gives no chatter). Slip is the loss of more than a quarter of the change held, while

@@ -1,4 +1,4 @@
-"""From ohm to what pixels say about load: rest baseline, relative change, sums over pixels.
+"""From ohm to what pixels show about load: rest baseline, relative change, sums over pixels.
 
 Arrays have shape (..., rows, cols). A pixel that reads open (infinite) or has no rest value gives
 NaN, and the sums over pixels leave NaN out. A pixel that reads short has at least the conductance
@@ -31,7 +31,7 @@ _MAD_TO_SD = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestBaseline:
-    """What each pixel reads with nothing on it."""
+    """Rest values: each pixel's reading with nothing on it."""
 
     #: Shape (rows, cols). Robust mean; NaN for pixels that read open or short.
     rest_ohm: FloatArray
@@ -46,8 +46,8 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
 
     The mean over frames leaves out what lies more than three robust standard deviations from the
     median. A stretch in which the sensor was moving, settling or touched shows as a trend or a
-    jump, and is refused. A load that has long settled can't be told from rest by the stretch
-    alone: give the rest values known before.
+    jump, and is refused. A load that has long settled can't be distinguished from rest by the
+    stretch alone: give the rest values known before.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def _windows(values: FloatArray) -> FloatArray:
 
 
 def refuse_load(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:
-    """Refuse rest values so far below those known before that something must press.
+    """Refuse rest values so far below those known before that something must be pressing.
 
     Parameters
     ----------

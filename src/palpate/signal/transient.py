@@ -24,8 +24,8 @@ class HoldWindow:
     peak: NDArray[np.intp]
     #: Shape (n_holds,). Its time, t_p.
     peak_s: NDArray[np.float64]
-    #: Shape (n_holds,). Index of the first sample at or after t_p + t_a; equal to `stop` where
-    #: there is none.
+    #: Shape (n_holds,). Index of the first sample at or after t_p + t_a; equal to `stop` if there
+    #: is none.
     first: NDArray[np.intp]
     #: Number of samples at or before the cut-off t_c.
     stop: int

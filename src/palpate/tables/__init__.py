@@ -1,6 +1,6 @@
 """Tables in files: one reader for any table, and a strict way to use it where columns are known.
 
-`read_table_file` takes tables as users have them and says what it left out. `read_table` and
+`read_table_file` takes tables as users have them and reports what it left out. `read_table` and
 `read_pieces` want columns of known names, and refuse what can't be used with its line.
 """
 

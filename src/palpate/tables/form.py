@@ -1,4 +1,4 @@
-"""What a table in text looks like: separator, decimal mark, header, first row of numbers."""
+"""Layout of a text table: separator, decimal mark, header, first row of numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.errors import InputError
 
 #: Tried in this order; None is any run of spaces.
 SEPARATORS = ("\t", ";", ",", "|", None)
-#: Fields that say that there is no reading.
+#: Fields that mean that there is no reading.
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf"})
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 _MOMENT = re.compile(r"(\d{4}-\d\d-\d\d([T ].*)?)|(\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)")
@@ -29,7 +29,7 @@ class Form:
     separator: str | None
     #: Whether numbers have commas for points.
     decimal_comma: bool
-    #: As the header has them, or ``1``, ``2``, ... where there is none.
+    #: As the header has them, or ``1``, ``2``, ... without a header.
     names: list[str]
     #: Index of the first row of data.
     first: int

@@ -12,8 +12,8 @@ from palpate.errors import InputError
 from palpate.tables.form import MISSING
 from palpate.tables.table import Table, unique_names, usable
 
-#: Rows that can't be used are left out, and said, up to this share: a log that begins or ends in
-#: the middle of a line, a byte lost on a serial line.
+#: Rows that can't be used are left out, and reported, up to this share: a log that begins or ends
+#: in the middle of a line, a byte lost on a serial line.
 BAD_SHARE = 0.01
 _BAD_AT_LEAST = 2
 
@@ -116,10 +116,10 @@ def refuse_or_say(bad: Sequence[tuple[str, str]], *, total: int, name: str) -> l
     place, what = bad[0]
     if len(bad) > max(_BAD_AT_LEAST, BAD_SHARE * total):
         raise InputError(
-            f"{name} {place}: {what}, and so are {len(bad) - 1} more of {total} rows; mend or "
+            f"{name} {place}: {what}, and so are {len(bad) - 1} more of {total} rows; fix or "
             "remove them"
             if len(bad) > 1
-            else f"{name} {place}: {what}; mend or remove it"
+            else f"{name} {place}: {what}; fix or remove it"
         )
     rows = "1 row was" if len(bad) == 1 else f"{len(bad)} rows were"
     return [f"{rows} left out (first at {place}: {what})"]

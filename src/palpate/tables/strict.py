@@ -27,7 +27,7 @@ _NO_COLUMNS: Mapping[str, Kind] = {}
 def read_table(
     path: str | os.PathLike[str], *, columns: Mapping[str, Kind]
 ) -> dict[str, NDArray[Any]]:
-    """Read the named columns of a table with a header line; other columns are passed over.
+    """Read the named columns of a table with a header line; other columns are skipped.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def read_table(
     ...     read_table(path, columns={"load_n": "number"})
     ... except InputError as error:
     ...     print(str(error).replace(str(path), "loads.csv"))
-    loads.csv line 3: load_n is 'heavy', not a finite number up to 1e+150; mend or remove the line
+    loads.csv line 3: load_n is 'heavy', not a finite number up to 1e+150; fix or remove the line
     """
     pieces = list(read_pieces(path, columns=columns))
     return {name: np.concatenate([piece.columns[name] for piece in pieces]) for name in columns}
@@ -112,7 +112,7 @@ def read_pieces(
 
 
 def _share_read(file: BufferedReader) -> Callable[[], float] | None:
-    """Return what tells how far a file is read; a pipe has no length."""
+    """Return a function for the share of a file that is read; a pipe has no length."""
     status = os.fstat(file.fileno())
     if not stat.S_ISREG(status.st_mode) or status.st_size == 0:
         return None
@@ -139,7 +139,7 @@ class _Wanted:
         kinds = {n: k for n, k in {**self.columns, **self.optional}.items() if n in names}
         for name in kinds:
             if list(names).count(name) > 1:
-                raise InputError(f"{where}: column {name} stands there twice ({found}); {need}")
+                raise InputError(f"{where}: column {name} occurs twice ({found}); {need}")
         return kinds
 
     def separator(self, header: str) -> str | None:
@@ -179,7 +179,7 @@ class _RowReader:
     #: What errors call the file.
     name: str
     #: The decimal mark; None until a number has one. A later number with the other one is refused:
-    #: 1,234 beside 0.5 would be read a thousand times too small.
+    #: 1,234 next to 0.5 would be read a thousand times too small.
     mark: str | None
 
     def table(self, rows: list[list[str]], numbers: Sequence[int]) -> Table:
@@ -225,7 +225,7 @@ class _RowReader:
                 return False
             raise InputError(
                 f"{self.name} line {number}: {len(row)} fields where the header has "
-                f"{len(self.names)} ({','.join(self.names)}); mend or remove the line"
+                f"{len(self.names)} ({','.join(self.names)}); fix or remove the line"
             )
         for column, kind in self.kinds.items():
             field = row[self.names.index(column)]
@@ -233,7 +233,7 @@ class _RowReader:
                 self._convert([field], kind)
             except ValueError:
                 where = f"{self.name} line {number}"
-                _refuse(column, f"{field[:40]!a}", where=where, remedy="mend or remove the line")
+                _refuse(column, f"{field[:40]!a}", where=where, remedy="fix or remove the line")
         return True
 
 

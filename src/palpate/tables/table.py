@@ -22,7 +22,7 @@ class Table:
     #: Shape (n_rows,). float64 (NaN where there is no number), datetime64, timedelta64, or objects
     #: (text).
     columns: Mapping[str, NDArray[Any]]
-    #: Row -> where it stands (``"line 12"``).
+    #: Row -> its place in the file (``"line 12"``).
     place: Callable[[int], str]
     #: One sentence for each kind of row or field that couldn't be used.
     left_out: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What a bruise changes where a finger presses: softer flesh, a flat, load that goes elsewhere.
+"""Effect of a bruise where a finger presses: softer flesh, a flat, load that goes elsewhere.
 
 A face is a bed of springs under a round surface (Winkler) whose contact has the radius of Hertz, a
 (a**2 = D d / 2 for a side that gives way by d, D the diameter of curvature). The pressure where the
@@ -12,7 +12,7 @@ middle of the bruise to its rim as a paraboloid does. Pad and sheet spread every
 over 8 mm.
 
 Both fingers carry the same force; what soft flesh doesn't carry its surroundings do, on the pixels
-or beside them. So a bruise moves load more than it takes any away.
+or around them. So a bruise moves load more than it takes any away.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _PLACES, _REACH = 21, 2.4
 #: How far pad and sheet spread a load, mm: as `mechanics.pixel_shares` has it for the paper's
 #: pixels. Finer pixels see no sharper for being fine.
 _SPREAD_MM = 8.0
-#: Half of what pads give way by in the middle of their range: they follow a surface by so much.
+#: Half of what pads give way by in the middle of their range: they follow a surface by this much.
 _PAD_MM = 0.15
 #: By how much a side gives way, mm, where stiffnesses are compared: the middle of what grasps use.
 _USUAL_SIDE_MM = 0.5
 #: Contacts of one face closer than this are taken for one, mm.
 _STEP_MM = 0.005
-#: How far beside a bruise the place of first touch is looked for, mm.
+#: How far from a bruise the place of first touch is looked for, mm.
 _BESIDE_MM = 10.0
 
 
@@ -189,7 +189,7 @@ def _caught(
 
 
 def _overlap(apart_mm: FloatArray, *, pitch_mm: float) -> FloatArray:
-    """Return the share of a spread load that a pixel catches whose middle is so far from it."""
+    """Return the share of a spread load that a pixel catches whose middle is this far from it."""
     edges = apart_mm[..., None] + np.array([0.5, -0.5]) * pitch_mm
     t = np.clip(edges / _SPREAD_MM, -1.0, 1.0)
     below = 0.25 * (3.0 * t - t**3)

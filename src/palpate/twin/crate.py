@@ -28,7 +28,7 @@ from palpate.twin.world import GripperKind, World
 _YIELD_SHARE = (0.75, 0.95)
 #: Time constants of relaxation, as for other fruit of the twin.
 _RELAXING_S = ((0.2, 1.0), (1.0, 8.0), (8.0, 80.0))
-#: After an item was laid between the open fingers, the hand is left still for so long.
+#: After an item was laid between the open fingers, the hand is left still for this long.
 _STILL_S = 1.0
 
 
@@ -50,7 +50,7 @@ class CrateItem:
     seed: int
 
     def side(self, turn: int) -> TwinObject:
-        """Return the item as it lies after so many turns: another diameter, another place.
+        """Return the item as it lies after this many turns: another diameter, another place.
 
         Examples
         --------

@@ -12,7 +12,7 @@ from palpate.twin.ranges import Pair
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrateKind:
-    """What the items of one kind in a mixed crate are drawn from; pairs are (low, high)."""
+    """Ranges of the items of one kind in a mixed crate; pairs are (low, high)."""
 
     #: Mean diameter about the closing axis; the hand takes each item across its short side.
     size_mm: Pair

@@ -6,7 +6,7 @@ While the fingers move, friction of the gears adds to the grip (closing) or take
 It is never twice the same: it has a share of its own for each movement (how the teeth and the
 grease lie), and rises and falls along the way, as the gears turn, in the same places each time.
 At rest it may hold any part of itself either way: where in that band a stop ends depends on how
-the position controller came in, so it is drawn anew for each stop. The torque of an ampere falls
+the position controller came in, so it is drawn again for each stop. The torque of an ampere falls
 as the motor warms up.
 
 The size of the bands is plausible for the paper's servo (a DYNAMIXEL XM430 takes some tens of

@@ -181,12 +181,12 @@ class FirmwareBoard:
 
     @property
     def output_kpa(self) -> float:
-        """What the pulse output asks of the regulator now."""
+        """The setpoint that the pulse output now gives the regulator."""
         return float(50.0 * self._library.board_output_duty(self._board))
 
     @property
     def pressure_kpa(self) -> float:
-        """What the regulator gives now."""
+        """The regulator's present output."""
         return float(50.0 * self._library.board_pressure(self._board))
 
     @property
@@ -303,7 +303,7 @@ def open_firmware_array(world: Stage, *, noise_mv: float, rate_hz: float) -> Ser
     Raises
     ------
     DeviceNotFoundError
-        If firmware or simulator have not been built; the message says what to install.
+        If firmware or simulator have not been built; the message names what to install.
     DeviceError
         If the firmware can't do that rate.
     """

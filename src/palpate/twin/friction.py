@@ -1,4 +1,4 @@
-"""What holds an object against a pull along the pads: friction of both fingers, until it slides."""
+"""Friction of both fingers, which holds an object against a pull along the pads until it slides."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 N_PER_G = 9.80665e-3
 #: Once it slides, friction is less by this share (plausible for rubber-like tape, not measured).
 _SLIDING_SHARE = 0.8
-#: Sliding so far, mm, the object has left the pads: half the length of a finger's pixels.
+#: After sliding this far, mm, the object has left the pads: half the length of a finger's pixels.
 PAD_MM = 10.0
 
 

@@ -29,7 +29,7 @@ _RUPTURED_FORCE = 0.35
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandCompliance:
-    """What gives way besides the object: fingers, servo (a spring), pads until they bottom."""
+    """Compliance besides the object's: fingers, servo (a spring), pads until they bottom out."""
 
     #: Fingers and servo, both sides together.
     finger_mm_per_n: float

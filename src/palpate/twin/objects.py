@@ -70,7 +70,7 @@ class TwinObject:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectRange:
-    """What an object of one kind is drawn from; pairs are (low, high)."""
+    """Ranges of an object of one kind; pairs are (low, high)."""
 
     size_mm: Pair
     force_at_1mm_n: Pair
@@ -191,7 +191,7 @@ def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """What really holds in a world; names and meanings as in the answers of `palpate grasp`."""
+    """True values in a world; names and meanings as in the answers of `palpate grasp`."""
 
     #: Extent of the object along the closing axis before contact; None if there is none.
     size_mm: float | None

@@ -19,7 +19,7 @@ _FIXTURE_OFF_CENTRE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """What differs from grasp to grasp: place, gains there, creep, width error, first finger."""
+    """Variation from grasp to grasp: place, gains there, creep, width error, first finger."""
 
     off_centre_mm: tuple[float, float]
     gain: FloatArray

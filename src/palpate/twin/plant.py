@@ -21,7 +21,8 @@ from palpate.twin.ranges import Ranges
 from palpate.twin.sheet_state import SheetState
 from palpate.twin.velostat import Environment, Sheet
 
-#: Friction of what the object stands on before it is lifted: the finger that comes first feels it.
+#: Friction of the surface that the object stands on before it is lifted: the finger that comes
+#: first feels it.
 TABLE_FRICTION = 0.4
 #: An object this near, beyond where one finger may meet it first, may be touched, mm.
 _NEAR_MM = 1.0
@@ -209,7 +210,7 @@ class Plant:
 
     @property
     def rest_ohm(self) -> FloatArray:
-        """What every pixel would read without load, shape (pixels,)."""
+        """The reading of every pixel without load, shape (pixels,)."""
         return self.sheet.rest_ohm * self.sheet.rest_factor(self.environment)
 
     def _finger_mm(self, state: PlantState, width_mm: float) -> float:

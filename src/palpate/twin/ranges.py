@@ -11,7 +11,7 @@ Surroundings, wear and suction are plausible at both levels, not measured: the p
 and 4 print no numbers.
 
 A pair (low, high) is drawn uniformly, in the logarithm where the name ends in `_log`; a single
-`..._sd` is a standard deviation, of the logarithm where it says so.
+`..._sd` is a standard deviation, of the logarithm where stated.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Pair: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranges:
-    """What one level draws from; attributes are grouped by the part that they describe."""
+    """Ranges of one level; attributes are grouped by the part that they describe."""
 
     # Sheet at rest.
     rest_ohm_log: Pair
@@ -42,7 +42,7 @@ class Ranges:
     place_pixel_log_sd: float
     # Hysteresis: how far the force must fall, in ratio, before the sheet follows it down.
     hysteresis: Pair
-    # Families of creep to draw from (one that stands twice comes twice as often), and the ranges
+    # Families of creep to draw from (one that is listed twice comes twice as often), and the ranges
     # of each.
     families: tuple[str, ...]
     two_mode_scale: Pair

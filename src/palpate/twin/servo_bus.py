@@ -25,7 +25,7 @@ _HEADER = b"\xff\xff\xfd\x00"
 _PING, _READ, _WRITE, _REBOOT, _STATUS = 0x01, 0x02, 0x03, 0x08, 0x55
 _GOALS = (x.GOAL_PWM, x.GOAL_CURRENT, x.GOAL_POSITION, x.PROFILE_VELOCITY)
 _TEMPERATURE_C, _SUPPLY_V = 35, 12.0
-#: Profile velocity of a servo that was not told any, in its own units.
+#: Profile velocity of a servo that was given none, in its own units.
 _FASTEST = 200
 
 
@@ -49,8 +49,8 @@ def crc16(data: bytes) -> int:
 class ServoBus:
     """One servo at the end of a line; its other end is the port `name`.
 
-    A thread of its own answers. Whoever asks waits for the answer, so runs repeat exactly as long
-    as one thread moves the clock and asks.
+    A thread of its own answers. The asking thread waits for the answer, so runs repeat exactly as
+    long as one thread moves the clock and asks.
 
     Parameters
     ----------
@@ -68,13 +68,13 @@ class ServoBus:
     silent : bool
         Set it, and nothing is answered any more.
     spoilt : int
-        So many of the next replies have a wrong CRC.
+        Number of the next replies that have a wrong CRC.
     late_s : float
-        Replies are so much later, seconds of real time: what was asked is answered all the same.
+        Replies are late by this, seconds of real time: what was asked is answered all the same.
     deaf : bool
         Goals of its position are acknowledged, and not followed: it goes where it went before.
     position_error : int
-        Steps by which the position that it reports is off.
+        Error of the reported position, steps.
     """
 
     def __init__(
@@ -271,7 +271,7 @@ class LineEnd:
         self._thread.start()
 
     def send(self, data: bytes, *, late_s: float = 0.0) -> None:
-        """Send bytes, now or so much later (real time)."""
+        """Send bytes, now or later by `late_s` (real time)."""
         if late_s:
             self._held.append((time.monotonic() + late_s, data))
         else:

@@ -1,4 +1,4 @@
-"""What a simulated device asks of the world that it stands in."""
+"""The interface of the simulated world for its devices."""
 
 from __future__ import annotations
 

@@ -152,8 +152,8 @@ class Environment:
     humidity_percent: float = ROOM_HUMIDITY_PERCENT
     #: Contacts made before.
     cycles: int = 0
-    #: Whether those count the world's own contacts too: of whoever keeps the count and says it
-    #: anew. Otherwise the own ones wear the gain besides.
+    #: Whether those include the world's own contacts too, because the caller keeps the count and
+    #: updates it. Otherwise the own ones wear the gain in addition.
     cycles_are_all: bool = False
     #: By how much the pressure outside the sheet lies below that between its layers.
     suction_kpa: float = 0.0

@@ -30,7 +30,7 @@ SOFT_MM_PER_KPA, SOFT_MM_PER_N = 1.4, 3.5
 
 
 class World:
-    """A simulated grasp, advanced by whoever holds its clock.
+    """A simulated grasp, advanced by the owner of its clock.
 
     Times asked for must not go backwards. The physics is a deterministic function of the seeds and
     the commands; what is read of it never changes it. Noise is drawn frame by frame.

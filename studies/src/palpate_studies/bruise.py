@@ -178,8 +178,8 @@ def _provenance(examined: Sequence[Examined]) -> list[str]:
         "set so that the level paper gives the change after 20 s before the fall, the depth of the "
         "dent so that it gives the one after. All else is a prediction.",
         "Both twin fingers carry one force, so both read less of a dented apple at one width. The "
-        "published columns say that the sound finger read as before (2 x 13.0 - 3.75 = 22.3 %): "
-        "forces on the paper's fingers can't have been equal, or much of one went beside the "
+        "published columns have the sound finger read as before (2 x 13.0 - 3.75 = 22.3 %): "
+        "forces on the paper's fingers can't have been equal, or much of one missed the "
         "pixels. The twin does not reproduce that.",
         f"Sides: {counts['test']} apples tested and {counts['learn']} others, on other sensors, "
         f"learned from, half of them bruised, each with its bruise within {PLACED_WITHIN_MM:g} mm "
@@ -188,8 +188,8 @@ def _provenance(examined: Sequence[Examined]) -> list[str]:
         "softness, dent and place (ranges: `palpate_studies.fruit_ranges`).",
         f"References: class, {REFERENCE_APPLES} other sound apples on the same sensor; item, one "
         "grasp a quarter turn on; history, one earlier grasp of the same side, sound then.",
-        "What keeps a side met for the first time from being told at 0.97 is how the gains of "
-        "pixels scatter from grasp to grasp, beside the fruit's own shape: `palpate study "
+        "What keeps a side met for the first time from being judged at 0.97 is how the gains of "
+        "pixels scatter from grasp to grasp, in addition to the fruit's own shape: `palpate study "
         "bruise-limits` judges such sides from loads read without error, and nearly so.",
         "A first look, five grasps around apples bruised anywhere on a belt of 20 mm, found one "
         "bruise in two never touched: a round, firm fruit touches a finger over some 10 mm. So "

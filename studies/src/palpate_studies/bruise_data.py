@@ -21,7 +21,7 @@ from palpate_studies.twin_session import Session
 #: When the answer is given, seconds after the fingers close on: early, as the paper's, at the end.
 CUTOFFS_S, EARLY_S = (1.0, 2.5, 20.0), 2.5
 #: How far the middle of the bruise lies from the middle of the fingers, at most, in both
-#: directions: whoever presents the side that is in question lays it as the twin lays everything
+#: directions: the user presents the side in question and lays it as the twin lays everything
 #: (`off_centre` of `palpate.twin.ranges`: 0.6 of the pitch).
 PLACED_WITHIN_MM = 6.0
 #: A sensor's own idea of its class: sound apples, two sides of each.
@@ -48,8 +48,8 @@ class Examined:
     angle_deg : float
         The side in question, to the first finger.
     presses : mapping of str to ApplePress
-        ``before`` the bruise; ``now`` and ``again``, laid anew; the ``other`` sides, a quarter turn
-        on; at the ``same_width`` as before; or ``0``, ``1``, ... around the fruit.
+        ``before`` the bruise; ``now`` and ``again``, placed again; the ``other`` sides, a quarter
+        turn on; at the ``same_width`` as before; or ``0``, ``1``, ... around the fruit.
     sound : mapping of float to Shape
         Cut-off -> how the sensor's sound apples load it then.
     """
@@ -73,13 +73,13 @@ class Examined:
         bruise = self.apple.bruise
         if bruise is None:
             return None
-        beside = [
+        angles_rad = [
             math.radians(math.remainder(bruise.angle_deg - self.angle_deg - turn, 360.0))
             for turn in (0.0, 180.0)
         ]
-        finger = int(np.argmin(np.abs(beside)))
+        finger = int(np.argmin(np.abs(angles_rad)))
         # Columns run the other way round the fruit on the second finger.
-        across_mm = (1 - 2 * finger) * beside[finger] * self.apple.radius_mm
+        across_mm = (1 - 2 * finger) * angles_rad[finger] * self.apple.radius_mm
         return Place(finger=finger, along_mm=bruise.height_mm, across_mm=across_mm)
 
     def example(self, cutoff_s: float, *, press_name: str = "now") -> Example:
@@ -110,7 +110,7 @@ def examine(
     processes: int | None = None,
     remade: Callable[[Apple], Apple] = as_drawn,
 ) -> list[Examined]:
-    """Draw so many apples for each purpose and level, half of them bruised, and grasp them.
+    """Draw this many apples for each purpose and level, half of them bruised, and grasp them.
 
     Parameters
     ----------

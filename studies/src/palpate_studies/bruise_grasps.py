@@ -23,7 +23,7 @@ from palpate_studies.twin_session import HOLD_S, SETTLED_MEAN_S, Session
 OPEN_MM, GAP_MM = 72.0, 8.0
 #: Speed while looking for contact, and how far they close on, fast, from where it was seen.
 SEARCH_MM_PER_S, CLOSURE_MM = 6.0, 2.0
-#: Still time of the open fingers before each grasp, of which the last half second gives rest.
+#: Still time of the open fingers before each grasp; its last half second gives the rest values.
 REST_S = 10.0
 #: The early answer.
 CUTOFF_S = 2.5

@@ -1,10 +1,10 @@
-"""How well a bruise could be told from loads that are read without any error, or nearly so.
+"""How well a bruise could be detected from loads that are read without any error, or nearly so.
 
 The apples are those of the study `bruise`, laid as there; but the loads of their pixels come
 straight from the mechanics of the twin, without a sheet: no force law, creep, noise or frames. To
 them comes a scatter of each pixel's gain from grasp to grasp, or none. What is then judged is
 judged as ever, by our judge and by boosted trees, learned from as many apples as in the study or
-from many more: a bound for whoever judges these numbers, and the share that the sheet has in it.
+from many more: a bound for any judge of these numbers, and the share that the sheet has in it.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Show what limits telling bruised apples from sound ones. A minute.
+    """Show what limits distinguishing bruised apples from sound ones. A minute.
 
     Example: palpate study bruise-limits
     """
@@ -87,7 +87,7 @@ def report(apples: int) -> StudyReport:
                 payload.append({"reading": name, "learned": count, "judge": judge, **areas})
     return StudyReport(
         name="bruise-limits",
-        title="What limits telling a bruise from one grasp (simulated)",
+        title="What limits detecting a bruise from one grasp (simulated)",
         provenance=[
             f"Simulated, level paper: {apples} apples tested and as many others to learn from, "
             "drawn and laid as in the study `bruise`, seeds of their own. Loads come straight from "

@@ -1,4 +1,4 @@
-"""How well bruised sides are told from sound ones: every way of doing it on the same grasps."""
+"""How well bruised sides are distinguished from sound ones: every way on the same grasps."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ FALSE_ALARMS = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scored:
-    """Scores of one way on the test apples of a level; a higher one says bruised.
+    """Scores of one way on the test apples of a level; a higher one means bruised.
 
     Attributes
     ----------
     bruised : ndarray of bool, shape (apples,)
         The truth.
     score : ndarray, shape (apples,)
-        What was said.
+        One per apple.
     sensors : sequence of str
         On which sensor.
     """
@@ -63,7 +63,7 @@ class Scored:
         )
 
     def found(self, false_alarms: float = FALSE_ALARMS) -> float:
-        """Return the share of bruised sides above the score that so many sound ones pass."""
+        """Return the share of bruised sides that score above all but this share of sound ones."""
         limit = np.quantile(self.score[~self.bruised], 1.0 - false_alarms)
         return float(np.mean(self.score[self.bruised] > limit))
 
@@ -87,9 +87,9 @@ def area(bruised: FloatArray | np.ndarray, score: FloatArray) -> float:
 def models_of(learned: Sequence[Examined], *, level: str) -> dict[float, BruiseModel]:
     """Learn a model for each cut-off."""
     sensors = len({one.sensor for one in learned})
-    told = f"{len(learned)} simulated apples on {sensors} simulated sensors, level {level}"
+    source = f"{len(learned)} simulated apples on {sensors} simulated sensors, level {level}"
     return {
-        cutoff_s: learn([one.example(cutoff_s) for one in learned], learned_on=told)
+        cutoff_s: learn([one.example(cutoff_s) for one in learned], learned_on=source)
         for cutoff_s in CUTOFFS_S
     }
 
@@ -147,7 +147,7 @@ def way(names: str, cutoff_s: float) -> str:
 
 
 def scored(examined: Sequence[Examined], score: FloatArray) -> Scored:
-    """Put scores beside the truth."""
+    """Pair scores with the truth."""
     return Scored(
         bruised=np.array([one.bruised for one in examined]),
         score=score,
@@ -156,7 +156,7 @@ def scored(examined: Sequence[Examined], score: FloatArray) -> Scored:
 
 
 def around(examined: Sequence[Examined], model: BruiseModel) -> Scored:
-    """Return the scores of apples of which nobody knows the side: their most suspicious one."""
+    """Return the scores of apples whose bruised side nobody knows: their most suspicious one."""
     each = [
         log_odds(felt_of(examined, press_name=str(turn)), model, FIRST_MET)
         for turn in range(SIDES_AROUND)
@@ -170,7 +170,7 @@ def probabilities(one: Scored) -> FloatArray:
 
 
 def locate(examined: Sequence[Examined], model: BruiseModel) -> dict[str, float] | None:
-    """Say how often the finger is right, and how far off the place is on the right finger.
+    """Return how often the finger is right, and the error of the place on the right finger.
 
     `spread_mm` is how far off it would be if the middle of the finger were always named. None where
     too few were learned from to name places.
@@ -186,9 +186,9 @@ def locate(examined: Sequence[Examined], model: BruiseModel) -> dict[str, float]
         second = locator.finger.log_odds(finger_contrast(example.shape, reference)) > 0
         right.append(second == (one.place.finger == 1))
         sign = 1 - 2 * one.place.finger
-        said_mm = sign * slopes(example.shape, reference) * np.array(locator.mm_per_slope)
+        found_mm = sign * slopes(example.shape, reference) * np.array(locator.mm_per_slope)
         true_mm = np.array([one.place.along_mm, one.place.across_mm])
-        off_mm.append(float(np.hypot(*(said_mm - true_mm))))
+        off_mm.append(float(np.hypot(*(found_mm - true_mm))))
         spread_mm.append(float(np.hypot(*true_mm)))
     return {
         "bruised": len(right),

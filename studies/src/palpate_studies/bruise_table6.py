@@ -56,7 +56,7 @@ class Table6:
     traces: Mapping[str, FloatArray]
 
     def values(self, row: str, column: str) -> FloatArray:
-        """Return what a row says of each grasp of a column, percent."""
+        """Return a row's values for each grasp of a column, percent."""
         method, cutoff_s = ROWS[row]
         traces = self.traces[column]
         if cutoff_s == HOLD_S:
@@ -108,7 +108,7 @@ def _holds(session: Session, apple: Apple, *, repeats: int) -> FloatArray:
 
 
 def table(made: Mapping[str, list[Table6]]) -> Table:
-    """Put the published numbers beside those of the median sensor of each level."""
+    """Pair the published numbers with those of the median sensor of each level."""
     rows = []
     for row in ROWS:
         for index, column in enumerate(COLUMNS):

@@ -1,4 +1,4 @@
-"""Tables of the study `bruise`: by way of telling, by size, beyond the touch, and how reliable."""
+"""Tables of the study `bruise`: by method, by size, beyond the touch, and how reliable."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def of_purpose(examined: Sequence[Examined], purpose: str, level: str) -> list[E
 
 
 def reliability(one: Scored) -> list[dict[str, float]]:
-    """Return, for bins of the probability said, how many sides really were bruised.
+    """Return, for bins of the stated probability, how many sides really were bruised.
 
     `low` and `high` are the 90 % Wilson interval of the share.
     """
-    said, found, z = probabilities(one), [], 1.645
+    probability, found, z = probabilities(one), [], 1.645
     for low, high in itertools.pairwise(_SAID):
-        inside = (said >= low) & ((said < high) | (high == 1.0))
+        inside = (probability >= low) & ((probability < high) | (high == 1.0))
         sides = int(inside.sum())
         if not sides:
             continue
@@ -52,7 +52,7 @@ def reliability(one: Scored) -> list[dict[str, float]]:
         half = z * np.sqrt(share * (1 - share) / sides + z**2 / (4 * sides**2)) / (1 + z**2 / sides)
         found.append(
             {
-                "said": float(said[inside].mean()),
+                "said": float(probability[inside].mean()),
                 "bruised": share,
                 "low": min(float(middle - half), share),
                 "high": max(float(middle + half), share),
@@ -164,7 +164,7 @@ def beyond_table(
     beyond: Mapping[str, Mapping[str, Mapping[str, float]]],
     places: Mapping[str, Mapping[str, float] | None],
 ) -> Table:
-    """Put what fingers hardly touch, and where bruises were said to be, into a table."""
+    """Put what fingers hardly touch, and where bruises were located, into a table."""
     rows = [
         [
             name,
@@ -172,13 +172,13 @@ def beyond_table(
         ]
         for name in beyond[LEVELS[0]]
     ]
-    told = {
+    texts = {
         "finger named rightly": "{finger_right:.0%}",
         "place on that finger, median off (off if its middle is named)": (
             "{median_off_mm:.1f} mm ({median_spread_mm:.1f} mm)"
         ),
     }
-    for name, text in told.items():
+    for name, text in texts.items():
         found = [places[level] for level in LEVELS]
         rows.append([name, *("too few" if one is None else text.format(**one) for one in found)])
     return Table(
@@ -189,16 +189,16 @@ def beyond_table(
 
 
 def reliability_table(scores: Mapping[str, Mapping[str, Scored]]) -> Table:
-    """Say how far the probabilities can be trusted."""
+    """Return a table of how far the probabilities can be trusted."""
     rows = []
     for names, label in SHOWN.items():
         cells = []
         for level in LEVELS:
             one = scores[level][way(names, EARLY_S)]
-            said, truth = probabilities(one), one.bruised
+            stated, truth = probabilities(one), one.bruised
             bins = reliability(one)
-            apart = sum(b["sides"] * abs(b["said"] - b["bruised"]) for b in bins) / len(said)
-            cells += [f"{np.mean((said - truth) ** 2):.3f}", f"{apart:.3f}"]
+            apart = sum(b["sides"] * abs(b["said"] - b["bruised"]) for b in bins) / len(stated)
+            cells += [f"{np.mean((stated - truth) ** 2):.3f}", f"{apart:.3f}"]
         rows.append([label, *cells])
     return Table(
         title="Probabilities on apples and sensors not learned from: Brier score (0.25: knows "

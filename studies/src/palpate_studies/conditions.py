@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 
-#: Steps of temperature (K) and humidity (%) that count alike where the calibrations can't tell the
-#: two apart, and how far beyond them the correction still holds.
+#: Steps of temperature (K) and humidity (%) that count alike where the calibrations can't separate
+#: the two, and how far beyond them the correction still holds.
 _SCALE = np.array([10.0, 30.0])
 _BEYOND = 0.5
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SENSORS = 3
 SEED = 1
 CLOSURE_MM = 3.0
-#: What the spread of the level `paper` was set by; to be said wherever these tables are shown.
+#: The data that set the spread of the level `paper`; to be stated wherever these tables are shown.
 CALIBRATION_INPUT = (
     "The level `paper` got its scatter from grasp to grasp so as to be of the size of the "
     "published standard deviations, and its sheets so as to reach such changes; the twin's objects "
@@ -82,9 +82,9 @@ def settled_readings(
     fixture: bool = False,
     anew: bool = False,
 ) -> dict[str, Settled]:
-    """Grasp each object so often at one width on each sensor; level -> what was read.
+    """Grasp each object `repeats` times at one width on each sensor; level -> what was read.
 
-    `anew` places it before every grasp, else once.
+    `anew` places it again before every grasp, else once.
     """
     found = {}
     for level in LEVELS:
@@ -132,7 +132,7 @@ def r_squared_table(
     """Return R^2 for every condition and reading: median sensor, worst and best.
 
     `published` names the reading that the paper's value is of, and the value. How far the readings
-    of the first object and the last lie apart says how much of the range a line has to span.
+    of the first object and the last lie apart shows how much of the range a line has to span.
     """
     rows = []
     for condition, found in conditions.items():
@@ -167,7 +167,7 @@ def r_squared_payload(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineStudy:
-    """What a study of a line through objects of known rating is of.
+    """A study of a line through objects of known rating.
 
     Attributes
     ----------
@@ -201,7 +201,7 @@ class LineStudy:
         payload: Mapping[str, Any],
         figures: Mapping[str, Callable[[], Figure]] | None = None,
     ) -> StudyReport:
-        """Put changes and R^2 beside the published ones.
+        """Compare changes and R^2 with the published ones.
 
         Parameters
         ----------
@@ -210,7 +210,7 @@ class LineStudy:
         main : str
             The condition whose changes are shown.
         provenance : sequence of str
-            What else is to be said of the grasps.
+            What else must be stated about the grasps.
         changes : tuple
             Title of the table of changes, its first columns, and their cells for each object.
         payload, figures : mapping

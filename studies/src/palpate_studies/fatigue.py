@@ -33,14 +33,14 @@ CYCLES = 2500
 CHECKED_AT = (100, 500, 1000, 2000)
 #: The first of the sensors; the protocol was worked out on those before.
 SENSORS, FIRST_SENSOR = 2, 20
-#: Drift counts from the median of so many cycles: one contact scatters by a third at `field`.
+#: Drift counts from the median of this many cycles: one contact scatters by a third at `field`.
 BEGINNING = 30
 #: Cycles whose running median is drawn.
 _DRAWN = 51
 
 
 def command(as_json: JsonOption = False, out: OutOption = None) -> None:
-    """Wear simulated sheets over 2 500 grasps; re-zero, correct, and say when to recalibrate.
+    """Wear simulated sheets over 2 500 grasps; re-zero, correct, and advise when to recalibrate.
 
     Example: palpate study fatigue --out reports
     """

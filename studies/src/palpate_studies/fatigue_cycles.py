@@ -21,16 +21,16 @@ from palpate_studies.wear import WearTrack
 
 #: Paper, section 2.1: cycles of 10 s closed and 10 s open.
 CLOSED_S, OPEN_S = 10.0, 10.0
-#: A reference load is read by so many grasps in the rhythm of the work, because a sheet answers by
-#: it. Before, the station pauses and looks for rest values.
+#: A reference load is read by this many grasps in the rhythm of the work, because a sheet answers
+#: by it. Before, the station pauses and looks for rest values.
 CHECK_GRASPS, PAUSE_S, LOOK_S = 30, 60.0, 5.0
 OBJECT, CLOSURE_MM, OPENED_MM = "springs-8", 3.0, 12.0
-#: The room swings by so much over a period, as a laboratory's does.
+#: The room swings by this much over a period, as a laboratory's does.
 ROOM_C, ROOM_SWING_C, ROOM_PERIOD_S = 21.9, 1.5, 12 * 3600.0
 #: Closures at which the force law is calibrated before the first cycle.
 CALIBRATED_MM = (0.8, 1.2, 1.7, 2.3, 3.0, 3.8)
 CALIBRATED_TIMES = 3
-#: A closing is watched for so long: where contact began is seen then.
+#: A closing is watched for this long: where contact began is seen then.
 CLOSING_S = 0.5
 #: Ways to come from a reading to a force, from cycle to cycle.
 KINDS = (

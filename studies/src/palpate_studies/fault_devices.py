@@ -45,7 +45,7 @@ class Fault:
     idle : bool
         The gripper does not move.
     nudged_s : float
-        The host hangs once for so long.
+        The host hangs once for this long.
     stopped : bool
         The user stops the grasp.
     """
@@ -103,7 +103,7 @@ def _frozen_state(state: GripperState, first: GripperState) -> GripperState:
     return replace(first, time_s=state.time_s, moving=False)
 
 
-#: Name -> a fault, made anew for each grasp.
+#: Name -> a fault, made again for each grasp.
 FAULTS: dict[str, Callable[[], Fault]] = {
     "none": lambda: Fault(part="none"),
     "all pixels short": lambda: Fault(part="sheet", spoil=_at(np.s_[:], _TOP)),
@@ -202,7 +202,7 @@ class FaultyGripper:
         return replace(other, width_mm=math.nan, current_ma=math.nan)
 
     def command(self, wanted: GripperCommand) -> GripperCommand:
-        """Send a command, or what the fault makes of it; say what was wanted."""
+        """Send a command, or what the fault makes of it; return what was wanted."""
         fault, limits = self._answering(), self.limits
         closing = limits.target(limits.span)
         if fault is not None and fault.idle:

@@ -35,10 +35,10 @@ SPEEDS = (0.5, 1.0, 2.0)
 #: Sheet and gripper; the grasps of it are drawn from the seeds that follow.
 SHEET = 7300
 _TARGET_N = 4.0
-#: The hand begins so far from the object, mm, and is looked at for so long afterwards, seconds.
+#: The hand begins this far from the object, mm, and is observed for this long afterwards, seconds.
 _GAP_MM, _AFTERWARDS_S = 8.0, 2.0
 _LONGEST_S = 40.0
-#: An approach is struck when the hand has been at speed for so long, seconds.
+#: An approach is struck when the hand has been at speed for this long, seconds.
 _UNDERWAY_S = 0.3
 
 
@@ -55,7 +55,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Struck:
-    """What came of it.
+    """The outcome of one grasp with a fault.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Struck:
     outcome : str
         How it ended.
     reason : str
-        The first line that says why; empty where there is none.
+        The first line that explains it; empty if there is none.
     peak_n, stays_n : float
         True grip force: the largest of all, and what is left some time after the end.
     damaged : bool

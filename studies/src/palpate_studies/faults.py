@@ -64,7 +64,7 @@ def reported(found: Sequence[Struck]) -> StudyReport:
 
 
 def unexplained(one: Struck) -> bool:
-    """Whether a grasp ended otherwise than asked and does not say why."""
+    """Whether a grasp ended otherwise than asked and gives no reason."""
     return not one.reason and one.outcome not in _PLAIN
 
 
@@ -127,5 +127,5 @@ def _table(found: Sequence[Struck], kind: str) -> Table:
 def _row(name: str, hit: Sequence[Struck]) -> tuple[str, ...]:
     outcomes = {one.outcome: sum(o.outcome == one.outcome for o in hit) for one in hit}
     count, *worst = _worst(hit)
-    said = ", ".join(f"{outcome} {count}" for outcome, count in sorted(outcomes.items()))
-    return (name, count, said, *worst, f"{max(one.safe_s for one in hit):.1f}")
+    counts = ", ".join(f"{outcome} {count}" for outcome, count in sorted(outcomes.items()))
+    return (name, count, counts, *worst, f"{max(one.safe_s for one in hit):.1f}")

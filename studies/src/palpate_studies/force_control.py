@@ -1,4 +1,4 @@
-"""Random things gripped to a force and lifted: ours beside the simpler ways, simulated."""
+"""Random things gripped to a force and lifted: ours compared with the simpler ways, simulated."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
     near = [abs(one.off_target) <= NEAR for one in aimed]
     near_of_all = [abs(one.off_target) <= NEAR for one in found]
     known = [abs(one.force_n / one.known_n - 1.0) <= NEAR for one in aimed if one.known_n]
-    said = [
+    covered = [
         one.low_n <= one.force_n <= one.high_n
         for one in found
         if one.low_n is not None and one.high_n is not None
@@ -122,7 +122,7 @@ def scores(found: Sequence[Gripped]) -> dict[str, Any]:
         "median_off_target_percent": (
             float(100 * np.median([abs(one.off_target) for one in aimed])) if aimed else None
         ),
-        "coverage": float(np.mean(said)) if said else None,
+        "coverage": float(np.mean(covered)) if covered else None,
         "median_on_target_s": float(np.median(times_s)) if times_s else None,
     }
 
@@ -190,7 +190,7 @@ def report(found: Sequence[Gripped]) -> StudyReport:
             "did not keep below it. Were settling and wear known: the same of those of them that "
             "were held, for an answer by the sheet alone that knew how it is going to settle and "
             "how it wore since its calibration, and a hand that stopped exactly there.",
-            "Lifted: only where the method says that the grip will do; the simpler ways lift "
+            "Lifted: only where the method reports that the grip will do; the simpler ways lift "
             f"blindly. Those that wait and the motor current (read at rest, rigid fingers) are "
             f"tried on the first {COMPARED} things of each level.",
             "The paper's line: the one of its Table 4, fitted to the settled pairs of the same "

@@ -61,7 +61,7 @@ def fixed_extra(task: Task, *, extra: float) -> Gripped:
 
 
 def touched_by(array: TwinArray, world: World, rest_ohm: NDArray[np.float64]) -> Callable[[], bool]:
-    """Return what says after each step whether both fingers pass the paper's threshold."""
+    """Return a check, after each step, whether both fingers pass the paper's threshold."""
 
     def touched() -> bool:
         change = relative_change_percent(read_ohm(array, seconds=_DWELL_S), rest_ohm=rest_ohm)
@@ -72,7 +72,7 @@ def touched_by(array: TwinArray, world: World, rest_ohm: NDArray[np.float64]) ->
 
 
 def by_current(task: Task) -> Gripped:
-    """Close in fine steps until the servo's current says the target; rigid fingers only."""
+    """Close in fine steps until the servo's current gives the target; rigid fingers only."""
     world = task.world()
     gripper = TwinGripper(world)
     zero_ma, ma_per_n = current_line(task.seed // GRASPS_PER_SHEET, task.level)
@@ -132,7 +132,7 @@ def close_until(
     step: float,
     kind: GripperKind,
 ) -> float:
-    """Close step by step until something says so, or the hand is closed; return the closure."""
+    """Close step by step until `done`, or the hand is closed; return the closure."""
     closed = gripper.limits.closure(gripper.state())
     while closed < gripper.limits.span - step:
         closed += step
@@ -158,7 +158,7 @@ def blindly_lifted(
     said_n: float | None = None,
     on_target_s: float | None = None,
 ) -> Gripped:
-    """Lift whatever is between the fingers, hold it, and say what came of it."""
+    """Lift whatever is between the fingers, hold it, and return the outcome."""
     world.clock.sleep_s(1.0)
     world.lift()
     world.clock.sleep_s(LIFTED_S)

@@ -26,13 +26,13 @@ from palpate_studies.stoppable import uninterrupted
 
 #: Near enough to the target.
 NEAR = 0.1
-#: Held so long in the air before it is given back, seconds.
+#: Held this long in the air before it is given back, seconds.
 LIFTED_S = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gripped:
-    """What came of one task; None where the method says or does nothing of the kind.
+    """The outcome of one task; None where the method gives or does nothing of the kind.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Gripped:
     force_n : float
         True settled force of the final hold.
     said_n, low_n, high_n : float or None
-        The settled force that was said, and its interval.
+        The settled force that was reported, and its interval.
     lifted, dropped, damaged, limited : bool
         Whether it was lifted, fell, was pressed beyond its yield, and whether the damage limit kept
         the force below the target.
@@ -49,7 +49,7 @@ class Gripped:
         The settled force by the sheet's law alone, if it were known how the sheet is going to
         settle and how it wore since its calibration.
     on_target_s : float or None
-        From contact until it was first said to be on target after the last movement.
+        From contact until it was first reported on target after the last movement.
     touch_risk, risk : float
         Share of such things that yield under the force at which the touch was confirmed, and under
         the largest force of the grasp (`force_control_world.chance_of_damage`).
@@ -152,7 +152,7 @@ def _controlled(
 
 
 def _known_n(task: Task, world: World, belief: Belief, plan: Plan) -> float:
-    """Return what the sheet's law says of the reading to come, with the wear taken out."""
+    """Return the force by the sheet's law for the reading to come, with the wear taken out."""
     later = deepcopy(world)
     later.clock.sleep_s(max(belief.moved_s + HORIZON_S - later.clock.now_s(), 0.0))
     ohm = later.pixel_resistance_ohm(later.clock.now_s())

@@ -68,7 +68,7 @@ class Task:
         )
 
 
-#: So many grasps share a sensor, a gripper and their calibration.
+#: This many grasps share a sensor, a gripper and their calibration.
 GRASPS_PER_SHEET = 4
 
 
@@ -110,7 +110,7 @@ def thing(
 def chance_of_damage(obj: TwinObject, force_n: float) -> float:
     """Return the share of things like this one that yield at or below a force.
 
-    Things are drawn to yield at a deformation that nothing else tells. So this says what a grasp
+    Things are drawn to yield at a deformation that nothing else shows. So this is what a grasp
     risked, whatever became of this one thing.
     """
     if force_n <= 0:
@@ -145,7 +145,7 @@ def _pressed(obj: TwinObject, *, rng: np.random.Generator) -> list[ClosingState]
         while force_n < min(read_n + _RISE_N, obj.yield_n):
             deformation_mm += _STEP_MM
             force_n = object_force_n(obj, deformation_mm, ruptured=False)[0]
-        said_n = force_n * float(np.exp(_WOBBLE * rng.standard_normal()))
+        read_n = force_n * float(np.exp(_WOBBLE * rng.standard_normal()))
         if force_n > _BLIND_N:
-            states += curve.push(deformation_mm + _SLACK_MM * rng.standard_normal(), force_n=said_n)
+            states += curve.push(deformation_mm + _SLACK_MM * rng.standard_normal(), force_n=read_n)
     return states

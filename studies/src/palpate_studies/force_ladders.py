@@ -42,7 +42,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Predict dead weights on real sensors, each told only its first three.
+    """Predict dead weights on real sensors, each given only its first three.
 
     Example: palpate study force-ladders --ladders ladders.csv
     """
@@ -80,7 +80,7 @@ def read_ladders(path: Path) -> list[Ladder]:
         step, load_n, ohm = (table[c][mine] for c in ("step", "load_n", "resistance_ohm"))
         where = f"{path}: ladder {name!r}"
         if (ohm <= 0).any() or (load_n < 0).any():
-            raise InputError(f"{where} has a resistance of 0 ohm or a load below 0 N; mend it")
+            raise InputError(f"{where} has a resistance of 0 ohm or a load below 0 N; fix it")
         if load_n[0] != 0:
             raise InputError(f"{where} doesn't begin unloaded; its rest resistance is unknown")
         loaded = load_n > 0

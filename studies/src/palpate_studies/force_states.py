@@ -1,7 +1,7 @@
-"""What a creeping sheet shows now: its reading, how it lags behind itself, how far it has fallen.
+"""States of a creeping sheet: its reading, how it lags behind itself, how far it has fallen.
 
 A sheet answers a force at once and through creep with a spread of time constants. One reading
-therefore stands for many forces; the reading together with how it got there stands for few. The
+therefore corresponds to many forces; the reading together with its history corresponds to few. The
 history is kept as low-passed copies of the logarithm of the reading, advanced exactly for a reading
 that is held between samples, and as the fall from its recent maximum, which is the sign of
 unloading. Everything is causal, and differences are used instead of the copies themselves, so that

@@ -15,7 +15,7 @@ from palpate.twin.ranges import Pair
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AppleRanges:
-    """What sound apples differ in; attributes as of `palpate_studies.twin_apple.Apple`.
+    """Ranges of sound apples; attributes as of `palpate_studies.twin_apple.Apple`.
 
     The hand opens to 74 mm, so the apples are of the smaller grades (60 to 70 mm). Stiffness goes
     from soft after long storage to fresh and crisp. They are oval by up to 1.2 % (widths differ by
@@ -33,7 +33,7 @@ class AppleRanges:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BruiseRanges:
-    """What bruises differ in; attributes as of `palpate_studies.twin_apple.Bruise`.
+    """Ranges of bruises; attributes as of `palpate_studies.twin_apple.Bruise`.
 
     From 1 cm2 (11.3 mm across: the largest total area that the European marketing standard lets
     pass in Class I) to 30 mm (a fall of a metre or so onto a hard floor). A quarter to nearly half
@@ -64,7 +64,7 @@ DROPPED = replace(BRUISES, diameter_mm_log=(25.0, 30.0), height_mm=(-2.0, 2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AvocadoRanges:
-    """What avocados that ripen at 20 C differ in; attributes as of `twin_avocado.Avocado`.
+    """Ranges of avocados that ripen at 20 C; attributes as of `twin_avocado.Avocado`.
 
     Penetrometers find some 200 N in hard fruit, 80 N in conditioned, 19 N in nearly ripe and less
     than 7 N in fully ripe fruit (8 mm tip): a fall by a factor of about 30, most of it within four
@@ -74,7 +74,7 @@ class AvocadoRanges:
     about 4 MPa) down to 0.5-1. Flesh differs by a tenth from spot to spot and the waist is not
     quite round, so each grasp meets a slightly different fruit; rooms are not equally warm on all
     days. Relaxation is the same at all stages here, though a ripe fruit relaxes more: what would
-    help to tell stages apart and is not known well enough is left out. Plausible, not measured.
+    help to distinguish stages and is not known well enough is left out. Plausible, not measured.
     """
 
     size_mm: Pair = (58.0, 68.0)
@@ -100,7 +100,7 @@ AVOCADO_BOUNDS_N = (8.5, 3.2, 1.3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationRanges:
-    """What surrounds a sensor that feels avocados on some mornings and other things all day.
+    """Surroundings of a sensor that feels avocados on some mornings and other things all day.
 
     Grasps of other things between two mornings, and the bench's temperature and humidity (the
     temperatures of the paper's Figure 3; its humidities are ours).

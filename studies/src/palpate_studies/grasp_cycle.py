@@ -32,7 +32,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Grasp fresh simulated objects at default settings, beside the paper's way and current alone.
+    """Grasp fresh simulated objects by default settings, by the paper's way and by current alone.
 
     Example: palpate study grasp-cycle --grasps 40 --out reports
     """

@@ -21,7 +21,7 @@ from palpate_studies.force_control_grasps import calibration_of
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, thing
 from palpate_studies.stoppable import uninterrupted
 
-#: An expected size is off by up to so much, mm.
+#: An expected size has an error of up to this, mm.
 EXPECTED_WITHIN_MM = 5.0
 #: The paper's rate: its steps are read at it, whatever ours are.
 PAPER_FRAME_RATE_HZ = 15.0
@@ -69,7 +69,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cycle:
-    """What one way made of one object; NaN for what it does not tell.
+    """Results of one method on one object; NaN for what it does not measure.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The main job on things that no estimator was written for, beside those of the main study."""
+"""The main job on things that no estimator was written for, and on those of the main study."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def analyse(file: Path, *, pattern: re.Pattern[str] | None = None) -> FileResult
 
 
 def _best_simple(simple: Sequence[Prediction], unit_of: Mapping[str, str]) -> Iterator[Prediction]:
-    """Yield for each unit what the rule says whose median |error| is smallest on all others."""
+    """Yield for each unit the answer of the rule whose median |error| is smallest on all others."""
     units = sorted(set(unit_of.values()))
     for cutoff_s in CUTOFFS_S:
         rows = [row for row in simple if row.cutoff_s == cutoff_s]

@@ -66,7 +66,7 @@ def report(
     grasps: int,
     firmware: bool = True,
 ) -> StudyReport:
-    """Make the grasps and say how they went."""
+    """Make the grasps and report how they went."""
     found = list(_grasps(curves, closings, sheets, grasps=grasps, firmware=firmware))
     summary = [
         {"way": way, "fruit": fruit, **scores(rows)}
@@ -146,9 +146,9 @@ def _contact_n(sheet: RecordedSheet) -> float:
 
 def scores(found: Sequence[Hybrid]) -> dict[str, Any]:
     """Return how a set of grasps went."""
-    told = [(one, one.said) for one in found if one.said is not None and one.outcome == "held"]
-    inside = [said.low <= one.force_n <= said.high for one, said in told]
-    error = [abs(np.log(max(said.value, 1e-3) / one.force_n)) for one, said in told]
+    answered = [(one, one.said) for one in found if one.said is not None and one.outcome == "held"]
+    inside = [said.low <= one.force_n <= said.high for one, said in answered]
+    error = [abs(np.log(max(said.value, 1e-3) / one.force_n)) for one, said in answered]
     liftable = [one for one in found if one.rupture_n > one.lift_n]
     decided = [one.decision_s for one in found if one.decision_s is not None]
     return {

@@ -17,9 +17,9 @@ from palpate_studies.hybrid_world import Curve, Lag, RecordedSheet
 from palpate_studies.ladder_models import Ladder
 
 HORIZON_S = 20.0
-#: Weight on the sheet of the holds in ohm, newtons (50 g): a hold doesn't tell its own rest value.
+#: Weight on the sheet of the holds in ohm, newtons (50 g): a hold doesn't give its own rest value.
 HOLD_LOAD_N = 0.49
-#: A curve needs so many rising samples below its rupture.
+#: A curve needs this many rising samples below its rupture.
 _FEWEST = 8
 
 

@@ -44,13 +44,13 @@ class Hybrid:
     way : str
         How it was grasped.
     outcome : str
-        As the grasp said it.
+        As the grasp reported it.
     rupture_n, lift_n : float
         Force at which the recording ruptures, and that its weight asks for.
     force_n, peak_n : float
         Force of the final grip, and the largest ever.
     said : Measurement or None
-        What the grasp said of the force.
+        The force that the grasp reported.
     decision_s : float or None
         From contact to the answer.
     """
@@ -143,9 +143,9 @@ def grasped(
     firmware: bool,
     kind: str = "",
 ) -> Hybrid:
-    """Grasp a fruit of which nothing but the weight is known, and compare with the recording.
+    """Grasp a fruit with only its weight known, and compare with the recording.
 
-    The learned limit may be told its kind.
+    The learned limit may be given its kind.
     """
     world = RecordedWorld(sheet, layout=calibration.layout, seed=seed)
     size_mm = float(np.random.default_rng([seed, 2]).uniform(*_SIZES_MM))

@@ -1,6 +1,6 @@
 """A grasp made of recordings: a real fruit's curve, a real sheet's law and its relaxation.
 
-What is ours in it is little, and stands in this file: how a finger's force is shared among its
+The part that is ours is small, and is in this file: how a finger's force is shared among its
 pixels, and that the answers of the sheet to several steps add up.
 """
 
@@ -55,7 +55,7 @@ class Lag:
     Attributes
     ----------
     since_s, share : ndarray, shape (n_times,)
-        What share of its settled answer the sheet gives so long after a step.
+        What share of its settled answer the sheet gives this long after a step.
     """
 
     since_s: FloatArray

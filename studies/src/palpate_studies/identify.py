@@ -65,7 +65,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Tell the kinds of a mixed crate, strangers among them, from one to three grasps.
+    """Identify the kinds of a mixed crate, strangers among them, from one to three grasps.
 
     Example: palpate study identify --out reports
     """
@@ -120,8 +120,8 @@ def _by_sensor(
     for method, guess in guesses(teaching).items():
         for item in sorting:
             measured = item.grasps[0].grasp.measurements
-            said = guess(measured) if len(measured) == 4 else UNKNOWN
-            found.append(Answer(level=level, method=method, item=item, said=said))
+            guessed = guess(measured) if len(measured) == 4 else UNKNOWN
+            found.append(Answer(level=level, method=method, item=item, said=guessed))
     for name, known in identifiers(teaching).items():
         for count in range(1, SORTED_GRASPS + 1):
             method = f"{name}, {count} grasp{'s' if count > 1 else ''}"
@@ -151,15 +151,15 @@ def _asked(
     for item in items:
         touches = touches_of([one.grasp for one in item.grasps[:count]], drive="width")
         identity = known.identify(touches) if touches else None
-        said = UNKNOWN if identity is None else identity.kind
-        found.append(Answer(level=level, method=method, item=item, said=said, identity=identity))
+        guessed = UNKNOWN if identity is None else identity.kind
+        found.append(Answer(level=level, method=method, item=item, said=guessed, identity=identity))
     return found
 
 
-def _against(said: Sequence[Answer], level: str) -> list[dict[str, Any]]:
+def _against(given: Sequence[Answer], level: str) -> list[dict[str, Any]]:
     """Return ours against the discriminant analysis at equal grasps, paired by item.
 
-    An item's loss is 1 where what was said of it, a kind or unknown, is not true.
+    An item's loss is 1 where its answer, a kind or unknown, is not true.
     """
     found = []
     for count in range(1, SORTED_GRASPS + 1):
@@ -167,7 +167,7 @@ def _against(said: Sequence[Answer], level: str) -> list[dict[str, Any]]:
         ours, rival = (
             {
                 (one.item.sensor, one.item.item_id): float(one.said != one.item.named)
-                for one in said
+                for one in given
                 if (one.level, one.method) == (level, f"{name}, {grasps}")
             }
             for name in (OURS, LDA)
@@ -191,17 +191,17 @@ def _against(said: Sequence[Answer], level: str) -> list[dict[str, Any]]:
 
 def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
     """Put the answers into tables and figures."""
-    said = answers(crates)
+    given = answers(crates)
     levels = [level for level in LEVELS if any(item.level == level for item in crates)]
-    methods = list(dict.fromkeys(one.method for one in said))
+    methods = list(dict.fromkeys(one.method for one in given))
     summary = [
-        counted([one for one in said if (one.level, one.method) == (level, method)])
+        counted([one for one in given if (one.level, one.method) == (level, method)])
         for level in levels
         for method in methods
-        if any((one.level, one.method) == (level, method) for one in said)
+        if any((one.level, one.method) == (level, method) for one in given)
     ]
     last = f"ours, {SORTED_GRASPS} grasps"
-    best = [one for one in said if one.method == last]
+    best = [one for one in given if one.method == last]
     sensors = len({(item.level, item.sensor) for item in crates})
     return StudyReport(
         name="identify",
@@ -209,7 +209,7 @@ def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
         provenance=(
             f"Simulated: {sensors} sensors and grippers, each calibrated by a user's steps, then "
             "taught with items of each kind (two grasps each), then a crate that it never saw. "
-            "Every measurement is that of a grasp by the controller; nothing is told of the truth.",
+            "Every measurement is that of a grasp by the controller; no method knows the truth.",
             "Ranges of the kinds were fixed beforehand (palpate_studies.fruit_ranges). Several "
             "kinds overlap in both size and stiffness, and strangers may feel like a taught kind.",
         ),
@@ -222,7 +222,7 @@ def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
             "simulated": True,
             "false_reject": FALSE_REJECT,
             "summary": summary,
-            "against_lda": [row for level in levels for row in _against(said, level)],
+            "against_lda": [row for level in levels for row in _against(given, level)],
             "reliability": {level: reliability(best, level) for level in levels},
             "rows": [as_row(one) for one in best],
         },

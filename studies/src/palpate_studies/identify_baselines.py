@@ -1,4 +1,4 @@
-"""What identification is compared with, each learned from the same taught items.
+"""Baselines of identification, each learned from the same taught items.
 
 Guesses name one kind from one grasp. A discriminant analysis with a background class is asked in
 the same way as ours, with as many grasps.

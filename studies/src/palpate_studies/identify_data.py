@@ -65,14 +65,14 @@ class CrateItemGrasps:
 
     @property
     def named(self) -> str:
-        """What a method that makes no mistake says: the kind, or unknown for a stranger."""
+        """The answer of a method that makes no mistake: the kind, or unknown for a stranger."""
         return self.kind if self.known else UNKNOWN
 
 
 def measured_crates(
     *, level: str, sensor: int, taught: int, sorted_items: int
 ) -> list[CrateItemGrasps]:
-    """Calibrate a sensor, grasp so many items of each kind to teach it, then a crate to sort.
+    """Calibrate a sensor, grasp a number of items of each kind to teach it, then a crate to sort.
 
     A stranger of each kind comes with every second sorted item of a taught kind (rounded up), so
     that a quarter of the crate is strange.

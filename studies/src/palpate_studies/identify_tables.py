@@ -1,4 +1,4 @@
-"""What methods said of crates, counted: tables, confusion, reliability."""
+"""Answers of methods on crates, counted: tables, confusion, reliability."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _RELIABILITY_EDGES = (0.0, 0.5, 0.7, 0.85, 0.95, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What one method said of one item."""
+    """The answer of one method on one item."""
 
     level: str
     method: str
@@ -28,16 +28,16 @@ class Answer:
     identity: Identity | None = None
 
 
-def counted(said: Sequence[Answer]) -> dict[str, Any]:
+def counted(answers: Sequence[Answer]) -> dict[str, Any]:
     """Return shares of known items and strangers that one method named rightly."""
-    known = [one for one in said if one.item.known]
-    strangers = [one for one in said if not one.item.known]
+    known = [one for one in answers if one.item.known]
+    strangers = [one for one in answers if not one.item.known]
     named = [one for one in known if one.said != UNKNOWN]
     best = [_best_guess(one) == one.item.kind for one in known]
     ours = [one for one in known if one.identity is not None]
     return {
-        "level": said[0].level,
-        "method": said[0].method,
+        "level": answers[0].level,
+        "method": answers[0].method,
         "items": len(known),
         "right": float(np.mean(best)),
         "named_right": float(np.mean([one.said == one.item.kind for one in named])),
@@ -109,24 +109,24 @@ def strangers_table(best: Sequence[Answer], levels: Sequence[str]) -> Table:
 
 
 def confusion(best: Sequence[Answer], level: str) -> tuple[list[str], list[str], np.ndarray]:
-    """Return true kinds, said kinds and counts, strangers last."""
+    """Return true kinds, named kinds and counts, strangers last."""
     mine = [one for one in best if one.level == level]
     kinds = list(dict.fromkeys(one.item.kind for one in mine if one.item.known))
     true = [*kinds, "strangers"]
-    said = [*kinds, UNKNOWN]
-    counts = np.zeros((len(true), len(said)), dtype=int)
+    named = [*kinds, UNKNOWN]
+    counts = np.zeros((len(true), len(named)), dtype=int)
     for one in mine:
         row = kinds.index(one.item.kind) if one.item.known else len(kinds)
-        counts[row, said.index(one.said)] += 1
-    return true, said, counts
+        counts[row, named.index(one.said)] += 1
+    return true, named, counts
 
 
 def confusion_table(best: Sequence[Answer], level: str) -> Table:
-    """Return true kinds against what was said, at one level."""
-    true, said, counts = confusion(best, level)
+    """Return true kinds against named ones, at one level."""
+    true, named, counts = confusion(best, level)
     return Table(
-        title=f"True kind (rows) and what was said, {level}, {SORTED_GRASPS} grasps",
-        columns=("", *said),
+        title=f"True kind (rows) and what was named, {level}, {SORTED_GRASPS} grasps",
+        columns=("", *named),
         rows=[
             [kind, *("" if n == 0 else str(n) for n in row)]
             for kind, row in zip(true, counts, strict=True)

@@ -59,7 +59,7 @@ class Ladder:
 def line(
     one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_], level: float
 ) -> Predicted:
-    """Predict by the paper's line: slope from the other ladders, intercept from the steps told."""
+    """Predict by the paper's line: slope from the other ladders, intercept from the steps given."""
     value, half = _shared_slope(
         [(ladder.relative_percent, ladder.load_n) for ladder in others],
         (one.relative_percent, one.load_n),
@@ -78,7 +78,7 @@ def line(
 def power(
     one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_], level: float
 ) -> Predicted:
-    """Predict by a power law: exponent from the other ladders, gain from the steps told."""
+    """Predict by a power law: exponent from the other ladders, gain from the steps given."""
     value, half = _shared_slope(
         [(np.log(ladder.excess_s), np.log(ladder.load_n)) for ladder in others],
         (np.log(one.excess_s), np.log(one.load_n)),
@@ -104,7 +104,7 @@ def unweighed(
 def ours(
     one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_], level: float
 ) -> Predicted:
-    """Predict by the force model of the other ladders, adapted to the steps told."""
+    """Predict by the force model of the other ladders, adapted to the steps given."""
     group = [ladder.name for ladder in others for _ in ladder.load_n]
     model = ForceModel.fit(
         np.concatenate([_reading(ladder) for ladder in others]),

@@ -16,14 +16,14 @@ from palpate_studies.twin_session import GAP_MM, HOLD_S, STILL_S, Session, drawn
 ANALOG_HZ, PHYSICS_HZ = 3000, 60
 REST_S = 10.0
 #: Amplitude of mains pick-up on the wires, spikes per second while the servo holds, their height
-#: and length: plausible for unshielded wires beside a servo, not measured.
+#: and length: plausible for unshielded wires next to a servo, not measured.
 MAINS_V, SPIKES_HZ, SPIKE_V, SPIKE_S = 0.05, 8.0, 0.5, 0.002
 WHITE_V, ADC_NOISE_COUNTS = 0.002, 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """What is added to the signal before the converter."""
+    """Noise added to the signal before the converter."""
 
     mains_hz: float = 0.0
     spikes: bool = False

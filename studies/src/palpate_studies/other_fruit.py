@@ -46,11 +46,11 @@ class CorkyApple(Apple):
         face = Apple._face(self, angle_deg, across=across)
         if face.patch is None or self.bruise is None:
             return face
-        told = {field.name: getattr(face.patch, field.name) for field in fields(Patch)}
+        values = {field.name: getattr(face.patch, field.name) for field in fields(Patch)}
         if int(self.bruise.angle_deg) % 2:
-            told["dent_mm"] = 0.0
+            values["dent_mm"] = 0.0
         known = {field.name: getattr(face, field.name) for field in fields(Face)}
-        return Face(**known | {"patch": CorkyPatch(**told)})
+        return Face(**known | {"patch": CorkyPatch(**values)})
 
 
 def corky(apple: Apple) -> Apple:

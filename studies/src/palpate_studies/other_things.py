@@ -10,7 +10,7 @@ import numpy as np
 from palpate.estimate.damage_learning import FruitClosing
 from palpate.twin.objects import TwinObject
 
-#: A skin so thick, mm, and so many times as stiff as the flesh under it; a core from here on.
+#: A skin this thick, mm, and this many times as stiff as the flesh under it; a core from here on.
 _SKIN_MM, _SKIN_STIFFER, _CORE_MM, _CORE_STIFFER = 0.4, 3.0, 4.0, 6.0
 #: Exponent of foam-like things; the law of the twin's own have 1 and 1.5.
 _FOAM_EXPONENT = 2.5
@@ -20,7 +20,7 @@ _DOUGH_SHARES, _DOUGH_TIMES_S = (0.25, 0.15, 0.10), (0.08, 0.6, 20.0)
 _POINTS, _UP_TO_MM = 60, 15.0
 #: Forces between two points of a recorded curve, and the least way between them.
 _EVERY_N, _LEAST_MM = 0.25, 1e-3
-#: The slope before a recording began is that of so many of its first points.
+#: The slope before a recording began is that of this many of its first points.
 _FIRST = 4
 
 
@@ -77,7 +77,7 @@ def curve_of(closing: FruitClosing) -> tuple[tuple[float, float], ...]:
 
 
 def long_enough(closings: Sequence[FruitClosing]) -> list[FruitClosing]:
-    """Return the closings that tell a curve: some points above where the recording began."""
+    """Return the closings with a curve: some points above where the recording began."""
     least_n = 2 * _FIRST * _EVERY_N
     return [closing for closing in closings if float(np.ptp(closing.samples[:, 1])) > least_n]
 

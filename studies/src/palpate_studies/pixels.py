@@ -43,7 +43,7 @@ def command(as_json: JsonOption = False, out: OutOption = None) -> None:
 
 
 def layout_of(grid: tuple[int, int]) -> ArrayLayout:
-    """Return two fingers with so many pixels along and across, on one size of pad."""
+    """Return two fingers with `grid` pixels along and across, on one size of pad."""
     along, across = grid
     return ArrayLayout(
         name=f"{along}x{across}",
@@ -191,7 +191,7 @@ def dead_errors(
     dead: int,
     seed: int,
 ) -> list[float]:
-    """Return the error under each remedy when so many pixels read open."""
+    """Return the error under each remedy when `dead` pixels read open."""
     pixels = calibrated[1].shape[1]
     gone = np.random.default_rng([seed, dead]).permutation(pixels)[:dead]
     alive = np.setdiff1d(np.arange(pixels), gone)

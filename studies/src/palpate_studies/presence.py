@@ -36,7 +36,7 @@ _NAMES = tuple(name for name in OBJECTS if name != "rigid-block")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
-    """One session: when something came, and what was said.
+    """One session: when something came, and what was reported.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Session:
     outcome : str
         How the session ended.
     said_empty : int
-        Closings that were said to find nothing.
+        Closings that were reported to find nothing.
     """
 
     level: str

@@ -1,4 +1,4 @@
-"""Real presses of a sheet beside a load cell: where each begins, and when the force is told."""
+"""Real presses of a sheet with a load cell: where each begins, and when the force is given."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SMALLEST_FORCE_N = 0.5
 SHARE_OF_P90 = 0.3
 #: of at least this length.
 SHORTEST_S = 0.8
-#: The force is told once, when it first reaches this share of the press's 80th percentile.
+#: The force is given once, when it first reaches this share of the press's 80th percentile.
 TOLD_SHARE = 0.8
 #: A press is followed from this long before it begins, or from the end of the one before.
 LEAD_S = 3.0
-#: The rest reading is the median over this long, up to so long before the press begins.
+#: The rest reading is the median over this long, up to this long before the press begins.
 REST_S, BEFORE_S = 1.0, 0.3
 
 
@@ -35,7 +35,7 @@ class Trace:
     time_s, excess, force_n : ndarray, shape (n_times,)
         From before the contact on; `excess` is the conductance G/G0 - 1.
     first, told : int
-        Sample from which the force is above the threshold, and sample at which it is told.
+        Sample from which the force is above the threshold, and sample at which it is given.
     group : str
         Traces of one group (a sensor, a setting) are left out together.
     """
@@ -61,7 +61,7 @@ class Press:
     trace : Trace
         Readings and force; its group is the setting: repeats of one setting share it.
     last_held : int
-        Last sample with as much force as when it was told; the release comes after.
+        Last sample with as much force as when it was given; the release comes after.
     """
 
     recording_id: str

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def draw_followed(
     observed: Sequence[Followed], static: Sequence[Followed], *, stretched: bool = False
 ) -> Figure:
-    """Draw the observer's best, median and worst press, the static law's answer beside it.
+    """Draw the observer's best, median and worst press, each with the static law's answer.
 
     What is stretched loses some percent of its force: shown large, not from 0 on.
     """
@@ -30,7 +30,7 @@ def draw_followed(
         press = observed[place].press
         which = "" if stretched else f", press {press.press}"
         panel.set_title(f"{name}: {press.recording_id}{which}", fontsize=8)
-        panel.set(xlabel="time since told, s", ylabel="force, N")
+        panel.set(xlabel="time since the force was given, s", ylabel="force, N")
         if not stretched:
             panel.set_ylim(0, None)
         panel.spines[["top", "right"]].set_visible(False)
@@ -43,7 +43,7 @@ def _draw_press(panel: Any, observed: Followed, static: Followed) -> None:
     clock = trace.time_s - trace.time_s[trace.told]
     shown = clock > -0.6
     panel.plot(clock[shown], trace.force_n[shown], color="#222222", lw=1.6, label="load cell")
-    panel.plot([0], [observed.told_n], "o", color="#222222", ms=5, label="told")
+    panel.plot([0], [observed.told_n], "o", color="#222222", ms=5, label="given")
     panel.fill_between(
         observed.time_s, observed.low_n, observed.high_n, color="#0072B2", alpha=0.2, lw=0
     )

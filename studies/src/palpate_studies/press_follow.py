@@ -1,4 +1,4 @@
-"""What a model answered of a press, next to the load cell."""
+"""A model's answers on a press, compared with the load cell."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate_studies.press_models import Prediction
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Followed:
-    """What a model said of a press, at each sample after the force was told.
+    """A model's answer on a press, at each sample after the force was given.
 
     Attributes
     ----------
@@ -31,13 +31,13 @@ class Followed:
 
     @property
     def time_s(self) -> FloatArray:
-        """Seconds since the force was told."""
+        """Seconds since the force was given."""
         trace = self.press.trace
         return np.asarray(trace.time_s[trace.told + 1 :] - trace.time_s[trace.told])
 
     @property
     def told_n(self) -> float:
-        """Force that was told, newtons."""
+        """Force that was given, newtons."""
         return float(self.press.trace.force_n[self.press.trace.told])
 
     @property
@@ -57,9 +57,9 @@ class Followed:
 
     @property
     def released(self) -> NDArray[np.bool_]:
-        """Whether each sample comes after the last with as much force as told."""
-        told = self.press.trace.told
-        return np.arange(told + 1, len(self.press.trace.time_s)) > self.press.last_held
+        """Whether each sample comes after the last with as much force as given."""
+        given = self.press.trace.told
+        return np.arange(given + 1, len(self.press.trace.time_s)) > self.press.last_held
 
     @property
     def covered(self) -> NDArray[np.bool_]:
@@ -68,13 +68,13 @@ class Followed:
 
 
 def in_newtons(press: Press, prediction: Prediction) -> Followed:
-    """Return a model's answer in newtons, from the told force on."""
-    told = press.trace.told
-    change, half = (part[told + 1 :] for part in prediction)
-    told_n = float(press.trace.force_n[told])
+    """Return a model's answer in newtons, from the given force on."""
+    given = press.trace.told
+    change, half = (part[given + 1 :] for part in prediction)
+    given_n = float(press.trace.force_n[given])
     return Followed(
         press=press,
-        value_n=told_n * np.exp(change),
-        low_n=told_n * np.exp(change - half),
-        high_n=told_n * np.exp(change + half),
+        value_n=given_n * np.exp(change),
+        low_n=given_n * np.exp(change - half),
+        high_n=given_n * np.exp(change + half),
     )

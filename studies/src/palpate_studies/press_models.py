@@ -1,6 +1,6 @@
-"""What follows a press: a constant, a clock, a static law, and the force model.
+"""Models that follow a press: a constant, a clock, a static law, and the force model.
 
-Each is told the force once and answers with ln(force / told force) at every sample, and with the
+Each is given the force once and answers with ln(force / given force) at every sample, and with the
 half width of its interval. Everything is learned from training presses; every setting counts as
 much as every other, because a setting that nobody has seen is the task.
 """
@@ -25,7 +25,8 @@ FOLDS = 5
 _TIME_CONSTANTS_S = (*TIME_CONSTANTS_S, 3.0)
 #: A release is two or three samples long and half of what is asked.
 _RELEASE_WEIGHT = 5.0
-#: So many samples after telling, and every n-th of the hold, show what there is to learn.
+#: This many samples after the force is given, and every n-th of the hold, show what there is to
+#: learn.
 _ALL_UNTIL, _EVERY = 30, 4
 _TICK_S = 0.02
 
@@ -41,23 +42,23 @@ def _states(press: Press) -> FloatArray:
 
 
 def _inputs(press: Press) -> FloatArray:
-    """Return the change of the states since the force was told, and that force."""
-    states, told = _states(press), press.trace.told
-    measured = np.full((len(states), 1), np.log(press.trace.force_n[told]))
-    return np.concatenate([states - states[told], measured], axis=1)
+    """Return the change of the states since the force was given, and that force."""
+    states, given = _states(press), press.trace.told
+    measured = np.full((len(states), 1), np.log(press.trace.force_n[given]))
+    return np.concatenate([states - states[given], measured], axis=1)
 
 
 def log_change(press: Press) -> FloatArray:
-    """Return ln(force / told force); before the contact, where nothing is asked, of 0.01 N."""
+    """Return ln(force / given force); before the contact, where nothing is asked, of 0.01 N."""
     force_n = np.maximum(press.trace.force_n, 0.01)
     return np.asarray(np.log(force_n / force_n[press.trace.told]))
 
 
 def _seen(press: Press) -> NDArray[np.bool_]:
     """Return the samples to learn from."""
-    place, told = np.arange(len(press.trace.time_s)), press.trace.told
-    dense = (place <= told + _ALL_UNTIL) | (place > press.last_held) | (place % _EVERY == 0)
-    return np.asarray((place > told) & dense)
+    place, given = np.arange(len(press.trace.time_s)), press.trace.told
+    dense = (place <= given + _ALL_UNTIL) | (place > press.last_held) | (place % _EVERY == 0)
+    return np.asarray((place > given) & dense)
 
 
 def _pooled(presses: Presses, each: Callable[[Press], FloatArray]) -> FloatArray:
@@ -96,13 +97,13 @@ def _with_interval(follow: Callable[[Press], FloatArray], train: Presses) -> Fol
 
 
 def constant(train: Presses) -> Follower:
-    """Learn by how much the force still rises after it is told."""
+    """Learn by how much the force still rises after it is given."""
     rise = _median(_pooled(train, log_change), _weight(train))
     return _with_interval(lambda press: np.full(len(press.trace.time_s), rise), train)
 
 
 def clock(train: Presses) -> Follower:
-    """Learn the usual change of force at each time since it was told."""
+    """Learn the usual change of force at each time since it was given."""
 
     def ticks(press: Press) -> FloatArray:
         since_s = press.trace.time_s - press.trace.time_s[press.trace.told]

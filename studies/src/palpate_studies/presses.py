@@ -1,4 +1,4 @@
-"""Force now under real presses: told once, then from resistance alone."""
+"""Force now under real presses: given once, then from resistance alone."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Follow the force of real presses from resistance, told the force once in each.
+    """Follow the force of real presses from resistance, given the force once in each.
 
     Example: palpate study presses --recordings presses.csv.gz
     """

@@ -1,4 +1,4 @@
-"""The paper's Table 1 on real recordings: every method beside waiting, specimens held out."""
+"""The paper's Table 1 on real recordings: every method against waiting, specimens held out."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def command(
     try:
         pattern = None if specimen_pattern is None else re.compile(specimen_pattern)
     except re.error as error:
-        raise InputError(f"--specimen-pattern {specimen_pattern}: {error}; mend it") from error
+        raise InputError(f"--specimen-pattern {specimen_pattern}: {error}; fix it") from error
     report([analyse(file, pattern=pattern) for file in holds]).emit(as_json=as_json, out=out)
 
 

@@ -10,7 +10,7 @@ from palpate_studies.report import Table
 Entry = Mapping[str, Any]
 
 
-#: Key in the summary -> what its table says. Each is laid out as the paper's Table 1.
+#: Key in the summary -> title of its table. Each is laid out as the paper's Table 1.
 FIGURES = {
     "median_abs_error_percent": "median |error|, % of the settled value",
     "mean_abs_error_percent": "mean |error|, % of the settled value",

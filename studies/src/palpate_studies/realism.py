@@ -107,7 +107,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Put the twin's scatter, creep, shapes and noise beside those of real recordings.
+    """Compare the twin's scatter, creep, shapes and noise with those of real recordings.
 
     Example: palpate study realism --ladders ladders.csv --presses presses.csv.gz --holds holds.csv
     """

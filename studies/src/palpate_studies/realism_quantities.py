@@ -1,4 +1,4 @@
-"""What a recording says about scatter, creep, shape and noise: the same for real and simulated."""
+"""Scatter, creep, shape and noise of a recording: the same for real and simulated."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ SMALLEST_N = 0.5
 #: Creep is what happens between these times after the force is reached, the force's own share out.
 CREEP_FROM_S, CREEP_TO_S = 0.2, 1.2
 
-#: Steps from sample to sample that a rise needs to tell its slope: three, at 15 Hz, is 0.2 s.
+#: Steps from sample to sample that a rise needs to show its slope: three, at 15 Hz, is 0.2 s.
 FEWEST_RISING = 3
 
-#: So many places are pressed at once by a thing on the twin's sheet; draws of so many real ones.
+#: This many places are pressed at once by a thing on the twin's sheet; draws of as many real ones.
 PLACES, _DRAWS = 8, 2000
 
 #: Load and excess conductance of one sensor, one pair per weight.
@@ -71,7 +71,7 @@ def press_quantities(presses: Sequence[Press]) -> dict[str, FloatArray]:
 
 
 def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
-    """Return ln conductance at equal force of each press when its force was told, by recording."""
+    """Return ln conductance at equal force of each press when its force was given, by recording."""
     exponent = _within_press_exponent(presses)
     gains: dict[str, list[float]] = {}
     for press in presses:
@@ -80,7 +80,7 @@ def log_gains(presses: Sequence[Press]) -> dict[str, FloatArray]:
 
 
 def _held_gain(press: Press, exponent: float) -> tuple[FloatArray, FloatArray]:
-    """Return time since the force was told, and ln conductance less the force's share of it."""
+    """Return time since the force was given, and ln conductance less the force's share of it."""
     trace = press.trace
     held = slice(trace.told, press.last_held + 1)
     log_gain = _log(trace.excess[held]) - exponent * _log(trace.force_n[held])

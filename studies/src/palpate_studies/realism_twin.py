@@ -27,7 +27,7 @@ PRESS_S, PRESS_MM_PER_S = 2.0, 10.0
 
 
 def twin_ladder(sensor: int, *, level: str) -> Ladder:
-    """Load one sensor in steps, each seated anew, and read it 10 s after loading."""
+    """Load one sensor in steps, each seated again, and read it 10 s after loading."""
     session, springs = Session(sensor, level=level, layout=FINE), drawn("springs-8", seed=1)
     pairs = []
     for closure_mm in LADDER_MM:
@@ -41,7 +41,7 @@ def twin_ladder(sensor: int, *, level: str) -> Ladder:
 
 
 def twin_presses(sensor: int, *, level: str, count: int) -> tuple[list[Press], list[Press]]:
-    """Press one sensor so often with a flat face, as one pixel and as all of them see it.
+    """Press one sensor `count` times with a flat face, as one pixel and as all of them see it.
 
     A real indenter presses one place after another of a sheet that is a single pixel. Here the
     pixels stand for the places, one in each press; the sum over all of them averages places.
@@ -94,7 +94,7 @@ def _press(session: Session, size_mm: float) -> Callable[[Sequence[int]], Trace]
 
 
 def twin_weights(sensor: int, *, level: str, count: int) -> list[Hold]:
-    """Hold a ball for 20 s, so often; the pixels in parallel, ohm, time 0 where the fingers stop.
+    """Hold a ball for 20 s, `count` times; pixels in parallel, ohm, time 0 where the fingers stop.
 
     The real recordings begin there too: their loggers missed the contact, or were strained already.
     """

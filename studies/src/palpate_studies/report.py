@@ -1,4 +1,4 @@
-"""What a study hands back: tables to read, figures to look at, and one JSON document."""
+"""The report of a study: tables to read, figures to look at, and one JSON document."""
 
 from __future__ import annotations
 

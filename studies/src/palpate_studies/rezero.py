@@ -1,6 +1,6 @@
 """Re-zeroing that never swallows a held object: a pure step from frame to frame.
 
-The rest values are taken anew once after each contact, and only where nothing can be held: the
+The rest values are taken again once after each contact, and only where nothing can be held: the
 hand has opened well beyond the width at which it touched, has not closed since, has stood still for
 some time, and every pixel reads steadily and near its old rest value. A hand whose opening is
 unknown never re-zeroes.
@@ -21,7 +21,7 @@ _WIDTH_NOISE_MM = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RezeroRule:
-    """When the rest values may be taken anew, and how far they may go."""
+    """When the rest values may be taken again, and how far they may go."""
 
     #: How far beyond the width of the contact the hand must be open. Contact is seen late, after a
     #: frame of closing and the first give of a soft object.
@@ -32,7 +32,7 @@ class RezeroRule:
     #: By how much two such averages, one after the other, may differ: while a sheet still forgets
     #: its load its rest value is not there to be taken.
     settled_percent: float = 0.3
-    #: A rest value may change by so much at once; a load only ever lowers it.
+    #: A rest value may change by this much at once; a load only ever lowers it.
     fall_percent: float = 3.0
     rise_percent: float = 10.0
     #: Further than this from the calibration it stays, and a new calibration is advised.
@@ -41,7 +41,7 @@ class RezeroRule:
 
 @dataclass(frozen=True, slots=True)
 class RezeroState:
-    """What re-zeroing remembers. Arrays have shape (rows, cols)."""
+    """State of the re-zeroing. Arrays have shape (rows, cols)."""
 
     #: Rest values now, and those of the calibration.
     rest_ohm: FloatArray
@@ -61,7 +61,7 @@ class RezeroState:
     frames: int = 0
     #: The average before.
     averaged_ohm: FloatArray | None = None
-    #: Empty, or why the sensor should be calibrated anew.
+    #: Empty, or why the sensor should be calibrated again.
     advice: str = ""
 
     @classmethod
@@ -80,7 +80,7 @@ def rezero_step(
     moving: bool,
     rule: RezeroRule,
 ) -> RezeroState:
-    """Take one frame; take the rest values anew where nothing can be held.
+    """Take one frame; take the rest values again where nothing can be held.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def _clear(state: RezeroState, width_mm: float | None, *, moving: bool, rule: Re
 
 
 def _take(state: RezeroState, fresh: FloatArray, rule: RezeroRule) -> RezeroState:
-    """Take the averaged frames for rest values, or keep the old ones and say why."""
+    """Take the averaged frames for rest values, or keep the old ones and state why."""
     done = replace(
         state,
         contact_mm=None,
@@ -195,6 +195,6 @@ def _take(state: RezeroState, fresh: FloatArray, rule: RezeroRule) -> RezeroStat
         worst = total[np.argmax(np.abs(total))]
         return replace(
             done,
-            advice=f"a rest value is {worst:+.0f} % from its calibration: calibrate force anew",
+            advice=f"a rest value is {worst:+.0f} % from its calibration: calibrate force again",
         )
     return replace(done, rest_ohm=np.where(reads, fresh, state.rest_ohm), advice="")

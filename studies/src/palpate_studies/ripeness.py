@@ -1,4 +1,4 @@
-"""Figure 16 of the paper, and ripeness of many fruits: stages, days to ripe, drift told apart."""
+"""Figure 16 of the paper, and ripeness of many fruits: stages, days to ripe, drift separated."""
 
 from __future__ import annotations
 
@@ -63,7 +63,9 @@ def command(
     sensors: Annotated[int, typer.Option(help="Sensors of each condition.", min=1)] = 1,
     fruits: Annotated[
         int,
-        typer.Option(help="Fruits that each sensor judges, beside two dozen labelled ones.", min=2),
+        typer.Option(
+            help="Fruits that each sensor judges, besides two dozen labelled ones.", min=2
+        ),
     ] = 10,
     level: Annotated[Level | None, typer.Option(help="Only at this level of the twin.")] = None,
     gripper: Annotated[GripperKind | None, typer.Option(help="Only with this gripper.")] = None,
@@ -196,7 +198,7 @@ def _provenance(found: Mapping[Condition, Sequence[Felt]]) -> list[str]:
         f"{LATER_DAYS} days after their first, the others, which are judged: {GRASPS_AT_ONCE} "
         f"grasps a day, and {GRASPS_AT_ONCE} more up to {MOST_GRASPS} while the stage is less than "
         f"{100 * SURE:.0f} % sure. A nest centres the fruit. {REFERENCE_GRASPS} grasps of a rubber "
-        "ball each morning, half before the fruit and half after it; rest values taken anew each "
+        "ball each morning, half before the fruit and half after it; rest values taken again each "
         "morning with the hand empty. Judged on each day by the days up to then.",
         "Aging: break-in and wear by 100 to 400 other grasps a day, mornings at 14.8 to 26.8 C.",
         "Labels are true stages; people err, and then no one is right more often than they are.",

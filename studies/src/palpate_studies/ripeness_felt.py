@@ -1,4 +1,4 @@
-"""What a ripeness station kept, and what is learned from it: drift, and a rule from the labels."""
+"""Records of a ripeness station, and what is learned from them: drift, and a rule from labels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REFERENCE_ID = "reference"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Felt:
-    """What one station kept.
+    """The records of one station.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Felt:
         Grasps in which a fruit was pressed beyond its yield.
     as_published : dict of (str, int) to float
         Item and its day -> settled change in percent as the paper takes it: fingers closed to one
-        width for this fruit (3 mm less than a caliper says) or to one pressure for all, held for
+        width for this fruit (3 mm less than by caliper) or to one pressure for all, held for
         20 s, mean of pixels.
     """
 

@@ -1,4 +1,4 @@
-"""Judgements of fruits beside the truth: ours, with and without reference, and naive ones."""
+"""Judgements of fruits against the truth: ours, with and without reference, and naive ones."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WAYS = {
 }
 
 
-#: Distances from a boundary (ln of the force at 1 mm) between which errors are told apart.
+#: Distances from a boundary (ln of the force at 1 mm) between which errors are counted separately.
 MARGINS = (0.0, np.log(1.1), np.log(1.25), np.log(1.5), np.inf)
 
 
@@ -47,7 +47,7 @@ class Judged:
     wait_days : float
         True days until ripe, 0 and below where it is.
     value_days, low_days, high_days : float
-        What ours said of it, with the reference object.
+        Our answer, with the reference object.
     day : int
         Which morning.
     margin : float
@@ -148,12 +148,12 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
 
 
 def ours_exact(rows: Sequence[Judged]) -> float:
-    """Return the share of fruit days of which ours is the true stage."""
+    """Return the share of fruit days on which ours is the true stage."""
     return float(np.mean([row.said["ours"] == row.truth for row in rows]))
 
 
 def _by_margin(rows: Sequence[Judged]) -> list[dict[str, float]]:
-    """Say how often ours is exact by how far the fruit is from a boundary."""
+    """Return how often ours is exact by how far the fruit is from a boundary."""
     found = []
     for low, high in pairwise(MARGINS):
         there = [row for row in rows if low <= row.margin < high]

@@ -3,7 +3,7 @@
 Each fruit lies in a nest that centres it, as does the reference object, a rubber ball that is felt
 first every morning. Between mornings the same hand grasps other things all day. Everything goes
 through devices, controller and a calibration made by a user's steps; what is handed on is what a
-store would keep, with the twin's truth beside it.
+store would keep, together with the twin's truth.
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Mornings; grasps of a labelled fruit on each, as many as the paper's; of the reference object.
 DAYS, LABELLED_GRASPS, REFERENCE_GRASPS = 4, 10, 30
-#: A fruit to be judged is grasped so often, and again while its stage is unsure, up to so many
+#: A fruit to be judged is grasped this often, and again while its stage is unsure, up to this many
 #: times on one day.
 GRASPS_AT_ONCE, MOST_GRASPS = 3, 30
 REFERENCE = "ball-44lbs"
 #: The labelled fruits are felt first; the others come a week later, when the sensor is older.
 LATER_DAYS = 7
 _FIRST = datetime(2026, 5, 4, 8, tzinfo=UTC)
-#: A fruit is laid into the nest, and the sheet forgets the last one: as long as it reads so many
+#: A fruit is laid into the nest, and the sheet forgets the last one: as long as it reads this many
 #: percent below its rest, the user waits once more, but not for ever.
 _PAUSE_S, _REMEMBERS, _LONGEST_PAUSE_S = 5.0, -5.0, 30.0
-#: The fingers wait so far from it, by eye.
+#: The fingers wait this far from it, by eye.
 _GAP_MM = 3.0
 #: Steps of the squeeze, newtons: five to the grip force.
 _FORCE_STEP_N = 1.2
@@ -125,7 +125,7 @@ class _Bench:
     def morning(self, day: int, *, surroundings: Environment) -> None:
         """Begin a day: a new world around the same sensor, in these surroundings.
 
-        Weather and wear move the rest values, so these are taken anew with the hand empty
+        Weather and wear move the rest values, so these are taken again with the hand empty
         (`palpate calibrate rest`): to a grasp, a sheet that reads a sixth lower looks pressed.
         """
         self._day, self._surroundings = day, surroundings

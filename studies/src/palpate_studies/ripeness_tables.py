@@ -32,7 +32,7 @@ def _cells(condition: Condition) -> list[str]:
 
 
 def accuracy_table(each: Mapping[Condition, Mapping[str, Any]]) -> Table:
-    """Say how often each way was right."""
+    """Return a table of how often each way was right."""
 
     def cell(score: Mapping[str, float] | None) -> str:
         if score is None:
@@ -55,7 +55,7 @@ def accuracy_table(each: Mapping[Condition, Mapping[str, Any]]) -> Table:
 
 
 def sensors_table(by_sensor: Mapping[Condition, Sequence[float]]) -> Table:
-    """Say how often ours was right on each sensor."""
+    """Return a table of how often ours was right on each sensor."""
     return Table(
         title="Ours, exact, %, sensor by sensor",
         columns=("level", "gripper", "aging", "sensors"),
@@ -67,7 +67,7 @@ def sensors_table(by_sensor: Mapping[Condition, Sequence[float]]) -> Table:
 
 
 def limits_table(each: Mapping[Condition, Mapping[str, Any]]) -> Table:
-    """Say where ours errs, and what a measurement without error would reach."""
+    """Return a table of where ours errs, and what a measurement without error would reach."""
     edges = [f"{100 * np.expm1(edge):.0f}" for edge in MARGINS[:-1]]
     spans = [f"{a} to {b} %" for a, b in pairwise(edges)] + [f"beyond {edges[-1]} %"]
     rows = []
@@ -89,7 +89,7 @@ def limits_table(each: Mapping[Condition, Mapping[str, Any]]) -> Table:
 
 
 def days_table(each: Mapping[Condition, Mapping[str, Any]]) -> Table:
-    """Say how well the days to ripe were told."""
+    """Return a table of how well the days to ripe were predicted."""
     return Table(
         title="Days to ripe, of fruit not ripe yet; 90 % interval",
         columns=("level", "gripper", "aging", "fruit days", "coverage", "median error", "width"),
@@ -117,7 +117,7 @@ def confusion_table(condition: Condition, rows: Sequence[Judged]) -> Table:
 
 
 def figure16_table(days: Mapping[Condition, Sequence[tuple[float, float]]]) -> Table:
-    """Put the settled change over days beside what the paper prints of it, which is nothing."""
+    """Return a table of the settled change over days; the paper prints no such numbers."""
     return Table(
         title="Figure 16: settled change at one width (rigid) or pressure (soft) over days, %, "
         "mean ± sd over the fruits that ripened in this time",

@@ -117,15 +117,15 @@ def _judged(
     *,
     name: str,
 ) -> VirtualDay:
-    last, said = days[-1], rule.judge(days)
-    if said.days_to_ripe is None:
+    last, judged = days[-1], rule.judge(days)
+    if judged.days_to_ripe is None:
         raise InputError("a rule from labels always knows the course")
     truth = fruit.stage(last.day)
     wait = fruit.day_of(RIPE) - last.day
     one_day = STAGES[int(np.argmax(single.probabilities(last.firmness)))]
     return VirtualDay(
         fruit=name,
-        exact=said.stage == truth,
+        exact=judged.stage == truth,
         exact_one_day=one_day == truth,
-        covered=said.days_to_ripe.low <= wait <= said.days_to_ripe.high if wait > 0 else None,
+        covered=judged.days_to_ripe.low <= wait <= judged.days_to_ripe.high if wait > 0 else None,
     )

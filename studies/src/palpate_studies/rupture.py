@@ -1,4 +1,4 @@
-"""When to stop closing on a fruit: our guard beside a cap per fruit and a linear stiffness rule."""
+"""When to stop closing on a fruit: our guard, a cap per fruit and a linear stiffness rule."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
     methods = [applied(policy, splits) for policy in _policies(splits)]
     entries = tradeoff(methods, closings=tested)
     compared = compare(methods, closings=tested)
-    told = rupture_told.told_half_load(splits)
+    given = rupture_told.told_half_load(splits)
     provenance = (
         f"Real recordings of fruit closed on until rupture; {how}.",
         f"Guard at a nominal rupture rate of {nominal_rate:.1%}; every sample used precedes the "
@@ -103,7 +103,7 @@ def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
         provenance=provenance,
         tables=[
             _operating_table(rows, rows_unknown),
-            rupture_told.table(told),
+            rupture_told.table(given),
             _tradeoff_table(entries),
             _compared_table(compared),
         ],
@@ -114,7 +114,7 @@ def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
             "rows": rows,
             "rows_fruit_unknown": rows_unknown,
             "summary": _summary(rows, known=True) + _summary(rows_unknown, known=False),
-            "told_half_load": told,
+            "told_half_load": given,
             "tradeoff": entries,
             "compared": compared,
         },
@@ -123,7 +123,7 @@ def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
 
 
 def _guarded(splits: Splits, *, known: bool, nominal_rate: float) -> list[dict[str, Any]]:
-    """Return what our guard did on each fruit, told its kind or not."""
+    """Return what our guard did on each fruit, given its kind or not."""
     rows: list[dict[str, Any]] = []
     for training, test in splits:
         model = learn(training, tell_apart=known)
@@ -160,7 +160,7 @@ def compare(methods: Sequence[Method], *, closings: Sequence[FruitClosing]) -> l
 
 
 def _policies(splits: Splits) -> list[Policy]:
-    """Return ours, told the kind and not, and what it has to beat."""
+    """Return ours, given the kind and not, and what it has to beat."""
     found = [
         Policy("ours", _ours(known=True)),
         Policy("ours, fruit unknown", _ours(known=False)),
@@ -232,10 +232,10 @@ def _summary(rows: Sequence[dict[str, Any]], *, known: bool) -> list[dict[str, A
     entries = []
     for fruit in [*sorted({row["fruit"] for row in rows}), "all"]:
         chosen = [row for row in rows if fruit in ("all", row["fruit"])]
-        told = [row for row in chosen if row["predicted_n"] is not None]
+        predicted = [row for row in chosen if row["predicted_n"] is not None]
         limits_n = np.array([row["rupture_force_n"] for row in chosen])
-        error = [abs(row["predicted_n"] / row["rupture_force_n"] - 1) for row in told]
-        above = [row["low_n"] <= row["rupture_force_n"] for row in told]
+        error = [abs(row["predicted_n"] / row["rupture_force_n"] - 1) for row in predicted]
+        above = [row["low_n"] <= row["rupture_force_n"] for row in predicted]
         share = np.array([row["stop_force_n"] for row in chosen]) / limits_n
         entries.append(
             {

@@ -1,4 +1,4 @@
-"""Learners that are told all that a closing curve shows, to see whether it tells of the rupture."""
+"""Learners that see all that a closing curve shows, to test whether it predicts the rupture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What limits a rupture limit: learners told everything, tested on the fruit that our line is."""
+"""What limits a rupture limit: learners given everything, tested on the fruit that our line is."""
 
 from __future__ import annotations
 

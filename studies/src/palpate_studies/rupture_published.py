@@ -7,7 +7,7 @@ import numpy as np
 from palpate.estimate.damage_learning import FruitClosing
 from palpate_studies.rupture_policies import Scored
 
-#: Fruit -> mm by which the stiffness is multiplied, N that are added, and N that are said while
+#: Fruit -> mm by which the stiffness is multiplied, N that are added, and N that are given while
 #: there are too few samples: the parameters of its authors' evaluation (github.com/SheepLiu712/
 #: FruitRuptureEstimate).
 PUBLISHED: dict[str, tuple[float, float, float]] = {

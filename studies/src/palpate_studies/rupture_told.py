@@ -1,4 +1,4 @@
-"""How near a line from stiffness to rupture force comes when it is told what no guard can know."""
+"""How close a line from stiffness to rupture force comes if it is given what no guard can know."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def told_half_load(
 
 
 def _points(closings: Sequence[FruitClosing]) -> NDArray[np.float64]:
-    """Return log stiffness at half load beside the log of the rupture force, shape (n, 2)."""
+    """Return log stiffness at half load with the log of the rupture force, shape (n, 2)."""
     points = []
     for closing in closings:
         upto = [s for s in closing.states if s.force_n <= closing.rupture_force_n / 2]

@@ -1,6 +1,6 @@
 """The scoreboard: every claim as data, its figures taken from kept results of studies.
 
-`docs/claims.toml` says what is claimed; `docs/kept/NAME.json` holds what a study gave, with its
+`docs/claims.toml` states what is claimed; `docs/kept/NAME.json` holds what a study gave, with its
 command, seeds, date and the hash of the code that ran. A figure on a page that neither gives fails
 a test. Studies take minutes to hours, so they are not run again there; `keep` writes a new result.
 """
@@ -22,7 +22,7 @@ import palpate_studies
 from palpate.errors import InputError
 from palpate.files import atomic_path
 
-#: Between these lines a page holds what the claims say, and nothing else.
+#: Between these lines a page holds the claims' table, and nothing else.
 BEGIN, END = "<!-- scoreboard: begin -->", "<!-- scoreboard: end -->"
 _PART = re.compile(r"([^/\[\]]+)(?:\[([^\]]*)\])?")
 _VERDICTS = {"ours": "ours", "rival": "the rival", "undecided": "undecided"}
@@ -47,9 +47,9 @@ class Claim:
     verdict : str
         Who is better: ``ours``, ``rival`` or ``undecided``.
     second : str
-        The figure on a second generator or other specimens; empty where there is none yet.
+        The figure on a second generator or other specimens; empty if there is none yet.
     command, note : str
-        What regenerates it, and what else must be said.
+        What regenerates it, and what else must be stated.
     first_page : bool
         Whether README.md shows it too.
     """

@@ -1,4 +1,4 @@
-"""Ripening and bruises on a generator that no estimator was written for, beside the first."""
+"""Ripening and bruises on a generator that no estimator was written for, and on the first."""
 
 from __future__ import annotations
 
@@ -77,14 +77,14 @@ def _always(way: str) -> Callable[[Avocado, int], Avocado]:
 def report(
     ripening: Mapping[str, Sequence[VirtualDay]], bruised: Mapping[str, Sequence[Examined]]
 ) -> StudyReport:
-    """Score both and put them beside the first generator."""
+    """Score both and compare them with the first generator."""
     ripe = [{"generator": name, **_ripe(days)} for name, days in ripening.items()]
     apples = [{"generator": name, **_bruised(found)} for name, found in bruised.items()]
     return StudyReport(
         name="second-generators",
         title="Ripening and bruises of another shape (simulated)",
         provenance=(
-            "Simulated. What the second generators are stands in `palpate_studies.other_fruit`, "
+            "Simulated. The second generators are described in `palpate_studies.other_fruit`, "
             "fixed before anything was scored on them.",
             "Ripening: virtual sensors, whose errors are as large as the twin's were on "
             "development sensors; no grasp is simulated. Each rule is taught with labelled fruit "

@@ -128,7 +128,7 @@ def draw(family: str, count: int, *, seed: int) -> list[Hold]:
 def after_baseline(hold: Hold, *, rng: np.random.Generator, rises_s: float = 0.0) -> Hold:
     """Return a hold with 0.5 to 3 s of the unloaded sensor in front, as a raw recording has it.
 
-    The clock starts with the baseline; the settled value comes later by what stands in front.
+    The clock starts with the baseline; the settled value comes later by the length of the baseline.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def after_baseline(hold: Hold, *, rng: np.random.Generator, rises_s: float = 0.0
     rng : Generator
         Of its length, height and noise.
     rises_s : float
-        The contact is made over so long, straight in ohm's logarithm or in percent.
+        The contact is made over this long, straight in ohm's logarithm or in percent.
     """
     step_s = float(np.median(np.diff(hold.time_s)))
     count = int(rng.uniform(0.5, 3.0) / step_s)

@@ -178,7 +178,7 @@ def scores(
 def _rested(
     holds: Sequence[Hold], *, rng: np.random.Generator, rises_s: tuple[float, float]
 ) -> Scores:
-    """Return how ours does behind a baseline, with contact made over so long."""
+    """Return how ours does behind a baseline, with contact made over `rises_s`."""
     rested = [after_baseline(hold, rng=rng, rises_s=rng.uniform(*rises_s)) for hold in holds]
     starts_s = [
         float(long.time_s[len(long.time_s) - len(hold.time_s)] - hold.time_s[0])
@@ -263,7 +263,7 @@ def _own(title: str, found: Mapping[str, tuple[Scores, Scores]]) -> Table:
     )
 
 
-#: What is said of ours alone, by cut-off.
+#: Figures reported for ours alone, by cut-off.
 _OURS: Mapping[str, Callable[[Scores], FloatArray]] = {
     "median": lambda one: np.median(one.errors[OURS], axis=1),
     "p90": lambda one: np.quantile(one.errors[OURS], 0.9, axis=1),

@@ -107,7 +107,7 @@ def _since_peak(hold: Hold, cutoff_s: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _learners(holds: Sequence[Hold]) -> dict[str, list[FloatArray]]:
-    """Return the errors of learners, blind to the unit and told the ohm value."""
+    """Return the errors of learners, blind to the unit and given the ohm value."""
     with needing("settling-limits", extra="produce"):
         from sklearn.ensemble import ExtraTreesRegressor
         from sklearn.linear_model import RidgeCV

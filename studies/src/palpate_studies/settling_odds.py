@@ -26,7 +26,7 @@ from palpate_studies.specimens import FEWEST_SPECIMENS, HORIZON_S, specimen_of
 #: Seed and size of the drawn families to learn from; reports use other seeds.
 SEED, DRAWN = 11, 60
 CUTOFFS_S = (1.0, 2.5, 5.0)
-#: Real recordings count so many times as much as a drawn family; those not named here count once.
+#: Real recordings count this many times as much as a drawn family; those not named here count once.
 REAL = {"holds_cbsilicone": 4.0, "holds_velostat": 4.0, "holds_force_relaxation": 1.0}
 #: Gradient ascent (Adam): steps, their size, and the ridge that draws log odds towards even.
 STEPS, STEP, RIDGE = 60, 0.15, 0.002

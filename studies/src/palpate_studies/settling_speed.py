@@ -40,7 +40,7 @@ class Plan:
     sizes : tuple of int
         Holds per call.
     repeats : tuple of int
-        Calls per size, of which the median counts.
+        Calls per size; their median counts.
     peer_holds : int
         Holds that the peers, which take one at a time, are timed on; more are scaled up from these.
     growth : tuple of int
@@ -241,7 +241,7 @@ def measure(plan: Plan) -> StudyReport:
     grown = growth(plan.growth, holds=synthetic_holds, cutoff_s=CUTOFF_S)
     provenance = [
         f"Simulated holds: one exponential, {SAMPLES} samples in {CUTOFF_S:g} s on a shared grid, "
-        f"noise {NOISE_PERCENT:g} %. Speed only; says nothing of accuracy on a sensor.",
+        f"noise {NOISE_PERCENT:g} %. Speed only; it shows nothing of accuracy on a sensor.",
         f"curve_fit and lmfit take one hold at a time: timed on {plan.peer_holds} holds and scaled "
         "to the size of each row.",
         f"Medians of {', '.join(map(str, plan.repeats))} calls per size, on one sampling grid: "

@@ -38,7 +38,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Size simulated strawberries as the paper does and as ours does, beside Figure 14.
+    """Size simulated strawberries as the paper does and as ours does, compared with Figure 14.
 
     Example: palpate study size --out reports
     """
@@ -48,7 +48,7 @@ def command(
 def report(
     *, sensors: int, first_sensor: int = FIRST_SENSOR, berries: int = BERRIES
 ) -> StudyReport:
-    """Make the grasps and put the errors beside the published ones."""
+    """Make the grasps and compare the errors with the published ones."""
     seeds = range(first_sensor, first_sensor + sensors)
     found = {level: list(sized(level, sensors=seeds, berries=berries)) for level in LEVELS}
     summary = [

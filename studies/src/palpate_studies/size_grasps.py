@@ -32,7 +32,7 @@ SAME_STEPS = {"fine_step": STEP_MM, "smallest_step": STEP_MM, "fewest_steps": 2}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sized:
-    """One strawberry: its size, what each way says of it, and what our grasp did to it.
+    """One strawberry: its size, the estimate of each way, and what our grasp did to it.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Sized:
 
 
 def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
-    """Size so many strawberries on each sensor of a level, each three times."""
+    """Size `berries` strawberries on each sensor of a level, each three times."""
     for sensor in sensors:
         calibration = calibrated(seed=sensor, level=level, apart_from="strawberry")
         for berry in range(berries):

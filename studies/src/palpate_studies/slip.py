@@ -53,7 +53,7 @@ class Happening:
     held : bool
         Whether both fingers felt the object before: what is not felt can't be missed.
     delay_s : float or None
-        From its beginning to when a finger said so; None if none did.
+        From its beginning to when a finger reported it; None if none did.
     false : int
         Slips and removals called before it.
     """
@@ -251,7 +251,7 @@ def _alarms(holds: Sequence[tuple[float, int, bool]]) -> dict[str, Any]:
         "hours": hours,
         "called": called,
         "per_hour": called / hours if hours else None,
-        # None in so many hours bounds the rate at three over them (95 %).
+        # None in that many hours bounds the rate at three over them (95 %).
         "per_hour_at_most": float(chi2.ppf(0.95, 2 * called + 2) / (2 * hours)) if hours else None,
     }
 

@@ -16,10 +16,10 @@ from palpate.settling.scoring import settled_value
 
 #: When a hold counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
-#: A part of a name that tells runs of one specimen apart: `20mm`, `0.3Strain`, `v4`, `h00`.
+#: A part of a name that distinguishes runs of one specimen: `20mm`, `0.3Strain`, `v4`, `h00`.
 _RUN_PART = re.compile(r"\d+(\.\d+)?[A-Za-z]+|[vh]\d+")
 
-#: Below this many specimens, leaving one out says little: single holds are left out instead.
+#: Below this many specimens, leaving one out shows little: single holds are left out instead.
 FEWEST_SPECIMENS = 3
 
 
@@ -101,7 +101,7 @@ def predict_held_out(
     holds : sequence of Hold
         All of one file.
     units : sequence of str, length n_holds
-        What is left out together: the specimen of each hold, say.
+        What is left out together: the specimen of each hold, for example.
     calibrate : callable
         Makes the method from calibration holds.
     name : str

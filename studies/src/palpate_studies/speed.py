@@ -64,14 +64,14 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             ]
             peaks = [f"{np.median(curves[level, speed].max(axis=1)):+.0f}" for level in LEVELS]
             ours = [scored[level, speed][clock, "relaxation"] for level in LEVELS]
-            said = [f"{100 * np.mean(one.ok):.0f}" for one in ours]
+            believed = [f"{100 * np.mean(one.ok):.0f}" for one in ours]
             covered = [f"{100 * np.mean(one.covered):.0f}" for one in ours]
             rows.append(
                 [
                     f"{speed:g}",
                     clock,
                     *cells,
-                    " / ".join(said),
+                    " / ".join(believed),
                     " / ".join(covered),
                     " / ".join(peaks),
                 ]
@@ -82,7 +82,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         provenance=[
             f"Simulated: {sensors} sensors per level, {repeats} holds of {OBJECT} at each speed. "
             "The paper expects an effect (section 2.2) and prints no numbers.",
-            "`ok`: share of holds of which ours reports that its interval can be believed; "
+            "`ok`: share of holds for which ours reports that its interval can be believed; "
             "covered: share of all holds whose interval holds the truth (0.9). Where contact "
             "comes after the cut-off every figure is a guess, and `ok` should be 0.",
             f"Closing goes {GAP_MM + CLOSURE_MM:g} mm: at 3 mm/s it takes 3 s, longer than the "
@@ -163,7 +163,7 @@ class Predicted:
     ok : ndarray of bool
         Whether the status is `ok`.
     covered : ndarray
-        1 where the interval holds the truth, 0 where not, NaN where there is none.
+        1 where the interval holds the truth, 0 where not, NaN without an interval.
     """
 
     error_percent: FloatArray
@@ -179,11 +179,11 @@ def _errors(values: FloatArray, *, speed: float) -> dict[tuple[str, str], Predic
         settled = values[:, (after_s > HOLD_S - 0.5) & (after_s <= HOLD_S)].mean(axis=1)
         seen = (after_s >= 0) & (after_s <= CUTOFF_S)
         for name, method in METHODS.items():
-            said = method.predict(after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9)
-            low, high = np.asarray(said.low, dtype=float), np.asarray(said.high, dtype=float)
+            predicted = method.predict(after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9)
+            low, high = (np.asarray(end, dtype=float) for end in (predicted.low, predicted.high))
             found[clock, name] = Predicted(
-                error_percent=np.abs(100 * (np.asarray(said.value) / settled - 1)),
-                ok=np.asarray(said.status) == Status.OK,
+                error_percent=np.abs(100 * (np.asarray(predicted.value) / settled - 1)),
+                ok=np.asarray(predicted.status) == Status.OK,
                 covered=np.where(np.isfinite(low), (low <= settled) & (settled <= high), np.nan),
             )
     return found

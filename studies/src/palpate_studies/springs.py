@@ -39,7 +39,7 @@ def command(as_json: JsonOption = False, out: OutOption = None) -> None:
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
-    """Make the grasps and put R^2 beside the published one."""
+    """Make the grasps and compare R^2 with the published one."""
     setups = [drawn(name, seed=SEED) for name in SETUPS]
     conditions = {
         f"closed by {closure_mm:g} mm": settled_readings(

@@ -45,9 +45,9 @@ EDGES_N_PER_MM = (RANGE_N_PER_MM[0], 2.0, 5.0, 15.0, RANGE_N_PER_MM[1])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """One grasp: what was said of the stiffness and what was true, N/mm; NaN where not answered.
+    """One grasp: reported and true stiffness, N/mm; NaN where not answered.
 
-    `object` says how it presses back: see `_kind_of`.
+    `object` describes how it presses back: see `_kind_of`.
     """
 
     gripper: GripperKind
@@ -258,7 +258,7 @@ def _figure(answers: Sequence[Answer]) -> Figure:
             _draw(panel, mine)
             panel.set_title(f"twin, {level}, {gripper} fingers, {squeeze}")
     figure.supxlabel("true stiffness, N/mm")
-    figure.supylabel("stiffness said, with its interval, N/mm (grey: no upper end)")
+    figure.supylabel("reported stiffness, with its interval, N/mm (grey: no upper end)")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""A study that is told to stop ends, not only the grasp that it was making."""
+"""A study that is asked to stop ends, not only the grasp that it was making."""
 
 from __future__ import annotations
 

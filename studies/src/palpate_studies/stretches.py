@@ -19,7 +19,7 @@ from palpate_studies.press_models import LEVEL, Follower, Presses, log_change
 from palpate_studies.report import Table
 from palpate_studies.specimens import specimen_of
 
-#: The force is told once, this long after the peak; before it the fixture still rings.
+#: The force is given once, this long after the peak; before it the fixture still rings.
 TOLD_S = 0.5
 #: Of the history of the resistance: from a few readings to half of a hold.
 _TIME_CONSTANTS_S = (0.3, 1.0, 3.0, 10.0)
@@ -44,8 +44,8 @@ def read_stretches(resistance: Path, *, force: Path) -> list[Press]:
         end_s = min(HORIZON_S, hold.time_s[-1], cell.time_s[-1])
         kept = cell.time_s <= end_s
         time_s = cell.time_s[kept]
-        told = int(np.searchsorted(time_s, TOLD_S))
-        if told >= len(time_s) - 1:
+        given = int(np.searchsorted(time_s, TOLD_S))
+        if given >= len(time_s) - 1:
             continue
         ohm = np.interp(time_s, hold.time_s, hold.values)
         trace = Trace(
@@ -54,8 +54,8 @@ def read_stretches(resistance: Path, *, force: Path) -> list[Press]:
             # conductance, and the offset cancels the one that the creep states add.
             excess=ohm / ohm[0] - CONTACT_EXCESS,
             force_n=cell.values[kept],
-            first=told,
-            told=told,
+            first=given,
+            told=given,
             group=specimen_of(hold.hold_id),
         )
         stretches.append(
@@ -117,17 +117,17 @@ def _history(stretch: Press) -> FloatArray:
     trace = stretch.trace
     reading = log_reading(trace.excess)
     states = states_of(trace.time_s, reading, time_constants_s=_TIME_CONSTANTS_S)
-    return np.concatenate([states - states[trace.told], _told(stretch)], axis=1)
+    return np.concatenate([states - states[trace.told], _log_given(stretch)], axis=1)
 
 
 def _clock(stretch: Press) -> FloatArray:
     trace = stretch.trace
     since_s = np.maximum(trace.time_s - trace.time_s[trace.told], 0.0)
     ticks = np.log1p(since_s / TOLD_S)[:, None]
-    return np.concatenate([ticks, ticks * _told(stretch)], axis=1)
+    return np.concatenate([ticks, ticks * _log_given(stretch)], axis=1)
 
 
-def _told(stretch: Press) -> FloatArray:
+def _log_given(stretch: Press) -> FloatArray:
     trace = stretch.trace
     return np.full((len(trace.time_s), 1), np.log(trace.force_n[trace.told]))
 

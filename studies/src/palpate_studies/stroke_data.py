@@ -20,9 +20,9 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 #: Forces from here on are scored.
 SMALLEST_N = 0.5
-#: A touch whose highest conductance is less than this many times that at rest is beside the sheet.
+#: A touch whose highest conductance is less than this many times that at rest is off the sheet.
 LEAST_RISE = 5.0
-#: The rest reading is the median over this long, until so long before the touch; a touch is
+#: The rest reading is the median over this long, until this long before the touch; a touch is
 #: followed from there.
 _REST_S, _BEFORE_S = 1.0, 0.1
 #: A touch begins where the reading, as `log_reading` gives it, is above this: a rise of 20 %. The
@@ -70,7 +70,7 @@ class Touch:
 
     @property
     def place(self) -> tuple[str, str, int]:
-        """What the attempts have in common."""
+        """The key that the attempts share."""
         return (self.sensor, self.pin, self.touch)
 
     @property

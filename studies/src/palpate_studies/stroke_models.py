@@ -1,4 +1,4 @@
-"""What follows a touch: nothing but a clock, a static law, boosted trees, and the force model.
+"""Models that follow a touch: a clock alone, a static law, boosted trees, and the force model.
 
 Each model is learned from training touches and returns, for a test touch, ln force at every sample
 with the half width of its interval. What else it knows is `told`: nothing, the other attempts at
@@ -132,7 +132,7 @@ def _inputs(touch: Touch, told: str) -> FloatArray:
 
 
 def trees(train: Others, told: str) -> Follower:
-    """Learn boosted trees on the same inputs; knowing the place, as told by the mean of it."""
+    """Learn boosted trees on the same inputs; knowing the place, given by the mean of it."""
     with needing("gradient boosting", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingRegressor
     machine = HistGradientBoostingRegressor(

@@ -29,7 +29,7 @@ Split: TypeAlias = tuple[str, Others, Others]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scored:
-    """What a model made of the scored samples of one touch; arrays of shape (n_scored,)."""
+    """A model's answers on the scored samples of one touch; arrays of shape (n_scored,)."""
 
     split: str
     model: str

@@ -68,7 +68,7 @@ def command(
 
 
 def report(*, families: Sequence[str] = (FITTED_FAMILY,), repeats: int = REPEATS) -> StudyReport:
-    """Make the holds of each family, predict, and put the errors beside the published ones."""
+    """Make the holds of each family, predict, and compare the errors with the published ones."""
     sensors = {n: repeats if n == FITTED_FAMILY else OTHERS_TIMES * repeats for n in families}
     holds = {name: list(twin_holds(repeats=sensors[name], family=name)) for name in families}
     results = {name: _errors(made) for name, made in holds.items()}

@@ -38,7 +38,7 @@ def command(as_json: JsonOption = False, out: OutOption = None) -> None:
 
 
 def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
-    """Make the grasps and put the changes beside the published ones."""
+    """Make the grasps and compare the changes with the published ones."""
     names = tuple(PUBLISHED)
     found = settled_readings(
         [drawn(name, seed=SEED) for name in names],

@@ -51,18 +51,18 @@ def command(as_json: JsonOption = False, out: OutOption = None) -> None:
 def report(
     *, sensors: int = SENSORS, repeats: int = REPEATS, free_repeats: int = FREE_REPEATS
 ) -> StudyReport:
-    """Make the grasps and put changes and R^2 beside the published ones."""
+    """Make the grasps and compare changes and R^2 with the published ones."""
     balls = {name: replace(drawn(name, seed=SEED), size_mm=SIZE_MM) for name in PUBLISHED}
     width_mm, each = SIZE_MM - CLOSURE_MM, list(balls.values())
     held = settled_readings(each, width_mm=width_mm, repeats=repeats, sensors=sensors, fixture=True)
-    anew = settled_readings(
+    placed_again = settled_readings(
         each, width_mm=width_mm, repeats=repeats, sensors=sensors, fixture=True, anew=True
     )
     free = settled_readings(each, width_mm=width_mm, repeats=free_repeats, sensors=sensors)
     return STUDY.report(
         {
             "in a fixture, once": held,
-            "in a fixture, placed again each time": anew,
+            "in a fixture, placed again each time": placed_again,
             "laid anywhere, once": free,
         },
         main="in a fixture, placed again each time",

@@ -116,8 +116,10 @@ def _errors(level: str, *, sensors: int, repeats: int) -> dict[str, Errors]:
             settled = _settled(sheet.time_s, sheet.tested)
             reference_n = sheet.law.force_n(settled).value
             for name, early in _predicted(sheets, index).items():
-                said_n = sheet.law.force_n(early).value
-                found[name].append((np.abs(said_n - reference_n), np.abs(said_n - sheet.tested_n)))
+                early_n = sheet.law.force_n(early).value
+                found[name].append(
+                    (np.abs(early_n - reference_n), np.abs(early_n - sheet.tested_n))
+                )
     return {
         name: Errors(of_reading_n=np.concatenate(reading), of_force_n=np.concatenate(force))
         for name, each in found.items()
@@ -144,7 +146,7 @@ def _settled(time_s: FloatArray, holds: FloatArray) -> FloatArray:
 
 
 def _predicted(sheets: Sequence[_Sheet], index: int) -> dict[str, FloatArray]:
-    """Return what each row says of the tested holds on one sheet."""
+    """Return each row's values of the tested holds on one sheet."""
     sheet = sheets[index]
 
     def early(method: SettlingMethod, cutoff_s: float) -> FloatArray:
@@ -283,7 +285,7 @@ def _report(errors: dict[str, dict[str, Errors]], *, sensors: int, repeats: int)
             "given twice: |line(early) - line(settled)|, the part that the technique decides, and "
             "|line(early) - load cell|, with the line's own error; what `recorded, 20 s` has there "
             "is the line's own.",
-            "The paper compares with its load cell, it says; but 0.045 N at 20 s is less than the "
+            "The paper says it compares with its load cell; but 0.045 N at 20 s is less than the "
             "scatter about its lines (R2 of 0.92 to 0.99) allows, so its truth is likely the line.",
             "`own holds` and `scaled` also learn how the sheet settles from those calibration "
             "holds (20 of each sensor; `other sheets' holds`: the 15 on other silicone). `scaled` "

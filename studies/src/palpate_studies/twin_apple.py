@@ -5,7 +5,7 @@ axis to the tangent in a direction t),
 
     p(t) = R (1 + oval cos 2(t - t2) + lobes cos 5(t - t5)),
 
-an oval with the five lobes of an apple. A flat finger in direction t touches p'(t) beside the axis
+an oval with the five lobes of an apple. A flat finger in direction t touches p'(t) off the axis
 of closing, on a radius of curvature p + p''; two opposite fingers are p(t) + p(t + 180) apart.
 """
 

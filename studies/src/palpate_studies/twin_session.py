@@ -34,7 +34,7 @@ LEVELS = ("paper", "field")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """What sensor and load cell say at one time; arrays of shape (rows, cols).
+    """Readings of sensor and load cell at one time; arrays of shape (rows, cols).
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Session:
         return np.asarray(self.read(SETTLED_MEAN_S).mean(axis=0))
 
     def read(self, duration_s: float) -> FloatArray:
-        """Read frames for so long; resistances, shape (frames, rows, cols)."""
+        """Read frames for this long; resistances, shape (frames, rows, cols)."""
         array, counts = TwinArray(self.world), []
         until_s = self.world.clock.now_s() + duration_s
         while self.world.clock.now_s() < until_s - 1e-9:
@@ -166,7 +166,7 @@ def grasps(
     repeats: int,
     fixture: bool = False,
 ) -> list[list[Reading]]:
-    """Grasp one object at each width, so often: readings by width and repeat."""
+    """Grasp one object at each width, `repeats` times: readings by width and repeat."""
     session.place(obj, fixture=fixture)
     return [
         [session.grasp(obj.size_mm, width_mm=width_mm) for _ in range(repeats)]

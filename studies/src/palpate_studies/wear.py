@@ -26,7 +26,7 @@ class WearTrack:
     >>> round(track.corrected(8.0, cycles=900), 6)
     10.0
     >>> track.advice(cycles=900)
-    'the reference load reads -20 % since the calibration: calibrate force anew'
+    'the reference load reads -20 % since the calibration: calibrate force again'
     """
 
     #: Grasps made before each check, rising.
@@ -68,7 +68,7 @@ class WearTrack:
         if abs(change) > ADVISED_PERCENT:
             return (
                 f"the reference load reads {change:+.0f} % since the calibration: "
-                "calibrate force anew"
+                "calibrate force again"
             )
         since = cycles - self.cycles[-1]
         if since > ADVISED_CYCLES:

@@ -133,8 +133,8 @@ def test_a_grasp_that_can_be_kept_nowhere_is_said(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--store", "x.sqlite"), "--store x.sqlite: say which item this is with --item NAME"),
-        (("--angle-deg", "90"), "--angle-deg 90.0: say which item"),
+        (("--store", "x.sqlite"), "--store x.sqlite: name the item with --item NAME"),
+        (("--angle-deg", "90"), "--angle-deg 90.0: name the item"),
         (("--item", " "), "item ' ': must be 1 to 200 printable characters"),
         (("--item", "A", "--store", "no/x.sqlite"), "there is no folder no; make it first"),
     ],
@@ -237,7 +237,7 @@ def test_a_person_says_what_an_item_is(capsys: pytest.CaptureFixture[str]) -> No
     ("arguments", "said"),
     [
         (("B9",), "no item 'B9'; `palpate items` lists them"),
-        (("--say", "ripeness=ripe"), "--set and --say tell something of one item"),
+        (("--say", "ripeness=ripe"), "--set and --say are about one item"),
         (("A17", "--say", "taste=good"), "NAME is one of ripeness, bruise, identity, bin"),
         (("A17", "--set", "kind="), "--set kind=: must be NAME=TEXT"),
         (("--day", "yesterday"), "--day yesterday: not a date; write it as 2026-05-01"),

@@ -86,7 +86,7 @@ def test_rights_are_named_with_what_to_do(capsys: pytest.CaptureFixture[str]) ->
 
     assert run(app, [], name="palpate") == 2
     assert capsys.readouterr().err.startswith(
-        "palpate: out.csv: Permission denied; mend the rights"
+        "palpate: out.csv: Permission denied; change the permissions"
     )
 
 

@@ -130,7 +130,7 @@ def test_an_item(capsys: pytest.CaptureFixture[str]) -> None:
         "batch Monday",
         "3 grasps",
         "3.77",
-        "said by a person",
+        "given by a person",
         "1.5 &lt; 2 N/mm",
         "62.0",
         "90°",

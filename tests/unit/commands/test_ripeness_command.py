@@ -95,7 +95,7 @@ def test_an_item_of_no_kind_is_judged_by_its_first_day(
             alone.add_grasp(grasp)
     assert palpate("mine", "--store", "one.sqlite", "--json") == 0
     shown = capsys.readouterr()
-    assert "by its own first day: nobody said what it is" in shown.err
+    assert "by its own first day: its kind is not known" in shown.err
     item = json.loads(shown.out)["items"][0]
     assert (item["basis"], item["days_to_ripe"]) == ("first day", None)
     assert item["stage"] in ("ripe", "overripe")

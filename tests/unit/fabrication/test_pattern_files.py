@@ -245,7 +245,7 @@ def test_a_measured_pixel_sets_the_expected_resistance(
         (["--width", "24", "--cols", "1", "--pad-pitch", "8"], "its tail is 3.60 mm wider"),
         (["--trace", "0.8"], "trace width 0.80 mm is 0.20 mm under the 1 mm"),
         (["--pixel", "2.5"], "column copper in the pixels 0.50 mm is 0.50 mm under"),
-        (["--overhang", "0.2"], "R0 and C0 come within 0.20 mm of touching beside their pixel"),
+        (["--overhang", "0.2"], "R0 and C0 come within 0.20 mm of touching next to their pixel"),
         (["--tail", "5"], "tail of 5 mm is 2.54 mm too short"),
         (["--width", "20"], "pixel R0 C1 comes 5.11 mm too near to or over the right edge"),
         (["--margin", "0.1"], "margin of 0.1 mm leaves copper and pixels 0.40 mm too near"),

@@ -159,7 +159,7 @@ def test_rest_values_that_no_weather_makes(plan: Plan, bench: Any, name: str) ->
     """The calibration is of a sheet that reads otherwise: the one here can't be it."""
     result = run(replace(plan, rest_ohm=ABSURD[name](plan.rest_ohm)), bench)
     assert result.outcome is Outcome.SENSOR_LOST
-    assert "see what `palpate doctor` says" in result.faults[-1]
+    assert "run `palpate doctor`" in result.faults[-1]
     assert bench.force_n == 0.0
 
 

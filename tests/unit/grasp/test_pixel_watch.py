@@ -51,7 +51,7 @@ def test_an_end_of_the_range_is_named_at_its_second_frame(
         frame[2, 1] = counts
     said = watched(plan, frames)
     assert said[:4] == [None] * 4
-    assert said[4] == f"pixel R2 C1 reads {how}; see what `palpate doctor` says"
+    assert said[4] == f"pixel R2 C1 reads {how}; run `palpate doctor`"
 
 
 def test_one_flicker_is_no_fault(plan: Plan) -> None:
@@ -112,7 +112,7 @@ def test_a_pixel_that_sleeps_through_movements_is_stuck(plan: Plan) -> None:
         frame[1, 0] = REST
     said = watched(plan, frames, step_mm=0.5)
     first = next(number for number, words in enumerate(said) if words)
-    assert said[first] == "pixel R1 C0 reads stuck; see what `palpate doctor` says"
+    assert said[first] == "pixel R1 C0 reads stuck; run `palpate doctor`"
     assert 7 <= first <= 9
 
 
@@ -200,9 +200,7 @@ def test_pixels_that_all_read_the_same_are_no_picture_of_the_sheet(plan: Plan) -
     frames += [512 + np.arange(8).reshape(4, 2) % 2 * (number % 2) for number in range(2)]
     said = watched(replace(plan, rest_ohm=unlike), frames)
     assert said[:4] == [None] * 4
-    assert (
-        said[4] == "all pixels read the same, which no sheet does; see what `palpate doctor` says"
-    )
+    assert said[4] == "all pixels read the same, which no sheet does; run `palpate doctor`"
     assert watched(plan, frames) == [None] * 5, "these rest alike"
 
 

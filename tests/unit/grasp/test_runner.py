@@ -171,7 +171,7 @@ def test_gripper_that_can_not_even_be_stopped(plan: Plan, bench: Any) -> None:
     bench.stop = stop
     result = run(plan, bench)
     assert result.outcome is Outcome.GRIPPER_FAULT
-    assert result.faults == ("the hand could not be told to stop: port gone",)
+    assert result.faults == ("the stop command failed: port gone",)
 
 
 def test_gripper_that_does_not_follow_is_stopped(plan: Plan, bench: Any) -> None:

@@ -86,7 +86,7 @@ BAD_TEXT = {
     "both marks": ("hold_id;time_s;value\na;0;1.234,5\n", "line 2: value is '1.234,5'"),
     "column twice": (
         "hold_id,time_s,value,value\na,1,2,3\n",
-        "column value stands there twice",
+        "column value occurs twice",
     ),
     "nan": (HEADER + "a,0,1\na,1,nan\n", "line 3: value is 'nan', not a finite number"),
     "infinite": (HEADER + "a,0,1\na,inf,2\n", "line 3: time_s is 'inf', not a finite number"),

@@ -166,13 +166,13 @@ def test_places_are_named_with_the_pixels_on_them(store: Store) -> None:
 def test_nothing_to_hold_it_against_says_what_to_do(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="pear"))
     store.add_grasp(grasp("B1", pixels()))
-    with pytest.raises(InputError, match=r"nothing to hold it against.*--angle-deg 90"):
+    with pytest.raises(InputError, match=r"nothing to compare it with.*--angle-deg 90"):
         judge(store, model, "B1")
 
 
 def test_an_item_without_pixels_says_so(store: Store, model: BruiseModel) -> None:
     store.add_item(Item(item_id="B1", kind="apple"))
-    with pytest.raises(InputError, match=r"'B1': no grasp of it that held tells"):
+    with pytest.raises(InputError, match=r"'B1': no grasp of it that held recorded"):
         judge(store, model, "B1")
 
 

@@ -406,7 +406,7 @@ def test_grasps_at_one_time_say_nothing_of_warming() -> None:
 
 def test_a_worn_sensor_is_advised_about() -> None:
     ball = [ball_at(value, day=day) for value, day in ((1.0, 0), (1.02, 0), (0.5, 5), (0.52, 5))]
-    assert "calibrate force anew" in Drift.learn(ball, drive="width").advice
+    assert "calibrate force again" in Drift.learn(ball, drive="width").advice
     with pytest.raises(InputError, match="was felt on 1 day"):
         Drift.learn(ball[:2], drive="width")
 

@@ -22,7 +22,7 @@ from palpate.rig.file import read_rig_file
         ("[array]\nopen = 'a:b'\n", r"no table \[gripper\]; found array. `palpate init` writes"),
         ("[array]\n[gripper]\n", r'no `calibration = "FILE"`; found array, gripper'),
         ("calibration = 'c'\n[array]\n[gripper]\n[load_cell]\n", "it knows no load_cell; there"),
-        ("use = 'sim-rigid'\nlevel = 'field'\n", "`use` stands alone"),
+        ("use = 'sim-rigid'\nlevel = 'field'\n", "`use` must be the only entry"),
         ("use = 'unheard-of'\n", "no rig 'unheard-of'"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Bruises of items in the store: what is held against what, and what people's labels teach."""
+"""Bruises of items in the store: which grasps are compared, and what people's labels teach."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _FEWEST_SOUND, _MOST_SOUND = 6, 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemBruise:
-    """What is said of an item."""
+    """The verdict on an item."""
 
     #: Each side felt in the last visit, the most suspicious first.
     sides: tuple[SideVerdict, ...]
@@ -109,14 +109,14 @@ def examine_item(
     Raises
     ------
     InputError
-        If there is no such item, no grasp of it tells pixels, or there is nothing to hold it
-        against.
+        If there is no such item, no grasp of it recorded pixels, or there is nothing to compare it
+        with.
     """
     item = store.item(item_id)
     grasps = telling(store.grasps_of(item_id))
     if not grasps:
         raise InputError(
-            f"item {item_id!r}: no grasp of it that held tells what each pixel felt; grasp it "
+            f"item {item_id!r}: no grasp of it that held recorded what each pixel felt; grasp it "
             "again with fingers driven by width"
         )
     sound = sound_grasps(store, kind=item.kind, without=item_id)
@@ -124,8 +124,8 @@ def examine_item(
     felt = [_felt(grasp, visits=visits, sound=sound) for grasp in visits[-1]]
     if not any(one.against for one in felt):
         raise InputError(
-            f"item {item_id!r}: nothing to hold it against. Grasp another side of it "
-            "(--angle-deg 90), or have an earlier record of this side, or say its kind and label "
+            f"item {item_id!r}: nothing to compare it with. Grasp another side of it "
+            "(--angle-deg 90), or have an earlier record of this side, or state its kind and label "
             f"sound items of it: palpate items NAME --set kind=apple --say bruise={SOUND}"
         )
     sides = judge([one for one in felt if one.against], model=model, bruised_share=bruised_share)
@@ -171,12 +171,12 @@ def learn_from(store: Store, *, kind: str) -> BruiseModel:
             felt = _felt(grasp, visits=known, sound=sound)
             bruised = label.text == BRUISED
             examples.append(Example(shape=felt.shape, against=felt.against, bruised=bruised))
-    told = f"{len(labels)} labelled items of kind {kind} of the store"
-    return learn(examples, learned_on=told)
+    source = f"{len(labels)} labelled items of kind {kind} of the store"
+    return learn(examples, learned_on=source)
 
 
 def telling(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:
-    """Return grasps by width that held and tell every pixel."""
+    """Return grasps by width that held and recorded every pixel."""
     return tuple(
         grasp
         for grasp in grasps
@@ -231,7 +231,7 @@ def _shape(grasp: Grasp) -> LoadShape:
 
 
 def _felt(grasp: Grasp, *, visits: Sequence[Sequence[Grasp]], sound: Sequence[Grasp]) -> FeltSide:
-    """Return a grasp of the last visit with everything that it can be held against."""
+    """Return a grasp of the last visit with everything that it can be compared with."""
     angle_deg = grasp.angle_deg or 0.0
     rows = len(grasp.pixel_settled_percent or ())
     alike = [

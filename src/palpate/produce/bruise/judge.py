@@ -13,8 +13,8 @@ from palpate.arrays import FloatArray
 from palpate.produce.bruise.model import BruiseModel, Locator, at_share, usable
 from palpate.produce.bruise.shape import LoadShape, finger_contrast, pixel_contrast, slopes
 
-#: Sides closer than this are one side, laid anew; and sides that face other flesh are at least so
-#: far apart, degrees.
+#: Sides closer than this are one side, placed again; and sides that face other flesh are at least
+#: this far apart, degrees.
 SAME_SIDE_DEG, OTHER_SIDE_DEG = 15.0, 45.0
 #: A pixel that carries at least a fifth less than the one that it faces lies on the bruise.
 _LESS = math.log(1.25)
@@ -41,7 +41,7 @@ class Spot:
 
     @property
     def in_words(self) -> str:
-        """Say where, and how likely."""
+        """Where it is, and how likely."""
         around = "" if self.angle_deg is None else f"{self.angle_deg:.0f}°, "
         place = f"{around}{round(self.height_mm):+d} mm"
         return f"{place} (finger {self.finger + 1}: {100 * self.probability:.0f} %)"
@@ -49,7 +49,7 @@ class Spot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeltSide:
-    """One grasp of one side, and what it may be held against."""
+    """One grasp of one side, and the references it may be compared with."""
 
     #: Which side faced the first finger.
     angle_deg: float
@@ -63,16 +63,16 @@ class FeltSide:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SideVerdict:
-    """What is said of one side."""
+    """The verdict on one side."""
 
     #: Which side.
     angle_deg: float
     #: That it is bruised.
     probability: float
-    #: How many grasps say so: the mean of their log odds is taken, which promises no more than one
-    #: grasp does.
+    #: How many grasps it rests on: the mean of their log odds is taken, which promises no more than
+    #: one grasp does.
     grasps: int
-    #: What it was held against.
+    #: The references it was compared with.
     against: tuple[str, ...]
     #: Mean relative change over all pixels.
     mean_percent: float

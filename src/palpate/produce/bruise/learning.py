@@ -1,4 +1,4 @@
-"""Learning to tell bruises: a judge for each set of references, and where the bruise is."""
+"""Learning to detect bruises: a judge for each set of references, and where the bruise is."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _fit(values: FloatArray, truth: Sequence[bool], *, even: bool = True) -> Log
 
 
 def _fit_locator(known: Sequence[tuple[Place, LoadShape, LoadShape]]) -> Locator:
-    """Fit to places, shapes, and what to hold them against."""
+    """Fit to places, shapes, and their references."""
     values = np.array([finger_contrast(shape, reference) for _, shape, reference in known])
     # On the bruised finger load slopes away from the bruise.
     slope = np.array(

@@ -22,7 +22,7 @@ from palpate.files import atomic_path
 from palpate.produce.bruise.shape import LoadShape, contrast
 from palpate.structure import structured
 
-#: What a side may be held against, the most telling first.
+#: What a side may be compared with, the most informative first.
 REFERENCES = ("history", "class", "item")
 FORMAT, VERSION = "palpate-bruise-model", 1
 
@@ -40,7 +40,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Example:
-    """One side of which the truth is known."""
+    """One side whose truth is known."""
 
     #: How it loaded the pixels.
     shape: LoadShape
@@ -77,7 +77,7 @@ class Locator:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BruiseModel:
-    """What was learned."""
+    """The learned model."""
 
     #: From what, in words; simulated where it was.
     learned_on: str
@@ -135,7 +135,7 @@ class BruiseModel:
 
 
 def default_model() -> BruiseModel:
-    """Return the model that comes with palpate; `learned_on` says from what."""
+    """Return the model that comes with palpate; `learned_on` names its data."""
     return BruiseModel.load(Path(__file__).with_name("model.json"))
 
 

@@ -115,7 +115,7 @@ def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Loa
         if np.linalg.matrix_rank(basis[:, known]) < MODES:
             raise InputError(
                 f"finger {finger + 1}: only {known.sum()} of {known.size} pixels read; a bruise "
-                "can't be told from where the fruit lies"
+                "can't be distinguished from where the fruit lies"
             )
         modes[finger] = np.linalg.lstsq(basis[:, known].T, values[known], rcond=None)[0]
     return LoadShape(modes=modes, width_mm=width_mm)
@@ -159,7 +159,7 @@ def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
 
 
 def finger_contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
-    """Return what tells the fingers apart, shape (8,): it changes sign when they change places."""
+    """Return what distinguishes the fingers, shape (8,): its sign changes when they are swapped."""
     numbers = shape.numbers - reference.numbers
     products = [(np.prod(numbers[list(chosen)]), len(chosen)) for chosen in _FINGER]
     return np.array([np.sign(value) * abs(value) ** (1.0 / size) for value, size in products])

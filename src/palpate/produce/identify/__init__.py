@@ -1,1 +1,1 @@
-"""What an item is, by what its grasps measured, or that it is like nothing taught."""
+"""The kind of an item, identified from its grasps, or that it is like nothing taught."""

@@ -12,8 +12,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
 
-#: What tells kinds apart for fingers driven by width, and for those driven by pressure, which know
-#: neither mm nor N/mm: the pressure at contact, and the force gained per kPa from there on.
+#: What distinguishes kinds for fingers driven by width, and for those driven by pressure, which
+#: know neither mm nor N/mm: the pressure at contact, and the force gained per kPa from there on.
 WIDTH_FEATURES = ("size_mm", "stiffness_n_per_mm")
 PRESSURE_FEATURES = ("contact_kpa", "gain_n_per_kpa")
 

@@ -1,4 +1,4 @@
-"""What is it? Probabilities of the kinds that were taught, and whether it is any of them.
+"""Identification: probabilities of the kinds that were taught, and whether it is any of them.
 
 Each kind is a normal distribution in the logarithms of size and stiffness, learned from few items:
 so its predictive distribution is Student's t, and every covariance is shrunk towards what all kinds
@@ -6,13 +6,13 @@ share. The error of the item's own measurement is added to the kind's scatter, s
 interval spreads the probability instead of moving it.
 
 Part of a measurement's error comes again with each grasp by the same calibration. Items that were
-taught with several grasps tell how large the other part is; only that part shrinks as grasps are
+taught with several grasps show how large the other part is; only that part shrinks as grasps are
 averaged. Under the calibration of the taught items the common part shifted those alike, and drops
 out; under another one it counts in full.
 
-Beside the kinds stands "something else": as probable beforehand as any of them, and spread wide
-over all that was taught. So an item at the edge of a kind, where no other kind is, is not taken for
-certain.
+In addition to the kinds there is "something else": as probable beforehand as any of them, and
+spread wide over all that was taught. So an item at the edge of a kind, where no other kind is, is
+not taken for certain.
 
 "Unknown" is a conformal test (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World,
 2005): an item's statistic is how usual it is for the kind that it fits best, and it is rejected if
@@ -35,14 +35,14 @@ from palpate.produce.identify.features import FeaturePoint
 
 #: Share of items of the taught kinds that may be called unknown.
 FALSE_REJECT = 0.05
-#: A kind's own covariance counts as its items, what all kinds share as so many.
+#: A kind's own covariance counts as its items, the one that all kinds share as this many.
 _COMMON_ITEMS = 6.0
-#: Share of a stated variance that differs from grasp to grasp: half, worth so many repeated grasps,
-#: until repeated grasps tell; and never quite none.
+#: Share of a stated variance that differs from grasp to grasp: half, worth this many repeated
+#: grasps, until repeated grasps show it; and never quite none.
 _OWN_SHARE, _OWN_GRASPS, _LEAST_OWN_SHARE = 0.5, 4.0, 0.01
-#: A kind needs so many items, or its scatter means nothing.
+#: A kind needs this many items, or its scatter means nothing.
 FEWEST_ITEMS = 3
-#: "Something else" has so many times the covariance of all taught items together.
+#: "Something else" has this many times the covariance of all taught items together.
 _WIDE = 2.0
 #: Spread that is left to a kind whose items differ less than their measurements, log sd.
 _LEAST_SD = 0.01
@@ -105,7 +105,7 @@ class Identifier:
     Parameters
     ----------
     taught : sequence of TaughtItem
-        Items whose kind is known, all in the same features; those without a grasp are passed over.
+        Items whose kind is known, all in the same features; those without a grasp are skipped.
     false_reject : float
         Share of items of the taught kinds that may be called unknown.
 
@@ -120,7 +120,7 @@ class Identifier:
     Raises
     ------
     InputError
-        If a kind has fewer than `FEWEST_ITEMS` items, or there is none.
+        If a kind has fewer than `FEWEST_ITEMS` items, or there is no kind.
 
     Examples
     --------
@@ -163,7 +163,7 @@ class Identifier:
         return max(math.ceil(1.0 / self.false_reject - 1e-9) - 1 - len(self._taught), 0)
 
     def identify(self, touches: Sequence[FeaturePoint]) -> Identity:
-        """Say what an item is, from all its grasps.
+        """Identify an item from all its grasps.
 
         Raises
         ------
@@ -232,7 +232,7 @@ class Identifier:
         )
 
     def _something_else(self) -> _Kind:
-        """Return what stands for everything that nobody taught."""
+        """Return the class that represents everything that nobody taught."""
         value = np.array([felt.value for felt in self._felt])
         return _Kind(
             mean=value.mean(axis=0),
@@ -300,7 +300,7 @@ class Identity:
 
 
 def as_labelled(kind: str) -> Identity:
-    """Return what is known of an item whose kind a person said.
+    """Return what is known of an item whose kind a person gave.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Kinds learned from the store, and what is said of an item kept there."""
+"""Kinds learned from the store, and the identity of an item kept there."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def learn(
     store : Store
         Items whose `kind`, or identity, a person gave, with their grasps.
     drive : {"width", "pressure"}
-        Kind of gripper: grasps by the other one tell nothing of these features.
+        Kind of gripper: grasps by the other one give nothing of these features.
     false_reject : float
         Share of items of the taught kinds that may be called unknown.
     without : str, optional
@@ -60,12 +60,12 @@ def learn(
         If no kind has enough labelled items.
     """
     taught: dict[str, list[TaughtItem]] = defaultdict(list)
-    said = {
+    stated = {
         verdict.item_id: verdict.text
         for verdict in store.verdicts(About.IDENTITY, source=Source.PERSON)
     }
     for item in store.items(limit=_MOST_ITEMS):
-        kind = said.get(item.item_id, item.kind)
+        kind = stated.get(item.item_id, item.kind)
         if kind is None or item.item_id == without or len(taught[kind]) >= _MOST_OF_A_KIND:
             continue
         touches = touches_of(store.grasps_of(item.item_id), drive=drive)
@@ -76,7 +76,7 @@ def learn(
 
 
 def touches_of(grasps: Iterable[Grasp], *, drive: Drive) -> tuple[FeaturePoint, ...]:
-    """Return those grasps that measured what kinds are told by, as points."""
+    """Return those grasps that measured the features of kinds, as points."""
     found = [touch_of_grasp(grasp) for grasp in grasps if grasp.drive == drive]
     return tuple(touch for touch in found if touch is not None)
 
@@ -124,7 +124,7 @@ def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) ->
 
 
 def explained(identity: Identity) -> str:
-    """Say in a sentence what an item is and how sure that is.
+    """Return a sentence that states what an item is and how sure that is.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a closing tells of an item: firmness, width at contact, and the gain of the sheet.
+"""Measurements from a closing: firmness, width at contact, and the gain of the sheet.
 
 **Firmness**, by fingers driven by width. The stiffness that a grasp answers leaves open how the
 object's force rises, for it knows nothing of the object. Fruit is round: its force goes with the
@@ -45,14 +45,15 @@ FIRMNESS, CONTACT_WIDTH, SHEET_GAIN = "firmness_n_per_mm", "contact_mm", "sheet_
 _POWER = 2.0 / 3.0
 #: Scatter of ln force from step to step, and of the settled force against them.
 _STEP_SD, _SETTLED_SD = 0.05, 0.04
-#: While it is held, fruit relaxes by so much (ln force) against what its closing showed.
+#: While it is held, fruit relaxes by this much (ln force) against what its closing showed.
 _RELAXED, _RELAXED_SD = 0.10, 0.07
 #: A width is never known better, mm.
 _SHARPEST_MM = 0.03
 #: No body is harder than this, mm per N^(2/3): what scatter makes harder is put here.
 _HARDEST = 0.05
-#: A load below so many scatters of faint forces tells nothing; nor does one below a newton, where a
-#: sheet's law is at its poorest: closings that began with less scattered up to twice as much.
+#: A load below this many standard deviations of faint forces shows nothing, nor one below 1 N,
+#: where a sheet's law is at its poorest: closings that began with less scattered up to twice as
+#: much.
 _FELT, _LEAST_N = 2.0, 1.0
 _ROUNDS = 3
 
@@ -61,7 +62,7 @@ CONTACT_N = 1.0
 
 
 class ClosingWatch:
-    """Watches one grasp for what its closing tells: firmness or width at contact, and the gain.
+    """Watches one grasp for what its closing shows: firmness or width at contact, and the gain.
 
     Parameters
     ----------
@@ -79,7 +80,7 @@ class ClosingWatch:
             self._held = belief
 
     def measured(self) -> dict[str, Measurement]:
-        """Return what was told, by its name; nothing where the item was not held."""
+        """Return what was measured, by its name; nothing where the item was not held."""
         if self._held is None:
             return {}
         found = {
@@ -87,7 +88,7 @@ class ClosingWatch:
             CONTACT_WIDTH: contact_width(self._held, plan=self.plan),
             SHEET_GAIN: sheet_gain(self._held, plan=self.plan),
         }
-        return {name: told for name, told in found.items() if told is not None}
+        return {name: measured for name, measured in found.items() if measured is not None}
 
 
 def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
@@ -189,7 +190,7 @@ def _load(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np
 
 
 def contact_width(belief: Belief, *, plan: Plan) -> Measurement | None:
-    """Return the item's width under a newton; None by a hand that tells no millimetres.
+    """Return the item's width at 1 N; None by a hand that measures no millimetres.
 
     Parameters
     ----------

@@ -2,9 +2,9 @@
 
 Firmness (a logarithm, see `palpate.produce.ripeness.firmness`) falls along a logistic curve from a
 hard to a soft level. Items differ in when they are halfway, how fast they go and how firm they
-began; what a day's grasps say scatters about the curve. Nothing is fitted to one item: all its
-possible courses are weighed by how well they agree with what was felt so far (Bayes over a grid),
-so one day is enough to begin with, and an early day tells of a later one.
+began; the reading of a day's grasps scatters about the curve. Nothing is fitted to one item: all
+its possible courses are weighed by how well they agree with what was felt so far (Bayes over a
+grid), so one day is enough to begin with, and an early day informs about a later one.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _PACE = np.linspace(-2.0, 2.0, 7)
 _START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(3)
 #: Degrees of freedom of a day's scatter, and rounds of reweighting.
 _FREEDOM, _ROUNDS = 5.0, 3
-#: A day's own scatter from grasp to grasp is believed as if the usual one had been seen so often.
+#: A day's own scatter from grasp to grasp is believed as if the usual one had been seen this often.
 _USUAL_GRASPS = 6
 #: A course that would begin softer than it ends is held to this fall.
 _LEAST_FALL = 1e-3
-#: Paces of one kind differ by about this (log sd). A few items can't tell it.
+#: Paces of one kind differ by about this (log sd). A few items can't show it.
 _PACE_LOG_SD = 0.3
 #: Weak beliefs before any item was felt: halfway after a few days (give or take a week), at a pace
 #: of a day (e-fold), scatter of a tenth of the whole fall.

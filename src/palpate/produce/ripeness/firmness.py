@@ -1,9 +1,10 @@
 """How firm a grasp found an item: one number that falls as it softens, whatever the gripper.
 
-Fingers driven by width tell the item's stiffness. Fingers driven by pressure tell no deformation;
-but a soft item lies against more of the pad than a hard one does under the same force (Hertz: the
-radius of contact goes with the square root of the deformation), so they tell by how many pixels
-share the load. Both are compared as logarithms: a halving counts alike wherever it happens.
+Fingers driven by width measure the item's stiffness. Fingers driven by pressure measure no
+deformation; but a soft item lies against more of the pad than a hard one does under the same force
+(Hertz: the radius of contact goes with the square root of the deformation), so the number of pixels
+that share the load shows it. Both are compared as logarithms: a halving counts alike wherever it
+happens.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def firmness_of(grasp: Grasp) -> float | None:
         closing (`palpate.produce.ripeness.closing`), or, where that was not kept, from the answer
         (round bodies stiffen as the cube root of the force). By pressure: -ln of the number of
         pixels that share the load, freed of size and force (`palpate.produce.ripeness.shared_load`)
-        where the closing told the width. The two are not comparable with each other.
+        where the closing gave the width. The two are not comparable with each other.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Ripeness of items that the store remembers: learned from what people said of some of them."""
+"""Ripeness of items that the store remembers: learned from the labels of some of them."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 
 _DAY_S = 86_400.0
-#: A label is of a day on which the item was felt if it was given so near to it, days.
+#: A label is of a day on which the item was felt if it was given this close to it, days.
 _SAME_DAY = 0.5
-#: So many labelled items, the last ones labelled, are learned from.
+#: At most this many labelled items, the last ones labelled, are learned from.
 _MOST_ITEMS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirmnessHistory:
-    """What one kind of gripper felt of an item, freed of drift where that is known."""
+    """An item's firmness over time by one kind of gripper, drift removed where that is known."""
 
     #: Which item.
     item_id: str
@@ -91,31 +91,31 @@ def learn_rule(
     stages: Sequence[str],
     drift: Drift | None = None,
 ) -> RipenessRule:
-    """Learn from the items of a kind of which a person said how ripe they were.
+    """Learn from the items of a kind whose ripeness a person labelled.
 
     Raises
     ------
     InputError
-        If there are too few, or a stage was never said.
+        If there are too few, or a stage was never given.
     """
-    said = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
-    items = list(dict.fromkeys(verdict.item_id for verdict in reversed(said)))[:_MOST_ITEMS]
+    verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
+    items = list(dict.fromkeys(verdict.item_id for verdict in reversed(verdicts)))[:_MOST_ITEMS]
     days, labels = [], []
     for item_id in items:
         history = history_of(store.grasps_of(item_id), item_id=item_id, drive=drive, drift=drift)
         if history.days:
             days.append(history.days)
-            labels.append(_labels(history, (one for one in said if one.item_id == item_id)))
+            labels.append(_labels(history, (one for one in verdicts if one.item_id == item_id)))
     if not days:
         raise InputError(
-            f"no {kind} that a gripper driven by {drive} felt was labelled; say of some how ripe "
-            f"they are: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
+            f"no {kind} that a gripper driven by {drive} felt was labelled; label how ripe some "
+            f"are: palpate items ITEM --set kind={kind} --say ripeness={stages[0]}"
         )
     return RipenessRule.learn(days, labels=labels, stages=stages)
 
 
 def judge(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
-    """Judge an item by a rule, or by its own first day where there is none.
+    """Judge an item by a rule, or by its own first day where there is no rule.
 
     Raises
     ------
@@ -131,8 +131,8 @@ def judge(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> 
         return rule.judge(history.days, ripe=ripe)
     if history.drive == "pressure":
         raise InputError(
-            f"item {history.item_id!r}: fingers driven by pressure need labelled items to tell "
-            "stages; say of some how ripe they are (palpate items ITEM --say ripeness=ripe)"
+            f"item {history.item_id!r}: fingers driven by pressure need labelled items to judge "
+            "stages; label how ripe some are (palpate items ITEM --say ripeness=ripe)"
         )
     return judge_by_first_day(history.days)
 
@@ -184,10 +184,10 @@ def explanation(ripeness: Ripeness, history: FirmnessHistory) -> str:
     return f"{felt}: {chance} {basis}"
 
 
-def _labels(history: FirmnessHistory, said: Iterable[Verdict]) -> list[str | None]:
+def _labels(history: FirmnessHistory, verdicts: Iterable[Verdict]) -> list[str | None]:
     """Return the label of each day of an item: the last one given near it."""
     labels: list[str | None] = [None] * len(history.days)
-    for verdict in said:
+    for verdict in verdicts:
         nearest = history.nearest_day(verdict.given_at)
         if abs(history.days[nearest].day - history.day_of(verdict.given_at)) <= _SAME_DAY:
             labels[nearest] = verdict.text
@@ -195,7 +195,7 @@ def _labels(history: FirmnessHistory, said: Iterable[Verdict]) -> list[str | Non
 
 
 def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance | None:
-    """Return how far the gripper gives way, where the store has a calibration that says so."""
+    """Return how far the gripper gives way, where the store has a calibration that gives it."""
     known = [grasp.calibration_id for grasp in grasps if grasp.calibration_id is not None]
     if drive != "width" or not known:
         return None

@@ -1,26 +1,23 @@
-"""Drift of the sensor told from softening of the fruit, by an object that does not change.
+"""Drift of the sensor, separated from softening of the fruit by an object that does not change.
 
 A reference object (a rubber ball, springs between plates) is grasped like the fruit, some times on
 each day. What it seems to do is what wear and weather did to the sensor; fruit felt on the same day
 is freed of it.
 
 Fingers driven by width press one object as hard at one width on all days. So where the width at
-which the sensor says 5 N has moved, the sensor has; and a width is told to hundredths of a
-millimetre, where the object's stiffness is told to a tenth. Fingers driven by pressure tell
-firmness by how the load is shared, and what their reference seems to do in this is taken away as it
+which the sensor reads 5 N has moved, the sensor has; and a width is known to hundredths of a
+millimetre, where the object's stiffness is known to a tenth. Fingers driven by pressure measure
+firmness by how the load is shared, and what their reference seems to do in this is subtracted as it
 is.
 
-Its grasps also tell how far to believe a servo's current beside the sheet, and what its warming up
-does to a morning (`palpate.produce.ripeness.reference_object`).
+Its grasps also show how far to believe a servo's current next to the sheet, and how its warming up
+changes a morning's forces. At one width the force on the reference is the same. So the width at
+which a grasp held shows by how much more force was read than there was; and with many grasps, whose
+errors these are:
 
-What a reference object tells of the forces that fingers driven by width read on it.
-
-On one width its force is one. So the width at which a grasp held says how much more force was read
-than there was; and with many grasps, whose errors these are:
-
-- What goes with the say of the servo's current (`palpate.produce.ripeness.closing`) is the
+- What goes with the weight of the servo's current (`palpate.produce.ripeness.closing`) is the
   current's own. That share of it is left out, down to the sheet alone where that repeats better.
-- What goes with the hour is a servo that warms up, told by grasps before the fruit and after it.
+- What goes with the hour is a servo that warms up, shown by grasps before the fruit and after it.
 """
 
 from __future__ import annotations
@@ -41,9 +38,9 @@ from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.closing import log_gain
 from palpate.produce.ripeness.firmness import RIPENESS_N, by_day, firmness_of
 
-#: Drift is taken to wander by so much in the root of a day (sheets that break in lose 10 to 40 % of
-#: their conductance in a few days) and to jump by so much from day to day with the weather; or by
-#: any of these shares of that: a sensor that has broken in, or that a servo's current seconds,
+#: Drift is taken to wander by this much in the root of a day (sheets that break in lose 10 to 40 %
+#: of their conductance in a few days) and to jump by this much from day to day with the weather; or
+#: by any of these shares of that: a sensor that has broken in, or that a servo's current supports,
 #: shows it by how little its reference moves beyond its scatter.
 _WANDER, _WEATHER = 0.1, 0.05
 _SHARES = np.geomspace(1 / 16, 2.0, 11)
@@ -58,10 +55,10 @@ _ADVISED = 0.3
 _STEEPER = 1.25
 #: Grasps further apart than this, in hours, are of another morning.
 _MORNING_H = 6.0
-#: Before anything was felt: by so much, in ln force and an hour, does a warming servo change.
+#: Before anything was felt: a warming servo changes by this much, in ln force and an hour.
 _WARMING_SD_PER_H = 0.05
-#: Gains that differ by less than this (variance) are no witness's say.
-_NO_SAY = 1e-8
+#: Gains that differ by less than this (variance) give the other measurement no weight.
+_NO_WEIGHT = 1e-8
 _HOUR_S = 3600.0
 
 
@@ -79,7 +76,7 @@ class Drift:
     drive: Drive
     #: How far a hand driven by width gives way per newton at the grip force.
     give_mm_per_n: float = 0.0
-    #: What the widths told of the forces read; None by a hand driven by pressure.
+    #: What the widths showed of the forces read; None by a hand driven by pressure.
     force: ForceRead | None = None
 
     @classmethod
@@ -156,23 +153,23 @@ class Drift:
         if self.drive == "pressure":
             return firmness - moved
         read = math.exp(-firmness)
-        # So much of what was read is fruit at least, however far the sensor has drifted.
+        # At least this much of what was read is fruit, however far the sensor has drifted.
         fruit = max(read + self.give_mm_per_n * moved, _LEAST_SHARE * read)
         return -math.log(fruit) - 2.0 / 3.0 * moved
 
     @property
     def advice(self) -> str:
-        """What to do, or nothing."""
+        """The advice to the user, or nothing."""
         if abs(self.moved[-1]) <= _ADVISED:
             return ""
         return (
             f"the reference object reads {100 * math.expm1(self.moved[-1]):+.0f} % since its first "
-            "day: calibrate force anew"
+            "day: calibrate force again"
         )
 
 
 def _firmness(grasps: Sequence[Grasp]) -> list[tuple[datetime, float]]:
-    """Return the firmness of each grasp that tells one."""
+    """Return the firmness of each grasp that gives one."""
     return [
         (grasp.taken_at, firmness)
         for grasp in grasps
@@ -206,12 +203,12 @@ def _slope_mm_per_n(give: Compliance) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceRead:
-    """How the forces read on a reference object were off."""
+    """Errors of the forces read on a reference object."""
 
     #: ln of the force read over the true one in each grasp, but for a constant, without what is
     #: named below.
     read: tuple[tuple[datetime, float], ...]
-    #: Share of what other witnesses than the sheet say that is left out, and ln of the gain that
+    #: Share that is left out of what the servo's current adds to the sheet, and ln of the gain that
     #: they give a contact on the average, which stays.
     left_out: float
     usual_gain: float
@@ -255,13 +252,13 @@ class ForceRead:
         )
 
     def warmed(self, since_h: float) -> float:
-        """Return the change of ln force read, so many hours after the middle of a morning."""
+        """Return the change of ln force read, this many hours after the middle of a morning."""
         if abs(since_h) > _MORNING_H:
             return 0.0
         return self.warming_per_h * min(max(since_h, -self.reach_h), self.reach_h)
 
     def said_too_much(self, grasp: Grasp) -> float:
-        """Return what the other witnesses of a grasp added to ln force that is to be left out."""
+        """Return the part of ln force, added by the servo's current, that is to be left out."""
         gain = log_gain(grasp)
         return 0.0 if gain is None else self.left_out * (gain - self.usual_gain)
 
@@ -278,8 +275,8 @@ def _left_out(off: FloatArray, *, gain: FloatArray, hours: FloatArray) -> float:
     Least squares of how the forces of neighbours differ over how their gains do.
     """
     near = np.diff(hours) < _MORNING_H
-    apart, said = np.diff(off)[near], np.diff(gain)[near]
-    return min(max(float(apart @ said) / max(float(said @ said), _NO_SAY), 0.0), 1.0)
+    apart, gains = np.diff(off)[near], np.diff(gain)[near]
+    return min(max(float(apart @ gains) / max(float(gains @ gains), _NO_WEIGHT), 0.0), 1.0)
 
 
 def _mornings(hours: FloatArray) -> NDArray[np.int64]:
@@ -304,6 +301,6 @@ def _warming(off: FloatArray, *, since_h: FloatArray, hours: FloatArray) -> floa
     freedom = off.size - np.unique(_mornings(hours)).size - 1
     if freedom < 1:
         return 0.0
-    free = moved - since_h * (moved @ since_h) / max(float(since_h @ since_h), _NO_SAY)
+    free = moved - since_h * (moved @ since_h) / max(float(since_h @ since_h), _NO_WEIGHT)
     doubt = float(free @ free) / freedom / _WARMING_SD_PER_H**2
-    return float(moved @ since_h) / max(float(since_h @ since_h) + doubt, _NO_SAY)
+    return float(moved @ since_h) / max(float(since_h @ since_h) + doubt, _NO_WEIGHT)

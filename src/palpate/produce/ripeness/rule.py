@@ -1,4 +1,4 @@
-"""What is said of one item: its stage, how sure that is, and when it will be ripe."""
+"""The verdict on one item: its stage, how sure that is, and when it will be ripe."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.produce.ripeness.stages import RIPE, Boundaries
 SURE = 0.9
 #: Probability that the interval of the days to ripe is meant to cover.
 LEVEL = 0.9
-#: By how much it is wider than the weighed courses say: a few labelled items leave the mean course
+#: How much wider it is than the weighed courses give: a few labelled items leave the mean course
 #: in doubt, real ones are no logistic curves, rooms are not equally warm on all days. On 322 days
 #: of fruit felt at seven development stations (twelve labelled at each) 1.0 covered 88 %, 1.1 90
 #: and 1.2 92 %. At 1.1 only 83 % were covered of 200 further fruits felt by rigid fingers (soft
@@ -56,7 +56,7 @@ class Ripeness:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RipenessRule:
-    """What was learned of one kind on one rig."""
+    """The rule learned for one kind on one rig."""
 
     #: How it softens.
     course: Course
@@ -71,7 +71,7 @@ class RipenessRule:
         labels: Sequence[Sequence[str | None]],
         stages: Sequence[str],
     ) -> RipenessRule:
-        """Learn from items felt over days, of which a person labelled some days.
+        """Learn from items felt over days, some of which a person labelled.
 
         Parameters
         ----------
@@ -90,7 +90,7 @@ class RipenessRule:
         course = Course.learn(items)
         firmness, given = [], []
         for item, names in zip(items, labels, strict=True):
-            # Labels are held against the course of the item, not against a single day's scatter.
+            # Labels are compared with the course of the item, not with a single day's scatter.
             courses = course.courses_of(item)
             for day, name in zip(item, names, strict=True):
                 if name is not None:

@@ -31,9 +31,9 @@ from palpate.signal.relative import relative_change_percent, total_excess
 
 #: Name of this measurement.
 NAME = "shared_pixels"
-#: Sharing is told as of an item so wide, mm.
+#: Sharing is given as for an item of this width, mm.
 _USUAL_MM = 60.0
-#: Hertz, see above: the power of R beside that of F, and that of both in the radius.
+#: Hertz, see above: the power of R relative to that of F, and that of both in the radius.
 _SIZE_POWER, _RADIUS_POWER = 1.5, 1.0 / 3.0
 #: Excess conductance of Velostat goes with about this power of the force.
 _EXCESS_POWER = 1.3
@@ -57,7 +57,7 @@ def shared_pixels(
     Parameters
     ----------
     observations : sequence of Observation
-        Of the whole grasp, as `run_grasp` tells its subscribers.
+        Of the whole grasp, as `run_grasp` gives them to its subscribers.
     result : GraspResult
         Of that grasp.
     layout : ArrayLayout

@@ -20,7 +20,7 @@ from scipy.special import expit
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 
-#: The stages where nobody says otherwise, firmest first, and which of them one waits for.
+#: The default stages, firmest first, and which of them one waits for.
 STAGES, RIPE = ("hard", "conditioned", "ripe", "overripe"), "ripe"
 #: Without labels, fingers driven by width judge an item by its own first day, taken as hard: shares
 #: of its first stiffness. Penetrometers find some 200 N in hard avocados, 80 N in conditioned, 19 N

@@ -8,7 +8,7 @@ from typing import Literal
 from palpate.produce.identify.identifier import UNKNOWN
 from palpate.produce.sorting.rules import Evidence, Rule, RuleBook
 
-Says = Literal["yes", "no", "unsure"]
+Answer = Literal["yes", "no", "unsure"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +20,7 @@ class BinDecision:
     bin : str
         The bin; the default one where no rule is sure.
     rule : Rule or None
-        The rule that says so; None for the default.
+        The rule that decides so; None for the default.
     probability : float or None
         That all the rule's conditions hold; None for the default.
     again : bool
@@ -39,7 +39,7 @@ class BinDecision:
 def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     """Apply the rules: the first that is sure of all its conditions wins.
 
-    Where an earlier rule can't tell yet, or none is sure, another grasp is asked for, as long as
+    Where an earlier rule can't decide yet, or none is sure, another grasp is asked for, as long as
     it can help and there are grasps left. What looks unknown at its first grasp is grasped again
     too: one bad grasp is no stranger.
 
@@ -66,8 +66,8 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     left = evidence.grasps < book.most_grasps
     open_before, sure = False, None
     for rule in book.rules:
-        says, helps = _verdict(rule, evidence)
-        if says == "yes":
+        answer, helps = _verdict(rule, evidence)
+        if answer == "yes":
             sure = rule
             break
         open_before = open_before or helps
@@ -86,14 +86,14 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     return BinDecision(bin=sure.bin, rule=sure, probability=probability, again=again, why=why)
 
 
-def _verdict(rule: Rule, evidence: Evidence) -> tuple[Says, bool]:
-    """Return what a rule says, and whether another grasp may change a doubt of it."""
+def _verdict(rule: Rule, evidence: Evidence) -> tuple[Answer, bool]:
+    """Return a rule's answer, and whether another grasp may change a doubt of it."""
     low, high = rule.probability(evidence)
     if low >= rule.confidence:
         return "yes", False
     if high <= 1.0 - rule.confidence:
         return "no", False
-    # A grasp tells kind and size. A verdict that was never given stays unknown.
+    # A grasp measures kind and size. A verdict that was never given stays unknown.
     by_touch = rule.kinds is not None or rule.size_mm is not None
     missing = (rule.ripeness is not None and not evidence.ripeness) or (
         rule.bruised is not None and evidence.bruised is None
@@ -146,7 +146,7 @@ def _kind_words(evidence: Evidence) -> str:
 
 
 def _no_rule(book: RuleBook, evidence: Evidence) -> str:
-    """Say why no rule is sure: the one that came nearest, and what it lacked."""
+    """Return why no rule is sure: the one that came nearest, and what it lacked."""
     nearest = max(book.rules, key=lambda rule: rule.probability(evidence)[1])
     low, high = nearest.probability(evidence)
     known = _all_words(book, evidence)

@@ -29,11 +29,11 @@ from palpate.sensor.array import PressureArray
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import mean_change, relative_change_percent
 
-#: An item may be so much thicker from another side than its known size: produce is not more out of
-#: round.
+#: An item may be thicker by this share from another side than its known size: produce is not more
+#: out of round.
 _CLEAR_SHARE = 0.15
-#: The sheet stands still where two averages of so long differ by so little (as for re-zeroing); it
-#: is given so much time.
+#: The sheet stands still where two averages of this length differ by this little (as for
+#: re-zeroing); it is given this much time.
 _AVERAGE_S, _STILL_PERCENT, _LONGEST_S = 1.0, 0.3, 20.0
 _FRAME_S = 2.0
 
@@ -103,7 +103,7 @@ class SortingHand:
             before = now
 
     def _mean_ohm(self, duration_s: float) -> NDArray[np.float64]:
-        """Read frames for so long, so that none waits for the grasp; return their mean."""
+        """Read frames for this long, so that none waits for the grasp; return their mean."""
         until_s = self.clock.now_s() + duration_s
         found: list[NDArray[np.float64]] = []
         while self.clock.now_s() < until_s or not found:

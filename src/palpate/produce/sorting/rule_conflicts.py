@@ -1,4 +1,4 @@
-"""Rules that no item can reach, and rules whose ranges overlap by halves."""
+"""Rules that no item can reach, and rules whose ranges overlap in part."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from palpate.produce.sorting.rules import Rule, Span
 
 
 def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
-    """Refuse a rule that an earlier one hides, or that overlaps an earlier one by halves.
+    """Refuse a rule that an earlier one hides, or that overlaps an earlier one in part.
 
-    The first match wins, so an exception stands before the general rule, and that is welcome. A
+    The first match wins, so an exception comes before the general rule, and that is welcome. A
     rule is unreachable where an earlier one takes all that it takes, as easily. It overlaps where
     both state the same conditions, each takes something the other does not, and what both take
     would go to another bin only by the order of the lines.
@@ -66,7 +66,7 @@ def _names_within(inner: frozenset[str] | None, outer: frozenset[str] | None) ->
 
 
 def _half_overlap(one: Rule, other: Rule) -> str | None:
-    """Say what both rules take, if they ask for the same things and neither holds the other."""
+    """Return what both rules take, if they ask for the same things and neither holds the other."""
     if one.bin == other.bin or _stated(one) != _stated(other):
         return None
     if _wider(one, other) or _wider(other, one) or one.bruised != other.bruised:

@@ -1,8 +1,8 @@
 """Sorting rules: what an item must be to go to a bin, and how sure one must be of it.
 
 A rule's conditions are each a probability, and together their product. Where a verdict that a rule
-asks for was never given, all that is known is a range from 0 up: a rule says yes, no, or that it
-can't tell, and only the first rule that says yes gets the item.
+asks for was never given, all that is known is a range from 0 up: a rule answers yes, no, or that it
+can't decide, and only the first rule that answers yes gets the item.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from palpate.produce.identify.identifier import UNKNOWN, Identity
 
 #: Conditions that a rule may state, as they are named in a rules file.
 CONDITIONS = ("class", "size_mm", "ripeness", "bruised")
-#: A rule is sure at this probability where the file says nothing, and grasps are tried so often.
+#: Defaults of a rules file: a rule is sure at this probability, and grasps are tried this often.
 CONFIDENCE, MOST_GRASPS = 0.8, 3
 
 
@@ -62,7 +62,7 @@ def _below(bound: float, measured: Measurement) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """What is known of an item when it is to be sorted."""
+    """All that is known of an item when it is to be sorted."""
 
     #: What it is; None before anything was measured.
     identity: Identity | None = None
@@ -92,7 +92,7 @@ class Rule:
     bruised: bool | None = None
     #: How probable all of that must be together.
     confidence: float = CONFIDENCE
-    #: Where it stands in its file.
+    #: Its line in the file.
     line: int = 0
 
     def probability(self, evidence: Evidence) -> tuple[float, float]:
@@ -142,7 +142,7 @@ def _of_kinds(kinds: frozenset[str], identity: Identity | None) -> float | None:
 class RuleBook:
     """All rules, in their order."""
 
-    #: The first that says yes wins.
+    #: The first that answers yes wins.
     rules: tuple[Rule, ...]
     #: Where everything else goes.
     default_bin: str

@@ -91,7 +91,7 @@ class _Reader:
         where = {"start": start, "end": end}
         self._known_keys(table, _RULE_KEYS, **where)
         if "bin" not in table:
-            raise self._fault(start, "this rule has no bin; say where its items go")
+            raise self._fault(start, "this rule has no bin; state where its items go")
         if not any(key in table for key in CONDITIONS):
             raise self._fault(
                 start, f"this rule has no condition; give one of {', '.join(CONDITIONS)}"

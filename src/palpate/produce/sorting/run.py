@@ -16,7 +16,8 @@ from palpate.produce.sorting.decide import BinDecision, decide
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Evidence, RuleBook
 
-#: Until repeated grasps of taught items tell how much of a size's error differs between grasps.
+#: Used until repeated grasps of taught items show how much of a size's error differs between
+#: grasps.
 _OWN_SHARE = 0.5
 
 
@@ -28,7 +29,7 @@ class Sorted:
     item_id: str
     #: Its bin and the reason.
     decision: BinDecision
-    #: What it is; None if no grasp told.
+    #: What it is; None if no grasp showed it.
     identity: Identity | None
     #: Its size, from all grasps.
     size_mm: Measurement | None
@@ -61,7 +62,7 @@ def sort_item(
         Given the number of the grasp and the size known so far, turns the item, grasps it and
         returns the grasp.
     kind : str or None
-        What it is, where a person said so: then nothing is guessed.
+        What it is, if a person stated it: then nothing is guessed.
     verdicts : sequence of Verdict
         What is known already: the last ones on ripeness and bruises count.
     """
@@ -89,7 +90,7 @@ def evidence_of(
     kind: str | None = None,
     verdicts: Sequence[Verdict] = (),
 ) -> Evidence:
-    """Put together what grasps and verdicts tell of an item."""
+    """Put together what grasps and verdicts show of an item."""
     held = [one for one in grasps if one.outcome is Outcome.HELD]
     drive: Drive = held[-1].drive if held else "width"
     touches = touches_of(held, drive=drive)
@@ -116,23 +117,23 @@ def _last(verdicts: Sequence[Verdict], about: About) -> Verdict | None:
 
 
 def _ripeness(verdicts: Sequence[Verdict]) -> dict[str, float]:
-    """Return the probability of each stage; of one only, where no more was said."""
-    said = _last(verdicts, About.RIPENESS)
-    if said is None:
+    """Return the probability of each stage; of one only, where the verdict gives no more."""
+    last = _last(verdicts, About.RIPENESS)
+    if last is None:
         return {}
-    stages = said.details.get("probabilities")
+    stages = last.details.get("probabilities")
     if isinstance(stages, Mapping):
         return {str(stage): float(p) for stage, p in stages.items()}
-    return {said.text: 1.0 if said.probability is None else said.probability}
+    return {last.text: 1.0 if last.probability is None else last.probability}
 
 
 def _bruised(verdicts: Sequence[Verdict]) -> float | None:
     """Return the probability of a bruise, whichever way the verdict was put."""
-    said = _last(verdicts, About.BRUISE)
-    if said is None:
+    last = _last(verdicts, About.BRUISE)
+    if last is None:
         return None
-    sure = 1.0 if said.probability is None else said.probability
-    return sure if said.text == "bruised" else 1.0 - sure
+    sure = 1.0 if last.probability is None else last.probability
+    return sure if last.text == "bruised" else 1.0 - sure
 
 
 def bin_verdict(done: Sorted, *, given_at: datetime) -> Verdict:

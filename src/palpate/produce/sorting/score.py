@@ -86,7 +86,7 @@ def score(placed: Sequence[Placed], *, book: RuleBook) -> Score:
 
 
 def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
-    """Return the bin of an item of which everything is known; ripeness and bruises apart.
+    """Return the bin of an item about which everything is known, apart from ripeness and bruises.
 
     Examples
     --------

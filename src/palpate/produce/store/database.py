@@ -43,7 +43,7 @@ class Store(StoreReader):
 
     @classmethod
     def open(cls, where: str | Path | None = None, *, create: bool = True) -> Store:
-        """Open a store, make it where there is none, bring an older one to the present schema.
+        """Open a store, create it if missing, bring an older one to the present schema.
 
         Parameters
         ----------

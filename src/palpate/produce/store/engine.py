@@ -90,8 +90,8 @@ def store_url(where: str | Path | None) -> sa.URL:
 def url_to_read(url: sa.URL) -> sa.URL:
     """Return the URL of an SQLite file for reading, which may lie on a medium without writing.
 
-    SQLite wants to put helper files into the folder, and refuses one where it can't, unless it is
-    told that nobody writes. Where a helper file lies there, somebody did: then nothing is changed.
+    SQLite wants to put helper files into the folder, and refuses one where it can't, unless the URL
+    declares that nobody writes. Where a helper file exists, somebody did: then nothing is changed.
     """
     path = Path(url.database or "")
     helper = Path(f"{path}-wal")
@@ -188,29 +188,29 @@ def _explained(error: sa.exc.DBAPIError, *, where: str) -> StoreError:
         if code is not None and code.startswith(start):
             message = f"{where}: {text.format(wait=LOCK_TIMEOUT_S)}"
             return StoreAwayError(message) if passing else StoreError(message)
-    said = " ".join(str(origin).split())
+    message = " ".join(str(origin).split())
     # A driver that never reached the server has no state to report.
     if code is None and isinstance(error, sa.exc.OperationalError):
-        return _unreached(said, where=where)
-    return StoreError(f"{where}: {said}")
+        return _unreached(message, where=where)
+    return StoreError(f"{where}: {message}")
 
 
-def _unreached(said: str, *, where: str) -> StoreError:
-    """Tell a server that is away from one that answered and refused."""
+def _unreached(message: str, *, where: str) -> StoreError:
+    """Distinguish a server that is away from one that answered and refused."""
     for words, state in (
         ("authentication failed", "28"),
         ("no password supplied", "28"),
         ('role "', "28"),
         ("does not exist", "3D000"),
     ):
-        if words in said:
+        if words in message:
             return StoreError(f"{where}: {_POSTGRESQL_FAULTS[state][1]}")
-    return StoreAwayError(f"{where}: no answer; check the server and the network ({said})")
+    return StoreAwayError(f"{where}: no answer; check the server and the network ({message})")
 
 
 def _prepare_sqlite(connection: Any, record: object) -> None:
     del record
-    # The driver's own idea of when a transaction begins is off: `_begin_sqlite` says it.
+    # The driver's own idea of when a transaction begins is wrong: `_begin_sqlite` begins it.
     connection.isolation_level = None
     # WAL: readers and a writer side by side; FULL: what is acknowledged survives a power cut.
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):

@@ -67,7 +67,7 @@ _VERDICT_COLUMNS = (
 def export_grasps(
     path: str | os.PathLike[str], grasps: Iterable[Grasp], *, items: Iterable[Item]
 ) -> int:
-    """Write grasps beside what is known of their items; return the number of rows.
+    """Write grasps with what is known of their items; return the number of rows.
 
     Parameters
     ----------

@@ -33,12 +33,12 @@ class ItemHistory:
         return next((measured for measured in found if measured is not None), None)
 
     def said(self, about: About) -> Verdict | None:
-        """Return the last thing said about it."""
+        """Return the last verdict on a subject."""
         found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
         return next(found, None)
 
     def within(self, since: datetime, until: datetime) -> ItemHistory:
-        """Return what was felt and said at or after `since`, and before `until`."""
+        """Return grasps and verdicts at or after `since`, and before `until`."""
         return replace(
             self,
             grasps=tuple(g for g in self.grasps if since <= g.taken_at < until),

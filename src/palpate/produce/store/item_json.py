@@ -27,7 +27,7 @@ def item_document(page: ItemHistory) -> dict[str, Any]:
 
 def _line(page: ItemHistory) -> dict[str, Any]:
     latest = {name: page.latest(name) for name in MEASURED}
-    said = {about: page.said(about) for about in About}
+    verdicts = {about: page.said(about) for about in About}
     return {
         **record_as_dict(page.item),
         "simulated": page.simulated,
@@ -38,6 +38,6 @@ def _line(page: ItemHistory) -> dict[str, Any]:
             str(about): None
             if one is None
             else {"text": one.text, "probability": one.probability, "source": str(one.source)}
-            for about, one in said.items()
+            for about, one in verdicts.items()
         },
     }

@@ -24,7 +24,7 @@ SPOOL_VARIABLE = "PALPATE_SPOOL"
 class Keeper:
     """Writes to a store, or to its spool for as long as the store does not answer.
 
-    Opening it refuses what no waiting would mend: a file that is no store, a newer schema. What
+    Opening it refuses what waiting would not remedy: a file that is no store, a newer schema. What
     waits from earlier is written as soon as the store answers, before what is new.
 
     Parameters
@@ -72,7 +72,7 @@ class Keeper:
         Raises
         ------
         InputError
-            If the store refuses one of them for what it says.
+            If the store refuses one of them for its content.
         OSError
             If the spool can't be written, and the store did not take them either.
         """
@@ -178,7 +178,7 @@ def spool_path(store: str) -> Path:
     """Return where records wait for a store.
 
     In ``$PALPATE_SPOOL``, else in ``$XDG_STATE_HOME/palpate``, else ``~/.local/state/palpate``: not
-    beside the store, whose disk may be the one that is full or away.
+    in the store's folder, whose disk may be the one that is full or away.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ class Spool:
     """Records that wait, in the order they came; several processes may add.
 
     Each record is a line with its checksum, on the disk before it is acknowledged. A line that a
-    crash has cut was never acknowledged; it is told from whole ones and passed over. Records carry
+    crash has cut was never acknowledged; its checksum shows it and it is skipped. Records carry
     their own ids, so draining twice does no harm.
 
     Parameters
@@ -251,8 +251,8 @@ class Spool:
     def drain(self, write: Callable[[Record], object]) -> int:
         """Hand every waiting record to `write`, then forget them; return how many were taken.
 
-        A line that is cut, or a record that `write` refuses for what it says (`InputError`), goes
-        to a file beside the spool that ends in ``.refused``. Whatever else `write` raises ends the
+        A line that is cut, or a record that `write` refuses for its content (`InputError`), goes
+        to a file next to the spool that ends in ``.refused``. Whatever else `write` raises ends the
         draining: nothing is forgotten, and the next one begins again. The file is not locked
         meanwhile, since a store may not answer: others go on adding, and two that drain at once
         write the same records twice, which does no harm.
@@ -273,7 +273,7 @@ class Spool:
         return taken
 
     def _forget(self, lines: list[bytes], *, refused: bytes) -> None:
-        """Take these lines out of the file, and keep the refused ones beside it."""
+        """Take these lines out of the file, and keep the refused ones in a file next to it."""
         gone = set(lines)
         with self._locked() as descriptor:
             present = self._lines()

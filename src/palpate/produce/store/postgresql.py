@@ -1,6 +1,6 @@
-"""A connection to PostgreSQL that waits no longer than it said, even for a frozen back end.
+"""A connection to PostgreSQL that waits no longer than its limit, even for a frozen back end.
 
-The server's own time limits do not help where the server itself stands still, and the system goes
+The server's own time limits do not help where the server itself hangs, and the system goes
 on acknowledging what is sent to it. So each wait is cut from this side.
 """
 

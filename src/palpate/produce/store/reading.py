@@ -112,7 +112,7 @@ class StoreReader:
         Raises
         ------
         InputError
-            If there is none with this id.
+            If there is no calibration with this id.
         """
         query = sa.select(CALIBRATIONS.c.content).where(
             CALIBRATIONS.c.calibration_id == calibration_id
@@ -129,7 +129,7 @@ class StoreReader:
         Raises
         ------
         InputError
-            If there is none of that name.
+            If there is no item of that name.
         """
         found = self.items_named([item_id])
         if not found:
@@ -186,11 +186,11 @@ class StoreReader:
             grasps: dict[str, list[Grasp]] = {name: [] for name in names}
             verdicts: dict[str, list[Verdict]] = {name: [] for name in names}
             felt = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names))
-            said = verdict_query().where(VERDICTS.c.item_id.in_(names))
+            on_them = verdict_query().where(VERDICTS.c.item_id.in_(names))
             with self._read() as connection:
                 for grasp in read_grasps(connection, felt.order_by(*_IN_TIME)):
                     grasps[grasp.item_id].append(grasp)
-                for verdict in read_verdicts(connection, said):
+                for verdict in read_verdicts(connection, on_them):
                     verdicts[verdict.item_id].append(verdict)
             for name in names:
                 yield tuple(grasps[name]), tuple(verdicts[name])
@@ -231,7 +231,7 @@ class StoreReader:
     def verdicts_of(
         self, item_id: str, *, about: About | None = None, source: Source | None = None
     ) -> tuple[Verdict, ...]:
-        """Return what was said of an item, oldest first."""
+        """Return the verdicts on an item, oldest first."""
         query = verdict_query().where(VERDICTS.c.item_id == item_id)
         if about is not None:
             query = query.where(VERDICTS.c.about == str(about))
@@ -240,7 +240,7 @@ class StoreReader:
     def verdicts(
         self, about: About, *, source: Source | None = None, kind: str | None = None
     ) -> tuple[Verdict, ...]:
-        """Return what was said of all items, or of those of a kind: labels to learn from."""
+        """Return the verdicts on all items, or on those of a kind: labels to learn from."""
         query = verdict_query().where(VERDICTS.c.about == str(about))
         if kind is not None:
             query = narrowed(query.join(ITEMS), kind=kind)

@@ -131,7 +131,7 @@ VERDICTS = sa.Table(
 
 
 def insert(table: sa.Table, *, dialect: str) -> sqlite.Insert | postgresql.Insert:
-    """Return an insert that can say what to do where the row is there already."""
+    """Return an insert that can state what to do where the row exists already."""
     return postgresql.insert(table) if dialect == "postgresql" else sqlite.insert(table)
 
 

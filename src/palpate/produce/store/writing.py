@@ -29,13 +29,13 @@ def write_item(connection: sa.Connection, item: Item) -> None:
     """Add an item, or fill in what is newly known of it."""
     statement = insert(ITEMS, dialect=connection.dialect.name)
     new = statement.excluded
-    told = {name: getattr(item, name) for name in ("kind", "batch", "label")}
+    given = {name: getattr(item, name) for name in ("kind", "batch", "label")}
     statement = statement.values(
-        item_id=item.item_id, first_seen=item.first_seen or datetime.now(UTC), **told
+        item_id=item.item_id, first_seen=item.first_seen or datetime.now(UTC), **given
     ).on_conflict_do_update(
         index_elements=[ITEMS.c.item_id],
         set_={
-            **{name: sa.func.coalesce(new[name], ITEMS.c[name]) for name in told},
+            **{name: sa.func.coalesce(new[name], ITEMS.c[name]) for name in given},
             "first_seen": sa.case(
                 (new.first_seen < ITEMS.c.first_seen, new.first_seen), else_=ITEMS.c.first_seen
             ),

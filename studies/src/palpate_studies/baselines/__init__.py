@@ -1,1 +1,1 @@
-"""What ours has to beat: one rival a file, each in its strongest plain form."""
+"""Baselines that ours has to beat: one a file, each in its strongest plain form."""

@@ -1,4 +1,4 @@
-"""Gradient boosting told everything: the same features as the ridge."""
+"""Gradient boosting given everything: the same features as the ridge."""
 
 from __future__ import annotations
 

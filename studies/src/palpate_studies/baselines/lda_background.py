@@ -1,7 +1,7 @@
 """Linear discriminant analysis with a background class: a few lines that may abstain.
 
-Kinds are normal in the logarithms of size and stiffness, with one covariance in common. Beside them
-is one class more, the background: all that was taught, with twice its covariance. Intervals of the
+Kinds are normal in the logarithms of size and stiffness, with one covariance in common. There is
+one more class, the background: all that was taught, with twice its covariance. Intervals of the
 measurements are not used, nor calibrations.
 """
 
@@ -65,7 +65,7 @@ class LdaBackground(Identifier):
         self._limit = float(np.quantile([chance[-1] for chance in unknown], 1.0 - FALSE_REJECT))
 
     def identify(self, touches: Sequence[FeaturePoint]) -> Identity:
-        """Say what an item is, from the mean of its grasps."""
+        """Identify an item from the mean of its grasps."""
         chance = self._chances(_mean(touches), self._means)
         rejected = bool(chance[-1] > self._limit)
         return Identity(

@@ -37,5 +37,5 @@ def _answer(asked: Question, shift_s: float, start_s: float) -> float:
     if used.sum() < 2:
         return asked.scale
     slope, offset = np.polyfit(np.log(np.maximum(time_s[used], 0.0) + shift_s), value[used], 1)
-    said = float(offset + slope * np.log(asked.asked + shift_s))
-    return said if said > 0 else asked.scale
+    predicted = float(offset + slope * np.log(asked.asked + shift_s))
+    return predicted if predicted > 0 else asked.scale

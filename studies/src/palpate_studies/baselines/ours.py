@@ -66,12 +66,12 @@ class OurDamageLimit:
         model = learn([_closing(case) for case in (*training, *choosing)])
 
         def answer(asked: Question) -> float:
-            curve, said_n = ClosingCurve(), asked.scale
+            curve, predicted_n = ClosingCurve(), asked.scale
             for closure_mm, force_n in asked.curve.tolist():
                 for state in curve.push(closure_mm, force_n=force_n):
                     limit = model.limit(state, kind=asked.kind, stop_score=np.inf)
-                    said_n = limit.predicted_n
-            return float(said_n)
+                    predicted_n = limit.predicted_n
+            return float(predicted_n)
 
         return answer
 

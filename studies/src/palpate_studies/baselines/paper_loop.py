@@ -3,7 +3,7 @@
 Section 3.3 of the paper fits force to the settled mean relative change by a line (Table 4), and
 proposes to grip to a force with that reading as feedback (sections 3.4 and 5). No such loop is
 printed. Here it is in its strongest plain form: contact as in Figure 13, then corrections by the
-secant through the last two answers, up or down, until the line says the target.
+secant through the last two answers, up or down, until the line reads the target.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from palpate_studies.line_law import LineForceLaw
 #: by no less than what a servo or regulator resolves.
 _STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
 _LEAST: dict[GripperKind, float] = {"rigid": 0.05, "soft": 0.2}
-#: Said to be on target within this share; corrections at most.
+#: Taken to be on target within this share; corrections at most.
 _CLOSE_ENOUGH, _MOST_MOVES = 0.05, 12
 _FRAME_RATE_HZ = 15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feedback:
-    """What one loop reads after each move: which forecast, after how long."""
+    """The feedback of one loop after each move: which forecast, after how long."""
 
     name: str
     method: SettlingMethod
@@ -58,7 +58,7 @@ PATIENT = Feedback(name="the paper's line, read after 20 s", method=Recorded(), 
 
 
 def paper_loop(task: Task, feedback: Feedback) -> Gripped:
-    """Close to contact, then correct until the line says the target, and lift."""
+    """Close to contact, then correct until the line reads the target, and lift."""
     world = task.world()
     array, gripper = TwinArray(world), TwinGripper(world)
     kind, law = task.kind, _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
@@ -67,21 +67,23 @@ def paper_loop(task: Task, feedback: Feedback) -> Gripped:
         world, gripper, touched_by(array, world, rest_ohm), step=_STEP[kind], kind=kind
     )
     touched_s = world.clock.now_s()
-    said_n, step = _read(array, rest_ohm, feedback, law), _STEP[kind] / 2
+    reading_n, step = _read(array, rest_ohm, feedback, law), _STEP[kind] / 2
     on_target_s = None
     for _ in range(_MOST_MOVES):
-        if abs(said_n / task.target_n - 1.0) <= _CLOSE_ENOUGH:
+        if abs(reading_n / task.target_n - 1.0) <= _CLOSE_ENOUGH:
             on_target_s = world.clock.now_s() - touched_s
             break
-        step = _bounded(step, missing_n=task.target_n - said_n, kind=kind)
+        step = _bounded(step, missing_n=task.target_n - reading_n, kind=kind)
         closed = float(np.clip(closed + step, 0.0, gripper.limits.span))
         drive(world, gripper, closed, kind=kind)
-        before_n, said_n = said_n, _read(array, rest_ohm, feedback, law)
+        before_n, reading_n = reading_n, _read(array, rest_ohm, feedback, law)
         # The secant through the last two answers; a reading that did not follow asks for as much
         # again in the same direction.
-        slope = (said_n - before_n) / step
-        step = (task.target_n - said_n) / slope if slope > 1e-3 else _STEP[kind]
-    return blindly_lifted(world, task, method=feedback.name, said_n=said_n, on_target_s=on_target_s)
+        slope = (reading_n - before_n) / step
+        step = (task.target_n - reading_n) / slope if slope > 1e-3 else _STEP[kind]
+    return blindly_lifted(
+        world, task, method=feedback.name, said_n=reading_n, on_target_s=on_target_s
+    )
 
 
 def _bounded(step: float, *, missing_n: float, kind: GripperKind) -> float:

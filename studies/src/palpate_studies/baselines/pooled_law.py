@@ -10,7 +10,7 @@ from palpate_studies.protocol.method import Answer, Case
 
 
 class PooledLaw:
-    """ln load = a + b ln excess conductance, pooled; or its exponent, with the gain told."""
+    """ln load = a + b ln excess conductance, pooled; or its exponent alone, with the gain given."""
 
     def __init__(self, *, own_gain: bool) -> None:
         self._own_gain = own_gain

@@ -1,4 +1,4 @@
-"""Ridge regression told everything: the curve at eight places, the question and the kind."""
+"""Ridge regression given everything: the curve at eight places, the question and the kind."""
 
 from __future__ import annotations
 

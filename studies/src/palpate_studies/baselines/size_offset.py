@@ -1,6 +1,6 @@
 """The previous width of the paper's Figure 13 plus one constant: all of its bias taken out.
 
-The constant is the mean error on other sensors, so whoever sized ten fruits with a caliper has it.
+The constant is the mean error on other sensors: ten fruits sized with a caliper give it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A line from the stiffness so far to the rupture force, for each fruit."""
+"""A line from the stiffness during closing to the rupture force, for each fruit."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def draw_roc(
 
 
 def draw_reliability(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]]) -> Figure:
-    """Draw the share of bruised sides against the probability said, with how often it was said.
+    """Draw the share of bruised sides against the stated probability, with its frequency.
 
     Parameters
     ----------
@@ -89,16 +89,16 @@ def draw_reliability(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any
         for axis, (level, ways) in zip(axes[0], levels.items(), strict=True):
             axis.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=":")
             for (label, bins), colour in zip(ways.items(), (ORANGE, BLUE), strict=False):
-                said, seen = ([one[key] for one in bins] for key in ("said", "bruised"))
+                stated, seen = ([one[key] for one in bins] for key in ("said", "bruised"))
                 spans = [
                     [one["bruised"] - one["low"] for one in bins],
                     [one["high"] - one["bruised"] for one in bins],
                 ]
                 axis.errorbar(
-                    said, seen, spans, fmt="o-", color=colour, ms=4, lw=1, capsize=2, label=label
+                    stated, seen, spans, fmt="o-", color=colour, ms=4, lw=1, capsize=2, label=label
                 )
             axis.set(
-                xlabel="probability said",
+                xlabel="stated probability",
                 ylabel="share that was bruised (90 % interval)",
                 title=f"simulated, level {level}",
                 xlim=(-0.02, 1.02),

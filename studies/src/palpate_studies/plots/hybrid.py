@@ -1,4 +1,4 @@
-"""Force of hybrid grasps: what was said of it, and how near it came to rupture."""
+"""Force of hybrid grasps: what was reported, and how close it came to rupture."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ FORCES_N = (0.3, 0.5, 1, 2, 3, 5, 10, 20, 30)
 
 
 class Gripped(Protocol):
-    """What is drawn of a grasp."""
+    """The part of a grasp that is drawn."""
 
     @property
     def fruit(self) -> str:
-        """What it was."""
+        """The kind of fruit."""
         ...
 
     @property
@@ -38,23 +38,23 @@ class Gripped(Protocol):
 
     @property
     def said(self) -> Measurement | None:
-        """What the grasp said of the force."""
+        """The force that the grasp reported."""
         ...
 
 
 def hybrid_figure(found: Sequence[Gripped]) -> Figure:
-    """Draw said against true force, and true force against the force of rupture."""
+    """Draw reported against true force, and true force against the force of rupture."""
     from matplotlib.ticker import FixedLocator, NullLocator
 
     with new_figure(columns=2, width_in=8.4, height_in=4.0) as (figure, axes):
-        said_axis, limit_axis = axes[0]
+        force_axis, limit_axis = axes[0]
         for fruit, colour in zip(dict.fromkeys(o.fruit for o in found), COLOURS, strict=False):
             mine = [one for one in found if one.fruit == fruit]
-            told = [(one.force_n, one.said) for one in mine if one.said is not None]
-            ends = [(max(m.value - m.low, 0.0), max(m.high - m.value, 0.0)) for _, m in told]
-            said_axis.errorbar(
-                [force for force, _ in told],
-                [m.value for _, m in told],
+            answered = [(one.force_n, one.said) for one in mine if one.said is not None]
+            ends = [(max(m.value - m.low, 0.0), max(m.high - m.value, 0.0)) for _, m in answered]
+            force_axis.errorbar(
+                [force for force, _ in answered],
+                [m.value for _, m in answered],
                 yerr=np.array(ends).reshape(-1, 2).T,
                 fmt="o",
                 ms=3,
@@ -70,18 +70,18 @@ def hybrid_figure(found: Sequence[Gripped]) -> Figure:
                 color=colour,
                 label=fruit,
             )
-        for axis in (said_axis, limit_axis):
+        for axis in (force_axis, limit_axis):
             axis.axline((1, 1), slope=1, color=GREY, lw=0.8)
             axis.set(xscale="log", yscale="log")
             for scale in (axis.xaxis, axis.yaxis):
                 scale.set_major_locator(FixedLocator(FORCES_N))
                 scale.set_major_formatter("{x:g}")
                 scale.set_minor_locator(NullLocator())
-        said_axis.set(xlabel="true grip force (N)", ylabel="force said, with its interval (N)")
+        force_axis.set(xlabel="true grip force (N)", ylabel="reported force, with its interval (N)")
         limit_axis.set(xlabel="force of rupture (N)", ylabel="true grip force (N)")
         limit_axis.text(
             0.05, 0.93, "above the line: ruptured", transform=limit_axis.transAxes, color=INK
         )
-        said_axis.legend(fontsize=8)
+        force_axis.legend(fontsize=8)
         figure.suptitle("Recorded fruit on recorded sheets (simulated grasps)", fontsize=10)
     return figure

@@ -21,28 +21,28 @@ _MARKERS = "os^DvP*Xph"
 def confusion_figure(
     by_level: Mapping[str, tuple[Sequence[str], Sequence[str], NDArray[Any]]],
 ) -> Figure:
-    """Draw true kind against what was said, one panel per level; shades are shares of a row.
+    """Draw true against named kinds, one panel per level; shades are shares of a row.
 
     Parameters
     ----------
-    by_level : mapping of str to (true kinds, said kinds, counts)
-        Counts of shape (true kinds, said kinds).
+    by_level : mapping of str to (true kinds, named kinds, counts)
+        Counts of shape (true kinds, named kinds).
     """
     with new_figure(columns=len(by_level), width_in=5.2 * len(by_level), height_in=4.8) as (
         figure,
         axes,
     ):
-        for axis, (level, (true, said, counts)) in zip(axes[0], by_level.items(), strict=True):
+        for axis, (level, (true, named, counts)) in zip(axes[0], by_level.items(), strict=True):
             share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
             axis.imshow(share, cmap="Blues", vmin=0, vmax=1)
-            axis.set_xticks(range(len(said)), said, rotation=45, ha="right")
+            axis.set_xticks(range(len(named)), named, rotation=45, ha="right")
             axis.set_yticks(range(len(true)), true)
             axis.grid(visible=False)
             for (row, column), count in np.ndenumerate(counts):
                 if count:
                     colour = "white" if share[row, column] > 0.5 else INK
                     axis.text(column, row, str(count), ha="center", va="center", color=colour)
-            axis.set_xlabel("said")
+            axis.set_xlabel("named")
             axis.set_title(f"simulated, level {level}")
         axes[0][0].set_ylabel("truly")
     return figure

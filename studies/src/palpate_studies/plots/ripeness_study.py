@@ -40,7 +40,7 @@ def study_figure(
     Parameters
     ----------
     accuracy : mapping
-        Condition -> way -> percent of fruit days, None where there is none.
+        Condition -> way -> percent of fruit days, None if there are none.
     waits : mapping
         Condition -> true, predicted, low and high days, shape (n, 4).
     """

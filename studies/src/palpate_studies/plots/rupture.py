@@ -10,7 +10,7 @@ from palpate.plots.style import look_of, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Ours in colour, what it is compared with beside it.
+#: Line of each policy: the method whose colour it takes, and the dashes.
 LOOKS = {
     "ours": ("relaxation", "-"),
     "ours, fruit unknown": ("relaxation", "--"),

@@ -1,4 +1,4 @@
-"""Sizes of strawberries beside the true ones, and how far off each way is."""
+"""Estimated sizes of strawberries over the true ones, and the error of each way."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Sized(Protocol):
-    """What is drawn of a strawberry."""
+    """The part of a strawberry's results that is drawn."""
 
     @property
     def true_mm(self) -> float:
@@ -53,7 +53,7 @@ def size_figure(found: Mapping[str, Sequence[Sized]], *, shown: int) -> Figure:
             _draw_errors(axes[1][column], berries)
             axes[1][column].set_title(f"twin, {level}: errors of all {len(berries)}")
         axes[0][0].legend(loc="upper left", fontsize=8)
-        axes[0][0].set_ylabel("size said (mm)")
+        axes[0][0].set_ylabel("estimated size (mm)")
         axes[1][0].legend(loc="upper left", fontsize=8)
         axes[1][0].set_ylabel("strawberries")
         figure.suptitle("Simulated strawberries in 1 mm steps, as in Figure 14", fontsize=10)

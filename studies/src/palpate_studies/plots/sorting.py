@@ -1,4 +1,4 @@
-"""What purer bins cost: purity against items sorted per hour, and what is left for people."""
+"""Cost of purer bins: purity against items sorted per hour, and the share left for people."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
 - ``settled``: the value that a silicone hold settles to at 20 s, from its first 2.5 s. `curve` is
   time (s) and reading (ohm), `asked` 20 s, `scale` the last reading. Specimens are left out whole.
-- ``ladders``: the dead weight on a Velostat sensor, told three of its loads. `curve` is the excess
+- ``ladders``: the dead weight on a Velostat sensor, given three of its loads. `curve` is the excess
   conductance over that at rest, and load (N), of those three, `asked` the former in question,
-  `scale` the last told load. Sensors are left out whole.
+  `scale` the last given load. Sensors are left out whole.
 - ``rupture``: the force at which a fruit ruptures, when 1.5 N are first reached. `curve` is closure
   (mm) and force (N) so far, `asked` that closure, `scale` that force; `kind` is the fruit. Fruits
   that rupture below, or whose record begins above, are left out. Fruits are split in five.
@@ -28,7 +28,7 @@ from palpate_studies.protocol.parts import Fold, folds
 from palpate_studies.specimens import specimen_of
 
 CUTOFF_S, HORIZON_S = 2.5, 20.0
-#: Steps of a ladder that are told; loads that are asked for lie above the second, newtons.
+#: Steps of a ladder that are given; loads that are asked for lie above the second, newtons.
 TOLD, LEAST_LOAD_N = 3, 0.5
 #: Force at which a fruit is asked about, newtons.
 ASKED_N = 1.5

@@ -1,4 +1,4 @@
-"""What a method is: one name, one `fit`. The same interface for every challenge.
+"""A method: one name, one `fit`. The same interface for every challenge.
 
 A challenge asks questions that have one positive number as their answer: the value that a hold
 settles to, the load on a sensor, the force at which a fruit ruptures. Errors are compared as
@@ -20,16 +20,16 @@ from palpate_studies.protocol.parts import Fold, Learned
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """What a method may see of a case.
+    """The part of a case that a method may see.
 
     Attributes
     ----------
     curve : ndarray, shape (points, 2)
-        What was read so far: abscissa and reading, in time's order. The challenge says of what.
+        What was read so far: abscissa and reading, in time's order. The challenge defines both.
     asked : float
         The abscissa at which the answer is wanted.
     scale : float
-        A positive number of the answer's size, known from the curve: the last reading, say.
+        A positive number of the answer's size, known from the curve: the last reading, for example.
     kind : str
         A label that is known beforehand, such as the kind of fruit.
     """
@@ -77,7 +77,7 @@ class Method(Protocol):
 
     @property
     def name(self) -> str:
-        """What tables call it."""
+        """Its name in tables."""
 
     def fit(self, training: Sequence[Case], *, choosing: Sequence[Case]) -> Answer:
         """Learn, and return what answers a question with a positive number."""
@@ -117,10 +117,10 @@ def log_error(said: float, truth: float) -> float:
 
 
 def _loss(name: str, answer: Answer, case: Case) -> float:
-    said = float(answer(case.question))
-    if not (np.isfinite(said) and said > 0):
-        raise InputError(f"{name}: answered {said:g} to {case.name}; answer a positive number")
-    return log_error(said, case.truth)
+    answered = float(answer(case.question))
+    if not (np.isfinite(answered) and answered > 0):
+        raise InputError(f"{name}: answered {answered:g} to {case.name}; answer a positive number")
+    return log_error(answered, case.truth)
 
 
 def _of(cases: Sequence[Case], specimens: Sequence[str]) -> list[Case]:

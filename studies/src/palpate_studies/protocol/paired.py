@@ -78,7 +78,7 @@ def paired_difference(
     ------
     ValueError
         If the lengths differ or a loss is not finite: a method may abstain only where the study
-        says what that costs.
+        states what that costs.
 
     References
     ----------

@@ -23,7 +23,7 @@ class SeenBeforeError(InputError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Learned(Generic[Found]):
-    """What was fitted or chosen, with the specimens that it rests on.
+    """A part that was fitted or chosen, with the specimens that it rests on.
 
     Attributes
     ----------
