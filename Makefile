@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-ros lint docs wheel wheel-test clean
+.PHONY: demo test test-ros test-lerobot lint docs wheel wheel-test clean
 
 # The base environment has every extra, so that the README's paths work in it; the development one
 # adds the tests' tools.
@@ -34,6 +34,20 @@ $(ROS_VENV)/.made: $(VENV)/.dev ros2/setup_wheels.sh ros2/requirements-wheels.tx
 test-ros: $(ROS_VENV)/.made
 	bash -c 'source $(ROS_VENV)/bin/ros.sh && cd ros2/palpate_ros && python -m pytest'
 
+# LeRobot without its heavy parts: what its cameras need. In an environment of its own that sees the
+# development one, because one of its libraries brings a package `tests`.
+LEROBOT_VENV := .venv-lerobot
+$(LEROBOT_VENV)/.made: $(VENV)/.dev bridges/lerobot/pyproject.toml
+	test -x $(LEROBOT_VENV)/bin/python || $(PYTHON) -m venv $(LEROBOT_VENV)
+	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check draccus==0.10.0
+	$(LEROBOT_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps 'lerobot>=0.4,<0.5' --editable ./bridges/lerobot
+	$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
+	  > $$($(LEROBOT_VENV)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/palpate-dev.pth
+	touch $@
+
+test-lerobot: $(LEROBOT_VENV)/.made
+	cd bridges/lerobot && ../../$(LEROBOT_VENV)/bin/python -m pytest
+
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -61,4 +75,4 @@ wheel-test: wheel $(VENV)/.dev
 
 clean:
 	$(MAKE) -C firmware clean
-	rm -rf $(VENV) $(ROS_VENV) build dist site out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(ROS_VENV) $(LEROBOT_VENV) build dist site out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
