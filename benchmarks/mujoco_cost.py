@@ -67,9 +67,11 @@ def measured(name: str, *, every_s: float, seconds: float, rounds: int) -> float
     pairs = [(timed(without), timed(with_sensor)) for _ in range(rounds)]
     slower = median(after / before for before, after in pairs) - 1.0
     rates = [seconds / model.opt.timestep / median(column) for column in zip(*pairs, strict=True)]
+    frame_s = median(after - before for before, after in pairs) / (seconds * sensor.frame_rate_hz)
     print(
         f"{name:10} {world.data.ncon} contacts, taken in every {1e3 * every_s:3.0f} ms: "
-        f"{rates[0]:8,.0f} steps/s without, {rates[1]:8,.0f} with: {100 * slower:+.0f} %"
+        f"{rates[0]:8,.0f} steps/s without, {rates[1]:8,.0f} with: {100 * slower:+.0f} %, "
+        f"{1e6 * frame_s:.0f} µs a frame"
     )
     return slower
 

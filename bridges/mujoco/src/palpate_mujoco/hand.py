@@ -12,7 +12,7 @@ from palpate_mujoco.pads import Pad
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """A hand of two parallel fingers, driven by one servo.
+    """A hand of two parallel fingers, driven by one servo, as wide as the twin's.
 
     Attributes
     ----------

@@ -24,7 +24,8 @@ _LEAST_MM = 0.03
 _PHASE = 0.6
 #: Force at which that is worked out, newtons.
 _STIFFEST_N = 60.0
-_DAMPING_N_S_PER_M = 2.0
+#: Of the halves against each other (0.04 N at 20 mm/s), and of the whole on what it stands.
+_FLATTENING_N_S_PER_M, _SLIDING_N_S_PER_M = 2.0, 0.5
 #: Faces of a flat object, half their side in metres: larger than the pads.
 _FACE_M = 0.02
 _PUSH, _SPRING, _FLATTENED = "object_push", "object_spring", "object_flattened"
@@ -38,18 +39,13 @@ def add_object(
     pads: tuple[str, str],
 ) -> None:
     """Add an object to a model that has two pads facing each other along x."""
-    half_m, mass_kg = 0.5 * obj.size_mm / _MM_PER_M, 0.5 * obj.mass_g / _MM_PER_M
-    slope = (
-        1e3
-        * object_force_n(replace(obj, yield_n=float("inf")), _deepest_mm(obj), ruptured=False)[1]
-    )
     body = spec.worldbody.add_body(name="object", pos=[mm / _MM_PER_M for mm in place_mm])
     body.add_joint(
         name="object",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[1, 0, 0],
         frictionloss=TABLE_FRICTION * N_PER_G * obj.mass_g,
-        damping=0.5,
+        damping=_SLIDING_N_S_PER_M,
     )
     other = body.add_body(name="object_half")
     other.add_joint(
@@ -57,25 +53,33 @@ def add_object(
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[-1, 0, 0],
         limited=True,
-        range=[0.0, half_m],
-        damping=_DAMPING_N_S_PER_M,
-        armature=slope * (spec.option.timestep / _PHASE) ** 2,
+        range=[0.0, 0.5 * obj.size_mm / _MM_PER_M],
+        damping=_FLATTENING_N_S_PER_M,
+        armature=_stiffest_n_per_m(obj) * (spec.option.timestep / _PHASE) ** 2,
     )
-    for side, (part, pad) in enumerate(zip((body, other), pads, strict=True)):
-        name = f"object_{'left' if side == 0 else 'right'}"
-        if obj.flat:
-            shape = {
-                "type": mujoco.mjtGeom.mjGEOM_BOX,
-                "size": [half_m / 2, _FACE_M, _FACE_M],
-                "pos": [(-0.5 if side == 0 else 0.5) * half_m, 0, 0],
-            }
-        else:
-            shape = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [half_m, 0, 0]}
-        part.add_geom(
-            name=name, mass=mass_kg, contype=0, conaffinity=0, rgba=[0.8, 0.3, 0.2, 0.6], **shape
-        )
-        spec.add_pair(name=name, geomname1=pad, geomname2=name, condim=1, solref=[0.004, 1.0])
+    _add_half(spec, body, obj, pad=pads[0], side=-1)
+    _add_half(spec, other, obj, pad=pads[1], side=1)
     _add_law(spec)
+
+
+def _add_half(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, obj: TwinObject, *, pad: str, side: int
+) -> None:
+    """Add the shape of one half, which meets its own pad alone."""
+    half_m, name = 0.5 * obj.size_mm / _MM_PER_M, f"object_{pad}"
+    geom = body.add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[half_m, 0, 0],
+        mass=0.5e-3 * obj.mass_g,
+        contype=0,
+        conaffinity=0,
+        rgba=[0.8, 0.3, 0.2, 0.6],
+    )
+    if obj.flat:
+        geom.type = mujoco.mjtGeom.mjGEOM_BOX
+        geom.size, geom.pos = [0.5 * half_m, _FACE_M, _FACE_M], [0.5 * side * half_m, 0, 0]
+    spec.add_pair(name=name, geomname1=pad, geomname2=name, condim=1, solref=[0.004, 1.0])
 
 
 def _add_law(spec: mujoco.MjSpec) -> None:
@@ -89,12 +93,12 @@ def _add_law(spec: mujoco.MjSpec) -> None:
     spring.gainprm[:3] = [0.0, 1.0, 0.0]
 
 
-def _deepest_mm(obj: TwinObject) -> float:
-    """Return about how far an object is flattened at the largest force."""
+def _stiffest_n_per_m(obj: TwinObject) -> float:
+    """Return the slope of an object's law at about the largest force."""
     unhurt, deep_mm = replace(obj, yield_n=float("inf")), 0.01
     while object_force_n(unhurt, deep_mm, ruptured=False)[0] < _STIFFEST_N:
         deep_mm *= 1.1
-    return deep_mm
+    return _MM_PER_M * object_force_n(unhurt, deep_mm, ruptured=False)[1]
 
 
 class Thing:

@@ -169,7 +169,7 @@ class MujocoWorld:
 
     @property
     def peak_force_n(self) -> float:
-        """Largest grip force on the present object so far."""
+        """Largest grip force on the present object so far, looked at every `EVERY_S`."""
         return self._peak_n
 
     @property
