@@ -60,7 +60,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; put it in place only if the block succeeds.
+    """Yield a temporary folder next to `path`; put it in place only if the block succeeds.
 
     Parameters
     ----------

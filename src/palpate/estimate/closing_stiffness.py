@@ -1,11 +1,11 @@
-"""An object's own stiffness from the curve of its closing, the gripper's give taken out.
+"""An object's own stiffness from its closing curve, with the gripper's give taken out.
 
-Everything that the curve leaves open is open together: where contact began, the shape of the
-object's law, its scale, how this contact reads against the sheet's law, and what the gripper gives
-here. A force read too high has too much give taken out and makes the object look too stiff, both at
-once, so these doubts are weighed together, and the answer's interval covers all of them. Shape
-and scale are looked at on a grid; given them, the rest moves every step's witness of where contact
-began in proportion, and is solved for (generalised least squares with priors).
+The curve leaves several unknowns open, and they are estimated together: where contact began, the
+shape and scale of the object's law, this contact's gain against the sheet's law, and the gripper's
+give here. They are correlated: a force read too high takes out too much give, and so makes the
+object look too stiff twice over. The answer's interval covers all of them. Shape and scale lie on a
+grid; given both, every other unknown shifts each step's estimate of where contact began in
+proportion, and is solved for (generalised least squares with priors).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Interval of something that can't be negative, from one measurement that can.
+"""Interval of a quantity that can't be negative, from a measurement that can.
 
-An ordinary interval cut at nought can be empty, and one made wide enough against that covers too
-much near the bound. Feldman and Cousins order what might have been measured by its likelihood
-against that of the best value allowed: the interval then passes by itself from two ends to an upper
-one only, and covers as often as its level states at every true value.
+An ordinary interval cut at zero can be empty, and one made wide enough to avoid that covers too
+much near the bound. Feldman and Cousins order the possible measurements by their likelihood ratio
+to the best value allowed: the interval then changes by itself from two ends to an upper end alone,
+and covers as often as its level states at every true value.
 
 Feldman and Cousins, "Unified approach to the classical statistical analysis of small signals",
 Phys. Rev. D 57, 3873 (1998). There the error is normal; here it may be Student's t.

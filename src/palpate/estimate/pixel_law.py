@@ -1,6 +1,6 @@
-"""Force as a sum over pixels: what each carries follows from its own excess conductance.
+"""Force as a sum over pixels: the load of each follows from its own excess conductance.
 
-Force adds over pixels; conductance does not, because a pixel's law is no line and begins at a
+Force adds over pixels; conductance does not, because a pixel's law is not linear and begins at a
 threshold. So the same force spread over four pixels or over two gives another summed conductance,
 but the same sum of pixel forces.
 """

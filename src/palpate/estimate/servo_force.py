@@ -1,17 +1,15 @@
 """Force from the servo's current while the fingers close: a second measurement next to the sheet's.
 
-While a servo closes, the friction of its gears adds to the grip, so current is a line in force. At
-rest it is not: there friction holds any part of itself either way. One reading is coarse (some
-tenths of a newton), and so is one movement, because friction differs from one to the next; but a
-closing has several, and the sheet shows how the force rose through them. Together they give the
-force at the end as well as a calibrated sheet does, whatever the wear and wherever on the sheet the
-object lies.
+While a servo closes, the friction of its gears adds to the grip, so the current is linear in the
+force. At rest it is not: friction then carries any part of the grip, either way. One reading is
+coarse (some tenths of a newton), and so is one movement, because friction differs from one to the
+next; but a closing has several movements, and the sheet shows how the force rose through them.
+Together they give the final force as well as a calibrated sheet does, whatever the wear and
+wherever on the sheet the object lies.
 
-What a servo's gears take without load: along the way, and from one movement to the next.
-
-Friction of gears is never twice the same. Part of it comes back at the same places, as the teeth
-turn: an empty hand that closes slowly shows it. The rest has another size in every movement and
-stays through it: the scatter of many short movements shows how much that is.
+The friction of the gears without load has two parts. One repeats at the same places, as the teeth
+turn: an empty hand that closes slowly shows it. The other differs from movement to movement and is
+constant within one: the scatter of many short movements shows its size.
 """
 
 from __future__ import annotations

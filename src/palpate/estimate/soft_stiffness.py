@@ -1,15 +1,14 @@
 """An object's stiffness from a grasp by fingers that give way more than it does.
 
-Soft fingers give way by millimetres per newton, so what the object gives is a small difference of
-two large ways: how far the fingers would have closed beyond the first touch, and how far they bent
-back under the force. The curve in between adds little, because a sheet's error of exponent bends it
-as an object would. So only both ends are used, and the answer states what they leave open: often no
-more than a lower bound of the stiffness.
+Soft fingers give way by millimetres per newton, so the object's deformation is a small difference
+of two large distances: how far the fingers would have closed beyond the first touch, and how far
+they bent back under the force. The curve in between adds little, because an error of the sheet's
+exponent bends it as an object would. So only both ends are used, and the answer states what they
+leave open: often no more than a lower bound of the stiffness.
 
-Both ends give the softness (mm/N) of hand and object together, and its doubt is a proportion: that
-of the force. The hand's own softness is known; the object's is what goes beyond it, and can't be
-less than nothing. That makes it the measurement of something bounded
-(`palpate.estimate.feldman_cousins`).
+Both ends give the softness (mm/N) of hand and object together, with the relative uncertainty of the
+force. The hand's own softness is known; the rest is the object's, and can't be negative. That makes
+it the measurement of a bounded quantity (`palpate.estimate.feldman_cousins`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""A bound on the force that knows nothing of the sheet: the servo's current, in every state.
+"""An upper check of the force that does not use the sheet: the servo's current, at all times.
 
-A servo that closes takes what its gears take and what the grip takes; at rest its gears may hold a
-part of themselves either way, but never make it take more than while closing. So the current above
-what the gears take at most is a force that is there for sure, whatever the sheet reads.
+The current of a closing servo covers the friction of its gears and the grip. At rest, friction may
+carry part of the grip either way, but never makes the servo draw more than while closing. So a
+current above the most that the gears take proves a force, whatever the sheet reads.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Closing at speed until something is felt: how fast, how far ahead, and what a touch looks like.
 
-Every movement makes the resistance of all pixels rise for as long as it lasts and a little longer.
-At a steady speed that rise is steady, so a touch is what changes any pixel against its own last few
-tenths of a second. While the hand gathers speed only a fall counts: the rise of the movement itself
-is no touch. The servo's current shows a touch that lies beside the pixels, and has no lag.
+Every movement makes the resistance of all pixels rise while it lasts and a little longer. At a
+steady speed that rise is steady, so a touch is a change of any pixel against its own last few
+tenths of a second. While the hand gathers speed only a fall counts: the rise is the movement's. The
+servo's current shows a touch that lies off the pixels, and has no lag.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The sensor's own settled holds, shrunk to the general prior.
 
-Every past hold, seen as far as the hold to predict, shows by the value it settled to which
-components it bears out. The odds become a mixture of the general ones and the mean of those; what
-is then still missing is a share of the change ahead, drawn towards nothing. Both count for more
-with more holds, so few holds, or holds unlike each other, change little. It is for the same sensor,
-read the same way.
+Every past hold, cut to the window of the hold to predict, is evidence for the components that
+predict the value it settled to. The odds become a mixture of the general ones and the mean of
+those; the error that remains is modelled as a share of the change ahead, shrunk towards zero. Both
+weigh more with more holds, so a few holds, or holds unlike each other, change little. It is for the
+same sensor, read the same way.
 """
 
 from __future__ import annotations

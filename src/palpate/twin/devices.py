@@ -1,13 +1,12 @@
-"""The twin as a sensor, a gripper and a load cell: what hardware would be, with its faults.
+"""The twin as a sensor, a gripper and a load cell: the interfaces of the hardware, with its faults.
 
-What a position servo reports as current: grip torque, gear friction and the warmth of its motor.
-
-While the fingers move, friction of the gears adds to the grip (closing) or takes from it (opening).
-It is never twice the same: it has a share of its own for each movement (how the teeth and the
-grease lie), and rises and falls along the way, as the gears turn, in the same places each time.
-At rest it may hold any part of itself either way: where in that band a stop ends depends on how
-the position controller came in, so it is drawn again for each stop. The torque of an ampere falls
-as the motor warms up.
+The reported current of a position servo consists of grip torque and gear friction, and depends on
+the temperature of its motor. While the fingers move, friction of the gears adds to the grip
+(closing) or takes from it (opening). It is never twice the same: one part differs from movement to
+movement (how the teeth and the grease lie), and one rises and falls along the way, as the gears
+turn, in the same places each time. At rest friction may carry any part of itself either way: where
+in that band a stop ends depends on how the position controller came in, so it is drawn again for
+each stop. The torque of an ampere falls as the motor warms up.
 
 The size of the bands is plausible for the paper's servo (a DYNAMIXEL XM430 takes some tens of
 milliamperes to turn without load), not measured. That friction of a robot's joint changes with its

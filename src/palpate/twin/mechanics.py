@@ -1,12 +1,10 @@
 """From closure to force to the load of each pixel: object, pads, fingers and servo in series.
 
-The force of an object that relaxes while it shares its closure with a gripper that gives way.
-
-The object's elastic force E(x) is remembered by parts that fade: of every change of E a share s_k
-dies away with the time constant tau_k. Over one step in which E goes in a line, the force is then
-a straight line in the new E, F = kept E + carried, and the balance with the gripper is one equation
-in the deformation x. So an object between stiff fingers relaxes, and one between fingers that keep
-their force creeps.
+An object that relaxes shares its closure with a gripper that gives way. Its elastic force E(x) is
+remembered by parts that fade: of every change of E a share s_k decays with the time constant tau_k.
+Over one step in which E is linear in time, the force is then a straight line in the new E,
+F = kept E + carried, and the balance with the gripper is one equation in the deformation x. So an
+object between stiff fingers relaxes, and one between fingers that keep their force creeps.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The probability of a bruise, learned from sides known to be sound or bruised (`bruise_learning`).
+"""The probability of a bruise, learned from sides known to be sound or bruised (`bruise.learning`).
 
-A logistic regression on `bruise_shape.contrast`, one for each set of references that there may be:
-the class (sound items of the kind, on the same sensor), the item's other sides, and its own earlier
+A logistic regression on `bruise.shape.contrast`, one for each available set of references: the
+class (sound items of the kind, on the same sensor), the item's other sides, and its own earlier
 record. Its probabilities are for as many bruised as sound sides, and are moved to the share of
 bruised ones that the user expects.
 """

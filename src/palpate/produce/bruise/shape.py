@@ -1,14 +1,14 @@
 """How load lies on two facing fingers, in eight numbers, and how it differs from a reference.
 
 A sound, round side spreads its load over the pixels of a finger nearly as a product of one factor
-along and one across: where it lies moves load, but both fingers alike. A bruise moves it on one
-finger only, and not as a product. So of the logarithm of each pixel's excess conductance we take
-mean, slope along, slope across and the crossed term on each finger, and judge the differences and
-means of the two fingers' numbers, after taking those of a reference away: gains of pixels and
-fingers go with it.
+along and one across: its position moves the load, but alike on both fingers. A bruise moves it on
+one finger only, and not as a product. So the logarithm of each pixel's excess conductance is
+reduced to mean, slope along, slope across and the crossed term on each finger. A reference's
+numbers are subtracted, which cancels gains of pixels and fingers, and the differences and means of
+the two fingers' numbers are judged.
 
-Nothing may depend on which finger, or which end of it, the bruise lies at. What the judge is given
-is therefore even: it stays as it is when the fingers change places, and under both mirrors.
+Nothing may depend on which finger, or which end of it, the bruise lies at. The judge's inputs are
+therefore even: they stay as they are when the fingers change places, and under both mirrors.
 """
 
 from __future__ import annotations

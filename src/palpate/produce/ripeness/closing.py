@@ -1,24 +1,23 @@
 """Measurements from a closing: firmness, width at contact, and the gain of the sheet.
 
-**Firmness**, by fingers driven by width. The stiffness that a grasp answers leaves open how the
-object's force rises, for it knows nothing of the object. Fruit is round: its force goes with the
-3/2th power of its deformation (Hertz). Then the width of every step, with the gripper's own give at
-that force put back, lies on a line over F^(2/3), whose slope is the fruit's softness, and where
-contact began drops out:
+**Firmness**, by fingers driven by width. The stiffness in a grasp's answer assumes nothing about
+how the object's force rises. Fruit is round: its force goes with the power 3/2 of its deformation
+(Hertz). Then the width of every step, with the gripper's own give at that force put back, lies on a
+line over F^(2/3), whose slope is the fruit's softness, and where contact began drops out:
 
     width + give(F) = size - softness F^(2/3).
 
-What was read at the last step before the force rose is no load but what the sheet remembers.
+The reading at the last step before the force rose is no load but the sheet's memory.
 
 **Width at contact**, by fingers driven by pressure. The pressure at which they meet an item gives
 its width, once rigid blocks have shown how far they close per pressure and how far they give way
 under a force (`palpate.estimate.compliance`). Early on the sheet reads faint forces badly, later on
 the fingers have given way by centimetres; at one newton both leave some tenths of a millimetre.
 
-**Gain**: the force believed over what the sheet alone reads. A servo's current seconds the sheet
-(`palpate.grasp.servo_evidence`). It makes one force truer; but it errs alike in all grasps of one
-morning, for the servo is as warm as it is. Kept with the force, it can be weighed again when days
-are compared.
+**Gain**: the estimated force over the force that the sheet alone reads. A servo's current supports
+the sheet (`palpate.grasp.servo_evidence`). It improves one force, but its error is the same in all
+grasps of one morning, because the servo's temperature is. Kept with the force, it can be weighed
+again when days are compared.
 """
 
 from __future__ import annotations

@@ -1,23 +1,25 @@
 """Drift of the sensor, separated from softening of the fruit by an object that does not change.
 
-A reference object (a rubber ball, springs between plates) is grasped like the fruit, some times on
-each day. What it seems to do is what wear and weather did to the sensor; fruit felt on the same day
-is freed of it.
+A reference object (a rubber ball, springs between plates) is grasped like the fruit, several times
+on each day. Its apparent change is the effect of wear and weather on the sensor, and is subtracted
+from fruit felt on the same day.
 
 Fingers driven by width press one object as hard at one width on all days. So where the width at
-which the sensor reads 5 N has moved, the sensor has; and a width is known to hundredths of a
-millimetre, where the object's stiffness is known to a tenth. Fingers driven by pressure measure
-firmness by how the load is shared, and what their reference seems to do in this is subtracted as it
+which the sensor reads 5 N has moved, the sensor has drifted; and a width is known to hundredths of
+a millimetre, where the object's stiffness is known to a tenth. Fingers driven by pressure measure
+firmness by how the load is shared, and the reference's apparent change of it is subtracted as it
 is.
 
-Its grasps also show how far to believe a servo's current next to the sheet, and how its warming up
-changes a morning's forces. At one width the force on the reference is the same. So the width at
-which a grasp held shows by how much more force was read than there was; and with many grasps, whose
-errors these are:
+The grasps of the reference also show how far to believe a servo's current next to the sheet, and
+how its warming up changes the forces of a morning. At one width the force on the reference is
+always the same, so the width at which a grasp held shows the error of the force read. With many
+grasps, the error has two parts:
 
-- What goes with the weight of the servo's current (`palpate.produce.ripeness.closing`) is the
-  current's own. That share of it is left out, down to the sheet alone where that repeats better.
-- What goes with the hour is a servo that warms up, shown by grasps before the fruit and after it.
+- The part that goes with the gain from the servo's current (`palpate.produce.ripeness.closing`) is
+  the current's. That share of the gain is left out, down to the sheet alone where that repeats
+  better.
+- The part that goes with the time of day is a servo that warms up, shown by grasps before the fruit
+  and after it.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""How many pixels share the load of an item, freed of its size and of how hard it was pressed.
+"""How many pixels share the load of an item, corrected for its size and for the force.
 
 Under the same force a soft item lies against more of the pad than a hard one does; but so does a
-larger one, and one that is pressed harder. All three reach the radius of contact through one number
-(Hertz): it goes with the cube root of F R^1.5 / c, where c is the force at 1 mm. So an item is as
-soft as one of the usual size under the usual force would be whose F R^1.5 / c is the same, and what
-size and force did to the sharing is put back by as much as it rises with the force.
+larger one, and one that is pressed harder. All three act on the radius of contact through one
+number (Hertz): it goes with the cube root of F R^1.5 / c, where c is the force at 1 mm. So an item
+counts as soft as one of the usual size under the usual force with the same F R^1.5 / c, and the
+effect of size and force on the sharing is corrected by its measured rise with the force.
 
-How much that is, each grasp shows itself while it closes. Where few pixels are reached it is
-nothing, and never more than the cube root, for the pixels of a finger lie in a row.
+Each grasp shows that rise itself while it closes. Where few pixels are reached it is zero, and
+never more than the cube root, because the pixels of a finger lie in a row.
 """
 
 from __future__ import annotations

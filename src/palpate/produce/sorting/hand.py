@@ -1,10 +1,10 @@
-"""One item in the hand, and again: measured, and how long it took.
+"""One item in the hand, and again: measured, with the time that it took.
 
-A sheet remembers a load for seconds, a bad one for half a minute. What it still gives back while
-the fingers come near would hide the first touch, or look like one; so each grasp waits until the
-sheet stands still.
+A sheet remembers a load for seconds, a bad one for half a minute. Its recovery while the fingers
+approach would hide the first touch, or look like one; so each grasp waits until the sheet stands
+still.
 
-The second grasp of an item knows about how large it is, so the fingers come near at full speed.
+The second grasp of an item knows its approximate size, so the fingers approach at full speed.
 Another side of it may be thicker, so they stay well clear.
 """
 

@@ -1,7 +1,7 @@
 """A connection to PostgreSQL that waits no longer than its limit, even for a frozen back end.
 
-The server's own time limits do not help where the server itself hangs, and the system goes
-on acknowledging what is sent to it. So each wait is cut from this side.
+The server's own time limits do not help where the server itself hangs while the system goes on
+acknowledging what is sent to it. So each wait is limited on this side.
 """
 
 from __future__ import annotations
