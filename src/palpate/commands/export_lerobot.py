@@ -27,8 +27,8 @@ def export_lerobot(files: list[Path], *, folder: Path, task: str | None, fps: in
         raise InputError(f"--lerobot {folder}: exists already and is not overwritten")
     grasps = [read_grasp(file) for file in files]
     fps = round(grasps[0].rate_hz) if fps is None else fps
-    tasked = [(grasp, task or _task(grasp)) for grasp in grasps]
-    _report(folder, write_dataset(folder, tasked, fps=fps, version=__version__), fps=fps)
+    episodes = [(grasp, task or _task(grasp)) for grasp in grasps]
+    _report(folder, write_dataset(folder, episodes, fps=fps, version=__version__), fps=fps)
 
 
 def _task(grasp: GraspTrack) -> str:

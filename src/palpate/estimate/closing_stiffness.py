@@ -42,7 +42,7 @@ _FORECAST_SD = 0.02
 #: A width is never known better, mm (half an encoder step of the usual servo).
 _SHARPEST_MM = 0.02
 _GAINS, _SCALES, _DRAWS = 5, 40, 4000
-#: What is solved for: size, gain beyond that of the grid, exponent, lag, give.
+#: Number of unknowns solved for: size, gain beyond that of the grid, exponent, lag, give.
 _UNKNOWN = 5
 #: Share of the doubt of the gain that each place of the grid solves for, so that what is not
 #: proportional in a large doubt is looked at in several places.

@@ -26,9 +26,9 @@ NOMINAL_RATE = 0.01
 #: Probability that the rupture force lies above the lower bound.
 LOWER_BOUND_LEVEL = 0.95
 FOLDS = 5
-#: Between these, ln N, lie all bounds that are asked for.
+#: All bounds that are asked for lie between these, ln N.
 _LOG_BOUNDS_N = (-20.0, 20.0)
-#: Stands for the load borne by an object that ruptured before its first force level.
+#: Represents the load borne by an object that ruptured before its first force level.
 LEAST_LOAD = -6.0
 
 

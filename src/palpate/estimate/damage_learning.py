@@ -25,7 +25,7 @@ class HeldOut:
     error_percent: float
     #: The same of the median rupture force of the kind alone: no stiffness needed.
     median_error_percent: float
-    #: Share that ruptured above the lower bound; 0.95 is meant.
+    #: Share that ruptured above the lower bound; should be 0.95.
     above_low: float
 
 

@@ -21,7 +21,7 @@ from palpate.estimate.force import ForceEstimate, enough_pairs
 #: Powers of the excess that a pixel's force is mixed from. With weights of one sign every mixture
 #: rises; the smallest power represents the threshold.
 EXPONENTS = (0.1, 0.3, 0.5, 0.75, 1.0, 1.4)
-#: How far the gain of a pixel may lie off its sheet (log sd): more is not believed of one
+#: How far the gain of a pixel may differ from its sheet (log sd): more is not believed from one
 #: calibration.
 GAIN_SD = 0.05
 #: Relative error of a pair that the fit takes as usual, and the force below which errors count as
@@ -33,7 +33,7 @@ _FEWEST_RUNS = 3
 _EXPONENT_SD = 0.15
 #: No law rises more slowly: of weights on real Velostat none went with less than the power 0.6.
 _LEAST_EXPONENT = 0.5
-#: From this force on errors are proportions; below, newtons.
+#: From this force on errors are relative; below, in newtons.
 _FIRM_N = 1.0
 _ROUNDS = 3
 #: Below this a reading of a pixel is noise of its rest value.
@@ -299,7 +299,7 @@ def _fit(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, Pixel
     )
 
 
-#: No sheet that can be calibrated at all is doubted more.
+#: Largest uncertainty of a sheet that can be calibrated at all.
 _MOST_DOUBT = 0.7
 #: With at least this many errors their quantile is believed.
 _MANY = 20

@@ -32,7 +32,7 @@ _SHAPE_SD = 0.03
 #: From session to session the torque of an ampere changes with the warmth of the motor: copper and
 #: magnets lose some percent from cold to warm.
 WARMTH_SD = 0.035
-#: What a sheet may not show of a force (threshold of its pixels, typical), newtons, and the least
+#: Force that a sheet may not show (threshold of its pixels, typical), newtons, and the least
 #: share of the final force that a reading must have to be used.
 _BLIND_N, _LEAST_SHARE = 0.25, 0.3
 #: Friction grows with the load: by this share of the grip (a guess for small geared servos, between
@@ -57,7 +57,7 @@ _FEWEST_MOVEMENTS, _USUAL_GEAR_SHARE = 10, 0.15
 class CurrentLaw:
     """current = gears + slope * force, while closing."""
 
-    #: What is taken without load.
+    #: Current without load.
     gears: GearFriction
     #: The slope.
     ma_per_n: float

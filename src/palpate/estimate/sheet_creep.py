@@ -19,7 +19,7 @@ from palpate.estimate.measurement import Measurement
 #: Fewer holds don't show how much the creep of a sheet scatters.
 _FEWEST = 5
 #: A grasp loads the sheet in other steps than its calibration did, and a thing may relax in the
-#: hand: by half of itself creep may differ for that.
+#: hand: creep may differ by half of itself for these reasons.
 _OTHERWISE = 0.5
 #: No reading at the horizon itself is better known than this (ln).
 _LEAST_SD = 0.005

@@ -25,8 +25,8 @@ from palpate.estimate.feldman_cousins import bounded_interval, bounded_middle
 from palpate.estimate.measurement import Measurement
 from palpate.settling.result import Status
 
-#: Against the last force of the same contact, a sheet reads the first one that it feels wrong by so
-#: much (ln force): it is the nearest to the threshold, and spread over other pixels. On 160
+#: Relative to the last force of the same contact, the first force that a sheet feels has this error
+#: (ln force): it is the nearest to the threshold, and spread over other pixels. On 160
 #: development closings of the twin 0.15 to 0.19 at both levels.
 _FIRST_SD = 0.2
 #: The scatter of the force from contact to contact is measured by the placements of the guided

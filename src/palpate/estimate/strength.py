@@ -209,7 +209,7 @@ class ClosingCurve:
     def _state(self, force_n: float) -> ClosingState:
         upper = self._log_slope(force_n / 2, force_n)
         if math.isnan(upper):
-            # Too little force since the curve began: all of it is the best there is.
+            # Too little force since the curve began: all of it is used.
             upper = self._log_slope(0.0, force_n)
         return ClosingState(force_n=force_n, log_stiffness=upper)
 

@@ -32,10 +32,10 @@ _RIGID_FINGERS = "the object gave way too little next to the hand; squeeze it mo
 #: Normal variables at five and three points with their probabilities (Gauss-Hermite).
 _GAIN_NODES, _GAIN_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _BLIND_NODES, _BLIND_WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
-#: Use and climate change a sheet's gain between calibration and grasp: log sd in force, as far as
+#: Use and climate change a sheet's gain between calibration and grasp: log sd in force, as long as
 #: nobody checks (paper, Figures 3 and 4).
 _SINCE_SD = 0.05
-#: What is left at the horizon of the force while closing: things relax by a percent or two.
+#: Share of the closing force that is left at the horizon: things relax by a percent or two.
 _RELAXED = 0.985
 #: What is held still keeps at least this share of its reading until the horizon, and reaches at
 #: most that multiple of it: fruit relaxes by a third, sheets creep by half. Beyond is extrapolated
@@ -187,7 +187,7 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
 
 
 def _log_ratio(large: float, small: float) -> float:
-    # A bound at 0 N counts as a thousandth: its logarithm would swallow everything else.
+    # A bound at 0 N counts as a thousandth: its logarithm would dominate everything else.
     return float(np.log(large / max(small, 1e-3 * large)))
 
 

@@ -34,7 +34,8 @@ _STUCK_SHARE = 0.7
 _REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 1.2
 #: An object that one finger pushes lies at most this many steps off the middle.
 _PUSHED_STEPS = 5.0
-#: A way that is cut to what is safe is not steady, and an unsteady one reads like a touch.
+#: A movement that is shortened to a safe length is not steady, and an unsteady one reads like a
+#: touch.
 _HASTE_SHARE = 0.85
 #: An expected size may have this error and the hand still comes near at full speed, mm.
 _EXPECTED_MM = 6.0

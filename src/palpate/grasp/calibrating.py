@@ -224,7 +224,7 @@ def _climbed(
         looking = bench.cell.read_n() < _TOUCH_N
         moved_s = bench.clock.now_s()
         room = _close_once(bench)
-        # A slow search for contact takes long; what the sheet answers to is its end.
+        # A slow search for contact takes long; the sheet responds to its end.
         moved_s = bench.clock.now_s() if looking else moved_s
         if room:
             reading = _reading(bench, rest, moved_s, since_move_s=dwell_s, mean_s=_EARLY_MEAN_S)

@@ -9,9 +9,9 @@ from palpate.grasp.calibrating import Bench
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.calibration import CurrentPairs
 
-#: So slowly (mm or kPa a second) that the cell's reading and the current are of one moment.
+#: Slow enough (mm/s or kPa/s) that the cell's reading and the current belong to one moment.
 _RATE, _POLL_S = 1.5, 0.05
-#: The empty hand closes faster: nothing changes on its way but the friction of the gears.
+#: The empty hand closes faster: only the friction of the gears changes on its way.
 _EMPTY_RATE = 3.0
 #: Short movements of the empty hand, as a grasp makes them: length (mm or kPa) and duration.
 _STEP, _STEP_S = 1.5, 0.38

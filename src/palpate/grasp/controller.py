@@ -34,7 +34,7 @@ Move = tuple[Belief, GripperCommand | None]
 _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
 #: Less than this share of the strongest touch of this grip means that the object is gone.
 _LOST_SHARE = 0.35
-#: A sheet that shows this much less than at its strongest step, though the hand has closed on so
+#: A sheet that shows this much less than at its strongest step, though the hand has closed on this
 #: often since, does not show the force, or the object gives way: neither is pressed on.
 _FALLS_SHARE, _FALLS_STEPS = 0.25, 2
 #: The squeeze ends a little below the target: what is left is corrected by settled forces.
@@ -216,7 +216,8 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
         return belief, None
     belief = read(belief, plan)
     felt = [c for c in belief.staircase if c.touch.shared_percent < plan.hint_percent]
-    # A gentle squeeze is not corrected afterwards, and may pass its force to learn the stiffness.
+    # A gentle squeeze is not corrected afterwards, and may exceed its force to measure the
+    # stiffness.
     aimed, why = plan.target_force_n is not None, None
     if aimed:
         goal_n = _NEAR * target.goal_n(plan)

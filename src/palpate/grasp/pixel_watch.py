@@ -31,7 +31,7 @@ _ANSWERED_S, _SAME = 0.3, 0.1
 #: does not fall quiet all at once: this many alike in a row are no new ones.
 _SEEN, _FEW_ALIKE, _MOST_ALIKE = 30, 2, 10
 #: No two pixels rest alike: where this many differ by this many counts at rest, a frame in which no
-#: two differ by more than one count is no picture of them.
+#: two differ by more than one count can't be genuine.
 _SEVERAL, _UNLIKE, _EQUAL = 4, 8, 1
 _SEE_DOCTOR = "run `palpate doctor`"
 
@@ -60,7 +60,7 @@ class PixelWatch:
         self._plan, self._layout = plan, plan.layout
         rest_ohm = np.asarray(plan.rest_ohm, dtype=float)
         self._known = np.isfinite(rest_ohm) & (rest_ohm > 0)
-        # Resistance over reference: what the counts give without knowing it.
+        # Resistance over reference: follows from the counts without knowing the reference.
         self._rest = np.where(self._known, rest_ohm, 1.0) / plan.layout.divider.reference_ohm
         resting = plan.layout.divider.full_scale / (1.0 + self._rest[self._known])
         self._unlike = resting.size >= _SEVERAL and float(np.ptp(resting)) >= _UNLIKE

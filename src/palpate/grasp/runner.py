@@ -28,7 +28,7 @@ from palpate.grasp.tracking_error import Following, unbelievable
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.sensor.array import Frame, PressureArray, wrong_counts
 
-#: Gets every observation: a recorder, a view. It must return quickly; what it raises ends it alone.
+#: Gets every observation: a recorder, a view. It must return quickly; if it raises, only it ends.
 Subscriber: TypeAlias = Callable[[Observation], None]
 #: Gets what the controller makes of each observation, on the same terms.
 Watcher: TypeAlias = Callable[[Belief], None]

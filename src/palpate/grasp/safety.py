@@ -8,7 +8,7 @@ from typing import Literal
 
 from palpate.grasp.phases import Phase
 
-#: The most that a finger may press on an object of which nothing is known. The only definition.
+#: The most that a finger may press on an unknown object. The only definition.
 FORCE_CEILING_N = 15.0
 
 #: Share of objects that a learned damage limit may let be damaged.

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 #: A grasp loads the sheet in a few large steps, the calibration in many small ones: read soon
 #: after a step, the sheet lags by another amount than it was calibrated with (log sd).
 _HASTE_SD = 0.12
-#: Below this no sheet is asked how far the force rose, newtons.
+#: Below this force, newtons, the sheet's rise is not used.
 _FAINTEST_N = 0.05
 
 
-#: Less than this share of the strongest reading of the closing is another grip than the servo's
-#: current was read of.
+#: Less than this share of the strongest reading of the closing is a different grip from the one
+#: that the servo's current was read in.
 _LEFT_SHARE = 0.2
 
 

@@ -33,7 +33,7 @@ _SHARE_OF_ROOM = 0.8
 _FELT_S = 0.2
 #: Steps that differ by less, mm or kPa (or whole steps of a drive), differ by arithmetic only.
 _EXACT = 1e-9
-#: Share of what is missing to the target that one step of the squeeze may close.
+#: Share of the force missing to the target that one step of the squeeze may add.
 _BOLD = 0.75
 
 

@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.estimate.servo_force import CurrentLaw
 
-#: What is remembered of the way; what is read as "now" of it, and how much lies between now and the
+#: Time that is remembered of a movement; the part read as "now", and the gap between now and the
 #: past that it is compared with: a touch that has just begun must not be its own measure.
 _REMEMBERED_S, _NOW_S, _APART_S = 0.6, 0.016, 0.06
 #: The rise of resistance that a movement makes is steady from here on (it fades with 0.06-0.12 s).
 _STEADY_S = 0.4
-#: The level of a way is the mean over this time.
+#: The level of a movement is the mean over this time.
 _LEVEL_S = 0.2
 #: A change is a touch from this many standard deviations on, and above this share of the
 #: resistance.
 _SURE_SD, _LEAST_SHARE = 6.0, 0.008
 #: A hand at speed shakes every pixel: this many frames that are all alike are not new.
 _ASLEEP, _ASLEEP_S = 4, 0.2
-#: A slow fall by this share from the level of the way, or below rest, is a touch too, where noise
-#: alone makes none.
+#: A slow fall by this share from the level of the movement, or below rest, is a touch too, where
+#: noise alone makes none.
 _SLOW_SHARE = 0.016
 #: What a faster movement before this one left behind is over after this time.
 _SLOWED_S = 0.25
@@ -116,8 +116,8 @@ class Sweep:
         steady = before & (time_s > self.since_s + _STEADY_S)
         pixels = np.array(self.log_ohm)
         latest = pixels[now].mean(axis=0)
-        # A load that rises slowly takes its own recent past along: the level of this way, and that
-        # at rest, which a movement only raises, are compared with besides.
+        # A load that rises slowly also shifts its own recent past: the level of this movement, and
+        # that at rest, which a movement only raises, are compared too.
         highest = 0.0 if self.level is None else np.maximum(self.level, 0.0)
         if bool((latest < highest - max(_SURE_SD * _noise(pixels), _SLOW_SHARE)).any()):
             return True
@@ -129,7 +129,7 @@ class Sweep:
         if np.count_nonzero(before) // many < _FEWEST:
             return False
         past = _means(pixels[before], many)
-        # What all pixels share of their changes is the movement's.
+        # The part of the change that all pixels share is the movement's.
         own = np.diff(past, axis=0)
         own = own - np.median(own, axis=(1, 2), keepdims=True)
         least = max(_SURE_SD * float(np.sqrt(np.mean(own**2))), _LEAST_SHARE)

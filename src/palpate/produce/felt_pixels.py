@@ -14,7 +14,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
-#: Readings are means over this time: before the first movement, and before the answer.
+#: Readings are means over this time, before the first movement and before the answer.
 MEAN_S = 0.4
 
 

@@ -65,7 +65,7 @@ def records_of(
         What was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
     """
     answers = ((name, getattr(result, name)) for name in _ANSWERED)
-    # The store keeps numbers: a bound is none.
+    # The store keeps numbers; a bound is not a number.
     measured = {name: value for name, value in answers if value is not None and value.number}
     measured |= {**held_at(seen, result=result, drive=drive), **closing}
     grasp = Grasp(

@@ -44,7 +44,7 @@ _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _UNIX_FROM = 1e8
 #: A board's 32-bit clock starts again at 0: after 71 min in microseconds, 49 days in milliseconds.
 _WRAP = 2.0**32
-#: Nobody records holds more slowly than this, in s between readings; nor faster than one in this.
+#: Longest and shortest time between readings with which anybody records holds, seconds.
 _SLOWEST_S, _FASTEST_S = 4.0, 2e-4
 _DAY_S = 86400.0
 

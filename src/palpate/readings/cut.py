@@ -11,14 +11,15 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.readings.contacts import MOVED_WITHIN_S, ContactOutline, Stretch, heights, outline
 
-#: From contact to opening; a shorter touch is a step on the way more often than a hold. Of it at
-#: least half are left after loading.
+#: From contact to opening; a shorter touch is more often a step on the way than a hold. At
+#: least half of it is left after loading.
 SHORTEST_S = 1.0
 FEWEST_READINGS = 5
 #: Loading takes no longer than this after contact; what still moves then is settling.
 LOADING_S = 2.0
-#: How much longer than to the knee the loading takes: the reading bends where the force, of which
-#: it is a power, is at two thirds. Median of 222 robot presses with a load cell; 1.5 on 221 others.
+#: Ratio of the loading time to the time of the reading's knee: the reading is a power of the force,
+#: and bends where the force is at two thirds. Median of 222 robot presses with a load cell; 1.5 on
+#: 221 others.
 LOADING_PER_KNEE = 1.5
 #: A stretch whose last third moves by more than this share of its contact hasn't been held ...
 STILL_SHARE = 0.1

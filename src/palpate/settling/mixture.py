@@ -23,7 +23,7 @@ LIGHTEST = 1e-3
 _PLACES = np.array([-3.2, -2.2, -1.6, -1.1, -0.7, -0.35, 0, 0.35, 0.7, 1.1, 1.6, 2.2, 3.2])
 #: A component is taken as logistic: half of the inverse of its scale at a standard deviation of 1.
 _STEEPNESS = np.pi / np.sqrt(12.0)
-#: Twice a probability less one is never nearer to -1 or 1, and no variance smaller.
+#: Twice a probability less one is kept this far from -1 and 1, and no variance is smaller.
 _RAREST, _TINY = 1e-9, float(np.finfo(float).tiny)
 #: How far beyond a place a quantile may lie.
 _BEYOND = 6.0

@@ -163,7 +163,7 @@ def shrunk_slope(missing: FloatArray, seen: FloatArray) -> float:
 def given_truth(found: Mixture, *, truth: float, components: int) -> FloatArray:
     """Return the posterior of all components of one hold given the change that was ahead."""
     off = (truth - found.forecast) / found.deviation
-    # Heavy tails: where nothing forecast the truth, the least wrong must not take it all.
+    # Heavy tails: where no component forecast the truth, the least wrong must not take all weight.
     likely = found.weight / found.deviation * (1 + off**2 / 4) ** -2.5
     share = np.bincount(found.component, weights=likely, minlength=components)
     return np.asarray(share / share.sum(), np.float64)

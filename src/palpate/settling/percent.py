@@ -33,7 +33,7 @@ class InPercent:
     True
     """
 
-    #: What predicts the ratio to the resistance at rest.
+    #: Predicts the ratio to the resistance at rest.
     method: SettlingMethod
 
     @property

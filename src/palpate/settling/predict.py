@@ -19,7 +19,7 @@ from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod, joined
 
-#: Holds predicted at once: what they take in memory stays the same, however many there are.
+#: Holds predicted at once: memory stays the same, however many there are.
 _BLOCK = 4096
 #: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
 METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(

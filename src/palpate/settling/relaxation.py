@@ -31,7 +31,7 @@ RINGING_S = 1.5
 #: Before this time after the origin a wide interval means that it is too early to decide; later,
 #: that no shape fits.
 EARLY_S = 2.0
-#: An interval wider than this to either side, as a share of the value, is none to act on.
+#: An interval wider than this to either side, as a share of the value, is too wide to act on.
 WIDEST = 0.2
 #: A hold that has come back by more than this share of its drop is bouncing, not settling.
 TURNED_BACK = 0.3

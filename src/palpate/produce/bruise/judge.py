@@ -57,7 +57,7 @@ class FeltSide:
     shape: LoadShape
     #: Shape (rows, cols). Relative change of each pixel.
     change_percent: FloatArray
-    #: References, by their names in `bruise_model.REFERENCES`.
+    #: References, by their names in `palpate.produce.bruise.model.REFERENCES`.
     against: Mapping[str, LoadShape]
 
 

@@ -12,8 +12,8 @@ from palpate.errors import InputError, needing
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, Example, Locator, Logistic, Place
 from palpate.produce.bruise.shape import LoadShape, contrast, finger_contrast, slopes
 
-#: Inverse strength of the ridge on standardised contrasts (there are up to 51), how many sides of
-#: each kind are the fewest to learn from, and in how many parts these are left out in turn.
+#: Inverse strength of the ridge on standardised contrasts (there are up to 51), the fewest sides of
+#: each kind to learn from, and the number of parts that are left out in turn.
 _RIDGE, _FEWEST, _FOLDS = 0.1, 10, 5
 
 
@@ -84,7 +84,7 @@ def _fit(values: FloatArray, truth: Sequence[bool], *, even: bool = True) -> Log
     standard, answer = (values - centre) / scale, np.asarray(truth, dtype=int)
     options = {"max_iter": 5000, "class_weight": "balanced", "fit_intercept": even}
     judge = LogisticRegression(C=_RIDGE, **options)
-    # The ridge makes shy: odds are stretched to what they are worth on sides left out.
+    # The ridge shrinks the odds: they are scaled to fit sides left out.
     left_out = cross_val_predict(
         judge, standard, answer, cv=StratifiedKFold(_FOLDS), method="decision_function"
     )

@@ -25,9 +25,9 @@ from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.signal.relative import CONTACT_PERCENT
 
-#: Excess conductance at the paper's contact threshold: what is well below it is no load.
+#: Excess conductance at the paper's contact threshold: well below it there is no load.
 _TOUCH = 100.0 / (100.0 + CONTACT_PERCENT) - 1.0
-#: Number of what a finger's pattern is described by: mean, along, across, crossed.
+#: Number of terms that describe a finger's pattern: mean, along, across, crossed.
 MODES = 4
 #: Change of sign of the eight numbers (four differences, four means) when the fingers change places
 #: and under the mirrors along and across.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-#: Items looked at, the last met first, and items of one kind that are learned from: what is taught
+#: Items read, the last met first, and items of one kind that are learned from: what is taught
 #: today should not depend on how much was taught years ago.
 _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
 

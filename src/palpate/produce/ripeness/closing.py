@@ -48,7 +48,7 @@ _STEP_SD, _SETTLED_SD = 0.05, 0.04
 _RELAXED, _RELAXED_SD = 0.10, 0.07
 #: A width is never known better, mm.
 _SHARPEST_MM = 0.03
-#: No body is harder than this, mm per N^(2/3): what scatter makes harder is put here.
+#: No body is harder than this, mm per N^(2/3): estimates beyond it, from scatter, are set to it.
 _HARDEST = 0.05
 #: A load below this many standard deviations of faint forces shows nothing, nor one below 1 N,
 #: where a sheet's law is at its poorest: closings that began with less scattered up to twice as

@@ -32,11 +32,11 @@ _START, _START_WEIGHT = np.polynomial.hermite_e.hermegauss(3)
 _FREEDOM, _ROUNDS = 5.0, 3
 #: A day's own scatter from grasp to grasp is believed as if the usual one had been seen this often.
 _USUAL_GRASPS = 6
-#: A course that would begin softer than it ends is held to this fall.
+#: A course that would begin softer than it ends is limited to this fall.
 _LEAST_FALL = 1e-3
 #: Paces of one kind differ by about this (log sd). A few items can't show it.
 _PACE_LOG_SD = 0.3
-#: Weak beliefs before any item was felt: halfway after a few days (give or take a week), at a pace
+#: Weak priors before any item was felt: halfway after a few days (give or take a week), at a pace
 #: of a day (e-fold), scatter of a tenth of the whole fall.
 _USUAL_PACE_DAYS, _USUAL_NOISE_SHARE = 1.0, 0.1
 

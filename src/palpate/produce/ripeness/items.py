@@ -205,5 +205,5 @@ def _give(store: Store, grasps: Sequence[Grasp], *, drive: Drive) -> Compliance 
             block["force_n"], width_mm=block["width_mm"], block_mm=block["block_mm"]
         )
     except (CalibrationError, KeyError, ValueError):
-        # Made without a block: then drift is taken to reach every fruit alike.
+        # Made without a block: then drift is taken to affect every fruit alike.
         return None

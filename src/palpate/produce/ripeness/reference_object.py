@@ -211,7 +211,7 @@ class ForceRead:
     #: named below.
     read: tuple[tuple[datetime, float], ...]
     #: Share that is left out of what the servo's current adds to the sheet, and ln of the gain that
-    #: they give a contact on the average, which stays.
+    #: it gives a contact on average, which stays.
     left_out: float
     usual_gain: float
     #: How ln force changes over a morning, and as far from its middle as this was felt.
