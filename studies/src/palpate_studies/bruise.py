@@ -1,4 +1,4 @@
-"""Table 6 and Figure 17 of the paper, and how surely bruised apples are told from sound ones."""
+"""Table 6 and Figure 17 of the paper, and how surely bruised apples differ from sound ones."""
 
 from __future__ import annotations
 

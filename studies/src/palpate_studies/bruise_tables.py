@@ -202,7 +202,7 @@ def reliability_table(scores: Mapping[str, Mapping[str, Scored]]) -> Table:
         rows.append([label, *cells])
     return Table(
         title="Probabilities on apples and sensors not learned from: Brier score (0.25: knows "
-        "nothing), and mean distance of probability said and share bruised",
+        "nothing), and mean distance of stated probability and share bruised",
         columns=(
             "way",
             *(column for level in LEVELS for column in (f"Brier, {level}", f"apart, {level}")),

@@ -81,7 +81,7 @@ def _flat(value: int) -> Spoil:
 
 
 def _unfelt(counts: Counts, first: Counts) -> Counts:
-    """The object lies beside the sheet: each pixel reads as at first, and shakes a little."""
+    """The object lies off the sheet: each pixel reads as at first, and shakes a little."""
     return np.asarray(np.clip(first + counts % 3 - 1, 2, _TOP - 3), dtype=np.int32)
 
 

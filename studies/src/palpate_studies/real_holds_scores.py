@@ -96,7 +96,7 @@ def limits(result: FileResult) -> dict[str, float | None]:
     """Return what the errors at the main cut-off go with, over all holds of a file.
 
     `between_specimens_percent` is the share of the variance of the signed error that is due to
-    specimens: what knowing the specimen could remove. The rank correlations say how far the size
+    specimens: what knowing the specimen could remove. The rank correlations show how far the size
     of the error follows the rise inside the window, and the change still to come.
     """
     from scipy.stats import spearmanr

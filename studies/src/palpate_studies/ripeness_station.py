@@ -183,7 +183,7 @@ class _Bench:
         return not days or rule.judge(days).unsure
 
     def _wait_near(self, size_mm: float) -> None:
-        """Bring the fingers near what lies in the nest, and let the sheet come to rest."""
+        """Bring the fingers near what lies in the nest, and let the sheet settle."""
         limits = self._plan.gripper
         gap_mm = math.ceil(size_mm) + _GAP_MM - OPEN_MM
         target = limits.highest + gap_mm if limits.drive == "width" else -gap_mm / SOFT_MM_PER_KPA

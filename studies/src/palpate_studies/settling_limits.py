@@ -116,16 +116,17 @@ def _learners(holds: Sequence[Hold]) -> dict[str, list[FloatArray]]:
         "extra trees": lambda: ExtraTreesRegressor(100, min_samples_leaf=3, random_state=0),
     }
     return {
-        f"{name}, same specimens{', given the ohm value' if told else ''}": [
-            _cross_validated(holds, make, cutoff_s=cutoff_s, told=told) for cutoff_s in CUTOFFS_S
+        f"{name}, same specimens{', given the ohm value' if given_ohm else ''}": [
+            _cross_validated(holds, make, cutoff_s=cutoff_s, given_ohm=given_ohm)
+            for cutoff_s in CUTOFFS_S
         ]
         for name, make in kinds.items()
-        for told in (False, True)
+        for given_ohm in (False, True)
     }
 
 
 def _cross_validated(
-    holds: Sequence[Hold], make: Callable[[], Any], *, cutoff_s: float, told: bool
+    holds: Sequence[Hold], make: Callable[[], Any], *, cutoff_s: float, given_ohm: bool
 ) -> FloatArray:
     """Return |error| in % of each hold, predicted by a learner trained on the other folds."""
     rows = [_stretches(hold, cutoff_s) for hold in holds]
@@ -136,7 +137,7 @@ def _cross_validated(
         [settled_value(h.time_s, h.values, horizon_s=HORIZON_S) for h in holds], dtype=np.float64
     )
     features = fallen / drop[:, None]
-    if told:
+    if given_ohm:
         features = np.column_stack([features, np.log(drop / np.abs(last))])
     target, weight = (settled - last) / drop, (drop / np.abs(settled)) ** 2
     predicted = np.empty(len(holds))
