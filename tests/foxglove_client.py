@@ -22,7 +22,7 @@ _HEAD = struct.Struct("<BIQ")
 
 @dataclass(frozen=True)
 class Received:
-    """A message: JSON as what it says, protobuf as an object of its advertised class."""
+    """A message: JSON as its content, protobuf as an object of its advertised class."""
 
     topic: str
     log_time_ns: int
@@ -69,11 +69,11 @@ class FoxgloveClient:
                 content = json.loads(payload) if made is None else made.FromString(payload)
                 yield Received(topic, log_time_ns, content)
 
-    def _take(self, told: dict[str, Any]) -> None:
-        if told["op"] == "serverInfo":
-            self.server = told
-        elif told["op"] == "advertise":
-            self.channels |= {channel["topic"]: channel for channel in told["channels"]}
+    def _take(self, message: dict[str, Any]) -> None:
+        if message["op"] == "serverInfo":
+            self.server = message
+        elif message["op"] == "advertise":
+            self.channels |= {channel["topic"]: channel for channel in message["channels"]}
 
 
 @contextmanager

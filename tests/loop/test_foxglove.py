@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
+from pathlib import Path
 from typing import IO
 
 import numpy as np
 import pytest
+from benchmarks.dashboard import board_on_a_line
 from jsonschema import Draft202012Validator
 from tests.foxglove_client import FoxgloveClient, Received, foxglove_client
 
@@ -24,9 +29,9 @@ COMMAND = (sys.executable, "-c", "from palpate.cli import main; main()", "live")
 
 
 @contextmanager
-def live(*options: str) -> Iterator[str]:
+def live(rig: str, *options: str) -> Iterator[str]:
     """Run `palpate live --foxglove` on a free port; yield the address that it prints."""
-    command = [*COMMAND, "--rig", "sim-rigid", "--foxglove", "127.0.0.1:0", *options]
+    command = [*COMMAND, "--rig", rig, "--foxglove", "127.0.0.1:0", *options]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -61,7 +66,7 @@ def until_contact(client: FoxgloveClient) -> list[Received]:
 
 @pytest.fixture(scope="module")
 def seen() -> tuple[FoxgloveClient, list[Received]]:
-    with live("--force") as address:
+    with live("sim-rigid", "--force") as address:
         # One that leaves at once disturbs nobody.
         with foxglove_client(address) as first:
             first.subscribe()
@@ -154,10 +159,35 @@ def test_a_contact_is_an_event_at_the_frame_that_shows_it(seen: Seen) -> None:
     assert min(earlier) > CONTACT_PERCENT
 
 
-def test_simulated_is_said_in_the_name_and_on_the_link(seen: Seen) -> None:
+def test_simulated_is_shown_in_the_name_and_on_the_link(seen: Seen) -> None:
     assert seen[0].server["name"] == "palpate sim-rigid (SIMULATED)"
     links = [message.content for message in of(seen, "/link")]
     assert len(links) > 2
     assert all(one["simulated"] and one["source"] == "sim-rigid" for one in links)
     assert links[-1]["rate_hz"] == pytest.approx(15.0, abs=0.5)
     assert (links[-1]["lost"], links[-1]["corrupt"]) == (0, 0)
+
+
+def test_a_board_that_falls_silent_and_returns_makes_events(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    with board_on_a_line(100.0) as (port, board):
+        rig.write_text(
+            '[array]\nopen = "palpate.sensor.board_array:open_board"\n'
+            f'port = "{port}"\nrate_hz = 100.0\n'
+        )
+        with live(str(rig)) as address, foxglove_client(address) as client:
+            client.subscribe()
+            messages = client.messages()
+            # The rest is known after a second: from then on there are changes.
+            first = next(message for message in messages if message.topic == "/change")
+            assert abs(time.time_ns() - first.log_time_ns) < 1e9
+            os.kill(board, signal.SIGSTOP)
+            silent = next(message for message in messages if message.topic == "/events")
+            os.kill(board, signal.SIGCONT)
+            back = next(message for message in messages if message.topic == "/events")
+            link = next(message for message in messages if message.topic == "/link")
+    assert (silent.content["name"], back.content["name"]) == ("silent", "back")
+    # The time of "back" is that of its frame, which this board makes up for its silence with.
+    assert first.log_time_ns < min(silent.log_time_ns, back.log_time_ns)
+    assert link.content["simulated"] is False
+    assert "SIMULATED" not in client.server["name"]

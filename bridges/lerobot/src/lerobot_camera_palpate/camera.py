@@ -1,4 +1,4 @@
-"""The camera: a thread reads the sensor, whoever asks gets the newest image."""
+"""The camera: a thread reads the sensor, and the caller gets the newest image."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ class PalpateCamera(Camera):
         assert self.width is not None
         assert self.height is not None
         image = picture(reading.change_percent, width=self.width, height=self.height)
-        # Whoever keeps it keeps what was seen.
+        # The caller may keep it: it must stay what was seen.
         image.flags.writeable = False
         with self._news:
             self._image, self._taken_s, self._unread = image, now_s, True
