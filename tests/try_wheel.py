@@ -32,11 +32,13 @@ BASE = (
     ("settle demo-recordings/ohm.csv --plot settled.png", 2, "palpate[plots]"),
     ("demo packhouse", 2, "palpate[produce]"),
     ("serve", 2, "palpate[dashboard]"),
+    ("live --rig sim-rigid --duration 1 --foxglove", 2, "palpate[foxglove]"),
 )
 EXTRAS = (
     ("demo recordings", 0, "simulated"),
     ("settle demo-recordings/ohm.csv --plot settled.png", 0, "settled.png"),
     ("demo packhouse", 0, "simulated"),
+    ("live --rig sim-rigid --duration 1 --foxglove 127.0.0.1:0", 0, "layout.json"),
     (f"ripeness --batch Monday --reference ball {STORE}", 0, "ripe"),
     (f"sort --rules demo-packhouse/rules.toml --batch Monday {STORE}", 0, "sell today"),
 )
