@@ -13,11 +13,13 @@ import pytest
 import typer
 
 from palpate.cli import GROUPS, VERBS, build_app, run
-from palpate.commands.calibrate import STEPS
+from palpate.commands import archive, calibrate
 
 #: Verbs with a list of names in place of options.
-LISTS = ("study", "bench", "calibrate")
-PAGES = [[verb] for verb in VERBS if verb not in LISTS] + [["calibrate", step] for step in STEPS]
+LISTS = ("study", "bench", "calibrate", "archive")
+STEPS = {"calibrate": calibrate.STEPS, "archive": archive.STEPS}
+PAGES = [[verb] for verb in VERBS if verb not in LISTS]
+PAGES += [[verb, step] for verb, steps in STEPS.items() for step in steps]
 
 
 def page(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -45,7 +47,7 @@ def test_nothing_is_swallowed_or_cut_off(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     module = importlib.import_module(
-        f"palpate.commands.{STEPS[words[1]][0] if len(words) > 1 else words[0]}"
+        f"palpate.commands.{STEPS[words[0]][words[1]][0] if len(words) > 1 else words[0]}"
     )
     function = getattr(module, "command" if len(words) > 1 else words[0])
     hints = get_type_hints(function, include_extras=True).values()
