@@ -73,7 +73,7 @@ def test_a_berry_is_held_and_measured(rig: Rig) -> None:
     assert rig.simulated
     assert truth["size_mm"] == thing("strawberry").size_mm
     assert result.size_mm is not None
-    # As wide as the scatter of `sim-rigid` on the same objects (`benchmarks/mujoco_rig.py`).
+    # Four standard deviations of MuJoCo's size error (`benchmarks/mujoco_rig.py`).
     assert result.size_mm.value == pytest.approx(truth["size_mm"], abs=0.8)
     assert result.force_n is not None
     assert result.force_n.low < truth["force_n"] < result.force_n.high
