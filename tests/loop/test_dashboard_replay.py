@@ -48,6 +48,18 @@ def page(browser: Browser, folder: Path) -> Iterator[Page]:
         context.close()
 
 
+#: Where the kept line and the one that is shown begin and end, and how far they go.
+LINES = """svg => {
+    const ends = (line) => {
+        const points = Array.from(line.points, (p) => [p.x, p.y]);
+        const y = points.map((p) => p[1]);
+        return [points[0][0], points.at(-1)[0], Math.min(...y), Math.max(...y)];
+    };
+    const one = (rule) => ends(document.querySelector(`#${svg} polyline${rule}`));
+    return { kept: one('.kept'), shown: one('[stroke="var(--curve)"]') };
+}"""
+
+
 def row(page: Page) -> Locator:
     return page.locator("#recordings .file").first
 
@@ -95,6 +107,41 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     page.get_by_role("button", name="Back to the rig").click()
     expect(page.locator("#timeline")).to_be_hidden()
     fresh(page)
+
+
+def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folder: Path) -> None:
+    page.get_by_label("Replay speed").get_by_role("button", name="10×").click()
+    row(page).get_by_role("button", name="Replay").click()
+    expect(page.locator("#verdict-text")).to_have_text("held and given back")
+    keep = page.get_by_role("button", name="Keep to compare")
+    keep.click()
+    # Against itself it is the same line, of which fewer points are drawn.
+    for svg in ("force", "curve"):
+        expect(page.locator(f"#{svg} polyline.kept")).to_be_attached()
+        ends = page.evaluate(LINES, svg)
+        assert ends["kept"] == pytest.approx(ends["shown"], abs=3.0)
+    (first,) = (folder / "data").glob("*.mcap")
+    expect(page.locator("#force-card .kept-key")).to_contain_text(first.stem)
+    page.get_by_role("button", name="Back to the rig").click()
+    fresh(page)
+    # No contact, nothing to compare with.
+    expect(page.locator("polyline.kept")).to_have_count(0)
+    grasp(page)
+    expect(page.locator("#force polyline.kept")).to_be_attached()
+    release(page)
+    row(page).get_by_role("button", name="Replay").click()
+    expect(page.locator("#timeline")).to_be_visible()
+    expect(page.locator("#force polyline.kept")).to_be_attached()
+    page.locator("#force").hover(position={"x": 120, "y": 60})
+    expect(page.locator("#force-at")).to_contain_text("kept")
+    page.get_by_role("button", name="Stop comparing").click()
+    expect(page.locator("polyline.kept")).to_have_count(0)
+    expect(keep).to_be_visible()
+    page.get_by_role("button", name="Back to the rig").click()
+    fresh(page)
+    newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
+    newest.unlink()
+    expect(page.locator("#recordings .file")).to_have_count(1)
 
 
 def test_whoever_only_watches_moves_nothing(page: Page, browser: Browser) -> None:

@@ -1,5 +1,6 @@
 // Force and reading over time, on one time axis that counts from the contact.
 import { $, seen } from "/static/follow.js";
+import { keptAt, zeroOf } from "/static/kept.js";
 import { fixed, range, t } from "/static/words.js";
 
 const WINDOW_S = 30, POINTS = 400;
@@ -20,15 +21,16 @@ function ticks(low, high, most) {
 // What both curves share: the window of time, and what happened in it.
 function shared(doc) {
   const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : 0, first = seen.curve.length ? seen.curve[0][0] : 0;
-  const grasp = doc.replay ? doc.replay.grasp : doc.grasp, zero = grasp ? (grasp.touched_s ?? grasp.began_s) : first;
-  const start = doc.replay ? first : Math.max(grasp ? Math.min(grasp.began_s, last - WINDOW_S) : first, first, last - WINDOW_S);
-  const end = doc.replay ? last : Math.max(last, start + WINDOW_S);
+  const grasp = doc.replay ? doc.replay.grasp : doc.grasp, zero = zeroOf(doc);
+  const touched = Boolean(grasp && grasp.touched_s !== null), kept = keptAt(zero, touched);
+  const start = doc.replay ? Math.min(first, kept[0]?.[0] ?? first) : Math.max(grasp ? Math.min(grasp.began_s, last - WINDOW_S) : first, first, last - WINDOW_S);
+  const end = doc.replay ? Math.max(last, kept.at(-1)?.[0] ?? last) : Math.max(last, start + WINDOW_S);
   const all = seen.curve.filter(([time]) => time >= start), every = Math.max(1, Math.ceil(all.length / POINTS));
   // Every so many by their number in time, so that a curve does not shimmer as it moves.
   const curve = all.filter(([time], i) => i === all.length - 1 || Math.round(time * 50) % every === 0);
   const moments = (grasp ? grasp.moments : []).filter(([time]) => time >= start);
   const now = doc.replay ? doc.replay.time_s : last;
-  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), touched: Boolean(grasp && grasp.touched_s !== null), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
+  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), touched, kept: kept.filter(([time]) => time >= start && time <= end), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
 }
 
 function canvas(svg, view, [low, high]) {
@@ -84,6 +86,12 @@ function forecast(c, view, id, [low, value, high], digits, unit) {
     <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">${t("settles at")} ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}</text>`;
 }
 
+// Of another recording, under the one that is shown.
+function compared(c, view, column) {
+  const points = view.kept.filter((p) => p[column] !== undefined);
+  return points.length ? `<polyline class="kept" clip-path="url(#${c.clip})" points="${c.line(points.map((p) => [p[0], p[column]]))}"/>` : "";
+}
+
 function level(c, value, name, kind) {
   if (value === null || value === undefined) return "";
   const beyond = value > c.high, at = beyond ? BOX.t + 1 : c.y(value);
@@ -108,7 +116,9 @@ function reading(c, view, svg, column, words) {
   const inside = time !== null && time >= view.start && time <= view.last + 0.5;
   const one = inside ? nearest(points, time) : nearest(points, view.now);
   out.classList.toggle("pointed", inside);
-  out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}` : words(one);
+  const other = inside ? view.kept.filter((p) => p[column] !== undefined) : [];
+  const beside = other.length ? ` · ${t("kept")} ${words(nearest(other, one[0]))}` : "";
+  out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}${beside}` : words(one);
   return inside ? `<line class="cross" x1="${c.x(one[0])}" x2="${c.x(one[0])}" y1="${BOX.t}" y2="${c.height - BOX.b}"/><circle cx="${c.x(one[0])}" cy="${c.y(one[column])}" r="5" fill="none" stroke="var(--ink)" stroke-width="2"/>` : "";
 }
 
@@ -126,23 +136,23 @@ function drawForce(view) {
   const values = view.curve.filter((p) => p[3] !== undefined), settled = view.band.filter((b) => b[6] !== undefined).map((b) => b[6]);
   $("force-card").classList.toggle("hidden", !values.length);
   if (!values.length) return;
-  const highest = Math.max(1, ...values.map((p) => p[3]), ...settled);
+  const highest = Math.max(1, ...values.map((p) => p[3]), ...view.kept.map((p) => p[3] ?? 0), ...settled);
   const limits = [view.bounds.target_n, view.bounds.damage_low_n].filter((v) => v !== null && v !== undefined && v < 2.5 * highest);
   const c = canvas(svg, view, [0, 1.15 * Math.max(highest, ...limits, ...values.map((p) => Math.min(p[4], 1.5 * p[3])))]);
   const outline = [...values.map((p) => [p[0], p[4]]), ...[...values].reverse().map((p) => [p[0], p[2]])];
   const damage = view.bounds.damage_low_n, ceiling = damage === null || damage === undefined ? view.bounds.ceiling_n : null;
-  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${forecast(c, view, "force-band", [4, 5, 6], 2, "N")}${level(c, view.bounds.target_n, t("target"), "target")}${level(c, damage, t("damage limit"), "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, t("ceiling"), "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
+  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${compared(c, view, 3)}${forecast(c, view, "force-band", [4, 5, 6], 2, "N")}${level(c, view.bounds.target_n, t("target"), "target")}${level(c, damage, t("damage limit"), "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, t("ceiling"), "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
 }
 
 function drawReading(view) {
   const svg = $("curve");
   if (!svg) return;
   const capped = { ...view, curve: view.curve.map((p) => (p[1] > HIGHEST ? Object.assign([...p], { 1: HIGHEST }) : p)) };
-  const values = capped.curve.length ? [...capped.curve.map((p) => p[1]), ...view.band.flatMap((b) => [b[1], b[3]])] : [0];
+  const values = capped.curve.length ? [...capped.curve.map((p) => p[1]), ...view.kept.map((p) => Math.min(p[1], HIGHEST)), ...view.band.flatMap((b) => [b[1], b[3]])] : [0];
   // Never closer than this: noise must not look like a signal.
   const middle = (Math.max(...values) + Math.min(...values)) / 2, half = Math.max(4, 0.56 * (Math.max(...values) - Math.min(...values)));
   const c = canvas(svg, view, [middle - half, middle + half]);
-  svg.innerHTML = `${ground(c, view)}${forecast(c, view, "band", [1, 2, 3], 1, "%")}${ending(c, capped, 1)}${reading(c, capped, svg, 1, (p) => `${fixed(p[1], 1)} %`)}`;
+  svg.innerHTML = `${ground(c, view)}${compared(c, view, 1)}${forecast(c, view, "band", [1, 2, 3], 1, "%")}${ending(c, capped, 1)}${reading(c, capped, svg, 1, (p) => `${fixed(p[1], 1)} %`)}`;
 }
 
 export function drawCurves(doc) {

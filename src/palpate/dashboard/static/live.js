@@ -3,6 +3,7 @@ import { $, follow, say, whys } from "/static/follow.js";
 import { fixed, range, t } from "/static/words.js";
 import { begin as beginCurves, drawCurves } from "/static/curves.js";
 import { begin as beginHand, drawFingers } from "/static/hand.js";
+import { begin as beginKept, drawKept } from "/static/kept.js";
 import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
 
 const UNITS = { size_mm: [t("Size"), "mm", 1], force_n: [t("Grip force"), "N", 2], stiffness_n_per_mm: [t("Stiffness"), "N/mm", 2], settled_percent: [t("Settled at 20 s"), "%", 1] };
@@ -79,4 +80,5 @@ document.addEventListener("click", (event) => {
 beginHand();
 beginCurves();
 beginTimeline();
-follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); hideUnmeasured(doc); });
+beginKept();
+follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); hideUnmeasured(doc); });
