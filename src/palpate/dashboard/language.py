@@ -96,8 +96,8 @@ class Language(Formatter):
         return self.vformat(self._catalogue.ngettext(one, more, n), (), {"n": n, **values})
 
     def number(self, value: float, spec: str) -> str:
-        """Return a number as `format` writes it, with the decimal mark of this language."""
-        return self.format_field(float(value), spec)
+        """Return a number as `format` writes it, with this language's decimal mark and a minus."""
+        return self.format_field(float(value), spec).replace("-", "\N{MINUS SIGN}")
 
     def day(self, moment: datetime) -> str:
         """Return day and time."""

@@ -130,7 +130,7 @@ def _header(
         ui.element("div").classes("grow")
         ui.html(
             '<span id="link" class="pill num" data-state="waiting"><span class="dot"></span>'
-            f'<span id="link-text">{tr("connecting")}</span></span>'
+            f'<span id="link-text">{tr("connecting")}</span><span id="link-age"></span></span>'
             '<span id="link-state" class="heard" role="status"></span>',
             sanitize=False,
         )

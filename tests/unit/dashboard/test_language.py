@@ -108,7 +108,7 @@ def test_a_message_is_english_until_it_is_translated_and_passes_between_processe
 
 def test_numbers_and_days_are_written_as_the_language_does() -> None:
     german = language_for("de", "")
-    assert german.number(-1.25, "+.1f") == "-1,2"
+    assert german.number(-1.25, "+.1f") == "\N{MINUS SIGN}1,2"
     assert german("{n:g} N", n=3.5) == "3,5 N"
     assert german.day(datetime(2026, 3, 5, 14, 7)) == "05.03. 14:07"
 

@@ -9,6 +9,12 @@ export const seen = { generation: -1, curve: [], band: [], at: performance.now()
 // A screen reader speaks of what is written: nothing is, unless it changed.
 export const say = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
 
+// A headline is as large as its longest word allows.
+export function headline(box, element, text) {
+  say(element, text);
+  box.style.setProperty("--letters", Math.max(...text.split(" ").map((word) => word.length)));
+}
+
 const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
 const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0) }) : t("{time} s ago", { time: fixed(s, 1) }));
 
@@ -31,8 +37,10 @@ function drawHead(doc) {
   const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
   const age = link.age_s === null ? t("no frame yet") : t("last frame {ago}", { ago: sinceFrame(link.age_s) });
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
-  const counted = [link.stale ? t("NO FRAMES") : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : "", age].filter(Boolean).join(" · ");
-  $("link-text").textContent = replayed ? t("replay") : link.waiting ? t(doc.activity) : counted;
+  const counted = [link.stale ? t("NO FRAMES") : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : ""].filter(Boolean).join(" · ");
+  const counts = !replayed && !link.waiting;
+  $("link-text").textContent = counts ? counted : replayed ? t("replay") : t(doc.activity);
+  $("link-age").textContent = counts ? age : "";
   pill.title = t("{frames} frames, {lost} lost, {corrupt} corrupt, {late} late; 99 % within {p99} ms of the one before", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
   say($("link-state"), replayed ? t("replay") : link.stale ? t("no frames") : link.waiting ? t(doc.activity) : t("frames come"));
   $("rig-name").textContent = !doc.source ? t("no rig") : replayed ? t("replay of {name}", { name: doc.source.name }) : doc.source.name;
@@ -53,9 +61,10 @@ function drawLoss(onLost) {
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
   const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
-  say($("lost-title"), server ? t("No connection") : t("The devices are silent"));
+  headline(box, $("lost-title"), server ? t("No connection") : t("The devices are silent"));
   $("lost-why").textContent = [`${ago}.`, server ? t("palpate serve does not answer.") : "", t("What is shown is old; the hand may still move or hold.")].filter(Boolean).join(" ");
   pill.dataset.state = "stale";
+  $("link-age").textContent = "";
   $("link-text").textContent = `${server ? t("NO CONNECTION") : t("DEVICES SILENT")} · ${ago}`;
 }
 

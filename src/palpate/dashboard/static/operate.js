@@ -1,5 +1,5 @@
 // The operator's view: one verdict, what to do next, and the force, to be read from two metres.
-import { $, follow, say, whys } from "/static/follow.js";
+import { $, follow, headline, say, whys } from "/static/follow.js";
 import { begin as beginKiosk } from "/static/kiosk.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";
@@ -8,8 +8,7 @@ function draw(doc) {
   const { verdict, operator, measured } = doc, card = $("verdict");
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
-  say($("verdict-text"), operator.word);
-  card.style.setProperty("--letters", Math.max(...operator.word.split(" ").map((word) => word.length)));
+  headline(card, $("verdict-text"), operator.word);
   say($("verdict-why"), [verdict.text, ...whys(doc)].filter((part) => part.toLowerCase() !== operator.word.toLowerCase()).join(" · "));
   say($("next-text"), operator.next);
   const gripping = ["grasping", "replaying"].includes(doc.activity);
