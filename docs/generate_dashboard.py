@@ -1,7 +1,7 @@
 """Screenshots of the dashboard for docs/images: `python docs/generate_dashboard.py`.
 
-A simulated strawberry is grasped and held; the page is pictured wide and on a tablet, light and
-dark. Needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+A simulated strawberry is grasped and held; the whole page and the operator view are pictured,
+light and dark. Needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 CHROMIUM = "/usr/bin/chromium"
-SIZES = {"wide": {"width": 1280, "height": 800}, "tablet": {"width": 820, "height": 1180}}
+VIEWS = {"dashboard-wide": "", "operate-wide": "operate"}
+SIZE = {"width": 1280, "height": 800}
 
 
 @contextmanager
@@ -46,15 +47,15 @@ def served(folder: Path) -> Iterator[str]:
 
 
 def pictures(browser: Browser, address: str, out: Path) -> None:
-    """Grasp once, then picture the page in both sizes and shades."""
+    """Grasp once, then picture both views in both shades."""
     pages: dict[str, Page] = {}
-    for size, viewport in SIZES.items():
+    for view, path in VIEWS.items():
         for shade in ("light", "dark"):
-            context = browser.new_context(viewport=viewport, color_scheme=shade)
-            page = pages[f"{size}-{shade}"] = context.new_page()
-            page.goto(address)
+            context = browser.new_context(viewport=SIZE, color_scheme=shade, locale="en-US")
+            page = pages[f"{view}-{shade}"] = context.new_page()
+            page.goto(f"{address}{path}")
             expect(page.locator("#link")).to_have_attribute("data-state", "fresh", timeout=30_000)
-    driver = pages["wide-light"]
+    driver = pages["dashboard-wide-light"]
     driver.get_by_label("Target force").first.fill("3")
     driver.get_by_label("Item").first.fill("berry-7")
     driver.locator("#grasp").click()
@@ -64,7 +65,7 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
     driver.mouse.move(640, 20)
     driver.wait_for_function("+document.querySelector('#band')?.dataset.count > 30")
     for name, page in pages.items():
-        page.screenshot(path=out / f"dashboard-{name}.png")
+        page.screenshot(path=out / f"{name}.png")
     driver.locator("#release").click()
     expect(driver.locator("#verdict-text")).to_contain_text("held", timeout=60_000)
 

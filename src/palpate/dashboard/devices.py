@@ -18,7 +18,7 @@ from palpate.clock import ManualClock
 from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
 from palpate.dashboard.examining import look_at
 from palpate.dashboard.grasping import grasp, open_hand
-from palpate.dashboard.language import Message, said_by
+from palpate.dashboard.language import Message, error_text
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
@@ -205,7 +205,7 @@ class Devices:
         try:
             found = self._done(order)
         except (PalpateError, OSError) as error:
-            trouble = said_by(error)
+            trouble = error_text(error)
         self._outlet.note(
             Ended(order=order, found=found, trouble=trouble, stopped_after_s=self._took_s())
         )

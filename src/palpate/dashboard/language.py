@@ -47,7 +47,7 @@ class Message(str):
 
 
 class Facts(NamedTuple):
-    """What a language needs besides its catalogue: its tag in HTML, and its decimal mark."""
+    """What a language needs apart from its catalogue: its tag in HTML, and its decimal mark."""
 
     tag: str
     decimal_mark: str
@@ -58,7 +58,7 @@ LANGUAGES = {"en": Facts("en-US", ".", "English"), "de": Facts("de-DE", ",", "De
 
 
 class Language(Formatter):
-    """Says texts in one language.
+    """Translates texts to one language.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def _weighed(part: str) -> tuple[float, str]:
         return 0.0, tag
 
 
-def said_by(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Return the text of an error: as a message, where it was raised with one."""
     first = error.args[0] if error.args else None
     return first if isinstance(first, Message) else str(error)

@@ -61,7 +61,7 @@ def build_page(desk: Desk, client: Client, *, tab: str, item_id: str | None = No
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
             _alerts(desk, hands)
-            ui.html(_said(_STAGE, hands.tr), sanitize=False).classes("stage")
+            ui.html(_translated(_STAGE, hands.tr), sanitize=False).classes("stage")
         with ui.element("aside").classes("card panel"):
             _panel(desk, hands, tab=tab, item_id=item_id)
     ui.timer(_REFRESH_S, hands.refresh)
@@ -77,7 +77,7 @@ def build_operator_page(desk: Desk, client: Client, *, kiosk: bool) -> None:
     _header(desk, hands, other=None if kiosk else ("/", Message("Full page")), sound=True)
     with ui.element("div").classes("operator"):
         _alerts(desk, hands)
-        ui.html(_said(_OPERATE, hands.tr), sanitize=False).classes("contents")
+        ui.html(_translated(_OPERATE, hands.tr), sanitize=False).classes("contents")
         with ui.element("div").classes("item"):
             item_field(desk, hands, label=hands.tr("Next item"))
     with ui.element("div").classes("panel-foot"):
@@ -95,7 +95,7 @@ def _begin(desk: Desk, client: Client, *, script: str) -> Hands:
     ui.add_head_html('<link rel="stylesheet" href="/static/dashboard.css">')
     ui.add_head_html(_PIXEL_COLORS)
     # Apart from all that the framework draws, moves and takes away.
-    ui.add_body_html(_said(_STOP, tr))
+    ui.add_body_html(_translated(_STOP, tr))
     words = json.dumps(tr.words).replace("<", "\\u003c")
     ui.add_head_html(f'<script id="words" type="application/json">{words}</script>')
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
@@ -106,7 +106,7 @@ def _begin(desk: Desk, client: Client, *, script: str) -> Hands:
     return Hands(desk.session, viewer=client.id, tr=tr, query=query)
 
 
-def _said(parts: str, tr: Language) -> str:
+def _translated(parts: str, tr: Language) -> str:
     """Return HTML with each {{text}} in a language."""
     return re.sub(r"\{\{(.+?)\}\}", lambda found: html.escape(tr(found[1])), parts)
 
@@ -140,7 +140,7 @@ def _header(
         if other is not None:
             ui.link(tr(other[1]), other[0] + hands.query).classes("pill")
         if sound:
-            ui.html(_said(_SOUND, tr), sanitize=False).classes("contents")
+            ui.html(_translated(_SOUND, tr), sanitize=False).classes("contents")
         if other is not None and desk.address is not None:
             _phone_button(desk.address, hands)
         shade = ui.button(icon="contrast", on_click=turn, color=None)
@@ -150,9 +150,9 @@ def _header(
     def drives() -> None:
         mine = hands.drives
         others = len(desk.session.viewers) - 1 if mine else 0
-        beside = tr.many("{n} watches", "{n} watch", others) if others else ""
+        watchers = tr.many("{n} watches", "{n} watch", others) if others else ""
         nobody = tr("nobody drives") if desk.session.driver is None else tr("you watch")
-        who.set_text(" · ".join(filter(None, (tr("you drive"), beside))) if mine else nobody)
+        who.set_text(" · ".join(filter(None, (tr("you drive"), watchers))) if mine else nobody)
         take.set_visibility(not mine)
 
     hands.on_refresh(drives)

@@ -38,8 +38,8 @@ def set_up_panel(desk: Desk, hands: Hands) -> None:
 
         hands.on_refresh(show)
         item_field(desk, hands, label=tr("Item (empty: not remembered)"))
-        said = tr("Grasps of an item are kept in the store; the page Items shows them.")
-        ui.label(said).classes("muted")
+        hint = tr("Grasps of an item are kept in the store; the page Items shows them.")
+        ui.label(hint).classes("muted")
         if desk.settings.damage is not None:
             _kind(desk.settings.damage, wishes, hands)
         ui.separator()
@@ -80,8 +80,8 @@ def _kind(damage: DamageFile, wishes: Wishes, hands: Hands) -> None:
         kind.set_value(wishes.kind)
 
     hands.on_refresh(show)
-    said = hands.tr("Grasps stay below what such produce bears, as far as they feel it.")
-    ui.label(said).classes("muted")
+    hint = hands.tr("Grasps stay below what such produce bears, as far as they feel it.")
+    ui.label(hint).classes("muted")
 
 
 def grasp_buttons(desk: Desk, hands: Hands) -> None:
@@ -123,8 +123,8 @@ def _recording(desk: Desk, hands: Hands) -> None:
         recording.set_value(desk.session.recording is not None)
 
     hands.on_refresh(show)
-    said = tr("Every grasp is recorded anyway. It holds until Release, for 60 s at most.")
-    ui.label(said).classes("muted")
+    hint = tr("Every grasp is recorded anyway. It holds until Release, for 60 s at most.")
+    ui.label(hint).classes("muted")
 
 
 def _rig(desk: Desk, hands: Hands) -> None:

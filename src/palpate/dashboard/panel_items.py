@@ -64,8 +64,8 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
         if desk.ledger.trouble:
             box.set_content(f"<p class='note' lang='en'>{html.escape(desk.ledger.trouble)}</p>")
         elif not names:
-            said = tr("None yet: name an item on the page Set up, and grasp it.")
-            box.set_content(f"<p>{said}</p>")
+            hint = tr("None yet: name an item on the page Set up, and grasp it.")
+            box.set_content(f"<p>{hint}</p>")
         elif choice.value:
             await show(choice.value)
 

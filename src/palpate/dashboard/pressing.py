@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from nicegui import ui
 
-from palpate.dashboard.language import ENGLISH, Language, said_by
+from palpate.dashboard.language import ENGLISH, Language, error_text
 from palpate.dashboard.messages import Order
 from palpate.dashboard.session import Action, Session
 from palpate.errors import InputError
@@ -119,4 +119,4 @@ class Hands:
 
     def refuse(self, error: Exception) -> None:
         """Show why something can't be."""
-        ui.notify(self.tr(said_by(error)), type="warning")
+        ui.notify(self.tr(error_text(error)), type="warning")

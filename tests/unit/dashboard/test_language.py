@@ -41,7 +41,7 @@ def shown_texts() -> set[str]:
 
 
 def python_texts(file: Path) -> Iterator[str]:
-    """Yield what is said by `tr`, `tr.many` or a `Message`."""
+    """Yield the texts given to `tr`, `tr.many` or a `Message`."""
     for call in ast.walk(ast.parse(file.read_text())):
         if not isinstance(call, ast.Call):
             continue
@@ -55,7 +55,7 @@ def python_texts(file: Path) -> Iterator[str]:
 
 
 def firmness_words() -> Iterator[str]:
-    """Yield what can be said of a firmness, from every pair of bounds."""
+    """Yield every wording of a firmness, from every pair of bounds."""
     stiffnesses = (0.5, 2.0, 5.0, 12.0, 50.0)
     yield UNKNOWN_FIRMNESS
     for low, high in product(stiffnesses, repeat=2):
@@ -87,9 +87,9 @@ def test_a_catalogue_has_every_text_once_and_no_other(code: str) -> None:
 def test_a_translation_has_the_values_of_its_text(code: str) -> None:
     for one in entries(code):
         texts = {one["msgid"], one.get("msgid_plural", one["msgid"])}
-        for said in (text for name, text in one.items() if name.startswith("msgstr")):
-            assert said.strip(), one["msgid"]
-            assert any(fields(said) == fields(text) for text in texts), one["msgid"]
+        for translated in (text for name, text in one.items() if name.startswith("msgstr")):
+            assert translated.strip(), one["msgid"]
+            assert any(fields(translated) == fields(text) for text in texts), one["msgid"]
 
 
 def fields(text: str) -> list[tuple[str | None, str | None]]:

@@ -117,8 +117,8 @@ function reading(c, view, svg, column, words) {
   const one = inside ? nearest(points, time) : nearest(points, view.now);
   out.classList.toggle("pointed", inside);
   const other = inside ? view.kept.filter((p) => p[column] !== undefined) : [];
-  const beside = other.length ? ` · ${t("kept")} ${words(nearest(other, one[0]))}` : "";
-  out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}${beside}` : words(one);
+  const keptReading = other.length ? ` · ${t("kept")} ${words(nearest(other, one[0]))}` : "";
+  out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}${keptReading}` : words(one);
   return inside ? `<line class="cross" x1="${c.x(one[0])}" x2="${c.x(one[0])}" y1="${BOX.t}" y2="${c.height - BOX.b}"/><circle cx="${c.x(one[0])}" cy="${c.y(one[column])}" r="5" fill="none" stroke="var(--ink)" stroke-width="2"/>` : "";
 }
 
