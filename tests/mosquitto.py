@@ -28,8 +28,11 @@ class BrokerProcess:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self._folder = folder
+        # Subscriptions are saved as they change: a killed broker that had forgotten who listens
+        # would take a message before its listener is back.
         (folder / "mosquitto.conf").write_text(
             f"listener {self.port} 127.0.0.1\nuser root\npersistence true\n"
+            "autosave_on_changes true\nautosave_interval 1\n"
             f"persistence_location {folder}/\n{options}\n"
         )
         self.start()
