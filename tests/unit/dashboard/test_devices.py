@@ -355,10 +355,11 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     assert [phase for _, phase in timeline.phases][-3:-1] == ["hold", "release"]
     past = [note.frames.time_s for note in notes if isinstance(note, Past)]
     assert np.array_equal(np.concatenate(past), recorded.time_s), "nothing of 15 Hz is thinned"
-    (hold_s,) = (time_s for time_s, phase in timeline.phases if phase == "hold")
+    starts_s = {phase: time_s for time_s, phase in timeline.phases}
+    within_s = (starts_s["hold"] + starts_s["release"]) / 2
     opened.send(Pause(True))
-    opened.send(Seek(hold_s + 0.5))
-    place = played_to(opened, lambda playing: playing.time_s == hold_s + 0.5)
+    opened.send(Seek(within_s))
+    place = played_to(opened, lambda playing: playing.time_s == within_s)
     assert place.paused
     shown = next(update for update in reversed(opened.updates) if update.frames is not None)
     assert shown.thought is not None
