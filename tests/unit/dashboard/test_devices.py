@@ -269,14 +269,17 @@ def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: P
 
 
 def test_a_guided_calibration_of_the_force_can_be_stopped(opened: Page, tmp_path: Path) -> None:
-    order = CalibrateForce(file=tmp_path / "calibration.json")
-    opened.send(order)
-    opened.until(
-        lambda update: any(isinstance(n, Guide) and "placed anew" in n.text for n in update.notes)
-    )
-    opened.send(StopNow())
-    assert opened.ended(order).trouble == "stopped on request"
-    assert not order.file.exists()
+    """A simulated one takes tenths of a second: some stops come when it has ended already."""
+    for attempt in range(50):
+        order = CalibrateForce(file=tmp_path / f"calibration-{attempt}.json")
+        opened.send(order)
+        opened.until(lambda update: any(isinstance(n, Guide) for n in update.notes))
+        opened.send(StopNow())
+        ended = opened.ended(order)
+        assert order.file.exists() == (ended.trouble == "")
+        if ended.trouble:
+            break
+    assert ended.trouble == "stopped on request"
 
 
 def test_the_doctor_finds_a_sound_twin_healthy(opened: Page) -> None:
@@ -365,11 +368,11 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     assert shown.thought is not None
     assert shown.thought.phase == "hold"
     assert shown.frames is not None
-    assert hold_s < shown.frames.time_s[-1] <= hold_s + 0.5
+    assert starts_s["hold"] <= shown.frames.time_s[-1] <= within_s
     opened.send(Seek(timeline.end_s + 99.0))
     assert played_to(opened, lambda playing: playing.time_s == timeline.end_s).grasped is not None
-    opened.send(Seek(hold_s))
-    assert played_to(opened, lambda playing: playing.time_s == hold_s).grasped is None
+    opened.send(Seek(starts_s["hold"]))
+    assert played_to(opened, lambda playing: playing.time_s == starts_s["hold"]).grasped is None
     opened.send(Confirm())
 
 
