@@ -101,6 +101,17 @@ def test_a_worker_killed_in_the_middle_changes_nothing(
         assert one.target.read_bytes() == other.target.read_bytes()
 
 
+def test_a_part_that_kills_every_worker_is_named(
+    archive: Archive, scheduler: tuple[str, int], tmp_path: Path
+) -> None:
+    (tmp_path / "killed").mkdir()
+    job = Killing(folder=tmp_path / "killed", times=99)
+    [task, *_] = tasks_of(job, archive, to=tmp_path / "out")
+    with pytest.raises(ClusterError, match=r"p0.parquet: the process .* died each time; .* again"):
+        run_on_dask([task], scheduler=scheduler[0], show=shown)
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+
+
 def test_a_lost_scheduler_is_one_line_and_a_second_run_goes_on(
     archive: Archive, scheduler: tuple[str, int], tmp_path: Path
 ) -> None:

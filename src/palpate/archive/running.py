@@ -20,7 +20,7 @@ from palpate.archive.jobs import Job, digest
 from palpate.archive.layout import Archive, Part, arrow, write_tables
 from palpate.errors import ClusterError, needing
 
-#: How often a task is tried whose worker died.
+#: Tries of a task whose worker died, without a cluster.
 TRIES = 3
 _JOB = b"palpate.job"
 #: A scheduler that does not answer within this time is lost.
@@ -86,10 +86,7 @@ def run_here(tasks: Sequence[Task], *, show: Show, workers: int | None = None) -
         rows += fresh
         if not left:
             return rows
-    raise ClusterError(
-        f"{left[0].source}: the process that worked on it died {TRIES} times; is there memory "
-        "enough? What is done is kept: run it again"
-    )
+    raise _deadly(left[0].source, f"{TRIES} times")
 
 
 def _round(tasks: Sequence[Task], *, workers: int, show: Show, of: int) -> tuple[list[Task], int]:
@@ -125,20 +122,24 @@ def run_on_dask(tasks: Sequence[Task], *, scheduler: str | None, show: Show) -> 
     Raises
     ------
     ClusterError
-        If the scheduler is not there, or is lost on the way.
+        If the scheduler is not there, or is lost on the way, or the workers of a task died as
+        often as the cluster allows (`distributed.scheduler.allowed-failures`, 3 by default).
     MissingExtraError
         If Dask is not installed.
     """
     with needing("--engine dask", extra="archive"):
-        from distributed import Client
+        from distributed import Client, KilledWorker
         from distributed.comm.core import CommClosedError
     rows = 0
     try:
         with _client(Client, scheduler) as client:
-            futures = client.map(perform, tasks, pure=False, retries=TRIES - 1)
+            futures = client.map(perform, tasks, pure=False)
+            sources = {future.key: task.source for future, task in zip(futures, tasks, strict=True)}
             for number, result in enumerate(_results(client, futures), start=1):
                 rows += result
                 show(number)
+    except KilledWorker as error:
+        raise _deadly(sources[error.task], "each time") from error
     except (OSError, TimeoutError, CommClosedError) as error:
         raise _lost(scheduler) from error
     return rows
@@ -166,4 +167,11 @@ def _lost(scheduler: str | None) -> ClusterError:
     return ClusterError(
         f"the Dask scheduler {scheduler or 'on this machine'} does not answer; what is done is "
         "kept: start it and run this again"
+    )
+
+
+def _deadly(source: Path, how_often: str) -> ClusterError:
+    return ClusterError(
+        f"{source}: the process that worked on it died {how_often}; is there memory enough? What "
+        "is done is kept: run it again"
     )
