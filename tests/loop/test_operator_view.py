@@ -22,9 +22,9 @@ from tests.loop.test_dashboard import (
 )
 from tests.unit.dashboard.test_language import firmness_words
 
+from palpate.dashboard.activity import Activity
 from palpate.dashboard.language import Message, language_for
-from palpate.dashboard.operating import OUTCOMES, PHASES
-from palpate.dashboard.session import Activity
+from palpate.dashboard.operator_view import OUTCOMES, PHASES
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import outcome_text
 

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from palpate import open_rig
-from palpate.dashboard.pacing import PacedArray
+from palpate.dashboard.paced_array import PacedArray
 from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.safety import FORCE_CEILING_N

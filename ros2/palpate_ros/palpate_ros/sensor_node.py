@@ -10,7 +10,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from palpate import __version__
 from palpate.commands.sensor_source import SensorSource, open_source
-from palpate.dashboard.pacing import PacedArray
+from palpate.dashboard.paced_array import PacedArray
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.recording import RecordingInfo
 from palpate.rig.recorded import clock_zero_unix_ns, firmware_version

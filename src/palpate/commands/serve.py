@@ -13,7 +13,7 @@ from palpate.commands.options import RigOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.dashboard.station import CellBench
+    from palpate.dashboard.job_context import CellBench
     from palpate.mqtt.publisher import Publisher
     from palpate.produce.sorting.rules import RuleBook
 
@@ -84,7 +84,7 @@ def serve(
 
     Example: palpate serve --rig sim-rigid --object avocado-day-3
     """
-    from palpate.dashboard.desk import Settings
+    from palpate.dashboard.app_state import Settings
     from palpate.dashboard.server import serve as serve_page
     from palpate.estimate.damage_file import DamageFile
     from palpate.rig import rig_names

@@ -1,4 +1,4 @@
-"""The dashboard for machines: HTTP and JSON, described by OpenAPI. What the page may, it may."""
+"""The dashboard for machines: HTTP and JSON, described by OpenAPI, with the rights of the page."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 import palpate
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.state_json import state_document
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.produce.records import Item
 
-#: All machines drive as one: whoever may come in is trusted, as on the page.
+#: All machines drive as one: every client with access is trusted, as on the page.
 DRIVER = "machine"
 #: A stop that is not confirmed by then is answered so.
 STOP_PATIENCE_S = 2.0
@@ -51,7 +51,9 @@ class GraspBegun(BaseModel):
 class Stopped(BaseModel):
     """How a stop went."""
 
-    stopped: bool = Field(description="Whether the devices confirmed that the hand was told.")
+    stopped: bool = Field(
+        description="Whether the devices confirmed that the stop reached the hand."
+    )
 
 
 class Refusal(BaseModel):
@@ -60,8 +62,8 @@ class Refusal(BaseModel):
     detail: str = Field(description="One line: what, and what to do.")
 
 
-def build_api(desk: Desk, *, token: bool) -> FastAPI:
-    """Return the application to mount; `token`: whether the gate in front of it asks for one."""
+def build_api(app_state: AppState, *, token: bool) -> FastAPI:
+    """Return the application to mount; `token`: whether visitors must send one."""
     api = FastAPI(
         title="palpate",
         version="1",
@@ -71,25 +73,25 @@ def build_api(desk: Desk, *, token: bool) -> FastAPI:
     )
     api.openapi = cache(lambda: _described(api, token=token))  # type: ignore[method-assign]
     _refuse_in_one_line(api)
-    _look(api, desk)
-    _act(api, desk)
+    _look(api, app_state)
+    _act(api, app_state)
     return api
 
 
-def _look(api: FastAPI, desk: Desk) -> None:
+def _look(api: FastAPI, app_state: AppState) -> None:
     """Add what can be asked."""
 
     @api.get("/state", responses=_documents("state"))
     async def state() -> JSONResponse:
         """What runs, and whether a grasp can begin."""
-        return JSONResponse(state_document(desk.session))
+        return JSONResponse(state_document(app_state.session))
 
     @api.get("/result", responses=_documents("grasp") | _refusals(404))
     async def result() -> JSONResponse:
         """The last grasp of this run, as `palpate grasp --json` prints it."""
-        if desk.result is None:
+        if app_state.result is None:
             raise HTTPException(404, "no grasp has ended since palpate serve was started")
-        return JSONResponse(desk.result)
+        return JSONResponse(app_state.result)
 
     # In threads of their own: a store may not answer.
     @api.get("/items", responses=_documents("items") | _refusals(503))
@@ -98,7 +100,7 @@ def _look(api: FastAPI, desk: Desk) -> None:
         from palpate.produce.store.item_json import items_document
 
         with _answering():
-            return JSONResponse(items_document(desk.ledger.pages(limit=limit)))
+            return JSONResponse(items_document(app_state.item_store.pages(limit=limit)))
 
     @api.get("/items/{item_id:path}", responses=_documents("item") | _refusals(404, 503))
     def item(item_id: str) -> JSONResponse:
@@ -107,20 +109,20 @@ def _look(api: FastAPI, desk: Desk) -> None:
 
         with _answering():
             Item(item_id=item_id)
-            if not desk.ledger.items(limit=1):
+            if not app_state.item_store.items(limit=1):
                 raise InputError(f"no item {item_id!r}: the store is empty")
-            return JSONResponse(item_document(desk.ledger.page(item_id)))
+            return JSONResponse(item_document(app_state.item_store.page(item_id)))
 
 
-def _act(api: FastAPI, desk: Desk) -> None:
+def _act(api: FastAPI, app_state: AppState) -> None:
     """Add what can be ordered: the same orders that the page gives, by the same rules."""
-    session = desk.session
+    session = app_state.session
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
         try:
-            order = desk.grasp_order(**wanted.model_dump())
+            order = app_state.grasp_order(**wanted.model_dump())
         except InputError as error:
             raise HTTPException(422, str(error)) from error
         with _allowed():
@@ -147,8 +149,8 @@ def _act(api: FastAPI, desk: Desk) -> None:
 
     @api.post("/stop", responses={504: {"model": Stopped}})
     async def stop() -> JSONResponse:
-        """Stop what runs, whoever drives; answers once the hand was told, 504 if it was not."""
-        stopped = await desk.stop(patience_s=STOP_PATIENCE_S)
+        """Stop what runs, whoever drives; answers once it reached the hand, else 504."""
+        stopped = await app_state.stop(patience_s=STOP_PATIENCE_S)
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
@@ -171,7 +173,7 @@ def _answering() -> Iterator[None]:
 
 
 def _refuse_in_one_line(api: FastAPI) -> None:
-    """Answer what is no valid request like every other refusal: one line that says what."""
+    """Answer an invalid request like every other refusal: with one line that names the field."""
 
     @api.exception_handler(RequestValidationError)
     async def refuse(request: Request, error: RequestValidationError) -> JSONResponse:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.dashboard.job_context import FRAME_TIMEOUT_S, CellBench, JobContext
 from palpate.dashboard.language import Message
-from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
-from palpate.dashboard.station import FRAME_TIMEOUT_S, CellBench, Station
+from palpate.dashboard.messages import Calibrated
+from palpate.dashboard.orders import CalibrateForce, CalibrateRest
 from palpate.errors import DeviceError
 from palpate.grasp.calibrating import Bench, measure_force, measure_rest
 from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
@@ -22,22 +23,22 @@ from palpate.sensor.dead_weights import checked_loads, weigh
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import rest_baseline
 
-#: Settled holds beside the load cell, newtons, one list for each placement: small and large mixed.
+#: Settled holds on the load cell, newtons, one list for each placement: small and large mixed.
 _HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
 
-#: The rest is taken for so long.
+#: The rest values are the mean over this time.
 _REST_S = 3.0
 
 
 class _NoCell:
-    """What stands for the load cell where none is needed."""
+    """The load cell of a bench that needs none."""
 
     def read_n(self) -> float:
         """Raise `DeviceError`: there is none."""
         raise DeviceError("this rig has no load cell that palpate can read")
 
 
-def calibrate_rest(order: CalibrateRest, *, station: Station) -> Calibrated:
+def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> Calibrated:
     """Open the hand and take the rest values; refused when something presses or moves.
 
     Raises
@@ -45,21 +46,21 @@ def calibrate_rest(order: CalibrateRest, *, station: Station) -> Calibrated:
     DeviceError
         If the sensor does not come to rest, or a pixel gives no signal.
     """
-    rig = station.rig
-    rest = _rest_alone(station) if isinstance(rig, SensorRig) else _rest_open(rig, station)
+    rig = context.rig
+    rest = _rest_alone(context) if isinstance(rig, SensorRig) else _rest_open(rig, context)
     before = rig.calibration
     if before is None:
-        return _renewed(_begun(rig.array.layout, rest), file=order.file, station=station)
+        return _renewed(_begun(rig.array.layout, rest), file=order.file, context=context)
     # The date is what its age is judged by: that of the force readings, where there are any.
     made_at = before.made_at if before.force.force_n else _now()
     made = replace(before, rest=rest, made_at=made_at)
-    return _renewed(made, file=order.file, station=station)
+    return _renewed(made, file=order.file, context=context)
 
 
-def _rest_open(rig: Rig, station: Station) -> RestValues:
-    station.guide(Message("The hand opens. Leave the sensor alone"))
+def _rest_open(rig: Rig, context: JobContext) -> RestValues:
+    context.guide(Message("The hand opens. Leave the sensor alone"))
     bench = Bench(
-        array=station.watched(),
+        array=context.watched(),
         gripper=rig.gripper,
         cell=_NoCell(),
         clock=rig.clock,
@@ -68,11 +69,11 @@ def _rest_open(rig: Rig, station: Station) -> RestValues:
     return measure_rest(bench, duration_s=_REST_S)
 
 
-def _rest_alone(station: Station) -> RestValues:
+def _rest_alone(context: JobContext) -> RestValues:
     """Take the rest values of a sensor that no hand holds."""
-    station.guide(Message("Leave the sensor alone"))
-    array, taken = station.watched(), list[Frame]()
-    station.catch_up()
+    context.guide(Message("Leave the sensor alone"))
+    array, taken = context.watched(), list[Frame]()
+    context.catch_up()
     while not taken or taken[-1].time_s - taken[0].time_s < _REST_S:
         taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
     ohm = pixel_resistance_ohm(
@@ -102,8 +103,8 @@ def _begun(layout: ArrayLayout, rest: RestValues) -> Calibration:
     )
 
 
-def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
-    """Pair readings with newtons and fit the law; what error to expect is told with it.
+def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated:
+    """Pair readings with newtons and fit the law; the expected errors are part of the result.
 
     Raises
     ------
@@ -114,32 +115,32 @@ def calibrate_force(order: CalibrateForce, *, station: Station) -> Calibrated:
     DeviceError
         If the rig has no load cell and no loads were given.
     """
-    before = station.rig.calibration
+    before = context.rig.calibration
     if before is None:
         raise DeviceError(Message("the rest was not calibrated: take the rest values first"))
     if order.loads_n:
-        pairs = _weighed(checked_loads(order.loads_n, where="the loads"), station)
-    elif station.open_bench is not None:
-        pairs = _by_cell(station.open_bench(station.rig.name, station.seed), station)
+        pairs = _weighed(checked_loads(order.loads_n, where="the loads"), context)
+    elif context.open_bench is not None:
+        pairs = _by_cell(context.open_bench(context.rig.name, context.seed), context)
     else:
         raise DeviceError(
             Message("this rig has no load cell that palpate can read: give dead weights")
         )
     made = with_force_law(replace(before, force=pairs))
     made = replace(made, made_at=_now())
-    return _renewed(made, file=order.file, station=station)
+    return _renewed(made, file=order.file, context=context)
 
 
-def _by_cell(on: CellBench, station: Station) -> ForcePairs:
+def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
     """Close on a load cell, placement after placement; simulated, so as fast as it goes."""
-    bench = replace(on.bench, array=station.watched(on.bench.array))
+    bench = replace(on.bench, array=context.watched(on.bench.array))
 
     def reseat(run: int) -> None:
         share = run / len(_HOLDS_N)
         text = Message(
-            "The load cell is placed anew: {run} of {runs}", run=run + 1, runs=len(_HOLDS_N)
+            "Placing the load cell again: {run} of {runs}", run=run + 1, runs=len(_HOLDS_N)
         )
-        station.guide(text, share=share)
+        context.guide(text, share=share)
         on.reseat(run)
 
     return measure_force(
@@ -147,33 +148,33 @@ def _by_cell(on: CellBench, station: Station) -> ForcePairs:
     )
 
 
-def _weighed(loads_n: list[float], station: Station) -> ForcePairs:
-    """Ask for one weight after the other; each is read once the user says that it lies there."""
-    array, done = station.watched(), iter(range(len(loads_n)))
+def _weighed(loads_n: list[float], context: JobContext) -> ForcePairs:
+    """Ask for one weight after the other; each is read once the user confirms it."""
+    array, done = context.watched(), iter(range(len(loads_n)))
 
     def place(load_n: float) -> None:
         share = next(done) / len(loads_n)
         what = Message("Take every weight away")
         if load_n:
             what = Message("Lay {load_n:g} N on the pad", load_n=load_n)
-        station.confirmed.clear()
-        station.guide(what, share=share, asks=True)
-        while not station.confirmed.is_set():
+        context.confirmed.clear()
+        context.guide(what, share=share, asks=True)
+        while not context.confirmed.is_set():
             array.read(timeout_s=FRAME_TIMEOUT_S)
         settles = Message("{load_n:g} N settles: leave it alone for 20 s", load_n=load_n)
-        station.guide(settles, share=share)
+        context.guide(settles, share=share)
 
-    station.guide(Message("The rest is read. Leave the sensor alone"))
-    return weigh(array, loads_n=loads_n, place=place, clock=station.rig.clock).pairs
+    context.guide(Message("The rest is read. Leave the sensor alone"))
+    return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 
-def _renewed(made: Calibration, *, file: Path, station: Station) -> Calibrated:
+def _renewed(made: Calibration, *, file: Path, context: JobContext) -> Calibrated:
     """Keep the calibration in its file, and work with it from now on."""
-    before = station.rig.calibration
+    before = context.rig.calibration
     before_ohm = made.rest_ohm if before is None else before.rest_ohm
     file.parent.mkdir(parents=True, exist_ok=True)
     made.save(file)
-    station.rig = replace(station.rig, calibration=made)
+    context.rig = replace(context.rig, calibration=made)
     return Calibrated(
         file=file,
         rest_ohm=made.rest_ohm,

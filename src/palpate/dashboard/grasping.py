@@ -1,11 +1,12 @@
-"""Grasping and opening the hand: the runner, with a view."""
+"""Jobs of the devices' process: grasp, and open the hand."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 
-from palpate.dashboard.messages import Grasped, GraspOrder, OpenHand
-from palpate.dashboard.station import FRAME_TIMEOUT_S, Station
+from palpate.dashboard.job_context import FRAME_TIMEOUT_S, JobContext
+from palpate.dashboard.messages import Grasped
+from palpate.dashboard.orders import GraspOrder, OpenHand
 from palpate.errors import DeviceError
 from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation
@@ -18,13 +19,13 @@ from palpate.rig.recorded import open_grasp_recording
 #: The object is held until its release is asked for, but not for longer than this: sheet, object
 #: and servo suffer. Approach and squeeze have their own time.
 HOLD_S, LONGEST_S = 60.0, 240.0
-#: An opening hand is watched for so long.
+#: An opening hand is watched for at most this time.
 _OPENING_S = 10.0
 
 
-def grasp(order: GraspOrder, *, station: Station) -> Grasped:
+def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     """Run one grasp; every frame of it is recorded."""
-    rig, outlet = station.whole, station.outlet
+    rig, telemetry = context.whole, context.telemetry
     plan = plan_grasp(
         rig.calibration,
         gripper=rig.gripper,
@@ -34,12 +35,12 @@ def grasp(order: GraspOrder, *, station: Station) -> Grasped:
         hold_s=HOLD_S,
         longest_s=LONGEST_S,
     )
-    station.catch_up()
+    context.catch_up()
     order.recording.parent.mkdir(parents=True, exist_ok=True)
     with open_grasp_recording(
         order.recording,
         rig=rig,
-        seed=station.seed,
+        seed=context.seed,
         target_force_n=order.target_force_n,
         damage=order.damage,
         kind=order.kind,
@@ -50,33 +51,33 @@ def grasp(order: GraspOrder, *, station: Station) -> Grasped:
 
         def react(belief: Belief) -> None:
             # A hand that vents, or was opening already, is stopped only when it is open.
-            if belief.phase is Phase.RELEASE and station.requests.stop.is_set():
-                station.confirm_stop()
+            if belief.phase is Phase.RELEASE and context.requests.stop.is_set():
+                context.confirm_stop()
 
         closing = ClosingWatch(plan)
-        outlet.think(plan)
+        telemetry.set_plan(plan)
         result = run_grasp(
             plan,
-            array=station.array,
+            array=context.array,
             gripper=rig.gripper,
             clock=rig.clock,
-            subscribers=[recorder, outlet.observe],
-            watchers=[outlet.believe, react, closing.see],
-            requests=station.requests,
+            subscribers=[recorder, telemetry.observe],
+            watchers=[telemetry.take_belief, react, closing.see],
+            requests=context.requests,
         )
         # Before the recording is closed: a slow disk must not delay the confirmation.
-        if station.requests.stop.is_set():
+        if context.requests.stop.is_set():
             with suppress(DeviceError):
-                station.stop_hand()
+                context.stop_hand()
     truth = None if rig.truth is None else dict(rig.truth())
     return Grasped(
         result=result, truth=truth, recording=order.recording, closing=closing.measured()
     )
 
 
-def open_hand(order: OpenHand, *, station: Station) -> None:
+def open_hand(order: OpenHand, *, context: JobContext) -> None:
     """Open the hand and watch it arrive; a stop request stops it where it is."""
-    gripper, clock, array = station.whole.gripper, station.rig.clock, station.watched()
+    gripper, clock, array = context.whole.gripper, context.rig.clock, context.watched()
     gripper.release()
     until_s = clock.now_s() + _OPENING_S
     try:
@@ -84,5 +85,5 @@ def open_hand(order: OpenHand, *, station: Station) -> None:
         while gripper.state().moving and clock.now_s() < until_s:
             array.read(timeout_s=FRAME_TIMEOUT_S)
     finally:
-        if station.requests.stop.is_set():
-            station.stop_hand()
+        if context.requests.stop.is_set():
+            context.stop_hand()

@@ -126,8 +126,8 @@ class _GainedLaw:
         return self._law.residual_sd
 
     def force_n(self, reading: ArrayLike, /, *, level: float = 0.9) -> ForceEstimate:
-        said = self._law.force_n(reading, level=level)
-        return said if self.gain is None else self.gain.applied(said)
+        force = self._law.force_n(reading, level=level)
+        return force if self.gain is None else self.gain.applied(force)
 
     def as_dict(self) -> dict[str, Any]:
         return self._law.as_dict()

@@ -22,9 +22,9 @@ from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.verdict import verdict
 
-#: The page lists so many.
+#: Number of grasps that the page lists.
 LISTED = 50
-#: A small curve has so many points.
+#: Number of points of a small curve.
 _POINTS = 48
 _FILE = "grasps.jsonl"
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
@@ -142,7 +142,7 @@ class History:
                     yield Entry(**known | {"curve": tuple(known.get("curve", ()))})
 
     def as_csv(self) -> str:
-        """Return every grasp of the folder as a table; units stand in the names of columns."""
+        """Return every grasp of the folder as a table; the names of columns end in their units."""
         columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "bin", "why"]
         columns += [name + end for name in _MEASURED for end in ("", "_low", "_high")]
         columns += ["decision_time_s", "recording", "simulated"]

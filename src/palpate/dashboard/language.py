@@ -12,7 +12,7 @@ from pathlib import Path
 from string import Formatter
 from typing import Any, NamedTuple
 
-from palpate.dashboard.catalogue import po_entries, translations
+from palpate.dashboard.po_file import po_entries, translations
 
 _FOLDER = Path(__file__).parent / "languages"
 
@@ -129,7 +129,7 @@ def language_for(asked: str | None, accepted: str) -> Language:
     Parameters
     ----------
     asked : str or None
-        What stands in the address: ``?lang=de``.
+        Value of ``lang`` in the address: ``?lang=de``.
     accepted : str
         The header ``Accept-Language``.
 

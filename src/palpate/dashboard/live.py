@@ -11,16 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import FloatArray
+from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
+from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.grip_force import GripForce
-from palpate.dashboard.messages import (
-    Frames,
-    FrameSource,
-    Past,
-    Playing,
-    Pulse,
-    Thought,
-    Timeline,
-)
+from palpate.dashboard.messages import Playing, RecordedStretch, Timeline
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, watch_contact
@@ -51,7 +45,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """The forecast of the settled value, and of the settled force, as it stood at one time."""
+    """The forecast of the settled value, and of the settled force, as it was at one time."""
 
     time_s: float
     low: float
@@ -66,7 +60,7 @@ class Live:
     Attributes
     ----------
     generation : int
-        Grows when the curve begins anew: another source, another grasp.
+        Grows when the curve restarts: another source, another grasp.
     curve, band : deque
         Aggregate, and the band of its forecast, oldest first.
     moves : deque of [start, end]
@@ -74,64 +68,64 @@ class Live:
     percent, ohm : ndarray or None, shape (rows, cols)
         The newest frame.
     reported, moving
-        What the gripper last told of itself: mm or kPa.
-    thought : Thought or None
-        What the controller makes of it.
+        What the gripper last reported: width in mm or pressure in kPa, and whether it moves.
+    progress : GraspProgress or None
+        State of the grasp that runs, or ran last.
     """
 
     def __init__(self) -> None:
         self.generation = 0
         self.timeline: Timeline | None = None
         self.playing: Playing | None = None
-        self.pulse = Pulse()
+        self.link = LinkStatus()
         self.source: FrameSource | None = None
-        self.begin(None)
+        self.open_source(None)
 
-    def begin(self, source: FrameSource | None) -> None:
+    def open_source(self, source: FrameSource | None) -> None:
         """Frames are another source's from now on."""
         self.source = source
         self.percent: FloatArray | None = None
         self.ohm: FloatArray | None = None
         self.time_s = math.nan
         self.reported, self.moving = math.nan, False
-        self.pulse = Pulse()
+        self.link = LinkStatus()
         fingers = 0 if source is None else source.layout.fingers
         self._contacts = [ContactState()] * fingers
         self._rest_ohm = None if source is None else source.rest_ohm
         self._laws = None if source is None else source.laws
-        self.clear()
+        self.clear_curve()
 
-    def recall(self, past: Past) -> None:
+    def add_stretch(self, past: RecordedStretch) -> None:
         """Take a stretch of a recording into the curve."""
-        self.add(past.frames)
-        if past.thought is not None:
-            self.think(past.thought)
+        self.add_frames(past.frames)
+        if past.progress is not None:
+            self.take_progress(past.progress)
 
-    def unfold(self, timeline: Timeline) -> None:
+    def set_timeline(self, timeline: Timeline) -> None:
         """Keep the curve as it is: it is all of a recording, of which moments are shown now."""
         self.timeline = timeline
 
-    def play(self, playing: Playing) -> None:
+    def set_playing(self, playing: Playing) -> None:
         """Show this moment of the recording."""
         self.playing = playing
 
-    def clear(self) -> None:
-        """Begin the curve anew."""
+    def clear_curve(self) -> None:
+        """Restart the curve."""
         self.timeline = self.playing = None
         self.generation += 1
         self.curve: deque[Point] = deque(maxlen=int(POINTS_PER_S * CURVE_S))
         self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
         self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
-        self.thought: Thought | None = None
+        self.progress: GraspProgress | None = None
         self._force = None if self._laws is None else GripForce(self._laws)
         self._slot = -math.inf
         self._moved_s = 0.0
 
-    def think(self, thought: Thought) -> None:
-        """Take what the controller makes of the frames."""
-        if thought.rest_ohm is not None:
-            self._rest_ohm = thought.rest_ohm
-        before, settled = self.thought, thought.settled
+    def take_progress(self, progress: GraspProgress) -> None:
+        """Take the controller's view of the grasp."""
+        if progress.rest_ohm is not None:
+            self._rest_ohm = progress.rest_ohm
+        before, settled = self.progress, progress.settled
         fresh = before is None or settled != before.settled
         if (
             self.timeline is None
@@ -140,13 +134,13 @@ class Live:
             and math.isfinite(settled.low + settled.high)
         ):
             self.band.append(
-                Band(thought.time_s, settled.low, settled.value, settled.high, thought.settled_n)
+                Band(progress.time_s, settled.low, settled.value, settled.high, progress.settled_n)
             )
         if self._force is not None:
-            self._force.take(thought.gains)
-        self.thought = thought
+            self._force.take(progress.gains)
+        self.progress = progress
 
-    def add(self, frames: Frames) -> None:
+    def add_frames(self, frames: Frames) -> None:
         """Take frames: all count for the curve's movements, a share of them for its points."""
         source = self.source
         if source is None:
@@ -238,5 +232,5 @@ class Live:
 
 
 def finite(values: Sequence[float] | FloatArray) -> list[float | None]:
-    """Return numbers as JSON can say them: None for what is not finite."""
+    """Return numbers as JSON can hold them: None for what is not finite."""
     return [float(value) if math.isfinite(value) else None for value in values]

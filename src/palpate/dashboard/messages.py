@@ -1,4 +1,4 @@
-"""What passes between the page's process and the devices' process."""
+"""What the devices' process reports to the page."""
 
 from __future__ import annotations
 
@@ -10,285 +10,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.dashboard.grip_force import ContactGains, ForceLaws
+from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
+from palpate.dashboard.grasp_progress import GraspProgress
+from palpate.dashboard.orders import Order
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.result import GraspResult, Moment
-from palpate.gripper.interface import GripperLimits
-from palpate.recording.contents import Origin
-from palpate.sensor.array import ArrayLayout
+from palpate.grasp.result import GraspResult
 from palpate.sensor.health import Health
-
-# -- what the page orders -----------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OpenRig:
-    """Let go of the rig and open this one; `speed`: seconds of simulated time in a real one."""
-
-    name: str
-    object_name: str | None = None
-    seed: int = 0
-    speed: float = 1.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GraspOrder:
-    """Close on what is there and hold it; every frame goes to the recording.
-
-    `item_id` names what it is, where it is to be remembered. `damage` is the text of a damage file
-    whose limit is kept to, and `kind` what is grasped, where known.
-    """
-
-    target_force_n: float | None
-    recording: Path
-    item_id: str = ""
-    damage: str | None = None
-    kind: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class OpenHand:
-    """Open the hand, whatever it holds."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrateRest:
-    """Take the rest values with the hand open and nothing on the sensor; renew the file."""
-
-    file: Path
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CalibrateForce:
-    """Newtons: by the simulated load cell, or by these dead weights, one after the other."""
-
-    file: Path
-    loads_n: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Examine:
-    """Judge the sensor by so many seconds at rest."""
-
-    duration_s: float = 10.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Play:
-    """Decide a recorded grasp again, or show the frames of another recording."""
-
-    file: Path
-    speed: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Record:
-    """Record what is watched to a new file; None ends the recording."""
-
-    file: Path | None
-
-
-Order: TypeAlias = (
-    OpenRig | GraspOrder | OpenHand | CalibrateRest | CalibrateForce | Examine | Play | Record
-)
-
-# -- what is heard at once, whatever runs --------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class StopNow:
-    """End what runs; the hand does what the safety rules say for its phase.
-
-    `number` counts the stops, so that each can be confirmed.
-    """
-
-    number: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class ReleaseNow:
-    """Give the object back."""
-
-
-@dataclass(frozen=True, slots=True)
-class Confirm:
-    """The user did what a guided step asked for."""
-
-
-@dataclass(frozen=True, slots=True)
-class SetSpeed:
-    """Let simulated time run so many times as fast as the clock on the wall."""
-
-    speed: float
-
-
-@dataclass(frozen=True, slots=True)
-class Seek:
-    """Show the replay from this time of the recording on."""
-
-    time_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Pause:
-    """Let the replay stand still, or go on."""
-
-    paused: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Goodbye:
-    """The page ends: stop what runs, and end too."""
-
-
-Urgent: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Seek | Pause | Goodbye
-
-# -- what the devices' process tells -------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameSource:
-    """Where the frames come from, from now on.
-
-    Attributes
-    ----------
-    name : str
-        Name of the rig, or of the recording.
-    layout : ArrayLayout
-        Of the frames.
-    rest_ohm : ndarray or None, shape (rows, cols)
-        Rest values to read them by.
-    gripper : GripperLimits or None
-        Drive and range, where there is a gripper.
-    origin : {"hardware", "firmware-simulated", "twin"}
-        What is not hardware is called simulated wherever it is shown.
-    subject : str or None
-        What lies between the fingers, where that is known.
-    replayed : bool
-        Whether it is a recording.
-    has_load_cell : bool
-        Whether a force calibration can be made without weights.
-    laws : ForceLaws or None
-        What newtons are read by; None where the force was not calibrated.
-    """
-
-    name: str
-    layout: ArrayLayout
-    rest_ohm: NDArray[np.float64] | None
-    gripper: GripperLimits | None
-    origin: Origin
-    subject: str | None = None
-    replayed: bool = False
-    has_load_cell: bool = False
-    laws: ForceLaws | None = None
-
-    @property
-    def simulated(self) -> bool:
-        """Whether any of it is simulated."""
-        return self.origin != "hardware"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pulse:
-    """The link, as the process sees it that holds it.
-
-    Attributes
-    ----------
-    frames, lost : int
-        Received since the source was opened, and missing in the numbering.
-    corrupt, late : int
-        As the serial link counts them.
-    rate_hz : float
-        Frames scanned per second of the sensor's time, lost ones included; NaN before two came.
-    age_s : float
-        Since the last frame came; NaN before the first.
-    stale : bool
-        Whether that is more than five periods, and more than 100 ms.
-    undrawn : int
-        Frames that came too fast to be drawn. None of them is missing anywhere else.
-    period_p99_s, period_worst_s : float
-        Time between two frames in this process, over the last thousand: 99th percentile, longest.
-    """
-
-    frames: int = 0
-    lost: int = 0
-    corrupt: int = 0
-    late: int = 0
-    rate_hz: float = float("nan")
-    age_s: float = float("nan")
-    stale: bool = True
-    undrawn: int = 0
-    period_p99_s: float = float("nan")
-    period_worst_s: float = float("nan")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Frames:
-    """Frames since the last message, as columns; the gripper's are NaN where it told nothing."""
-
-    time_s: NDArray[np.float64]
-    counts: NDArray[np.int32]
-    oversampling: int
-    reported: NDArray[np.float64]
-    moving: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
-    """Forces that a grasp is after, and that it keeps below, newtons; None where there is none."""
-
-    target_n: float | None = None
-    damage_low_n: float | None = None
-    ceiling_n: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Thought:
-    """What the controller makes of it.
-
-    Attributes
-    ----------
-    time_s : float
-        Of its last frame.
-    phase : str
-        What it is doing.
-    rest_ohm : ndarray or None, shape (rows, cols)
-        Rest values taken for this grasp.
-    began_s : float
-        When the grasp began.
-    force_n : float
-        Grip force as the last step read it.
-    settled : Measurement or None
-        Forecast of the mean relative change at the horizon, from the frames so far.
-    answer : GraspResult
-        The controller's own once it has decided; before that, what it would say now.
-    decided : bool
-        Which of the two it is.
-    settled_n : Measurement or None
-        Forecast of the grip force at the horizon, newtons; goes on after the decision.
-    gains : ContactGains
-        How this contact reads against the laws.
-    touched_s : float or None
-        When the fingers first touched the object; None until the controller is sure that they did.
-    moments : tuple of Moment
-        What the controller noted so far.
-    bounds : Bounds
-        What the force is to reach, and what it must not.
-    """
-
-    time_s: float
-    phase: str
-    rest_ohm: NDArray[np.float64] | None
-    began_s: float
-    force_n: float
-    settled: Measurement | None
-    answer: GraspResult
-    decided: bool
-    settled_n: Measurement | None = None
-    gains: ContactGains = field(default_factory=ContactGains)
-    touched_s: float | None = None
-    moments: tuple[Moment, ...] = ()
-    bounds: Bounds = field(default_factory=Bounds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -334,13 +61,13 @@ class Grasped:
     Attributes
     ----------
     result : GraspResult
-        What the grasp answers.
+        The controller's answer.
     truth : mapping or None
         The twin's own values; None on real rigs.
     recording : Path or None
         Every frame of it.
     closing : mapping of str to Measurement
-        What the whole closing tells besides, as the store names it.
+        Measurements of the whole closing, by their names in the store.
     """
 
     result: GraspResult
@@ -358,11 +85,11 @@ class Ended:
     order : Order
         Which.
     found : Grasped, Calibrated, Health or None
-        What came of it.
+        Its result.
     trouble : str
-        Empty, or one line that says what went wrong and what to do.
+        Empty, or one line with the problem and the remedy.
     stopped_after_s : float or None
-        Where it was stopped: how long after the request the hand was told, on the rig's clock.
+        If it was stopped: time from the request until the hand received it, on the rig's clock.
     """
 
     order: Order
@@ -372,11 +99,11 @@ class Ended:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Past:
-    """A stretch of a recording, for its curve, and what was thought at its end."""
+class RecordedStretch:
+    """A stretch of a recording, for its curve, and the progress of the grasp at its end."""
 
     frames: Frames
-    thought: Thought | None
+    progress: GraspProgress | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -387,8 +114,8 @@ class Timeline:
     end_s: float
     #: When each phase of its grasp began; empty where it holds none.
     phases: tuple[tuple[float, str], ...]
-    #: What was thought at its end.
-    ended: Thought | None
+    #: Progress of the grasp at its end.
+    ended: GraspProgress | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -403,8 +130,8 @@ class Playing:
 
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
-    """The hand was told to stop, or there is none that could move: stops up to this number."""
+class StopConfirmed:
+    """Stops up to this number reached the hand, or there is none that could move."""
 
     number: int
 
@@ -424,7 +151,7 @@ class BeingRecorded:
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class DevicesLost:
     """The devices' process is gone."""
 
     text: str
@@ -436,10 +163,10 @@ Note: TypeAlias = (
     | Guide
     | Grasped
     | Ended
-    | Stopped
+    | StopConfirmed
     | Trouble
     | BeingRecorded
-    | Past
+    | RecordedStretch
     | Timeline
     | Playing
 )
@@ -450,6 +177,6 @@ class Update:
     """One message: notes in their order, then the newest of everything else."""
 
     notes: tuple[Note, ...]
-    pulse: Pulse
+    link: LinkStatus
     frames: Frames | None = None
-    thought: Thought | None = None
+    progress: GraspProgress | None = None

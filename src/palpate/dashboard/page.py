@@ -12,7 +12,9 @@ from typing import Any, cast
 from nicegui import Client, ui
 from nicegui.events import GenericEventArguments
 
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.activity import Action
+from palpate.dashboard.address import qr_svg
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.language import Language, Message, language_for
 from palpate.dashboard.panel_calibrate import calibrate_panel
@@ -21,9 +23,7 @@ from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_pane
 from palpate.dashboard.panel_items import items_panel
 from palpate.dashboard.panel_recordings import recordings_panel
 from palpate.dashboard.panel_run import run_panel
-from palpate.dashboard.pressing import Hands
-from palpate.dashboard.reach import qr_svg
-from palpate.dashboard.session import Action
+from palpate.dashboard.viewer import Viewer
 from palpate.plots.pixel_colors import DEEPEST_PERCENT, FALL, RISE, css_gradient
 
 _STATIC = Path(__file__).parent / "static"
@@ -51,41 +51,43 @@ _REFRESH_S = 0.2
 _PREFERS_DARK = "(prefers-color-scheme: dark)"
 
 
-def build_page(desk: Desk, client: Client, *, tab: str, item_id: str | None = None) -> None:
+def build_page(
+    app_state: AppState, client: Client, *, tab: str, item_id: str | None = None
+) -> None:
     """Fill the page of one viewer, with a tab of `TABS` open, and an item on the tab of items."""
-    hands = _begin(desk, client, script="live.js")
-    _header(desk, hands, other=("/operate", Message("Operate")))
-    ui.on("seek", lambda event: hands.seek(float(event.args)))
-    ui.on("pause", lambda event: hands.pause(bool(event.args)))
-    ui.on("speed", lambda event: hands.set_speed(float(event.args)))
+    viewer = _begin(app_state, client, script="live.js")
+    _header(app_state, viewer, other=("/operate", Message("Operate")))
+    ui.on("seek", lambda event: viewer.seek(float(event.args)))
+    ui.on("pause", lambda event: viewer.pause(bool(event.args)))
+    ui.on("speed", lambda event: viewer.set_speed(float(event.args)))
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
-            _alerts(desk, hands)
-            ui.html(_translated(_STAGE, hands.tr), sanitize=False).classes("stage")
+            _alerts(app_state, viewer)
+            ui.html(_translated(_STAGE, viewer.tr), sanitize=False).classes("stage")
         with ui.element("aside").classes("card panel"):
-            _panel(desk, hands, tab=tab, item_id=item_id)
-    ui.timer(_REFRESH_S, hands.refresh)
+            _panel(app_state, viewer, tab=tab, item_id=item_id)
+    ui.timer(_REFRESH_S, viewer.refresh)
 
 
-def build_operator_page(desk: Desk, client: Client, *, kiosk: bool) -> None:
+def build_operator_page(app_state: AppState, client: Client, *, kiosk: bool) -> None:
     """Fill the page that is read from two metres: verdict, what to do, force, three buttons.
 
     A `kiosk` leads nowhere else, and keeps its screen awake.
     """
-    hands = _begin(desk, client, script="operate.js")
+    viewer = _begin(app_state, client, script="operate.js")
     ui.query("body").classes("operate kiosk" if kiosk else "operate")
-    _header(desk, hands, other=None if kiosk else ("/", Message("Full page")), sound=True)
+    _header(app_state, viewer, other=None if kiosk else ("/", Message("Full page")), sound=True)
     with ui.element("div").classes("operator"):
-        _alerts(desk, hands)
-        ui.html(_translated(_OPERATE, hands.tr), sanitize=False).classes("contents")
+        _alerts(app_state, viewer)
+        ui.html(_translated(_OPERATE, viewer.tr), sanitize=False).classes("contents")
         with ui.element("div").classes("item"):
-            item_field(desk, hands, label=hands.tr("Next item"))
+            item_field(app_state, viewer, label=viewer.tr("Next item"))
     with ui.element("div").classes("panel-foot"):
-        grasp_buttons(desk, hands)
-    ui.timer(_REFRESH_S, hands.refresh)
+        grasp_buttons(app_state, viewer)
+    ui.timer(_REFRESH_S, viewer.refresh)
 
 
-def _begin(desk: Desk, client: Client, *, script: str) -> Hands:
+def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     """Add what every view has, and let the viewer in."""
     asked = client.request.query_params.get("lang")
     tr = language_for(asked, client.request.headers.get("accept-language", ""))
@@ -100,10 +102,10 @@ def _begin(desk: Desk, client: Client, *, script: str) -> Hands:
     ui.add_head_html(f'<script id="words" type="application/json">{words}</script>')
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Not before its browser is there: what only fetched the page must not drive.
-    client.on_connect(lambda: desk.session.join(client.id))
-    client.on_delete(lambda: desk.session.leave(client.id))
+    client.on_connect(lambda: app_state.session.join(client.id))
+    client.on_delete(lambda: app_state.session.leave(client.id))
     query = f"?lang={tr.code}" if asked else ""
-    return Hands(desk.session, viewer=client.id, tr=tr, query=query)
+    return Viewer(app_state.session, viewer_id=client.id, tr=tr, query=query)
 
 
 def _translated(parts: str, tr: Language) -> str:
@@ -112,9 +114,9 @@ def _translated(parts: str, tr: Language) -> str:
 
 
 def _header(
-    desk: Desk, hands: Hands, *, other: tuple[str, str] | None, sound: bool = False
+    app_state: AppState, viewer: Viewer, *, other: tuple[str, str] | None, sound: bool = False
 ) -> None:
-    dark, tr = ui.dark_mode(None), hands.tr
+    dark, tr = ui.dark_mode(None), viewer.tr
 
     async def turn() -> None:
         """Turn light into dark and back; at first it is what the browser prefers."""
@@ -131,42 +133,42 @@ def _header(
         ui.html(
             '<span id="link" class="pill num" data-state="waiting"><span class="dot"></span>'
             f'<span id="link-text">{tr("connecting")}</span><span id="link-age"></span></span>'
-            '<span id="link-state" class="heard" role="status"></span>',
+            '<span id="link-state" class="visually-hidden" role="status"></span>',
             sanitize=False,
         )
         who = ui.label().classes("pill").props("id=who")
-        take = ui.button(tr("Take over"), on_click=hands.take_over, color=None)
+        take = ui.button(tr("Take over"), on_click=viewer.take_over, color=None)
         take.classes("btn plain small").props("flat no-caps id=take-over")
         if other is not None:
-            ui.link(tr(other[1]), other[0] + hands.query).classes("pill")
+            ui.link(tr(other[1]), other[0] + viewer.query).classes("pill")
         if sound:
             ui.html(_translated(_SOUND, tr), sanitize=False).classes("contents")
-        if other is not None and desk.address is not None:
-            _phone_button(desk.address, hands)
+        if other is not None and app_state.address is not None:
+            _phone_button(app_state.address, viewer)
         shade = ui.button(icon="contrast", on_click=turn, color=None)
         shade.classes("btn plain small").props("flat id=shade")
         shade.props["aria-label"] = tr("Light or dark")
 
     def drives() -> None:
-        mine = hands.drives
-        others = len(desk.session.viewers) - 1 if mine else 0
+        mine = viewer.drives
+        others = len(app_state.session.viewers) - 1 if mine else 0
         watchers = tr.many("{n} watches", "{n} watch", others) if others else ""
-        nobody = tr("nobody drives") if desk.session.driver is None else tr("you watch")
+        nobody = tr("nobody drives") if app_state.session.driver is None else tr("you watch")
         who.set_text(" · ".join(filter(None, (tr("you drive"), watchers))) if mine else nobody)
         take.set_visibility(not mine)
 
-    hands.on_refresh(drives)
+    viewer.on_refresh(drives)
 
 
-def _phone_button(address: str, hands: Hands) -> None:
+def _phone_button(address: str, viewer: Viewer) -> None:
     """Add what shows the address, which has no token in it, as a code to point a phone at."""
-    tr = hands.tr
+    tr = viewer.tr
     with ui.dialog() as dialog, ui.card().classes("care phone"):
         dialog.props["aria-label"] = tr("Open on a phone")
         heading(tr("Open on a phone"))
-        code = ui.html(qr_svg(address + hands.query), sanitize=False).classes("code")
+        code = ui.html(qr_svg(address + viewer.query), sanitize=False).classes("code")
         code.props("role=img").props["aria-label"] = tr("QR code of the address")
-        ui.link(address + hands.query, address + hands.query)
+        ui.link(address + viewer.query, address + viewer.query)
         paragraph(tr("In the same network. It asks for the token once."))
         close = ui.button(tr("Close"), on_click=dialog.close, color=None)
         close.classes("btn plain").props("flat no-caps")
@@ -175,8 +177,8 @@ def _phone_button(address: str, hands: Hands) -> None:
     opens.props["aria-label"] = tr("Open on a phone")
 
 
-def _alerts(desk: Desk, hands: Hands) -> None:
-    tr = hands.tr
+def _alerts(app_state: AppState, viewer: Viewer) -> None:
+    tr = viewer.tr
     ui.html(
         '<div id="trouble" class="alert bad hidden" role="alert">'
         '<span id="trouble-text"></span></div>',
@@ -186,11 +188,11 @@ def _alerts(desk: Desk, hands: Hands) -> None:
         text = ui.label()
         bar = ui.linear_progress(value=0.0, show_value=False)
         bar.props["aria-label"] = tr("Progress")
-        done = ui.button(tr("Done, go on"), on_click=hands.confirm, color=None)
+        done = ui.button(tr("Done, go on"), on_click=viewer.confirm, color=None)
         done.classes("btn main small").props("flat no-caps id=confirm")
 
     def guides() -> None:
-        guide = desk.session.guide
+        guide = app_state.session.devices.guide
         box.set_visibility(guide is not None)
         if guide is None:
             return
@@ -198,30 +200,33 @@ def _alerts(desk: Desk, hands: Hands) -> None:
         bar.set_visibility(guide.share is not None)
         bar.set_value(guide.share or 0.0)
         done.set_visibility(guide.asks)
-        back = desk.session.live.source is not None and desk.session.live.source.replayed
+        back = (
+            app_state.session.devices.live.source is not None
+            and app_state.session.devices.live.source.replayed
+        )
         done.set_text(tr("Back to the rig") if back else tr("Done, go on"))
 
-    hands.on_refresh(guides)
-    hands.gate(done, Action.CONFIRM)
+    viewer.on_refresh(guides)
+    viewer.enable_when_allowed(done, Action.CONFIRM)
 
 
-def _panel(desk: Desk, hands: Hands, *, tab: str, item_id: str | None) -> None:
+def _panel(app_state: AppState, viewer: Viewer, *, tab: str, item_id: str | None) -> None:
     with ui.tabs().classes("w-full").props("dense no-caps align=justify") as tabs:
         for name in TABS:
-            ui.tab(name, label=hands.tr(name))
+            ui.tab(name, label=viewer.tr(name))
     with ui.tab_panels(tabs, value=tab, animated=False).classes("panel-body"):
         with ui.tab_panel("Set up"):
-            set_up_panel(desk, hands)
+            set_up_panel(app_state, viewer)
         with ui.tab_panel("Calibrate"):
-            calibrate_panel(desk, hands)
+            calibrate_panel(app_state, viewer)
         with ui.tab_panel("Doctor"):
-            doctor_panel(desk, hands)
+            doctor_panel(app_state, viewer)
         with ui.tab_panel("Recordings"):
-            recordings_panel(desk, hands)
+            recordings_panel(app_state, viewer)
         with ui.tab_panel("Items"):
-            open_item = items_panel(desk, hands, item_id=item_id)
+            open_item = items_panel(app_state, viewer, item_id=item_id)
         with ui.tab_panel("Run"):
-            run_panel(desk, hands)
+            run_panel(app_state, viewer)
 
     def show_item(event: GenericEventArguments) -> None:
         """Turn to an item without leaving the page: who drives goes on driving."""
@@ -229,6 +234,8 @@ def _panel(desk: Desk, hands: Hands, *, tab: str, item_id: str | None) -> None:
         open_item(str(event.args))
 
     ui.on("item", show_item)
-    tabs.on_value_change(lambda event: ui.navigate.history.replace(TABS[event.value] + hands.query))
+    tabs.on_value_change(
+        lambda event: ui.navigate.history.replace(TABS[event.value] + viewer.query)
+    )
     with ui.element("div").classes("panel-foot"):
-        grasp_buttons(desk, hands)
+        grasp_buttons(app_state, viewer)

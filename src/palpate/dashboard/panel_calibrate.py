@@ -6,12 +6,13 @@ import html
 
 from nicegui import ui
 
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.activity import Action
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.language import Language, Message
-from palpate.dashboard.messages import Calibrated, CalibrateForce, CalibrateRest
-from palpate.dashboard.pressing import Hands
-from palpate.dashboard.session import Action
+from palpate.dashboard.messages import Calibrated
+from palpate.dashboard.orders import CalibrateForce, CalibrateRest
+from palpate.dashboard.viewer import Viewer
 from palpate.errors import InputError
 from palpate.sensor.dead_weights import checked_loads
 from palpate.sensor.findings import pixel_name
@@ -19,9 +20,9 @@ from palpate.sensor.findings import pixel_name
 _LOADS = "0.5 1 2 4 8 4 2 1"
 
 
-def calibrate_panel(desk: Desk, hands: Hands) -> None:
+def calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    tr = hands.tr
+    tr = viewer.tr
     with ui.element("div").classes("form"):
         heading(tr("1. Rest"))
         paragraph(
@@ -32,45 +33,45 @@ def calibrate_panel(desk: Desk, hands: Hands) -> None:
         )
         rest = ui.button(
             tr("Take the rest values"),
-            on_click=lambda: hands.order(CalibrateRest(file=desk.calibration_file())),
+            on_click=lambda: viewer.order(CalibrateRest(file=app_state.calibration_file())),
             color=None,
         )
         rest.classes("btn plain").props("flat no-caps id=calibrate-rest")
-        hands.gate(rest, Action.CALIBRATE)
+        viewer.enable_when_allowed(rest, Action.CALIBRATE)
         heading(tr("2. Force"))
-        _force(desk, hands)
-        _result(desk, hands)
+        _force(app_state, viewer)
+        _result(app_state, viewer)
 
 
-def _force(desk: Desk, hands: Hands) -> None:
-    tr = hands.tr
+def _force(app_state: AppState, viewer: Viewer) -> None:
+    tr = viewer.tr
     how = ui.html("", sanitize=False)
     loads = ui.input(tr("Loads in newtons, in order, up and down"), value=_LOADS)
     loads.props("outlined dense")
 
     def start() -> None:
         weights: tuple[float, ...] = ()
-        source = desk.session.live.source
+        source = app_state.session.devices.live.source
         if source is None or not source.has_load_cell:
             try:
                 weights = tuple(checked_loads(_numbers(loads.value), where="loads"))
             except InputError as error:
-                hands.refuse(error)
+                viewer.refuse(error)
                 return
-        hands.order(CalibrateForce(file=desk.calibration_file(), loads_n=weights))
+        viewer.order(CalibrateForce(file=app_state.calibration_file(), loads_n=weights))
 
     button = ui.button(tr("Calibrate the force"), on_click=start, color=None)
     button.classes("btn plain").props("flat no-caps id=calibrate-force")
-    hands.gate(button, Action.CALIBRATE)
+    viewer.enable_when_allowed(button, Action.CALIBRATE)
 
     def explain() -> None:
-        source = desk.session.live.source
+        source = app_state.session.devices.live.source
         cell = source is not None and source.has_load_cell
         simulated = source is not None and source.simulated
         loads.set_visibility(not cell and not simulated)
         how.set_content(f"<p>{html.escape(tr(_how(cell=cell, simulated=simulated)))}</p>")
 
-    hands.on_refresh(explain)
+    viewer.on_refresh(explain)
 
 
 def _how(*, cell: bool, simulated: bool) -> Message:
@@ -96,18 +97,18 @@ def _numbers(text: str) -> list[float]:
         ) from error
 
 
-def _result(desk: Desk, hands: Hands) -> None:
+def _result(app_state: AppState, viewer: Viewer) -> None:
     box = ui.html("", sanitize=False).props("id=calibrated")
     shown: list[Calibrated | None] = [None]
 
     def show() -> None:
-        made = desk.session.calibrated
+        made = app_state.session.devices.calibrated
         if made is shown[0] or made is None:
             return
         shown[0] = made
-        box.set_content(_table(made, hands.tr))
+        box.set_content(_table(made, viewer.tr))
 
-    hands.on_refresh(show)
+    viewer.on_refresh(show)
 
 
 def _table(made: Calibrated, tr: Language) -> str:
@@ -127,7 +128,7 @@ def _table(made: Calibrated, tr: Language) -> str:
         f"<table class='plain'>{errors}</table>"
     )
     return (
-        f"<p class='said good'>{tr('Calibrated')}</p>"
+        f"<p class='result good'>{tr('Calibrated')}</p>"
         f"<p class='muted'>{tr('{file} is renewed.', file=html.escape(made.file.name))}</p>"
         + (force if errors else "")
         + f"<table class='plain'><tr><th>{tr('pixel')}</th><th class='r'>{tr('rest, ohm')}</th>"

@@ -7,20 +7,20 @@ import math
 
 from nicegui import ui
 
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.activity import Action
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.language import Language
-from palpate.dashboard.messages import Examine
-from palpate.dashboard.pressing import Hands
-from palpate.dashboard.session import Action
+from palpate.dashboard.orders import Examine
+from palpate.dashboard.viewer import Viewer
 from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Severity, pixel_name
 from palpate.sensor.health import Health
 
 
-def doctor_panel(desk: Desk, hands: Hands) -> None:
+def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    tr = hands.tr
+    tr = viewer.tr
     with ui.element("div").classes("form"):
         heading(tr("Is the sensor well?"))
         paragraph(
@@ -29,26 +29,26 @@ def doctor_panel(desk: Desk, hands: Hands) -> None:
                 "resistor that does not fit. Nothing may touch the sensor for 10 s."
             )
         )
-        button = ui.button(tr("Examine"), on_click=lambda: hands.order(Examine()), color=None)
+        button = ui.button(tr("Examine"), on_click=lambda: viewer.order(Examine()), color=None)
         button.classes("btn plain").props("flat no-caps id=examine")
-        hands.gate(button, Action.EXAMINE)
+        viewer.enable_when_allowed(button, Action.EXAMINE)
         box = ui.html("", sanitize=False).props("id=health")
     shown: list[Health | None] = [None]
 
     def show() -> None:
-        health, source = desk.session.health, desk.session.live.source
+        health, source = app_state.session.devices.health, app_state.session.devices.live.source
         if health is None or health is shown[0] or source is None:
             return
         shown[0] = health
         box.set_content(report(health, layout=source.layout, tr=tr))
 
-    hands.on_refresh(show)
+    viewer.on_refresh(show)
 
 
 def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
     """Return what was found as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    said = tr("Healthy") if health.healthy else tr.many("{n} fault", "{n} faults", faults)
+    result = tr("Healthy") if health.healthy else tr.many("{n} fault", "{n} faults", faults)
     findings = "".join(
         f"<p lang='en' class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
         f"<b>{html.escape(found.where)}</b>: {html.escape(found.text)}. "
@@ -56,7 +56,7 @@ def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
         for found in health.findings
     )
     link = health.link
-    heard = tr(
+    counts = tr(
         "{frames} frames in {duration_s:.1f} s, {rate_hz:.1f} Hz, {lost} lost, {corrupt} corrupt, "
         "jitter {jitter_percent:.1f} %",
         frames=link.frames,
@@ -69,19 +69,19 @@ def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
     ohm = f" {tr('ohm')}"
     pixels = "".join(
         f"<tr><td>{pixel_name(row, col)}</td>"
-        f"<td class='r num'>{_said(health.pixels.rest_ohm[row, col], ohm, 0, tr)}</td>"
-        f"<td class='r num'>{_said(health.pixels.noise_percent[row, col], ' %', 2, tr)}</td>"
-        f"<td class='r num'>{_said(health.pixels.drift_percent[row, col], ' %', 2, tr)}</td></tr>"
+        f"<td class='r num'>{_number(health.pixels.rest_ohm[row, col], ohm, 0, tr)}</td>"
+        f"<td class='r num'>{_number(health.pixels.noise_percent[row, col], ' %', 2, tr)}</td>"
+        f"<td class='r num'>{_number(health.pixels.drift_percent[row, col], ' %', 2, tr)}</td></tr>"
         for row in range(layout.rows)
         for col in range(layout.cols)
     )
     return (
-        f"<p class='said {'good' if health.healthy else 'bad'}'>{said}</p>{findings}"
-        f"<p class='muted num'>{heard}</p><table class='plain'><tr><th>{tr('pixel')}</th>"
+        f"<p class='result {'good' if health.healthy else 'bad'}'>{result}</p>{findings}"
+        f"<p class='muted num'>{counts}</p><table class='plain'><tr><th>{tr('pixel')}</th>"
         f"<th class='r'>{tr('at rest')}</th><th class='r'>{tr('noise')}</th>"
         f"<th class='r'>{tr('drift')}</th></tr>{pixels}</table>"
     )
 
 
-def _said(value: float, unit: str, digits: int, tr: Language) -> str:
+def _number(value: float, unit: str, digits: int, tr: Language) -> str:
     return tr.number(value, f"z.{digits}f") + unit if math.isfinite(value) else tr("open")

@@ -1,4 +1,4 @@
-"""The panel of items: what each was like, grasp after grasp."""
+"""The panel of items: measurements and verdicts of each, grasp after grasp."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from urllib.parse import quote
 
 from nicegui import run, ui
 
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.html_parts import heading
 from palpate.dashboard.language import ENGLISH, Language
-from palpate.dashboard.pressing import Hands
+from palpate.dashboard.viewer import Viewer
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 _WIDTH, _HEIGHT, _LEFT, _FOOT, _TOP = 360, 170, 40, 26, 12
 
 
-def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Callable[[str], None]:
+def items_panel(
+    app_state: AppState, viewer: Viewer, *, item_id: str | None = None
+) -> Callable[[str], None]:
     """Fill the panel; `item_id` is shown first. Return what shows another."""
-    tr = hands.tr
+    tr = viewer.tr
     with ui.element("div").classes("form"):
         heading(tr("Items and how they ripen"))
         known = [item_id] if item_id else []
@@ -40,9 +42,9 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
         if not item_id:
             box.set_content("")
             return
-        ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}{hands.query}")
+        ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}{viewer.query}")
         try:
-            found = await run.io_bound(desk.ledger.page, item_id)
+            found = await run.io_bound(app_state.item_store.page, item_id)
         except PalpateError as error:
             box.set_content(f"<p class='note' lang='en'>{html.escape(str(error))}</p>")
             return
@@ -51,9 +53,9 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
 
     async def look() -> None:
         try:
-            names = await run.io_bound(desk.ledger.items) or []
+            names = await run.io_bound(app_state.item_store.items) or []
         except PalpateError as error:
-            desk.ledger.trouble = str(error)
+            app_state.item_store.trouble = str(error)
             return
         if box.is_deleted:
             return
@@ -61,8 +63,10 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
             names = [choice.value, *names]
         if names != choice.options:
             choice.set_options(names, value=choice.value)
-        if desk.ledger.trouble:
-            box.set_content(f"<p class='note' lang='en'>{html.escape(desk.ledger.trouble)}</p>")
+        if app_state.item_store.trouble:
+            box.set_content(
+                f"<p class='note' lang='en'>{html.escape(app_state.item_store.trouble)}</p>"
+            )
         elif not names:
             hint = tr("None yet: name an item on the page Set up, and grasp it.")
             box.set_content(f"<p>{hint}</p>")
@@ -78,10 +82,10 @@ def items_panel(desk: Desk, hands: Hands, *, item_id: str | None = None) -> Call
 
 
 def item_html(page: ItemHistory, tr: Language = ENGLISH) -> str:
-    """Return an item's page: what it is, its stiffness over time, and what was said of it."""
+    """Return an item's page: what it is, its stiffness over time, and its verdicts."""
     item, grasps = page.item, page.grasps
     what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
-    said = "".join(
+    verdicts = "".join(
         f"<tr lang='en'><td class='num'>{tr.day(one.given_at)}</td>"
         f"<td>{html.escape(one.about)}</td>"
         f"<td><b>{html.escape(one.text)}</b> {html.escape(one.explanation)}</td></tr>"
@@ -89,12 +93,12 @@ def item_html(page: ItemHistory, tr: Language = ENGLISH) -> str:
     )
     badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if page.simulated else ""
     return (
-        f"<p class='said'>{html.escape(item.item_id)} {badge}</p>"
+        f"<p class='result'>{html.escape(item.item_id)} {badge}</p>"
         f"<p>{html.escape(what)}{', ' if what else ''}"
         f"{tr.many('{n} grasp', '{n} grasps', len(grasps))}</p>"
         + chart(tr("Stiffness, N/mm"), grasps, "stiffness_n_per_mm", tr)
         + chart(tr("Settled change, %"), grasps, "settled_percent", tr)
-        + (f"<h3>{tr('What was said')}</h3><table class='plain'>{said}</table>" if said else "")
+        + (f"<h3>{tr('Verdicts')}</h3><table class='plain'>{verdicts}</table>" if verdicts else "")
     )
 
 

@@ -11,27 +11,27 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.activity import Action
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.folder import is_simulated
 from palpate.dashboard.history import Entry
 from palpate.dashboard.html_parts import heading, paragraph
-from palpate.dashboard.messages import Play
+from palpate.dashboard.orders import Play
 from palpate.dashboard.panel_grasp import SPEEDS
-from palpate.dashboard.pressing import Hands
-from palpate.dashboard.session import Action
+from palpate.dashboard.viewer import Viewer
 
 _MOST = 100
 
 
-def recordings_panel(desk: Desk, hands: Hands) -> None:
+def recordings_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    tr = hands.tr
+    tr = viewer.tr
     with ui.element("div").classes("form"):
         heading(tr("Recordings"))
         paragraph(
             tr(
                 "In {folder}. A replay decides the recorded grasp again from its raw counts.",
-                folder=desk.settings.folder,
+                folder=app_state.settings.folder,
             )
         )
         speed = ui.toggle(SPEEDS, value=1.0).props("unelevated no-caps")
@@ -39,19 +39,19 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
         rows = ui.element("div").classes("w-full").props("id=recordings")
         none = ui.label(tr("None yet: every grasp leaves one here.")).classes("muted")
     shown: dict[Path, _Row] = {}
-    care = _Care(desk, hands, changed=lambda: show())
+    care = _Care(app_state, viewer, changed=lambda: show())
 
     def show() -> None:
         """Bring the list up to date, and leave every row that stays where a finger may be on it."""
-        files = dict(desk.recordings()[:_MOST])
+        files = dict(app_state.recordings()[:_MOST])
         for gone in shown.keys() - files.keys():
             shown.pop(gone).delete()
         with rows:
             for file, status in reversed(files.items()):
                 if file not in shown:
-                    shown[file] = _Row(file, hands, speed, care)
+                    shown[file] = _Row(file, viewer, speed, care)
                     shown[file].move(target_index=0)
-                shown[file].say(status, desk.history.of(file.name))
+                shown[file].show(status, app_state.history.of(file.name))
         none.set_visibility(not files)
 
     show()
@@ -61,25 +61,25 @@ def recordings_panel(desk: Desk, hands: Hands) -> None:
 class _Row(ui.element):
     """One recording with its buttons."""
 
-    def __init__(self, file: Path, hands: Hands, speed: ui.toggle, care: _Care) -> None:
+    def __init__(self, file: Path, viewer: Viewer, speed: ui.toggle, care: _Care) -> None:
         super().__init__("div")
-        self._file, self._tr = file, hands.tr
+        self._file, self._tr = file, viewer.tr
         self.classes("file")
         with self:
             with ui.element("div").classes("what"):
                 ui.label(file.stem)
                 self._ended = ui.html("", sanitize=False)
                 self._about = ui.label().classes("muted")
-            button = ui.button(hands.tr("Replay"), color=None)
-            button.on_click(lambda: hands.order(Play(file=file, speed=speed.value)))
+            button = ui.button(viewer.tr("Replay"), color=None)
+            button.on_click(lambda: viewer.order(Play(file=file, speed=speed.value)))
             button.classes("btn plain small").props("flat no-caps")
-            hands.gate(button, Action.PLAY)
+            viewer.enable_when_allowed(button, Action.PLAY)
             more = ui.button(icon="more_vert", on_click=lambda: care.open(file), color=None)
             more.classes("btn plain small").props("flat")
-            more.props["aria-label"] = hands.tr("More about {name}", name=file.stem)
+            more.props["aria-label"] = viewer.tr("More about {name}", name=file.stem)
 
-    def say(self, status: os.stat_result, entry: Entry | None) -> None:
-        """Say how its grasp ended, when it was written last, and how long it is."""
+    def show(self, status: os.stat_result, entry: Entry | None) -> None:
+        """Show how its grasp ended, when it was last written, and its size."""
         tr = self._tr
         when = tr.day(datetime.fromtimestamp(status.st_mtime))
         self._about.set_text(f"{when} · {status.st_size / 1024:.0f} kB")
@@ -91,11 +91,16 @@ class _Row(ui.element):
 
 
 class _Care:
-    """One dialog for all rows: to take a recording along, rename it or delete it."""
+    """One dialog for all rows: to download, rename or delete a recording."""
 
-    def __init__(self, desk: Desk, hands: Hands, *, changed: Callable[[], None]) -> None:
-        self._desk, self._hands, self._tr, self._changed = desk, hands, hands.tr, changed
-        tr = hands.tr
+    def __init__(self, app_state: AppState, viewer: Viewer, *, changed: Callable[[], None]) -> None:
+        self._app_state, self._viewer, self._tr, self._changed = (
+            app_state,
+            viewer,
+            viewer.tr,
+            changed,
+        )
+        tr = viewer.tr
         self._file = Path()
         with ui.dialog() as self._dialog, ui.card().classes("care"):
             self._dialog.props["aria-label"] = tr("A recording")
@@ -118,7 +123,7 @@ class _Care:
         button = ui.button(text, on_click=act, color=None).props("flat no-caps")
         button.classes("btn plain small")
         if gated:
-            self._hands.gate(button, Action.FILES)
+            self._viewer.enable_when_allowed(button, Action.FILES)
         return button
 
     def _ask(self, question: str) -> None:
@@ -131,15 +136,15 @@ class _Care:
         ui.download(f"/recordings/file/{quote(self._file.name)}")
 
     def _rename(self) -> None:
-        self._do(lambda: self._desk.rename(self._file.name, self._name.value or ""))
+        self._do(lambda: self._app_state.rename(self._file.name, self._name.value or ""))
 
     def _delete(self) -> None:
         if not self._asked.text:
             self._ask(self._tr("Delete {name}? Nothing brings it back.", name=self._file.stem))
             return
-        self._do(lambda: self._desk.delete(self._file.name))
+        self._do(lambda: self._app_state.delete(self._file.name))
 
     def _do(self, act: Callable[[], object]) -> None:
-        if self._hands.do(Action.FILES, act):
+        if self._viewer.do(Action.FILES, act):
             self._dialog.close()
             self._changed()

@@ -9,20 +9,20 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.history import LISTED, Entry, History
 from palpate.dashboard.html_parts import heading
 from palpate.dashboard.language import ENGLISH, Language
-from palpate.dashboard.pressing import Hands
+from palpate.dashboard.viewer import Viewer
 from palpate.grasp.result import Outcome
 
 _WIDTH, _HEIGHT = 96, 30
 _WORDS = {outcome: str(outcome).replace("_", " ") for outcome in Outcome}
 
 
-def run_panel(desk: Desk, hands: Hands) -> None:
+def run_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    tr = hands.tr
+    tr = viewer.tr
     with ui.element("div").classes("form"):
         heading(tr("This run"))
         counts = ui.html("", sanitize=False).props("id=run-counts")
@@ -34,14 +34,16 @@ def run_panel(desk: Desk, hands: Hands) -> None:
     shown = [-1]
 
     def show() -> None:
-        if desk.history.version == shown[0]:
+        if app_state.history.version == shown[0]:
             return
-        shown[0] = desk.history.version
-        counts.set_content(counts_html(desk.history, rules=desk.settings.rules is not None, tr=tr))
-        listed = [entry_html(entry, tr, query=hands.query) for entry in desk.history.recent]
+        shown[0] = app_state.history.version
+        counts.set_content(
+            counts_html(app_state.history, rules=app_state.settings.rules is not None, tr=tr)
+        )
+        listed = [entry_html(entry, tr, query=viewer.query) for entry in app_state.history.recent]
         rows.set_content("".join(listed) or f"<p>{tr('None yet.')}</p>")
 
-    hands.on_refresh(show)
+    viewer.on_refresh(show)
 
 
 def counts_html(history: History, *, rules: bool, tr: Language = ENGLISH) -> str:
@@ -52,17 +54,17 @@ def counts_html(history: History, *, rules: bool, tr: Language = ENGLISH) -> str
     many = tr.many(
         "<b>{n}</b> grasp since {since}", "<b>{n}</b> grasps since {since}", total, since=since
     )
-    said = f"<p class='num'>{many}{ended}</p>"
+    total_line = f"<p class='num'>{many}{ended}</p>"
     if not rules:
-        return said
+        return total_line
     bins = "".join(
         f"<tr><td>{html.escape(name)}</td><td class='r num'>{n}</td></tr>"
         for name, n in history.bins.most_common()
     )
     if not bins:
-        return f"{said}<p>{tr('No named item was sorted yet.')}</p>"
+        return f"{total_line}<p>{tr('No named item was sorted yet.')}</p>"
     head = f"<tr><th>{tr('bin')}</th><th class='r'>{tr('grasps')}</th></tr>"
-    return f"{said}<table class='plain' id='run-bins'>{head}{bins}</table>"
+    return f"{total_line}<table class='plain' id='run-bins'>{head}{bins}</table>"
 
 
 def _counts(counted: dict[str, int]) -> str:

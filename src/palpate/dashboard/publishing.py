@@ -1,4 +1,4 @@
-"""Results and state of the desk to a publisher, while the server runs."""
+"""Sends results and the state to a message broker while the server runs."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Protocol
 
-from palpate.dashboard.desk import Desk
+from palpate.dashboard.app_state import AppState
 from palpate.dashboard.state_json import state_document
 
 #: What changes faster than this is not published.
 _LOOK_S = 0.1
 
 
-class Publisher(Protocol):
-    """Takes documents without making anyone wait."""
+class DocumentSink(Protocol):
+    """Takes documents without blocking."""
 
     def result(self, document: Mapping[str, object]) -> None:
         """Take how a grasp ended."""
@@ -30,10 +30,10 @@ class Publisher(Protocol):
         ...
 
 
-async def publish(desk: Desk, publisher: Publisher) -> None:
+async def publish(app_state: AppState, publisher: DocumentSink) -> None:
     """Publish until this is cancelled."""
-    desk.on_result.append(publisher.result)
+    app_state.on_result.append(publisher.result)
     with suppress(asyncio.CancelledError):
         while True:
-            publisher.state(state_document(desk.session))
+            publisher.state(state_document(app_state.session))
             await asyncio.sleep(_LOOK_S)

@@ -10,22 +10,15 @@ from pathlib import Path
 from threading import Event
 
 from palpate.clock import ManualClock
+from palpate.dashboard.frames import FrameSource
+from palpate.dashboard.grasp_progress import GraspProgress, grasp_progress_of
 from palpate.dashboard.grip_force import ForceLaws
 from palpate.dashboard.language import Message
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S
-from palpate.dashboard.messages import (
-    FrameSource,
-    Grasped,
-    Guide,
-    Past,
-    Play,
-    Playing,
-    Thought,
-    Timeline,
-)
-from palpate.dashboard.outlet import Outlet, columns
-from palpate.dashboard.thinking import thought_of
-from palpate.dashboard.transport import Transport
+from palpate.dashboard.messages import Grasped, Guide, Playing, RecordedStretch, Timeline
+from palpate.dashboard.orders import Play
+from palpate.dashboard.playback_clock import PlaybackClock
+from palpate.dashboard.telemetry import Telemetry, columns
 from palpate.errors import RecordingError
 from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation
@@ -42,7 +35,7 @@ from palpate.sensor.calibration import Calibration
 
 Seen = tuple[Frame, GripperState | None]
 
-#: The picture is renewed so often; a stop, or the wish to leave, is heard within this time.
+#: Period of the picture; a stop, or leaving the replay, takes effect within this time.
 _TICK_S = 0.04
 #: A forecast is made for each stretch of this length, as live; of a long recording, for fewer.
 _STRETCH_S, _MOST_STRETCHES = 0.2, 450
@@ -52,12 +45,12 @@ _MOST_POINTS = int(CURVE_S * POINTS_PER_S)
 def play(
     order: Play,
     *,
-    outlet: Outlet,
+    telemetry: Telemetry,
     requests: Requests,
     confirmed: Event,
-    steered: Callable[[Transport], None] = lambda transport: None,
+    steered: Callable[[PlaybackClock], None] = lambda playback: None,
 ) -> None:
-    """Show a recording, and what the controller makes of its grasp, if it holds one.
+    """Show a recording, and the decisions of the controller on its grasp, if it holds one.
 
     It stays on the screen until the user wants to see the rig again, or stops it. `steered` gets
     what pauses and moves it, once it can.
@@ -73,22 +66,22 @@ def play(
         raise RecordingError(f"{order.file}: no frames to show")
     confirmed.clear()
     plan, source = _plan_and_source(order.file)
-    outlet.begin(source)
-    outlet.think(None)
-    whole = _decided_again(seen, plan=plan, source=source, outlet=outlet, requests=requests)
+    telemetry.begin(source)
+    telemetry.set_plan(None)
+    whole = _decided_again(seen, plan=plan, source=source, telemetry=telemetry, requests=requests)
     if whole is None:
         return
-    outlet.note(whole.timeline)
-    outlet.note(Guide(text=Message("Replay of {name}", name=order.file.stem), asks=True))
+    telemetry.note(whole.timeline)
+    telemetry.note(Guide(text=Message("Replay of {name}", name=order.file.stem), asks=True))
     start_s, end_s = whole.timeline.start_s, whole.timeline.end_s
-    transport = Transport(start_s=start_s, end_s=end_s, speed=order.speed)
-    steered(transport)
+    playback = PlaybackClock(start_s=start_s, end_s=end_s, speed=order.speed)
+    steered(playback)
     shown: tuple[float, bool, float] | None = None
     while not requests.stop.is_set():
-        now = transport.at_s, transport.paused, transport.speed
+        now = playback.at_s, playback.paused, playback.speed
         if now != shown:
             shown = now
-            _show(whole, now, outlet=outlet, file=order.file)
+            _show(whole, now, telemetry=telemetry, file=order.file)
         if confirmed.wait(_TICK_S):
             return
 
@@ -100,32 +93,39 @@ class _Whole:
     seen: list[Seen]
     time_s: list[float]
     #: At the end of each stretch.
-    thoughts: list[Thought]
+    progresses: list[GraspProgress]
     timeline: Timeline
 
 
-def _show(whole: _Whole, now: tuple[float, bool, float], *, outlet: Outlet, file: Path) -> None:
-    """Send the frame of a moment, and what was thought of it then."""
+def _show(
+    whole: _Whole, now: tuple[float, bool, float], *, telemetry: Telemetry, file: Path
+) -> None:
+    """Send the frame of a moment, and the progress of the grasp then."""
     at_s, paused, speed = now
     frame, state = whole.seen[max(bisect_right(whole.time_s, at_s) - 1, 0)]
-    at_end, thought, grasped = at_s >= whole.timeline.end_s, None, None
-    if whole.thoughts:
-        before = bisect_right(whole.thoughts, at_s, key=lambda one: one.time_s) - 1
-        thought = whole.thoughts[-1 if at_end else max(before, 0)]
-        grasped = Grasped(result=thought.answer, recording=file) if at_end else None
-    outlet.recall(frame, state, thought)
-    outlet.note(Playing(time_s=at_s, paused=paused or at_end, speed=speed, grasped=grasped))
+    at_end, progress, grasped = at_s >= whole.timeline.end_s, None, None
+    if whole.progresses:
+        before = bisect_right(whole.progresses, at_s, key=lambda one: one.time_s) - 1
+        progress = whole.progresses[-1 if at_end else max(before, 0)]
+        grasped = Grasped(result=progress.answer, recording=file) if at_end else None
+    telemetry.show_recorded(frame, state, progress)
+    telemetry.note(Playing(time_s=at_s, paused=paused or at_end, speed=speed, grasped=grasped))
 
 
 def _decided_again(
-    seen: list[Seen], *, plan: Plan | None, source: FrameSource, outlet: Outlet, requests: Requests
+    seen: list[Seen],
+    *,
+    plan: Plan | None,
+    source: FrameSource,
+    telemetry: Telemetry,
+    requests: Requests,
 ) -> _Whole | None:
     """Go through the recording as fast as it goes, and send its curve; None if that was stopped."""
     time_s = [frame.time_s for frame, _ in seen]
     length_s = time_s[-1] - time_s[0]
     again = None if plan is None else _Again(plan)
     every = math.ceil(len(seen) / min(_MOST_POINTS, max(length_s * POINTS_PER_S, 1.0)))
-    thoughts: list[Thought] = []
+    progresses: list[GraspProgress] = []
     phases: list[tuple[float, str]] = []
     for stretch in _stretches(seen, lasting_s=max(_STRETCH_S, length_s / _MOST_STRETCHES)):
         if requests.stop.is_set():
@@ -136,20 +136,22 @@ def _decided_again(
                 if not phases or phases[-1][1] != again.belief.phase:
                     phases.append((frame.time_s, str(again.belief.phase)))
         if again is not None and again.belief.frames:
-            before = thoughts[-1] if thoughts else None
-            thoughts.append(again.thought(before))
+            before = progresses[-1] if progresses else None
+            progresses.append(again.progress(before))
         thinned = stretch[::-every][::-1]
-        past = Past(frames=columns(thinned, source), thought=thoughts[-1] if thoughts else None)
-        outlet.note(past)
+        past = RecordedStretch(
+            frames=columns(thinned, source), progress=progresses[-1] if progresses else None
+        )
+        telemetry.note(past)
         share = (stretch[-1][0].time_s - time_s[0]) / (length_s or 1.0)
-        outlet.note(Guide(text=Message("Deciding the recorded grasp again"), share=share))
+        telemetry.note(Guide(text=Message("Deciding the recorded grasp again"), share=share))
     timeline = Timeline(
         start_s=time_s[0],
         end_s=time_s[-1],
         phases=tuple(phases),
-        ended=thoughts[-1] if thoughts else None,
+        ended=progresses[-1] if progresses else None,
     )
-    return _Whole(seen=seen, time_s=time_s, thoughts=thoughts, timeline=timeline)
+    return _Whole(seen=seen, time_s=time_s, progresses=progresses, timeline=timeline)
 
 
 def _stretches(seen: list[Seen], *, lasting_s: float) -> Iterator[list[Seen]]:
@@ -177,8 +179,8 @@ class _Again:
         if self.belief.phase is Phase.HOLD and state.moving and self.belief.closure < held_at:
             self.belief, _ = released(self.belief, plan=self._plan)
 
-    def thought(self, before: Thought | None) -> Thought:
-        return thought_of(self.belief, plan=self._plan, before=before, forecasts=True)
+    def progress(self, before: GraspProgress | None) -> GraspProgress:
+        return grasp_progress_of(self.belief, plan=self._plan, before=before, forecasts=True)
 
 
 def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:

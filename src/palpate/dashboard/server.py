@@ -10,16 +10,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from palpate.dashboard.desk import Desk, Settings
+from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
 from palpate.dashboard.language import language_for
-from palpate.dashboard.publishing import Publisher, publish
+from palpate.dashboard.page_document import document
+from palpate.dashboard.publishing import DocumentSink, publish
 from palpate.dashboard.realtime import check_realtime
-from palpate.dashboard.view import document
 from palpate.errors import DeviceError, InputError, needing
 
 _STATIC = Path(__file__).parent / "static"
-#: A viewer whose connection breaks keeps the wheel for so long.
+#: A driver whose connection breaks remains the driver for this time.
 _RECONNECT_S = 10.0
 
 
@@ -30,7 +30,7 @@ def serve(
     port: int,
     token: str | None,
     announce: Callable[[str, str], None],
-    publisher: Publisher | None = None,
+    publisher: DocumentSink | None = None,
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
 
@@ -53,21 +53,21 @@ def serve(
         from fastapi import FastAPI
         from nicegui import ui
 
+        from palpate.dashboard.access import AccessControl, check_token, is_loopback
+        from palpate.dashboard.address import address_for_others, qr_text
         from palpate.dashboard.api import build_api
-        from palpate.dashboard.gate import Gate, check_token, is_loopback
-        from palpate.dashboard.reach import address_for_others, qr_text
     check_token(host, token)
     if settings.realtime:
         check_realtime()
     listening = _listen(host, port)
-    desk = Desk(settings)
+    app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
-    app.mount("/api", build_api(desk, token=token is not None))
-    _routes(desk)
-    app.router.on_startup.append(desk.open)
-    app.router.on_shutdown.append(desk.close)
+    app.mount("/api", build_api(app_state, token=token is not None))
+    _routes(app_state)
+    app.router.on_startup.append(app_state.open)
+    app.router.on_shutdown.append(app_state.close)
     if publisher is not None:
-        _publish(app, desk, publisher)
+        _publish(app, app_state, publisher)
     ui.run_with(
         app,
         title="palpate",
@@ -80,20 +80,20 @@ def serve(
         gzip_middleware_factory=None,
         show_welcome_message=False,
     )
-    gate = Gate(app, token=token, loopback=is_loopback(host))
+    gate = AccessControl(app, token=token, loopback=is_loopback(host))
     config = uvicorn.Config(
         gate, log_level="warning", access_log=False, timeout_graceful_shutdown=2
     )
     address = address_for_others(host, listening.getsockname()[1])
     code = ""
     if not is_loopback(host):
-        desk.address, code = address, qr_text(address)
+        app_state.address, code = address, qr_text(address)
     app.router.on_startup.append(lambda: announce(address, code))
     with listening:
         uvicorn.Server(config).run(sockets=[listening])
 
 
-def _routes(desk: Desk) -> None:
+def _routes(app_state: AppState) -> None:
     """Add the pages, what they poll, and where they stop."""
     from fastapi.responses import FileResponse, JSONResponse, Response
     from nicegui import Client, app, ui
@@ -101,27 +101,27 @@ def _routes(desk: Desk) -> None:
     from palpate.dashboard.api import STOP_PATIENCE_S
     from palpate.dashboard.page import TABS, build_operator_page, build_page
 
-    # Asked for anew each time: a page must not outlive an update.
+    # Requested each time: a page must not outlive an update.
     app.add_static_files("/static", _STATIC, max_cache_age=0)
 
     for name, path in TABS.items():
-        ui.page(path)(lambda client, tab=name: build_page(desk, client, tab=tab))
+        ui.page(path)(lambda client, tab=name: build_page(app_state, client, tab=tab))
 
     @ui.page("/items/{item_id:path}")
     def item(client: Client, item_id: str) -> None:
-        build_page(desk, client, tab="Items", item_id=item_id)
+        build_page(app_state, client, tab="Items", item_id=item_id)
 
     @ui.page("/operate")
     def operate(client: Client, kiosk: str | None = None) -> None:
-        build_operator_page(desk, client, kiosk=kiosk is not None)
+        build_operator_page(app_state, client, kiosk=kiosk is not None)
 
     @app.get("/live")
     async def live(
         generation: int = -1, after_s: float = 0.0, lang: str | None = None
     ) -> JSONResponse:
         found: dict[str, Any] = document(
-            desk.session,
-            desk.wishes,
+            app_state.session,
+            app_state.form,
             generation=generation,
             after_s=after_s,
             tr=language_for(lang, ""),
@@ -131,29 +131,29 @@ def _routes(desk: Desk) -> None:
     @app.get("/grasps.csv")
     def grasps() -> Response:
         named = {"Content-Disposition": 'attachment; filename="grasps.csv"'}
-        return Response(desk.history.as_csv(), media_type="text/csv", headers=named)
+        return Response(app_state.history.as_csv(), media_type="text/csv", headers=named)
 
     @app.get("/recordings/file/{name}")
     def recording(name: str) -> Response:
         try:
-            file = recording_named(desk.settings.folder, name)
+            file = recording_named(app_state.settings.folder, name)
         except InputError as error:
             return Response(str(error), status_code=404, media_type="text/plain")
         return FileResponse(file, filename=file.name)
 
     @app.post("/stop")
     async def stop() -> JSONResponse:
-        """Answer once the hand was told; a page that hears nothing in time raises the alarm."""
-        stopped = await desk.stop(patience_s=STOP_PATIENCE_S)
+        """Answer once the stop reached the hand; the page raises an alarm without an answer."""
+        stopped = await app_state.stop(patience_s=STOP_PATIENCE_S)
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
-def _publish(app: Any, desk: Desk, publisher: Publisher) -> None:
+def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:
     """Let a publisher work while the application does."""
     running: list[asyncio.Task[None]] = []
 
     async def start() -> None:
-        running.append(asyncio.create_task(publish(desk, publisher)))
+        running.append(asyncio.create_task(publish(app_state, publisher)))
 
     # After the hand was stopped.
     async def end() -> None:

@@ -64,7 +64,7 @@ def test_nothing_but_serving_loads_the_web() -> None:
 def test_a_missing_extra_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("palpate.dashboard.server", "palpate.dashboard.gate"):
+    for name in ("palpate.dashboard.server", "palpate.dashboard.access"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     for name in ("starlette", "starlette.datastructures", "fastapi", "nicegui", "uvicorn"):
         monkeypatch.setitem(sys.modules, name, None)

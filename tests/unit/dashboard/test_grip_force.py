@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.dashboard.test_live import SOURCE, frames, thought
+from tests.unit.dashboard.test_live import SOURCE, frames, progress
 
+from palpate.dashboard.grasp_form import GraspForm
+from palpate.dashboard.grasp_progress import Bounds
 from palpate.dashboard.grip_force import ContactGains, ForceLaws, GripForce
 from palpate.dashboard.live import Live
-from palpate.dashboard.messages import Bounds
+from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
-from palpate.dashboard.view import document
-from palpate.dashboard.wishes import Wishes
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelForceLaw, PixelReading
@@ -30,7 +30,7 @@ PRESSED = 450
 @pytest.fixture
 def live() -> Live:
     live = Live()
-    live.begin(replace(SOURCE, laws=LAWS))
+    live.open_source(replace(SOURCE, laws=LAWS))
     return live
 
 
@@ -41,7 +41,7 @@ def pressed_n() -> float:
 
 
 def test_every_point_of_the_curve_has_its_force(live: Live) -> None:
-    live.add(frames(40, rate_hz=40.0, counts=PRESSED))
+    live.add_frames(frames(40, rate_hz=40.0, counts=PRESSED))
     assert len(live.curve) == 40
     for point in live.curve:
         assert point.force is not None
@@ -52,24 +52,24 @@ def test_every_point_of_the_curve_has_its_force(live: Live) -> None:
 
 def test_without_a_calibration_there_are_no_newtons() -> None:
     live = Live()
-    live.begin(SOURCE)
-    live.add(frames(2, counts=PRESSED))
+    live.open_source(SOURCE)
+    live.add_frames(frames(2, counts=PRESSED))
     assert live.force is None
     assert ForceLaws.of(None) is None
 
 
 def test_what_the_grasp_learned_of_its_contact_counts(live: Live) -> None:
     gain = Gain(log_mean=math.log(1.5), log_sd=0.05, law_sd=LAW.residual_sd)
-    live.add(frames(1, counts=PRESSED))
+    live.add_frames(frames(1, counts=PRESSED))
     wide = live.force
-    live.think(replace(thought(0.0, 5.0), gains=ContactGains(early=gain, settled=gain)))
-    live.add(frames(1, from_s=0.1, counts=PRESSED))
+    live.take_progress(replace(progress(0.0, 5.0), gains=ContactGains(early=gain, settled=gain)))
+    live.add_frames(frames(1, from_s=0.1, counts=PRESSED))
     assert wide is not None
     assert live.force is not None
     assert live.force.value == pytest.approx(1.5 * wide.value)
     assert live.force.high / live.force.low < wide.high / wide.low
-    live.clear()
-    live.add(frames(1, from_s=0.2, counts=PRESSED))
+    live.clear_curve()
+    live.add_frames(frames(1, from_s=0.2, counts=PRESSED))
     assert live.force is not None
     assert live.force.value == pytest.approx(wide.value), "the next contact is another one"
 
@@ -82,7 +82,7 @@ def test_the_laws_pass_through_the_pipe() -> None:
 
 def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
     session = Session(send=lambda message: None)
-    session.live = live
+    session.devices.live = live
     settled_n = Measurement(value=3.0, low=2.5, high=3.5, unit="n")
     moments = (
         Moment(time_s=4.0, name="contact"),
@@ -90,17 +90,17 @@ def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
         Moment(time_s=4.6, name="finger_contact", finger=0),
         Moment(time_s=5.0, name="finger_removal", finger=0),
     )
-    live.think(
+    live.take_progress(
         replace(
-            thought(6.0, 5.0),
+            progress(6.0, 5.0),
             settled_n=settled_n,
             touched_s=3.8,
             moments=moments,
             bounds=Bounds(target_n=3.0, damage_low_n=5.5, ceiling_n=15.0),
         )
     )
-    live.add(replace(frames(1, counts=PRESSED), reported=np.array([40.0])))
-    doc = document(session, Wishes(), generation=-1, after_s=0.0)
+    live.add_frames(replace(frames(1, counts=PRESSED), reported=np.array([40.0])))
+    doc = document(session, GraspForm(), generation=-1, after_s=0.0)
     assert doc["curve"][0][2:] == pytest.approx(
         [live.force.low, live.force.value, live.force.high] if live.force else [], abs=1e-3
     )
@@ -114,12 +114,12 @@ def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
 
 def test_an_open_hand_touches_nothing(live: Live) -> None:
     session = Session(send=lambda message: None)
-    session.live = live
+    session.devices.live = live
     assert isinstance(SOURCE.gripper, GripperLimits)
-    live.think(
-        replace(thought(1.0, 5.0), moments=(Moment(time_s=0.5, name="finger_contact", finger=0),))
+    live.take_progress(
+        replace(progress(1.0, 5.0), moments=(Moment(time_s=0.5, name="finger_contact", finger=0),))
     )
-    live.add(frames(1))
-    doc = document(session, Wishes(), generation=-1, after_s=0.0)
+    live.add_frames(frames(1))
+    doc = document(session, GraspForm(), generation=-1, after_s=0.0)
     assert doc["grasp"]["fingers"] == []
     assert doc["measured"]["holds"] is False

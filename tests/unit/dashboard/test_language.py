@@ -14,9 +14,9 @@ from string import Formatter
 import pytest
 
 import palpate.dashboard
-from palpate.dashboard.catalogue import po_entries
+from palpate.dashboard.activity import Activity
 from palpate.dashboard.language import LANGUAGES, Message, language_for
-from palpate.dashboard.session import Activity
+from palpate.dashboard.po_file import po_entries
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS, firmness, outcome_text
@@ -45,7 +45,7 @@ def python_texts(file: Path) -> Iterator[str]:
     for call in ast.walk(ast.parse(file.read_text())):
         if not isinstance(call, ast.Call):
             continue
-        called = re.sub(r"^(hands|self)\._?", "", ast.unparse(call.func))
+        called = re.sub(r"^(viewer|self)\._?", "", ast.unparse(call.func))
         texts = {"tr": 1, "Message": 1, "tr.many": 2}.get(called, 0)
         for text in call.args[:texts]:
             if isinstance(text, ast.Constant) and isinstance(text.value, str) and text.value:

@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.dashboard.activity import Action, Activity
+from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
+from palpate.dashboard.grasp_form import GraspForm
+from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
-from palpate.dashboard.messages import Frames, FrameSource, Grasped, Lost, Pulse, Thought, Update
-from palpate.dashboard.session import Action, Activity, Session
-from palpate.dashboard.view import document
-from palpate.dashboard.wishes import Wishes
+from palpate.dashboard.messages import DevicesLost, Grasped, Update
+from palpate.dashboard.page_document import document
+from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperLimits
@@ -45,13 +48,13 @@ def frames(count: int, *, from_s: float = 0.0, rate_hz: float = 500.0, counts: i
 @pytest.fixture
 def live() -> Live:
     live = Live()
-    live.begin(SOURCE)
+    live.open_source(SOURCE)
     return live
 
 
-def thought(time_s: float, half: float) -> Thought:
+def progress(time_s: float, half: float) -> GraspProgress:
     settled = Measurement(value=-40.0, low=-40.0 - half, high=-40.0 + half, unit="percent")
-    return Thought(
+    return GraspProgress(
         time_s=time_s,
         phase="settle",
         rest_ohm=None,
@@ -65,13 +68,13 @@ def thought(time_s: float, half: float) -> Thought:
 
 def test_memory_is_bounded_whatever_the_rate(live: Live) -> None:
     for second in range(300):
-        live.add(frames(500, from_s=float(second)))
+        live.add_frames(frames(500, from_s=float(second)))
     assert len(live.curve) == POINTS_PER_S * CURVE_S
     assert live.curve[-1].time_s == pytest.approx(299.98)
 
 
 def test_change_is_against_the_rest_values(live: Live) -> None:
-    live.add(frames(1, counts=450))
+    live.add_frames(frames(1, counts=450))
     assert live.percent is not None
     # 4700 ohm below: R goes as 1024 / counts - 1.
     assert live.percent[0, 0] == pytest.approx(100 * ((1024 / 450 - 1) / (1024 / 300 - 1) - 1))
@@ -79,49 +82,49 @@ def test_change_is_against_the_rest_values(live: Live) -> None:
 
 
 def test_a_step_between_two_frames_is_marked_as_a_movement(live: Live) -> None:
-    live.add(frames(2, rate_hz=15.0))
-    live.add(replace(frames(1, from_s=0.2), reported=np.array([73.0])))
+    live.add_frames(frames(2, rate_hz=15.0))
+    live.add_frames(replace(frames(1, from_s=0.2), reported=np.array([73.0])))
     assert list(live.moves) == [[pytest.approx(1 / 15), pytest.approx(0.2)]]
 
 
 def test_a_movement_over_frames_is_one_mark(live: Live) -> None:
     for time_s, moving in ((0.0, False), (0.1, True), (0.2, True), (0.3, False)):
-        live.add(replace(frames(1, from_s=time_s), moving=np.array([moving])))
+        live.add_frames(replace(frames(1, from_s=time_s), moving=np.array([moving])))
     assert [list(move) for move in live.moves] == [[pytest.approx(0.1), pytest.approx(0.3)]]
 
 
 def test_the_hand_counts_as_open_only_where_it_says_so(live: Live) -> None:
     assert live.open_hand is None
-    live.add(frames(1))
+    live.add_frames(frames(1))
     assert live.open_hand is True
-    live.add(replace(frames(1, from_s=1.0), reported=np.array([40.0])))
+    live.add_frames(replace(frames(1, from_s=1.0), reported=np.array([40.0])))
     assert live.open_hand is False
-    live.add(replace(frames(1, from_s=2.0), reported=np.array([math.nan])))
+    live.add_frames(replace(frames(1, from_s=2.0), reported=np.array([math.nan])))
     assert live.open_hand is None
 
 
 def test_a_forecast_that_did_not_change_is_one_point_of_the_band(live: Live) -> None:
     for time_s, half in ((1.0, 5.0), (1.1, 5.0), (1.2, 3.0)):
-        live.think(thought(time_s, half))
+        live.take_progress(progress(time_s, half))
     assert [round(band.high - band.low, 6) for band in live.band] == [10.0, 6.0]
 
 
 def test_without_rest_values_the_first_frames_are_taken() -> None:
     live = Live()
-    live.begin(replace(SOURCE, rest_ohm=None))
-    live.add(frames(15))
-    live.add(frames(1, from_s=1.0, counts=450))
+    live.open_source(replace(SOURCE, rest_ohm=None))
+    live.add_frames(frames(15))
+    live.add_frames(frames(1, from_s=1.0, counts=450))
     assert live.percent is not None
     assert live.percent[0, 0] < -40
 
 
 def test_the_document_sends_what_the_page_lacks() -> None:
     session = Session(send=lambda message: None)
-    session.live.begin(SOURCE)
-    session.live.add(frames(40, rate_hz=40.0))
-    generation = session.live.generation
-    whole = document(session, Wishes(), generation=-1, after_s=0.5)
-    rest = document(session, Wishes(), generation=generation, after_s=0.5)
+    session.devices.live.open_source(SOURCE)
+    session.devices.live.add_frames(frames(40, rate_hz=40.0))
+    generation = session.devices.live.generation
+    whole = document(session, GraspForm(), generation=-1, after_s=0.5)
+    rest = document(session, GraspForm(), generation=generation, after_s=0.5)
     assert len(whole["curve"]) == 40
     assert [point[0] for point in rest["curve"]] == pytest.approx(np.arange(21, 40) / 40)
     assert whole["source"]["simulated"] is True
@@ -129,9 +132,9 @@ def test_the_document_sends_what_the_page_lacks() -> None:
 
 def test_an_open_pixel_is_null_in_the_document() -> None:
     session = Session(send=lambda message: None)
-    session.live.begin(SOURCE)
-    session.live.add(frames(1, counts=0))
-    pixels = document(session, Wishes(), generation=-1, after_s=0.0)["pixels"]
+    session.devices.live.open_source(SOURCE)
+    session.devices.live.add_frames(frames(1, counts=0))
+    pixels = document(session, GraspForm(), generation=-1, after_s=0.0)["pixels"]
     assert pixels["percent"][0] == [None, None]
     assert pixels["ohm"][0] == [None, None]
 
@@ -142,10 +145,10 @@ def test_what_the_doctor_found_stands_on_its_pixels() -> None:
     counts[:, 3] = 0
     columns = FrameColumns(time_s=np.arange(100) / 15, sequence=np.arange(100), counts=counts)
     session = Session(send=lambda message: None)
-    session.live.begin(SOURCE)
-    session.live.add(frames(1))
-    session.health = examine(columns, layout=RIGID_LAYOUT)
-    findings = document(session, Wishes(), generation=-1, after_s=0.0)["pixels"]["findings"]
+    session.devices.live.open_source(SOURCE)
+    session.devices.live.add_frames(frames(1))
+    session.devices.health = examine(columns, layout=RIGID_LAYOUT)
+    findings = document(session, GraspForm(), generation=-1, after_s=0.0)["pixels"]["findings"]
     assert {(one["row"], one["col"]) for one in findings} == {(2, 1), (3, 0), (3, 1)}
     assert {one["severity"] for one in findings} == {"fault"}
     assert "reads open" in findings[0]["text"]
@@ -153,13 +156,15 @@ def test_what_the_doctor_found_stands_on_its_pixels() -> None:
 
 def test_without_a_gripper_it_is_watched_and_not_grasped_with() -> None:
     session = Session(send=lambda message: None)
-    session.take(Update(notes=(replace(SOURCE, gripper=None),), pulse=Pulse(stale=False)))
+    session.devices.take(
+        Update(notes=(replace(SOURCE, gripper=None),), link=LinkStatus(stale=False))
+    )
     session.join("a")
-    session.activity = Activity.WATCHING
+    session.devices.activity = Activity.WATCHING
     assert session.refusal(Action.GRASP, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.RELEASE, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.EXAMINE, viewer="a") == ""
-    doc = document(session, Wishes(), generation=-1, after_s=0.0)
+    doc = document(session, GraspForm(), generation=-1, after_s=0.0)
     assert (doc["verdict"]["text"], doc["operator"]["word"]) == ("watching", "Watching")
     assert doc["hand"] is None
 
@@ -167,11 +172,11 @@ def test_without_a_gripper_it_is_watched_and_not_grasped_with() -> None:
 def watched(*, stale: bool = False, counts: int = 300) -> dict:
     """Return the verdict of a page that watches a sensor which was read before."""
     session = Session(send=lambda message: None)
-    session.activity = Activity.WATCHING
-    session.live.begin(SOURCE)
-    session.live.add(frames(1, counts=counts))
-    session.live.pulse = Pulse(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
-    return document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]
+    session.devices.activity = Activity.WATCHING
+    session.devices.live.open_source(SOURCE)
+    session.devices.live.add_frames(frames(1, counts=counts))
+    session.devices.live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=3.0 * stale, stale=stale)
+    return document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
 
 
 def test_a_broken_sensor_is_not_called_ready() -> None:
@@ -186,20 +191,20 @@ def test_a_broken_sensor_is_not_called_ready() -> None:
 def test_a_process_that_hangs_turns_the_link_red() -> None:
     silent_s = [0.1]
     session = Session(send=lambda message: None, silent_s=lambda: silent_s[0])
-    session.live.begin(SOURCE)
-    session.live.pulse = Pulse(frames=9, rate_hz=15.0, age_s=0.03, stale=False)
-    link = document(session, Wishes(), generation=-1, after_s=0.0)["link"]
+    session.devices.live.open_source(SOURCE)
+    session.devices.live.link = LinkStatus(frames=9, rate_hz=15.0, age_s=0.03, stale=False)
+    link = document(session, GraspForm(), generation=-1, after_s=0.0)["link"]
     assert (link["stale"], link["hung_s"]) == (False, None)
     silent_s[0] = 3.0
-    hung = document(session, Wishes(), generation=-1, after_s=0.0)["link"]
+    hung = document(session, GraspForm(), generation=-1, after_s=0.0)["link"]
     assert (hung["stale"], hung["hung_s"], hung["age_s"]) == (True, 3.0, pytest.approx(3.03))
 
 
 def test_devices_that_are_gone_are_not_called_holding() -> None:
     session = Session(send=lambda message: None)
-    session.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
-    session.take(Lost("the process with the devices has ended"))
-    card = document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]
+    session.devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
+    session.devices.take(DevicesLost("the process with the devices has ended"))
+    card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
     assert (card["text"], card["kind"]) == ("the devices are gone", "bad")
 
 
@@ -226,15 +231,15 @@ def test_only_what_went_well_ends_on_a_green_card(
     )
     session = Session(send=lambda message: None)
     session.target_force_n = target_n
-    session.grasped = Grasped(result=result, truth=ended.get("truth"))
-    assert document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]["kind"] == kind
+    session.devices.grasped = Grasped(result=result, truth=ended.get("truth"))
+    assert document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]["kind"] == kind
 
 
 def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
     session = Session(send=lambda message: None)
     answer = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
-    session.live.think(
-        Thought(
+    session.devices.live.take_progress(
+        GraspProgress(
             time_s=9.0,
             phase="hold",
             rest_ohm=None,
@@ -247,5 +252,5 @@ def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
     )
     for target_n, kind in ((2.0, "good"), (3.0, "warn")):
         session.target_force_n = target_n
-        card = document(session, Wishes(), generation=-1, after_s=0.0)["verdict"]
+        card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
         assert (card["text"], card["kind"]) == ("holding", kind)

@@ -12,9 +12,10 @@ import pytest
 
 from palpate.clock import ManualClock
 from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
-from palpate.dashboard.messages import CalibrateForce, CalibrateRest, Guide, Update
-from palpate.dashboard.outlet import Outlet
-from palpate.dashboard.station import Station, StoppedByUserError
+from palpate.dashboard.job_context import JobContext, StoppedByUserError
+from palpate.dashboard.messages import Guide, Update
+from palpate.dashboard.orders import CalibrateForce, CalibrateRest
+from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, InputError
 from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.rig import Rig
@@ -35,7 +36,7 @@ class PadAndUser:
     def __init__(self) -> None:
         self.clock = ManualClock()
         self.load_n, self.sequence, self.seen = 0.0, 0, list[str]()
-        self.station: Station | None = None
+        self.context: JobContext | None = None
         self.gives_up_at = ""
 
     def read(self, *, timeout_s: float) -> Frame:
@@ -53,14 +54,14 @@ class PadAndUser:
         )
 
     def _obey(self) -> None:
-        assert self.station is not None
-        for note in notes_of(self.station.outlet):
+        assert self.context is not None
+        for note in notes_of(self.context.telemetry):
             self.seen.append(note.text)
             if self.gives_up_at and self.gives_up_at in note.text:
-                self.station.requests.stop.set()
+                self.context.requests.stop.set()
             if note.asks:
                 self.load_n = float(note.text.removeprefix("Lay ").removesuffix(" N on the pad"))
-                self.station.confirmed.set()
+                self.context.confirmed.set()
 
     def state(self) -> GripperState:
         return GripperState(time_s=self.clock.now_s(), width_mm=74.0)
@@ -69,9 +70,9 @@ class PadAndUser:
         return
 
 
-def notes_of(outlet: Outlet) -> list[Guide]:
-    """Return what the outlet would send next."""
-    update: Update = outlet.update()
+def notes_of(telemetry: Telemetry) -> list[Guide]:
+    """Return what the telemetry would send next."""
+    update: Update = telemetry.update()
     return [note for note in update.notes if isinstance(note, Guide)]
 
 
@@ -88,7 +89,7 @@ def pad() -> PadAndUser:
         block=BlockPairs(block_mm=(), width_mm=(), force_n=()),
     )
     devices: Any = pad
-    pad.station = Station(
+    pad.context = JobContext(
         rig=Rig(
             name="pad.toml",
             array=devices,
@@ -98,7 +99,7 @@ def pad() -> PadAndUser:
         ),
         array=devices,
         seed=0,
-        outlet=Outlet(lambda update: None, on_lost=lambda: None),
+        telemetry=Telemetry(lambda update: None, on_lost=lambda: None),
         on_stopped=lambda: None,
         confirmed=threading.Event(),
     )
@@ -106,15 +107,15 @@ def pad() -> PadAndUser:
 
 
 def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path: Path) -> None:
-    assert pad.station is not None
+    assert pad.context is not None
     order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
-    made = calibrate_force(order, station=pad.station)
+    made = calibrate_force(order, context=pad.context)
     asked = [float(text.split()[1]) for text in pad.seen if text.startswith("Lay ")]
     assert asked == list(LOADS)
     saved = Calibration.load(order.file)
     assert saved.force.force_n == LOADS
-    assert pad.station.rig.calibration is not None
-    assert pad.station.rig.calibration.force == saved.force
+    assert pad.context.rig.calibration is not None
+    assert pad.context.rig.calibration.force == saved.force
     errors = [error for error in made.held_out.values() if error is not None]
     assert errors
     assert max(errors) < 5.0
@@ -123,39 +124,39 @@ def test_every_load_is_asked_for_and_the_law_is_found(pad: PadAndUser, tmp_path:
 def test_a_stop_between_two_weights_leaves_the_old_calibration(
     pad: PadAndUser, tmp_path: Path
 ) -> None:
-    assert pad.station is not None
-    before = pad.station.rig.calibration
+    assert pad.context is not None
+    before = pad.context.rig.calibration
     pad.gives_up_at = "Lay 2 N"
     order = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     with pytest.raises(StoppedByUserError, match="stopped on request"):
-        calibrate_force(order, station=pad.station)
-    assert pad.station.rig.calibration is before
+        calibrate_force(order, context=pad.context)
+    assert pad.context.rig.calibration is before
     assert not order.file.exists()
 
 
 def test_without_load_cell_and_weights_nothing_begins(pad: PadAndUser, tmp_path: Path) -> None:
-    assert pad.station is not None
+    assert pad.context is not None
     order = CalibrateForce(file=tmp_path / "calibration.json")
     with pytest.raises(DeviceError, match="give dead weights"):
-        calibrate_force(order, station=pad.station)
+        calibrate_force(order, context=pad.context)
     with pytest.raises(InputError, match="are the loads in grams"):
-        calibrate_force(replace(order, loads_n=(50.0, 100.0, 200.0, 400.0)), station=pad.station)
+        calibrate_force(replace(order, loads_n=(50.0, 100.0, 200.0, 400.0)), context=pad.context)
 
 
 def test_a_sensor_alone_is_calibrated_from_nothing(pad: PadAndUser, tmp_path: Path) -> None:
-    station, devices = pad.station, cast("PressureArray", pad)
-    assert station is not None
-    station.rig = SensorRig(name="pad.toml", array=devices, clock=pad.clock, calibration=None)
+    context, devices = pad.context, cast("PressureArray", pad)
+    assert context is not None
+    context.rig = SensorRig(name="pad.toml", array=devices, clock=pad.clock, calibration=None)
     weigh = CalibrateForce(file=tmp_path / "calibration.json", loads_n=LOADS)
     with pytest.raises(DeviceError, match="take the rest values first"):
-        calibrate_force(weigh, station=station)
-    assert station.source().rest_ohm is None
-    made = calibrate_rest(CalibrateRest(file=weigh.file), station=station)
+        calibrate_force(weigh, context=context)
+    assert context.source().rest_ohm is None
+    made = calibrate_rest(CalibrateRest(file=weigh.file), context=context)
     assert made.rest_ohm == pytest.approx(np.full((4, 2), REST_OHM), rel=1e-3)
     assert np.array_equal(made.change_percent, np.zeros((4, 2)))
-    calibrate_force(weigh, station=station)
+    calibrate_force(weigh, context=context)
     saved = Calibration.load(weigh.file)
     assert saved.force.force_n == LOADS
     assert saved.rest_ohm == pytest.approx(made.rest_ohm)
-    station.stop_hand()
-    assert station.reacted_s is not None
+    context.stop_hand()
+    assert context.reacted_s is not None

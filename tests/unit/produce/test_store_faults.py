@@ -17,7 +17,7 @@ import pytest
 import sqlalchemy as sa
 
 from palpate.commands.items import opened
-from palpate.dashboard.ledger import Ledger
+from palpate.dashboard.item_store import ItemStore
 from palpate.errors import (
     InputError,
     MissingExtraError,
@@ -114,7 +114,7 @@ def test_items_are_listed_from_a_medium_that_can_only_be_read(without_root: Path
     without_root.chmod(0o555)
     with opened(str(path)) as store:
         assert [item.item_id for item in store.items()] == ["A17"]
-    assert Ledger(str(path)).items() == ["A17"]
+    assert ItemStore(str(path)).items() == ["A17"]
 
 
 def test_what_only_a_helper_file_holds_is_not_passed_over(without_root: Path) -> None:

@@ -1,6 +1,6 @@
 // Force and reading over time, on one time axis that counts from the contact.
-import { $, seen } from "/static/follow.js";
-import { keptAt, zeroOf } from "/static/kept.js";
+import { $, seen } from "/static/poll.js";
+import { keptAt, zeroOf } from "/static/compare.js";
 import { fixed, range, t } from "/static/words.js";
 
 const WINDOW_S = 30, POINTS = 400;

@@ -1,9 +1,9 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
-import { $, follow, say, whys } from "/static/follow.js";
+import { $, follow, say, whys } from "/static/poll.js";
 import { fixed, range, t } from "/static/words.js";
 import { begin as beginCurves, drawCurves } from "/static/curves.js";
-import { begin as beginHand, drawFingers } from "/static/hand.js";
-import { begin as beginKept, drawKept } from "/static/kept.js";
+import { begin as beginHand, drawFingers } from "/static/pads.js";
+import { begin as beginKept, drawKept } from "/static/compare.js";
 import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
 
 const UNITS = { size_mm: [t("Size"), "mm", 1], force_n: [t("Grip force"), "N", 2], stiffness_n_per_mm: [t("Stiffness"), "N/mm", 2], settled_percent: [t("Settled at 20 s"), "%", 1] };

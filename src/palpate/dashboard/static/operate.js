@@ -1,5 +1,5 @@
 // The operator's view: one verdict, what to do next, and the force, to be read from two metres.
-import { $, follow, headline, say, whys } from "/static/follow.js";
+import { $, follow, headline, say, whys } from "/static/poll.js";
 import { begin as beginKiosk } from "/static/kiosk.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";

@@ -1,5 +1,5 @@
 // The timeline of a replay: its phases, and what pauses, moves and speeds it up.
-import { $, esc } from "/static/follow.js";
+import { $, esc } from "/static/poll.js";
 import { fixed, t } from "/static/words.js";
 
 const HELD_MS = 400, SEND_MS = 80;

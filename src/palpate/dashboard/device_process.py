@@ -1,4 +1,4 @@
-"""The process that owns the devices: it watches, carries out orders, and hears a stop at once.
+"""The process that owns the devices: it watches, carries out orders, and handles a stop at once.
 
 It shares nothing with the page but a pipe. If the page's process is gone, whatever runs is stopped
 as by the stop button, and this process ends.
@@ -18,18 +18,22 @@ from palpate.clock import ManualClock
 from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
 from palpate.dashboard.examining import look_at
 from palpate.dashboard.grasping import grasp, open_hand
+from palpate.dashboard.job_context import BenchOpener, JobContext, state_of
 from palpate.dashboard.language import Message, error_text
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
     Calibrated,
+    Ended,
+    Grasped,
+    StopConfirmed,
+    Trouble,
+)
+from palpate.dashboard.orders import (
     CalibrateForce,
     CalibrateRest,
     Confirm,
-    Ended,
     Examine,
-    Goodbye,
-    Grasped,
     GraspOrder,
     OpenHand,
     OpenRig,
@@ -38,18 +42,16 @@ from palpate.dashboard.messages import (
     Play,
     Record,
     ReleaseNow,
+    Request,
     Seek,
     SetSpeed,
+    Shutdown,
     StopNow,
-    Stopped,
-    Trouble,
-    Urgent,
 )
-from palpate.dashboard.outlet import Outlet
-from palpate.dashboard.pacing import PacedArray
+from palpate.dashboard.paced_array import PacedArray
+from palpate.dashboard.playback_clock import PlaybackClock
 from palpate.dashboard.replaying import play
-from palpate.dashboard.station import BenchOpener, Station, state_of
-from palpate.dashboard.transport import Transport
+from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.requests import Requests
 from palpate.recording import RecordingWriter
@@ -64,12 +66,12 @@ _WATCH_TIMEOUT_S, _LOST_S = 0.2, 0.5
 
 def run_devices(connection: Connection, benches: dict[str, BenchOpener]) -> None:
     """Serve the page at the other end of a pipe until it is gone: the process's main function."""
-    # Ctrl-C in the terminal reaches this process too; while a grasp runs, the runner hears it.
+    # Ctrl-C in the terminal reaches this process too; while a grasp runs, the runner handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Devices(connection, benches=benches).run()
+    DeviceProcess(connection, benches=benches).run()
 
 
-class Devices:
+class DeviceProcess:
     """Carries out one order after the other, and watches the sensor in between.
 
     Parameters
@@ -86,33 +88,33 @@ class Devices:
         self._orders: deque[Order] = deque()
         self._arrived = threading.Event()
         self._gone = threading.Event()
-        self._station: Station | None = None
+        self._context: JobContext | None = None
         self._requests = Requests()
         self._confirmed = threading.Event()
-        self._transport: Transport | None = None
+        self._playback: PlaybackClock | None = None
         self._stop_asked_s: float | None = None
         self._stop_number = self._stop_confirmed = 0
         self._writer: RecordingWriter | None = None
         self._troubled = ""
-        self._outlet = Outlet(connection.send, on_lost=lambda: self._hear(Goodbye()))
+        self._telemetry = Telemetry(connection.send, on_lost=lambda: self._hear(Shutdown()))
 
     def run(self) -> None:
         """Serve until the page is gone; leave the hand standing still."""
         threading.Thread(target=self._listen, name="listen", daemon=True).start()
-        self._outlet.start()
+        self._telemetry.start()
         try:
             while not self._gone.is_set():
                 self._heed_stop()
                 order = self._next_order()
                 if order is not None:
                     self._carry_out(order)
-                elif self._station is not None:
-                    self._watch(self._station)
+                elif self._context is not None:
+                    self._watch(self._context)
                 else:
                     self._arrived.wait(_WATCH_TIMEOUT_S)
         finally:
             self._let_go()
-            self._outlet.close()
+            self._telemetry.close()
 
     # -- what comes in --------------------------------------------------------------------------
 
@@ -120,48 +122,48 @@ class Devices:
         with suppress(EOFError, OSError):
             while True:
                 self._hear(self._connection.recv())
-        self._hear(Goodbye())
+        self._hear(Shutdown())
 
-    def _hear(self, message: Order | Urgent) -> None:
-        station = self._station
+    def _hear(self, message: Order | Request) -> None:
+        context = self._context
         match message:
             case StopNow():
                 self._stop_number = message.number
-                self._stop(station)
-            case Goodbye():
+                self._stop(context)
+            case Shutdown():
                 self._gone.set()
-                self._stop(station)
+                self._stop(context)
             case ReleaseNow():
                 self._requests.release.set()
             case Confirm():
                 self._confirmed.set()
-            case Seek() | Pause() | SetSpeed() if (transport := self._transport) is not None:
-                _steer(transport, message)
+            case Seek() | Pause() | SetSpeed() if (playback := self._playback) is not None:
+                _steer(playback, message)
             case SetSpeed():
-                if station is not None and isinstance(station.array, PacedArray):
-                    station.array.speed = message.speed
+                if context is not None and isinstance(context.array, PacedArray):
+                    context.array.speed = message.speed
             case Seek() | Pause():
                 pass  # the replay has just ended
             case _:
                 with self._lock:
                     self._orders.append(message)
                 self._arrived.set()
-        if station is not None and isinstance(station.array, PacedArray):
-            station.array.hurry()
+        if context is not None and isinstance(context.array, PacedArray):
+            context.array.hurry()
 
-    def _stop(self, station: Station | None) -> None:
+    def _stop(self, context: JobContext | None) -> None:
         """Stop what runs, and whatever was to run next: no order may outlive a stop."""
         with self._lock:
             dropped = list(self._orders)
             self._orders.clear()
-            if station is not None and not self._requests.stop.is_set():
-                self._stop_asked_s = station.rig.clock.now_s()
+            if context is not None and not self._requests.stop.is_set():
+                self._stop_asked_s = context.rig.clock.now_s()
             self._requests.stop.set()
         self._arrived.set()
-        if station is None:
+        if context is None:
             self._confirm_stop()
         for order in dropped:
-            self._outlet.note(Ended(order=order, trouble=Message("stopped before it began")))
+            self._telemetry.note(Ended(order=order, trouble=Message("stopped before it began")))
 
     def _next_order(self) -> Order | None:
         """Take the next order, with requests of its own: a stop from now on is meant for it."""
@@ -174,24 +176,24 @@ class Devices:
 
     def _renew_requests(self) -> None:
         self._requests, self._stop_asked_s = Requests(), None
-        if self._station is not None:
-            self._station.requests, self._station.reacted_s = self._requests, None
+        if self._context is not None:
+            self._context.requests, self._context.reacted_s = self._requests, None
 
     def _heed_stop(self) -> None:
         """Stop the hand when that was asked for between two orders, or while one ended."""
-        station = self._station
+        context = self._context
         with self._lock:
-            if station is None or not self._requests.stop.is_set():
+            if context is None or not self._requests.stop.is_set():
                 return
             # First: a stop that comes meanwhile is heeded next.
             self._renew_requests()
-        self._try(station.stop_hand)
+        self._try(context.stop_hand)
 
     def _confirm_stop(self) -> None:
-        """Say that the hand was told, once for each stop."""
+        """Confirm that the hand received the stop, once for each stop."""
         if self._stop_confirmed < self._stop_number:
             self._stop_confirmed = self._stop_number
-            self._outlet.note(Stopped(self._stop_number), at_once=True)
+            self._telemetry.note(StopConfirmed(self._stop_number), at_once=True)
 
     # -- what is done ---------------------------------------------------------------------------
 
@@ -199,20 +201,20 @@ class Devices:
         if isinstance(order, Record):
             self._record(order)
             return
-        self._outlet.note(Began(order=order))
+        self._telemetry.note(Began(order=order))
         found: Grasped | Calibrated | Health | None = None
         trouble = ""
         try:
             found = self._done(order)
         except (PalpateError, OSError) as error:
             trouble = error_text(error)
-        self._outlet.note(
+        self._telemetry.note(
             Ended(order=order, found=found, trouble=trouble, stopped_after_s=self._took_s())
         )
-        station = self._station
-        if isinstance(order, Play | CalibrateRest | CalibrateForce) and station is not None:
-            self._outlet.begin(station.source(), events=station.link_events)
-        self._outlet.think(None)
+        context = self._context
+        if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
+            self._telemetry.begin(context.source(), events=context.link_events)
+        self._telemetry.set_plan(None)
 
     def _done(self, order: Order) -> Grasped | Calibrated | Health | None:
         if isinstance(order, OpenRig):
@@ -221,65 +223,65 @@ class Devices:
         if isinstance(order, Play):
             self._play(order)
             return None
-        if self._station is None:
+        if self._context is None:
             raise DeviceError("no rig is open: choose one")
         match order:
             case GraspOrder():
                 self._record(Record(None))
-                return grasp(order, station=self._station)
+                return grasp(order, context=self._context)
             case OpenHand():
-                open_hand(order, station=self._station)
+                open_hand(order, context=self._context)
             case CalibrateRest():
-                return calibrate_rest(order, station=self._station)
+                return calibrate_rest(order, context=self._context)
             case CalibrateForce():
-                return calibrate_force(order, station=self._station)
+                return calibrate_force(order, context=self._context)
             case Examine():
-                return look_at(order, station=self._station)
+                return look_at(order, context=self._context)
         return None
 
     def _play(self, order: Play) -> None:
-        def steered(transport: Transport) -> None:
-            self._transport = transport
+        def steered(playback: PlaybackClock) -> None:
+            self._playback = playback
 
         try:
             play(
                 order,
-                outlet=self._outlet,
+                telemetry=self._telemetry,
                 requests=self._requests,
                 confirmed=self._confirmed,
                 steered=steered,
             )
         finally:
-            self._transport = None
+            self._playback = None
 
     def _took_s(self) -> float | None:
         """Return how long ago a stop was asked for, on the rig's clock; None if it was not."""
         with self._lock:
-            station, asked_s = self._station, self._stop_asked_s
-            if station is None or asked_s is None:
+            context, asked_s = self._context, self._stop_asked_s
+            if context is None or asked_s is None:
                 return None
-            told_s = station.reacted_s or station.rig.clock.now_s()
+            told_s = context.reacted_s or context.rig.clock.now_s()
             return max(told_s - asked_s, 0.0)
 
     def _open(self, order: OpenRig) -> None:
         self._let_go()
         rig = _opened(order)
         paced = isinstance(rig.clock, ManualClock)
-        self._station = station = Station(
+        self._context = context = JobContext(
             rig=rig,
             array=PacedArray(rig.array, speed=order.speed) if paced else rig.array,
             seed=order.seed,
-            outlet=self._outlet,
+            telemetry=self._telemetry,
             confirmed=self._confirmed,
             on_stopped=self._confirm_stop,
             open_bench=self._benches.get(rig.name),
         )
-        self._outlet.begin(station.source(), events=station.link_events)
+        self._telemetry.begin(context.source(), events=context.link_events)
 
-    def _watch(self, station: Station) -> None:
+    def _watch(self, context: JobContext) -> None:
         """Read one frame and show it; record it if that was asked for."""
         try:
-            frame = station.array.read(timeout_s=_WATCH_TIMEOUT_S)
+            frame = context.array.read(timeout_s=_WATCH_TIMEOUT_S)
         except DeviceTimeoutError:
             return
         except DeviceError as error:
@@ -287,8 +289,8 @@ class Devices:
             self._arrived.wait(_LOST_S)
             return
         self._complain("")
-        state = state_of(station.rig.gripper)
-        self._outlet.see(frame, state)
+        state = state_of(context.rig.gripper)
+        self._telemetry.add_frame(frame, state)
         if self._writer is not None:
             try:
                 if state is not None:
@@ -304,23 +306,23 @@ class Devices:
             if self._writer is not None:
                 self._writer.close()
             self._writer = None
-            if order.file is not None and self._station is not None:
-                info = recording_info(self._station.rig, seed=self._station.seed)
+            if order.file is not None and self._context is not None:
+                info = recording_info(self._context.rig, seed=self._context.seed)
                 order.file.parent.mkdir(parents=True, exist_ok=True)
                 self._writer = RecordingWriter(order.file, info=info)
         except (PalpateError, OSError) as error:
             self._writer = None
             self._complain(str(error))
-        self._outlet.note(BeingRecorded(None if self._writer is None else self._writer.path))
+        self._telemetry.note(BeingRecorded(None if self._writer is None else self._writer.path))
 
     def _let_go(self) -> None:
-        station, self._station = self._station, None
-        if station is None:
+        context, self._context = self._context, None
+        if context is None:
             return
         self._record(Record(None))
-        if station.rig.gripper is not None:
-            self._try(station.rig.gripper.stop)
-        self._try(station.rig.close)
+        if context.rig.gripper is not None:
+            self._try(context.rig.gripper.stop)
+        self._try(context.rig.close)
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
@@ -329,20 +331,20 @@ class Devices:
             self._complain(str(error))
 
     def _complain(self, text: str) -> None:
-        """Say it once, not at every frame."""
+        """Report it once, not at every frame."""
         if text != self._troubled:
             self._troubled = text
-            self._outlet.note(Trouble(text))
+            self._telemetry.note(Trouble(text))
 
 
-def _steer(transport: Transport, message: Seek | Pause | SetSpeed) -> None:
+def _steer(playback: PlaybackClock, message: Seek | Pause | SetSpeed) -> None:
     match message:
         case Seek():
-            transport.seek(message.time_s)
+            playback.seek(message.time_s)
         case Pause():
-            transport.pause(message.paused)
+            playback.pause(message.paused)
         case SetSpeed():
-            transport.set_speed(message.speed)
+            playback.set_speed(message.speed)
 
 
 def _opened(order: OpenRig) -> Rig | SensorRig:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 
-class Transport:
+class PlaybackClock:
     """A clock that can be paused, moved and sped up; safe to use from two threads.
 
     Parameters
@@ -22,13 +22,13 @@ class Transport:
     Examples
     --------
     >>> wall_s = [0.0]
-    >>> transport = Transport(start_s=10.0, end_s=20.0, speed=2.0, now_s=lambda: wall_s[0])
+    >>> clock = PlaybackClock(start_s=10.0, end_s=20.0, speed=2.0, now_s=lambda: wall_s[0])
     >>> wall_s[0] = 3.0
-    >>> transport.at_s
+    >>> clock.at_s
     16.0
-    >>> transport.pause(True); transport.seek(12.0)
+    >>> clock.pause(True); clock.seek(12.0)
     >>> wall_s[0] = 9.0
-    >>> transport.at_s
+    >>> clock.at_s
     12.0
     """
 
@@ -58,7 +58,7 @@ class Transport:
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still."""
+        """Whether it is paused."""
         return self._paused
 
     def seek(self, time_s: float) -> None:
@@ -67,7 +67,7 @@ class Transport:
             self._anchor_s, self._wall_s = self._within(time_s), self._now_s()
 
     def pause(self, paused: bool) -> None:
-        """Stand still, or go on; from the end it begins again."""
+        """Pause, or go on; from the end it restarts."""
         with self._lock:
             at_s = self._at_s()
             again = self._paused and not paused and at_s >= self._end_s
@@ -75,7 +75,7 @@ class Transport:
             self._paused = paused
 
     def set_speed(self, speed: float) -> None:
-        """Go so fast from now on."""
+        """Set the speed from now on."""
         with self._lock:
             self._anchor_s, self._wall_s = self._at_s(), self._now_s()
             self._speed = speed

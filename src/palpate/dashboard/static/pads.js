@@ -1,5 +1,5 @@
 // The pads: each pixel at its place, between the fingers of a hand or side by side without one.
-import { $, esc, seen } from "/static/follow.js";
+import { $, esc, seen } from "/static/poll.js";
 import { fixed, t, whole as wholeNumber } from "/static/words.js";
 import { color } from "/static/colors.js";
 

@@ -1,5 +1,5 @@
 // A replay whose curves stay on this page, to be seen together with those of the next, contact on contact.
-import { $, seen } from "/static/follow.js";
+import { $, seen } from "/static/poll.js";
 import { t } from "/static/words.js";
 
 let kept = null, shown = null;

@@ -20,7 +20,7 @@ from palpate.errors import InputError
 
 COOKIE = "palpate-token"
 SHORTEST_TOKEN = 8
-#: A visitor may be wrong so often within a minute. A token of eight characters bears that for ages.
+#: Wrong tokens that a visitor may send within a minute: guessing eight characters takes ages.
 MOST_WRONG, _WRONG_S = 10, 60.0
 #: Wrong visitors that are remembered; more of them share one count.
 _MOST_VISITORS = 1000
@@ -64,8 +64,8 @@ def check_token(host: str, token: str | None) -> None:
         )
 
 
-class Gate:
-    """Lets requests through to the application, or answers them itself.
+class AccessControl:
+    """Passes requests on to the application, or answers them itself.
 
     A page of another site, open in the same browser, could otherwise press the buttons here: so a
     request that names an origin must name ours, and on the loopback the host must be the loopback's
@@ -74,9 +74,9 @@ class Gate:
     Parameters
     ----------
     app : ASGI application
-        What is behind the gate; kept under the name by which servers look for it.
+        The application behind it; kept under the name by which servers look for it.
     token : str or None
-        What a visitor must have told once; a cookie remembers it. A machine sends it each time, in
+        What a visitor must send once; a cookie remembers it. A machine sends it each time, in
         the header ``Authorization: Bearer TOKEN``.
     loopback : bool
         Whether it is served on the loopback alone.
@@ -124,32 +124,32 @@ class Gate:
 
     def _weigh(self, headers: Headers, visitor: str, token: str) -> Response | None:
         """Refuse a machine in one line, unless it sends the token."""
-        scheme, _, told = headers.get("authorization", "").partition(" ")
+        scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             return _line(401, "send the token in a header: Authorization: Bearer TOKEN")
         if self._wrong.too_many(visitor):
             return _line(429, "too many wrong tokens: wait a minute")
-        if _same(told, token):
+        if _same(sent, token):
             return None
         self._wrong.add(visitor)
         return _line(403, "that is not the token")
 
     async def _ask(self, scope: Scope, receive: Receive, token: str, *, tr: Language) -> Response:
         """Take the token from the form or the address, or ask for it."""
-        told = _field(scope.get("query_string", b""))
+        sent = _field(scope.get("query_string", b""))
         if scope["type"] == "http" and scope["method"] == "POST":
             form = await _form(Request(scope, receive))
             if form is None:
                 return _page(tr, 413, Message("That is too long for a token."), form=True)
-            told = _field(form)
-        if not told:
+            sent = _field(form)
+        if not sent:
             return _page(
                 tr, 401, Message("Whoever started this dashboard knows its token."), form=True
             )
         visitor = _visitor(scope)
         if self._wrong.too_many(visitor):
             return _page(tr, 429, Message("Too many wrong tokens: wait a minute."), form=True)
-        if not _same(told, token):
+        if not _same(sent, token):
             self._wrong.add(visitor)
             return _page(tr, 403, Message("That is not the token."), form=True)
         welcome = RedirectResponse(_without_token(scope), status_code=303)
@@ -232,8 +232,8 @@ def _kept(token: str) -> str:
     return hmac.new(token.encode(), b"palpate", "sha256").hexdigest()
 
 
-def _same(told: str, token: str) -> bool:
-    return hmac.compare_digest(told.encode(errors="replace"), token.encode(errors="replace"))
+def _same(sent: str, token: str) -> bool:
+    return hmac.compare_digest(sent.encode(errors="replace"), token.encode(errors="replace"))
 
 
 # To the address that was asked for.

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 MISSING = "items need the store: pip install 'palpate[produce]'"
 
 
-class Ledger:
+class ItemStore:
     """Reads and writes a store of items.
 
     Parameters
@@ -34,7 +34,7 @@ class Ledger:
     where : str or None
         As `palpate.produce.store.Store.open` takes it.
     rules : RuleBook or None
-        What says which bin an item goes to.
+        Sorting rules, which give each item its bin.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Ledger:
     ) -> None:
         """Write a recorded grasp to the store; while that is away, to its spool.
 
-        `closing` holds what its whole closing told, as `ClosingWatch.measured` gives it.
+        `closing` holds the measurements of the whole closing, as `ClosingWatch.measured` gives it.
         """
         if self.trouble == MISSING:
             return

@@ -8,7 +8,7 @@ from ipaddress import ip_address
 
 import segno
 
-#: Nobody is there (RFC 5737, RFC 3849): the way to them leads out of this machine.
+#: Addresses for documentation (RFC 5737, RFC 3849): the route to them leaves this machine.
 _ELSEWHERE = {socket.AF_INET: "198.51.100.1", socket.AF_INET6: "2001:db8::1"}
 #: Free modules around the code; readers want four, and the dark screen of a terminal is no border.
 _MARGIN = 4

@@ -7,9 +7,10 @@ import threading
 import numpy as np
 import pytest
 
-from palpate.dashboard import outlet as outlet_module
-from palpate.dashboard.messages import FrameSource, Trouble, Update
-from palpate.dashboard.outlet import Outlet
+from palpate.dashboard import telemetry as telemetry_module
+from palpate.dashboard.frames import FrameSource
+from palpate.dashboard.messages import Trouble, Update
+from palpate.dashboard.telemetry import Telemetry
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 SOURCE = FrameSource(
@@ -23,40 +24,40 @@ def frame(sequence: int) -> Frame:
 
 
 @pytest.fixture
-def outlet() -> Outlet:
-    outlet = Outlet(lambda update: None, on_lost=lambda: None)
-    outlet.begin(SOURCE)
-    return outlet
+def telemetry() -> Telemetry:
+    telemetry = Telemetry(lambda update: None, on_lost=lambda: None)
+    telemetry.begin(SOURCE)
+    return telemetry
 
 
-def test_a_page_that_takes_nothing_costs_nothing(outlet: Outlet) -> None:
+def test_a_page_that_takes_nothing_costs_nothing(telemetry: Telemetry) -> None:
     for sequence in range(30_000):
-        outlet.see(frame(sequence), None)
-    update = outlet.update()
+        telemetry.add_frame(frame(sequence), None)
+    update = telemetry.update()
     assert update.frames is not None
     assert len(update.frames.time_s) == 1000
     assert update.frames.time_s[-1] == pytest.approx(29_999 / 500)
-    assert (update.pulse.frames, update.pulse.undrawn) == (30_000, 29_000)
-    assert update.pulse.lost == 0
+    assert (update.link.frames, update.link.undrawn) == (30_000, 29_000)
+    assert update.link.lost == 0
 
 
-def test_lost_frames_are_counted_and_the_rate_includes_them(outlet: Outlet) -> None:
+def test_lost_frames_are_counted_and_the_rate_includes_them(telemetry: Telemetry) -> None:
     for sequence in range(0, 2000, 2):
-        outlet.see(frame(sequence), None)
-    pulse = outlet.update().pulse
-    assert pulse.lost == 999
-    assert pulse.rate_hz == pytest.approx(500.0)
-    assert pulse.period_worst_s >= pulse.period_p99_s > 0
+        telemetry.add_frame(frame(sequence), None)
+    link = telemetry.update().link
+    assert link.lost == 999
+    assert link.rate_hz == pytest.approx(500.0)
+    assert link.period_worst_s >= link.period_p99_s > 0
 
 
-def test_notes_come_once_and_before_the_frames_of_a_new_source(outlet: Outlet) -> None:
-    outlet.see(frame(1), None)
-    outlet.note(Trouble("cable"))
-    outlet.begin(SOURCE)
-    update = outlet.update()
+def test_notes_come_once_and_before_the_frames_of_a_new_source(telemetry: Telemetry) -> None:
+    telemetry.add_frame(frame(1), None)
+    telemetry.note(Trouble("cable"))
+    telemetry.begin(SOURCE)
+    update = telemetry.update()
     assert update.notes == (SOURCE, Trouble("cable"), SOURCE)
     assert update.frames is None
-    assert outlet.update().notes == ()
+    assert telemetry.update().notes == ()
 
 
 def test_a_sender_that_hangs_does_not_hold_up_the_loop() -> None:
@@ -66,15 +67,15 @@ def test_a_sender_that_hangs_does_not_hold_up_the_loop() -> None:
         sent.append(update)
         hangs.wait(30)
 
-    outlet = Outlet(send, on_lost=lambda: None)
-    outlet.begin(SOURCE)
-    outlet.start()
+    telemetry = Telemetry(send, on_lost=lambda: None)
+    telemetry.begin(SOURCE)
+    telemetry.start()
     for sequence in range(5000):
-        outlet.see(frame(sequence), None)
+        telemetry.add_frame(frame(sequence), None)
     assert len(sent) <= 1
     hangs.set()
-    outlet.close()
-    assert sent[-1].pulse.frames == 5000
+    telemetry.close()
+    assert sent[-1].link.frames == 5000
 
 
 def test_a_page_that_is_gone_is_told_once() -> None:
@@ -83,23 +84,23 @@ def test_a_page_that_is_gone_is_told_once() -> None:
     def send(update: Update) -> None:
         raise BrokenPipeError
 
-    outlet = Outlet(send, on_lost=gone.set)
-    outlet.start()
+    telemetry = Telemetry(send, on_lost=gone.set)
+    telemetry.start()
     assert gone.wait(30)
-    outlet.close()
+    telemetry.close()
 
 
 def test_ending_does_not_wait_for_a_page_that_reads_no_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(outlet_module, "_FAREWELL_S", 0.01)
+    monkeypatch.setattr(telemetry_module, "_FAREWELL_S", 0.01)
     stuck, sending = threading.Event(), threading.Event()
 
     def send(_: Update) -> None:
         sending.set()
         stuck.wait()
 
-    hanging = Outlet(send, on_lost=lambda: None)
+    hanging = Telemetry(send, on_lost=lambda: None)
     hanging.start()
     assert sending.wait(10)
     ended = threading.Thread(target=hanging.close)

@@ -9,10 +9,10 @@ from urllib.parse import quote
 import pytest
 from starlette.responses import PlainTextResponse
 
-from palpate.dashboard.gate import (
+from palpate.dashboard.access import (
     COOKIE,
     MOST_WRONG,
-    Gate,
+    AccessControl,
     WrongTries,
     check_token,
     is_loopback,
@@ -40,7 +40,7 @@ def ask(
     query: str = "",
     body: str = "",
     kind: str = "http",
-    gate: Gate | None = None,
+    gate: AccessControl | None = None,
     **headers: str,
 ) -> Answer:
     """Send one request through a gate to an application that says yes to everything."""
@@ -66,7 +66,7 @@ def ask(
         else:
             await PlainTextResponse("in")(scope, receive, send)
 
-    gate = gate or Gate(application, token=token, loopback=loopback)
+    gate = gate or AccessControl(application, token=token, loopback=loopback)
     asyncio.run(gate(scope, receive, send))
     return Answer(messages)
 
@@ -168,7 +168,7 @@ def test_a_body_without_end_is_not_read() -> None:
         "query_string": b"",
         "headers": [(b"host", b"robot:8080")],
     }
-    asyncio.run(Gate(application, token=TOKEN, loopback=False)(scope, endless, send))
+    asyncio.run(AccessControl(application, token=TOKEN, loopback=False)(scope, endless, send))
     assert sent[0]["status"] == 413
     assert read <= 6
 
@@ -189,7 +189,7 @@ def test_whoever_is_wrong_too_often_waits_and_others_do_not() -> None:
 
 
 def test_the_right_token_does_not_help_a_visitor_who_must_wait() -> None:
-    gate = Gate(PlainTextResponse("in"), token=TOKEN, loopback=False)
+    gate = AccessControl(PlainTextResponse("in"), token=TOKEN, loopback=False)
     for _ in range(MOST_WRONG):
         assert ask(gate=gate, host="robot:8080", query="token=wrong-horse").status == 403
     assert ask(gate=gate, host="robot:8080", query="token=wrong-horse").status == 429

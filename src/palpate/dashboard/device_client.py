@@ -1,4 +1,4 @@
-"""The page's end of the pipe to the devices' process."""
+"""The page's end of the pipe to the devices' process: starts it, sends to it, receives from it."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
-from palpate.dashboard.devices import run_devices
+from palpate.dashboard.device_process import run_devices
+from palpate.dashboard.job_context import BenchOpener
 from palpate.dashboard.language import Message
-from palpate.dashboard.messages import Goodbye, Lost, Order, Update, Urgent
+from palpate.dashboard.messages import DevicesLost, Update
+from palpate.dashboard.orders import Order, Request, Shutdown
 from palpate.dashboard.realtime import put_first
-from palpate.dashboard.station import BenchOpener
 
 #: A grasp that is stopped, a hand that opens: more than this means that the process hangs.
 _ENDS_S = 15.0
 
 
-class DeviceProcess:
-    """Starts the process; sends to it, and hands on what comes from it.
+class DeviceClient:
+    """Starts the devices' process, sends to it, and passes on its updates.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ class DeviceProcess:
 
     def __init__(
         self,
-        on_update: Callable[[Update | Lost], None],
+        on_update: Callable[[Update | DevicesLost], None],
         *,
         benches: dict[str, BenchOpener] | None = None,
         realtime: bool = False,
@@ -57,14 +58,14 @@ class DeviceProcess:
         self._thread = threading.Thread(target=self._receive, name="receive", daemon=True)
         self._thread.start()
 
-    def send(self, message: Order | Urgent) -> None:
-        """Send an order, or a request that is heard at once; nothing if the process is gone."""
+    def send(self, message: Order | Request) -> None:
+        """Send an order or a request; does nothing if the process is gone."""
         with self._sending, suppress(OSError):
             self._connection.send(message)
 
     def close(self) -> None:
         """Stop what runs and end the process."""
-        self.send(Goodbye())
+        self.send(Shutdown())
         self._process.join(_ENDS_S)
         if self._process.is_alive():
             self._process.terminate()
@@ -77,5 +78,7 @@ class DeviceProcess:
             while True:
                 self._on_update(self._connection.recv())
         self._on_update(
-            Lost(Message("the process with the devices has ended; start palpate serve again"))
+            DevicesLost(
+                Message("the process with the devices has ended; start palpate serve again")
+            )
         )

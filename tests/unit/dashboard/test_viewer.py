@@ -7,23 +7,23 @@ from typing import cast
 
 from nicegui import ui
 
-from palpate.dashboard.pressing import Hands
 from palpate.dashboard.session import Session
+from palpate.dashboard.viewer import Viewer
 
 
 def test_what_left_the_page_is_no_longer_refreshed() -> None:
     called: list[str] = []
-    hands = Hands(cast(Session, None), viewer="a")
+    viewer = Viewer(cast(Session, None), viewer_id="a")
     row = SimpleNamespace(is_deleted=False)
-    hands.on_refresh(lambda: called.append("page"))
-    hands.on_refresh(lambda: called.append("row"), of=cast(ui.element, row))
-    hands.refresh()
+    viewer.on_refresh(lambda: called.append("page"))
+    viewer.on_refresh(lambda: called.append("row"), of=cast(ui.element, row))
+    viewer.refresh()
     assert called == ["page", "row"] * 2
     row.is_deleted = True
     called.clear()
-    hands.refresh()
+    viewer.refresh()
     assert called == ["page"]
     # It was let go of: pages of a busy day would grow without end.
     row.is_deleted = False
-    hands.refresh()
+    viewer.refresh()
     assert called == ["page"] * 2

@@ -1,4 +1,4 @@
-"""What is wanted of the next grasp: one for all pages, so that a reload loses nothing."""
+"""Settings of the next grasp: one for all pages, so that a reload loses nothing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(slots=True)
-class Wishes:
+class GraspForm:
     """The form of the next grasp.
 
     Attributes

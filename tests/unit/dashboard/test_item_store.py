@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.dashboard.ledger import Ledger
+from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.panel_items import item_html
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
@@ -47,12 +47,14 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
     recording: Path, tmp_path: Path
 ) -> None:
     where = str(tmp_path / "items.sqlite")
-    ledger = Ledger(where)
-    assert ledger.items() == []
+    item_store = ItemStore(where)
+    assert item_store.items() == []
     assert not Path(where).exists(), "looking makes no store"
-    ledger.keep(RESULT, recording=recording, item_id="berry-7", closing={"firmness_n_per_mm": FIRM})
-    assert ledger.trouble == ""
-    assert ledger.items() == ["berry-7"]
+    item_store.keep(
+        RESULT, recording=recording, item_id="berry-7", closing={"firmness_n_per_mm": FIRM}
+    )
+    assert item_store.trouble == ""
+    assert item_store.items() == ["berry-7"]
     with Store.open(where) as store:
         (grasp,) = store.grasps_of("berry-7")
         assert store.calibration(grasp.calibration_id or "") == "{}"
@@ -66,10 +68,10 @@ def test_a_grasp_is_kept_with_its_pixels_and_its_calibration(
 def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
     recording: Path, tmp_path: Path
 ) -> None:
-    ledger = Ledger(str(tmp_path / "items.sqlite"))
+    item_store = ItemStore(str(tmp_path / "items.sqlite"))
     for _ in range(3):
-        ledger.keep(RESULT, recording=recording, item_id="<b>berry</b>", closing={})
-    page = item_html(ledger.page("<b>berry</b>"))
+        item_store.keep(RESULT, recording=recording, item_id="<b>berry</b>", closing={})
+    page = item_html(item_store.page("<b>berry</b>"))
     assert page.count("<circle") == 3
     assert "SIMULATED" in page
     assert "&lt;b&gt;berry&lt;/b&gt;" in page
@@ -79,6 +81,6 @@ def test_the_page_of_an_item_shows_every_grasp_and_says_simulated(
 def test_a_store_that_cannot_be_used_is_named(recording: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken.sqlite"
     broken.write_text("this is no database, whatever its name says" * 100)
-    ledger = Ledger(str(broken))
-    ledger.keep(RESULT, recording=recording, item_id="berry-7", closing={})
-    assert str(broken) in ledger.trouble
+    item_store = ItemStore(str(broken))
+    item_store.keep(RESULT, recording=recording, item_id="berry-7", closing={})
+    assert str(broken) in item_store.trouble

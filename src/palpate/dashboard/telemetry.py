@@ -1,4 +1,4 @@
-"""Everything comes in at the pace of the loop; the newest goes out at the pace of a screen.
+"""Frames and progress for the page: in at the pace of the loop, out at the pace of a screen.
 
 The loop only appends to a bounded queue: a page that hangs, or three of them, can't hold it up.
 """
@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.dashboard.messages import Frames, FrameSource, Note, Pulse, Thought, Update
-from palpate.dashboard.thinking import thought_of
+from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
+from palpate.dashboard.grasp_progress import GraspProgress, grasp_progress_of
+from palpate.dashboard.messages import Note, Update
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import SafetyLimits
@@ -33,7 +34,7 @@ _FORECAST_S = 0.2
 #: A last update that is not taken within this is lost.
 _FAREWELL_S = 2.0
 _STALE = SafetyLimits()
-#: The loop's own period is told from so many frames.
+#: The loop's own period is computed from this many frames.
 _PERIODS = 1000
 
 
@@ -49,7 +50,7 @@ class _Tally:
     period_s: float = math.nan
 
 
-class Outlet:
+class Telemetry:
     """Takes observations and beliefs from the loop; sends updates from a thread of its own.
 
     Parameters
@@ -72,7 +73,7 @@ class Outlet:
         self._periods_s: deque[float] = deque(maxlen=_PERIODS)
         self._plan: Plan | None = None
         self._belief: Belief | None = None
-        self._thought: Thought | None = None
+        self._progress: GraspProgress | None = None
         self._forecast_s = -math.inf
         self._closed, self._hurry = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="outlet", daemon=True)
@@ -95,7 +96,7 @@ class Outlet:
             self._hurry.set()
 
     def begin(self, source: FrameSource, *, events: Callable[[], LinkEvents] = LinkEvents) -> None:
-        """Frames are another source's from now on; `events` tells what its link counted."""
+        """Frames are another source's from now on; `events` returns what its link counted."""
         with self._lock:
             self._frames.clear()
             self._recent.clear()
@@ -103,26 +104,28 @@ class Outlet:
             self._tally, self._source, self._events = _Tally(), source, events
             self._notes.append(source)
 
-    def think(self, plan: Plan | None) -> None:
-        """Beliefs are about this plan from now on; None: there are none."""
+    def set_plan(self, plan: Plan | None) -> None:
+        """Beliefs belong to this plan from now on; None: no grasp runs."""
         with self._lock:
-            self._plan, self._belief, self._thought = plan, None, None
+            self._plan, self._belief, self._progress = plan, None, None
 
-    def believe(self, belief: Belief) -> None:
-        """Take what the controller makes of the last frame."""
+    def take_belief(self, belief: Belief) -> None:
+        """Take the controller's belief after the last frame."""
         self._belief = belief
 
-    def recall(self, frame: Frame, gripper: GripperState | None, thought: Thought | None) -> None:
-        """Show a moment of a recording, and what was thought then; nothing is counted."""
+    def show_recorded(
+        self, frame: Frame, gripper: GripperState | None, progress: GraspProgress | None
+    ) -> None:
+        """Show a moment of a recording, and the grasp's progress then; nothing is counted."""
         with self._lock:
             self._frames.append((frame, gripper))
-            self._thought = thought
+            self._progress = progress
 
     def observe(self, observation: Observation) -> None:
         """Take a frame and the gripper's state."""
-        self.see(observation.frame, observation.gripper)
+        self.add_frame(observation.frame, observation.gripper)
 
-    def see(self, frame: Frame, gripper: GripperState | None) -> None:
+    def add_frame(self, frame: Frame, gripper: GripperState | None) -> None:
         """Take a frame, with the gripper's state where there is one."""
         now_s = time.monotonic()
         with self._lock:
@@ -160,37 +163,37 @@ class Outlet:
             frames = list(self._frames)
             self._frames.clear()
             source, plan, belief = self._source, self._plan, self._belief
-            pulse, periods_s = self._pulse(), list(self._periods_s)
+            link, periods_s = self._link_status(), list(self._periods_s)
         if periods_s:
             p99_s, worst_s = np.quantile(periods_s, [0.99, 1.0])
-            pulse = replace(pulse, period_p99_s=float(p99_s), period_worst_s=float(worst_s))
+            link = replace(link, period_p99_s=float(p99_s), period_worst_s=float(worst_s))
         with suppress(OSError):  # a port that was just pulled out
             events = self._events()
-            pulse = replace(pulse, corrupt=events.corrupt, late=events.late)
-        thought = self._thought if plan is None else None
+            link = replace(link, corrupt=events.corrupt, late=events.late)
+        progress = self._progress if plan is None else None
         if plan is not None and belief is not None and belief.frames:
-            thought = self._thought = self._thinking(belief, plan)
+            progress = self._progress = self._thinking(belief, plan)
         return Update(
             notes=notes,
-            pulse=pulse,
+            link=link,
             frames=None if source is None or not frames else columns(frames, source),
-            thought=thought,
+            progress=progress,
         )
 
-    def _thinking(self, belief: Belief, plan: Plan) -> Thought:
+    def _thinking(self, belief: Belief, plan: Plan) -> GraspProgress:
         """Forecasts are made a few times a second: nobody reads faster."""
         now_s = time.monotonic()
         fresh = now_s - self._forecast_s >= _FORECAST_S
         if fresh:
             self._forecast_s = now_s
-        return thought_of(belief, plan=plan, before=self._thought, forecasts=fresh)
+        return grasp_progress_of(belief, plan=plan, before=self._progress, forecasts=fresh)
 
-    def _pulse(self) -> Pulse:
+    def _link_status(self) -> LinkStatus:
         tally, recent = self._tally, self._recent
         age_s = time.monotonic() - tally.arrived_s
         span_s = recent[-1][0] - recent[0][0] if recent else 0.0
         period_s = 0.0 if math.isnan(tally.period_s) else tally.period_s
-        return Pulse(
+        return LinkStatus(
             frames=tally.frames,
             lost=tally.lost,
             rate_hz=(recent[-1][1] - recent[0][1]) / span_s if span_s > 0 else math.nan,

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from palpate.dashboard.pacing import PacedArray
+from palpate.dashboard.paced_array import PacedArray
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
 

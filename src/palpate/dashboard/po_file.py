@@ -29,7 +29,7 @@ def po_entries(text: str) -> list[dict[str, str]]:
     Raises
     ------
     ValueError
-        If a line is none of such a file; says which.
+        If a line does not belong in such a file; names the line.
 
     Examples
     --------

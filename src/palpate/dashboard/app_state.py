@@ -1,4 +1,4 @@
-"""What every page shares: the session, the process behind it, and the folder it works in."""
+"""State that all pages share: session, devices' process, recordings, history and item store."""
 
 from __future__ import annotations
 
@@ -12,29 +12,23 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.dashboard.activity import Activity
+from palpate.dashboard.device_client import DeviceClient
 from palpate.dashboard.folder import (
     delete_recording,
     new_recording,
     recordings_in,
     rename_recording,
 )
-from palpate.dashboard.handle import DeviceProcess
+from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.history import Entry, History, entry_of
+from palpate.dashboard.item_store import ItemStore
+from palpate.dashboard.job_context import BenchOpener
 from palpate.dashboard.language import Message
-from palpate.dashboard.ledger import Ledger
-from palpate.dashboard.messages import (
-    Grasped,
-    GraspOrder,
-    Lost,
-    OpenRig,
-    Order,
-    Update,
-    Urgent,
-)
-from palpate.dashboard.session import Activity, Session
-from palpate.dashboard.station import BenchOpener
-from palpate.dashboard.view import kind_of
-from palpate.dashboard.wishes import Wishes
+from palpate.dashboard.messages import DevicesLost, Grasped, Update
+from palpate.dashboard.orders import GraspOrder, OpenRig, Order, Request
+from palpate.dashboard.page_document import kind_of
+from palpate.dashboard.session import Session
 from palpate.errors import InputError, PalpateError
 from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.document import grasp_document, limit_document
@@ -50,7 +44,7 @@ _LOOK_S = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What `palpate serve` was asked for.
+    """The options of `palpate serve`.
 
     Attributes
     ----------
@@ -69,9 +63,9 @@ class Settings:
     realtime : bool
         Whether the devices' process comes before all others.
     damage, damage_path : DamageFile or None, Path or None
-        The learned limit that grasps keep to, and its file.
+        The learned limit that grasps respect, and its file.
     rules : RuleBook or None
-        What says which bin an item goes to.
+        Sorting rules, which give each item its bin.
     """
 
     rigs: tuple[str, ...]
@@ -88,14 +82,14 @@ class Settings:
     rules: RuleBook | None = None
 
 
-class Desk:
+class AppState:
     """Connects the session to the devices' process. Everything runs on the server's event loop."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self.ledger = Ledger(settings.store, rules=settings.rules)
+        self.item_store = ItemStore(settings.store, rules=settings.rules)
         self.history = History(settings.folder)
-        self.wishes = Wishes()
+        self.form = GraspForm()
         #: The last grasp, as `palpate grasp --json` prints it; None before the first.
         self.result: dict[str, object] | None = None
         #: Where others can open the pages; None where only this machine can.
@@ -106,14 +100,14 @@ class Desk:
             send=self._send, on_grasped=self._keep, silent_s=lambda: self.silent_s
         )
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._process: DeviceProcess | None = None
+        self._process: DeviceClient | None = None
         self._heard_s: float | None = None
 
     async def open(self) -> None:
-        """Start the devices' process, wait until it hears a stop, and open the first rig."""
+        """Start the devices' process, wait until it can receive a stop, and open the first rig."""
         self._loop = asyncio.get_running_loop()
         settings = self.settings
-        self._process = DeviceProcess(
+        self._process = DeviceClient(
             self._arrived, benches=settings.benches, realtime=settings.realtime
         )
         first = OpenRig(
@@ -122,7 +116,7 @@ class Desk:
             seed=settings.seed,
             speed=settings.speed,
         )
-        while self._heard_s is None:  # it speaks first, or its end is heard
+        while self._heard_s is None:  # it reports first, or its end is noticed
             await asyncio.sleep(_LOOK_S)
         self.session.open_first(first)
 
@@ -134,8 +128,8 @@ class Desk:
     async def stop(self, *, patience_s: float) -> bool:
         """Stop what runs; return whether the devices' process confirmed it in time."""
         number, until_s = self.session.stop(), time.monotonic() + patience_s
-        while self.session.stops_confirmed < number:
-            if self.session.activity is Activity.GONE or time.monotonic() > until_s:
+        while self.session.devices.stops_confirmed < number:
+            if self.session.devices.activity is Activity.GONE or time.monotonic() > until_s:
                 return False
             await asyncio.sleep(_LOOK_S)
         return True
@@ -170,7 +164,7 @@ class Desk:
         )
 
     def recordings(self) -> list[tuple[Path, os.stat_result]]:
-        """Return the recordings in the folder, newest first, with what the folder tells of them."""
+        """Return the recordings in the folder, newest first, with their size and date."""
         return recordings_in(self.settings.folder)
 
     def new_recording(self, what: str) -> Path:
@@ -190,7 +184,7 @@ class Desk:
         try:
             self.history.rename(name, renamed.name)
         except OSError as error:
-            self.session.trouble = f"the history still has the old name: {error}"
+            self.session.devices.trouble = f"the history still has the old name: {error}"
 
     def delete(self, name: str) -> None:
         """Delete a recording.
@@ -204,7 +198,7 @@ class Desk:
         delete_recording(self.settings.folder, name)
 
     def _check_idle(self, name: str) -> None:
-        if name in self.session.files_in_use:
+        if name in self.session.devices.files_in_use:
             raise InputError(
                 Message(
                     "{name} is in use: wait until its grasp, recording or replay ends", name=name
@@ -212,7 +206,7 @@ class Desk:
             )
 
     def calibration_file(self) -> Path:
-        """Return where the calibration of the rig is kept: the rig file says, or the folder."""
+        """Return the calibration file of the rig: named in the rig file, or in the folder."""
         rig = self.session.rig
         if rig is not None and rig.name.endswith(".toml"):
             path = Path(rig.name)
@@ -224,12 +218,12 @@ class Desk:
 
     @property
     def silent_s(self) -> float:
-        """How long ago the devices' process said anything, seconds; 0 while it starts."""
+        """Time since the devices' process last sent anything, seconds; 0 while it starts."""
         return 0.0 if self._heard_s is None else time.monotonic() - self._heard_s
 
     def _keep(self, grasped: Grasped, order: GraspOrder) -> None:
         """Remember a grasp; the database of named items may take its time."""
-        live = self.session.live
+        live = self.session.devices.live
         entry = entry_of(
             grasped,
             kind=kind_of(grasped, target_force_n=order.target_force_n),
@@ -239,8 +233,8 @@ class Desk:
             curve=list(live.curve),
         )
         self.result = self._document(grasped, order, ended_at=entry.ended_at)
-        for tell in self.on_result:
-            tell(self.result)
+        for listener in self.on_result:
+            listener(self.result)
         if order.item_id and grasped.recording is not None:
             keep = partial(self._keep_item, grasped, grasped.recording, entry)
             asyncio.get_running_loop().run_in_executor(None, keep).add_done_callback(self._kept)
@@ -248,9 +242,9 @@ class Desk:
             self._note(entry)
 
     def _document(self, grasped: Grasped, order: GraspOrder, *, ended_at: str) -> dict[str, object]:
-        settings, live, limited = self.settings, self.session.live, None
+        settings, live, limited = self.settings, self.session.devices.live, None
         if settings.damage is not None and settings.damage_path is not None:
-            low_n = None if live.thought is None else live.thought.bounds.damage_low_n
+            low_n = None if live.progress is None else live.progress.bounds.damage_low_n
             limited = limit_document(
                 settings.damage,
                 path=settings.damage_path,
@@ -271,11 +265,11 @@ class Desk:
     def _keep_item(self, grasped: Grasped, recording: Path, entry: Entry) -> Entry:
         """Write a named item's grasp to the store, and find its bin."""
         item_id = entry.item_id
-        self.ledger.keep(
+        self.item_store.keep(
             grasped.result, recording=recording, item_id=item_id, closing=grasped.closing
         )
         try:
-            decision = self.ledger.sort(item_id)
+            decision = self.item_store.sort(item_id)
         except PalpateError as error:
             return replace(entry, why=str(error))
         if decision is None:
@@ -285,21 +279,23 @@ class Desk:
 
     def _kept(self, kept: asyncio.Future[Entry]) -> None:
         self._note(kept.result())
-        if self.ledger.trouble:
-            self.session.trouble = f"the grasp is not in the store: {self.ledger.trouble}"
+        if self.item_store.trouble:
+            self.session.devices.trouble = (
+                f"the grasp is not in the store: {self.item_store.trouble}"
+            )
 
     def _note(self, entry: Entry) -> None:
         try:
             self.history.add(entry)
         except OSError as error:
-            self.session.trouble = f"the grasp is not in the history: {error}"
+            self.session.devices.trouble = f"the grasp is not in the history: {error}"
 
-    def _send(self, message: Order | Urgent) -> None:
+    def _send(self, message: Order | Request) -> None:
         if self._process is not None:
             self._process.send(message)
 
-    def _arrived(self, update: Update | Lost) -> None:
+    def _arrived(self, update: Update | DevicesLost) -> None:
         self._heard_s = time.monotonic()
         loop = self._loop
         if loop is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(self.session.take, update)
+            loop.call_soon_threadsafe(self.session.devices.take, update)

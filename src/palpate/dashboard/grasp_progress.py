@@ -1,18 +1,21 @@
-"""What the controller makes of a grasp, for people: its forecast, and what it would answer now."""
+"""The state of a grasp for the page: phase, forecast, and the answer that it would give now."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.dashboard.grip_force import ContactGains, settled_gain
-from palpate.dashboard.messages import Bounds, Thought
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.answer import Settled, answered, forecast
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.result import GraspResult, Moment
 
 _FORECAST_IN = (Phase.SETTLE, Phase.ADJUST, Phase.HOLD)
 #: Before these, a first answer may be corrected by another movement.
@@ -21,8 +24,68 @@ _DECIDED_IN = (Phase.HOLD, Phase.RELEASE, Phase.STOPPED)
 _FEWEST, _MOST = 4, 200
 
 
-def thought_of(belief: Belief, *, plan: Plan, before: Thought | None, forecasts: bool) -> Thought:
-    """Return what is to be shown of a belief.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Forces that a grasp is after, and that it keeps below, newtons; None where there is none."""
+
+    target_n: float | None = None
+    damage_low_n: float | None = None
+    ceiling_n: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraspProgress:
+    """The controller's view of a grasp after a frame.
+
+    Attributes
+    ----------
+    time_s : float
+        Of its last frame.
+    phase : str
+        What it is doing.
+    rest_ohm : ndarray or None, shape (rows, cols)
+        Rest values taken for this grasp.
+    began_s : float
+        When the grasp began.
+    force_n : float
+        Grip force as the last step read it.
+    settled : Measurement or None
+        Forecast of the mean relative change at the horizon, from the frames up to now.
+    answer : GraspResult
+        The controller's own once it has decided; before that, what it would answer now.
+    decided : bool
+        Which of the two it is.
+    settled_n : Measurement or None
+        Forecast of the grip force at the horizon, newtons; goes on after the decision.
+    gains : ContactGains
+        Gain of this contact relative to the laws.
+    touched_s : float or None
+        When the fingers first touched the object; None until the controller is sure that they did.
+    moments : tuple of Moment
+        Events that the controller has noted.
+    bounds : Bounds
+        Target and limits of the force.
+    """
+
+    time_s: float
+    phase: str
+    rest_ohm: NDArray[np.float64] | None
+    began_s: float
+    force_n: float
+    settled: Measurement | None
+    answer: GraspResult
+    decided: bool
+    settled_n: Measurement | None = None
+    gains: ContactGains = field(default_factory=ContactGains)
+    touched_s: float | None = None
+    moments: tuple[Moment, ...] = ()
+    bounds: Bounds = field(default_factory=Bounds)
+
+
+def grasp_progress_of(
+    belief: Belief, *, plan: Plan, before: GraspProgress | None, forecasts: bool
+) -> GraspProgress:
+    """Return the progress of a grasp from the controller's belief.
 
     The forecast is the controller's own function on the controller's own touches, so the band on
     the page is the one that it decides by. It goes on after the decision, while the hand holds.
@@ -34,7 +97,7 @@ def thought_of(belief: Belief, *, plan: Plan, before: Thought | None, forecasts:
     plan : Plan
         The grasp's.
     before : Thought or None
-        What was shown last: its forecast stands until there is a newer one.
+        The previous one: its forecast is kept until there is a newer one.
     forecasts : bool
         Whether to make a new one now; it costs milliseconds.
     """
@@ -54,7 +117,7 @@ def thought_of(belief: Belief, *, plan: Plan, before: Thought | None, forecasts:
         settled, settled_n = foreseen.relative_percent, would_answer.force_n
         of_settled = _settled_gain(settled_n, foreseen, plan)
         answer = belief.result if decided else would_answer
-    return Thought(
+    return GraspProgress(
         time_s=belief.now_s,
         phase=str(belief.phase),
         rest_ohm=belief.rest_ohm,
@@ -72,7 +135,7 @@ def thought_of(belief: Belief, *, plan: Plan, before: Thought | None, forecasts:
 
 
 def _early_gain(belief: Belief) -> Gain | None:
-    """Return how the closing read so far; before its first step nothing is known."""
+    """Return the gain that the closing gave; None before its first step."""
     return belief.gain if belief.gain.log_sd > 0 else None
 
 
@@ -84,7 +147,7 @@ def _settled_gain(force: Measurement | None, foreseen: Settled, plan: Plan) -> G
 
 
 def _touched_s(belief: Belief) -> float | None:
-    """Return from when the answer's time is counted, once the contact is noted."""
+    """Return the time from which the answer's time is counted, once there is contact."""
     if not any(moment.name == "contact" for moment in belief.result.moments):
         return None
     return belief.felt_s if belief.felt_s is not None else belief.contact_s

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from palpate.dashboard.activity import Activity
 from palpate.dashboard.language import Language, Message
 from palpate.dashboard.messages import Grasped
-from palpate.dashboard.session import Activity, Session
+from palpate.dashboard.session import Session
 from palpate.grasp.result import Outcome
 from palpate.grasp.verdict import UNKNOWN_FIRMNESS
 
@@ -57,7 +58,7 @@ _OFF, _READY = Message("Off target"), Message("Ready")
 def operator_view(
     session: Session,
     *,
-    said: Mapping[str, object],
+    headline: Mapping[str, object],
     target_force_n: float | None,
     tr: Language,
 ) -> dict[str, str]:
@@ -67,7 +68,7 @@ def operator_view(
     ----------
     session : Session
         As it is now.
-    said : mapping
+    headline : mapping
         The verdict as the whole page shows it.
     target_force_n : float or None
         What the next grasp reaches for; None is a gentle squeeze.
@@ -76,56 +77,56 @@ def operator_view(
     """
     gentle = target_force_n is None
     return {
-        "word": _capital(tr(_word(session, said))),
-        "next": _capital(tr(_next(session, said))),
+        "word": _capital(tr(_word(session, headline))),
+        "next": _capital(tr(_next(session, headline))),
         "target": tr("gentle squeeze") if gentle else tr("{n:g} N", n=target_force_n),
     }
 
 
-def _word(session: Session, said: Mapping[str, object]) -> str:
-    grasped, thought = session.grasped, session.live.thought
-    if session.activity is Activity.GONE or (said["kind"] == "bad" and grasped is None):
-        return _text(said["text"])
-    if session.activity not in (Activity.WATCHING, Activity.GRASPING, Activity.REPLAYING):
-        return str(session.activity)
-    firmness = said["firmness"] if said["firmness"] != UNKNOWN_FIRMNESS else None
+def _word(session: Session, headline: Mapping[str, object]) -> str:
+    grasped, progress = session.devices.grasped, session.devices.live.progress
+    if session.devices.activity is Activity.GONE or (headline["kind"] == "bad" and grasped is None):
+        return _text(headline["text"])
+    if session.devices.activity not in (Activity.WATCHING, Activity.GRASPING, Activity.REPLAYING):
+        return str(session.devices.activity)
+    firmness = headline["firmness"] if headline["firmness"] != UNKNOWN_FIRMNESS else None
     if grasped is not None:
         if _damaged(grasped):
             return Message("Damaged")
         if grasped.result.outcome is not Outcome.HELD:
             return OUTCOMES[grasped.result.outcome][0]
-        return _OFF if said["on_target"] is False else _text(firmness or "held")
-    if thought is None and session.activity is Activity.GRASPING:
+        return _OFF if headline["on_target"] is False else _text(firmness or "held")
+    if progress is None and session.devices.activity is Activity.GRASPING:
         return Message("Closing")
-    if session.sensor_alone:
+    if session.devices.sensor_alone:
         return Message("Watching")
-    if thought is None:
-        return _READY if session.live.open_hand is not False else Message("Hand closed")
-    known = thought.decided and thought.phase == "hold" and said["on_target"] is not False
+    if progress is None:
+        return _READY if session.devices.live.open_hand is not False else Message("Hand closed")
+    known = progress.decided and progress.phase == "hold" and headline["on_target"] is not False
     if known and firmness:
         return _text(firmness)
-    return PHASES.get(thought.phase) or OUTCOMES[thought.answer.outcome][0]
+    return PHASES.get(progress.phase) or OUTCOMES[progress.answer.outcome][0]
 
 
-def _next(session: Session, said: Mapping[str, object]) -> str:
-    grasped, thought = session.grasped, session.live.thought
-    if session.activity is Activity.GONE:
+def _next(session: Session, headline: Mapping[str, object]) -> str:
+    grasped, progress = session.devices.grasped, session.devices.live.progress
+    if session.devices.activity is Activity.GONE:
         return Message("Start palpate serve again")
-    if session.guide is not None:
-        return session.guide.text
-    if session.activity is Activity.IDLE:
+    if session.devices.guide is not None:
+        return session.devices.guide.text
+    if session.devices.activity is Activity.IDLE:
         return Message("Choose a rig on the full page")
-    if session.activity is Activity.GRASPING:
-        if thought is not None and thought.phase == "hold":
+    if session.devices.activity is Activity.GRASPING:
+        if progress is not None and progress.phase == "hold":
             return Message("Take the item, then press Release")
         return Message("Keep your hands away")
-    if session.activity is not Activity.WATCHING:
+    if session.devices.activity is not Activity.WATCHING:
         return Message("Wait")
-    if said["kind"] == "bad" and grasped is None:
-        return _text(said.get("why", ""))
-    if session.sensor_alone:
+    if headline["kind"] == "bad" and grasped is None:
+        return _text(headline.get("why", ""))
+    if session.devices.sensor_alone:
         return Message("No gripper: press the pads")
-    if session.live.open_hand is False:
+    if session.devices.live.open_hand is False:
         return Message("Press Release: the hand opens")
     if grasped is None:
         return OUTCOMES[Outcome.HELD][1]

@@ -1,4 +1,4 @@
-"""One viewer's hands: presses go to the session, refusals come back as words beside the button."""
+"""One browser's viewer: presses go to the session, refusals are shown next to the button."""
 
 from __future__ import annotations
 
@@ -6,21 +6,22 @@ from collections.abc import Callable
 
 from nicegui import ui
 
+from palpate.dashboard.activity import Action
 from palpate.dashboard.language import ENGLISH, Language, error_text
-from palpate.dashboard.messages import Order
-from palpate.dashboard.session import Action, Session
+from palpate.dashboard.orders import Order
+from palpate.dashboard.session import Session
 from palpate.errors import InputError
 
 
-class Hands:
-    """What one viewer presses.
+class Viewer:
+    """Passes on the presses of one viewer.
 
     Parameters
     ----------
     session : Session
         The one that all share.
-    viewer : str
-        Who it is.
+    viewer_id : str
+        Name of this viewer in the session.
     tr : Language
         What the viewer reads.
     query : str
@@ -28,44 +29,44 @@ class Hands:
     """
 
     def __init__(
-        self, session: Session, *, viewer: str, tr: Language = ENGLISH, query: str = ""
+        self, session: Session, *, viewer_id: str, tr: Language = ENGLISH, query: str = ""
     ) -> None:
-        self._session, self._viewer = session, viewer
+        self._session, self._id = session, viewer_id
         self.tr, self.query = tr, query
         self._refreshers: list[tuple[Callable[[], None], ui.element | None]] = []
 
     @property
     def drives(self) -> bool:
         """Whether this viewer drives."""
-        return self._session.driver == self._viewer
+        return self._session.driver == self._id
 
     def order(self, order: Order) -> None:
         """Order something; a refusal is shown."""
-        self._try(lambda: self._session.order(self._viewer, order))
+        self._try(lambda: self._session.order(self._id, order))
 
     def release(self) -> None:
         """Give the object back."""
-        self._try(lambda: self._session.release(self._viewer))
+        self._try(lambda: self._session.release(self._id))
 
     def confirm(self) -> None:
-        """Say that what was asked for is done."""
-        self._try(lambda: self._session.confirm(self._viewer))
+        """Report that the step that was asked for is done."""
+        self._try(lambda: self._session.confirm(self._id))
 
     def set_speed(self, speed: float) -> None:
-        """Let simulated time, or the replay, run so fast."""
-        self._try(lambda: self._session.set_speed(self._viewer, speed))
+        """Set the speed of simulated time, or of the replay."""
+        self._try(lambda: self._session.set_speed(self._id, speed))
 
     def seek(self, time_s: float) -> None:
         """Show the replay from this time of the recording on."""
-        self._try(lambda: self._session.seek(self._viewer, time_s))
+        self._try(lambda: self._session.seek(self._id, time_s))
 
     def pause(self, paused: bool) -> None:
-        """Let the replay stand still, or go on."""
-        self._try(lambda: self._session.pause(self._viewer, paused=paused))
+        """Pause the replay, or go on."""
+        self._try(lambda: self._session.pause(self._id, paused=paused))
 
     def take_over(self) -> None:
         """Drive from now on."""
-        self._session.take_over(self._viewer)
+        self._session.take_over(self._id)
         self.refresh()
 
     def do(self, action: Action, act: Callable[[], object]) -> bool:
@@ -74,7 +75,7 @@ class Hands:
 
         def checked() -> None:
             nonlocal done
-            why = self._session.refusal(action, viewer=self._viewer)
+            why = self._session.refusal(action, viewer=self._id)
             if why:
                 raise InputError(why)
             act()
@@ -83,14 +84,14 @@ class Hands:
         self._try(checked)
         return done
 
-    def gate(self, button: ui.button | ui.switch, action: Action) -> None:
-        """Enable a button only while it may be pressed; else its tooltip says why not."""
+    def enable_when_allowed(self, button: ui.button | ui.switch, action: Action) -> None:
+        """Enable a button only while it may be pressed; else its tooltip shows the reason."""
         with button:
             # Above: what is below may be the stop button.
             hint = ui.tooltip("").props('anchor="top middle" self="bottom middle"')
 
         def gated() -> None:
-            why = self._session.refusal(action, viewer=self._viewer)
+            why = self._session.refusal(action, viewer=self._id)
             button.set_enabled(not why)
             hint.set_text(self.tr(why))
             hint.set_visibility(bool(why))

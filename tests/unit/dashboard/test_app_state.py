@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path, PosixPath
 from typing import Any
 
-from palpate.dashboard.desk import Desk, Settings
+from palpate.dashboard.app_state import AppState, Settings
 
 
 def names_in(folder: Path) -> list[str]:
@@ -21,7 +21,7 @@ def names_in(folder: Path) -> list[str]:
         speed=1.0,
         benches={},
     )
-    return [file.name for file, _ in Desk(settings).recordings()]
+    return [file.name for file, _ in AppState(settings).recordings()]
 
 
 def test_recordings_are_listed_with_the_newest_first(tmp_path: Path) -> None:

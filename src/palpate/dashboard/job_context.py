@@ -1,4 +1,4 @@
-"""What every job works with: a rig, and the ways in and out."""
+"""What every job works with: the rig, the requests of the user, and the telemetry to the page."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.grip_force import ForceLaws
-from palpate.dashboard.messages import FrameSource, Guide
-from palpate.dashboard.outlet import Outlet
+from palpate.dashboard.messages import Guide
+from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
 from palpate.grasp.calibrating import Bench
 from palpate.grasp.requests import Requests
@@ -23,9 +24,9 @@ from palpate.sensor.serial_array import SerialArray
 
 NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
 FRAME_TIMEOUT_S = 2.0
-#: A stop is heard within this while the sensor is silent.
+#: A stop takes effect within this time while the sensor is silent.
 _PATIENCE_S = 0.1
-#: A frame older than this waited somewhere.
+#: A frame older than this waited in a buffer.
 _OLD_S = 0.05
 
 
@@ -52,8 +53,8 @@ BenchOpener = Callable[[str, int], CellBench]
 
 
 @dataclass(slots=True, kw_only=True)
-class Station:
-    """A rig at work.
+class JobContext:
+    """The rig and the channels of a job.
 
     Attributes
     ----------
@@ -63,16 +64,16 @@ class Station:
         The rig's, held back to the pace of the wall's clock where it is simulated.
     seed : int
         Of a simulated rig.
-    outlet : Outlet
-        Where everything that is to be seen goes.
+    telemetry : Telemetry
+        Sends frames and messages to the page.
     confirmed : Event
-        Set when the user did what was asked for.
+        Set when the user confirmed a step.
     open_bench : callable or None
         Opens the bench with a load cell of this rig; None where it has none.
     requests : Requests
-        What the user asks of the job that runs.
+        Requests of the user to the running job.
     on_stopped : callable
-        Called when the hand was told to stop because the user asked for it.
+        Called when the hand has received the user's stop.
     reacted_s : float or None
         When that was, on the rig's clock.
     """
@@ -80,7 +81,7 @@ class Station:
     rig: Rig | SensorRig
     array: PressureArray
     seed: int
-    outlet: Outlet
+    telemetry: Telemetry
     confirmed: threading.Event
     on_stopped: Callable[[], None]
     open_bench: BenchOpener | None = None
@@ -95,7 +96,7 @@ class Station:
         return self.rig
 
     def source(self) -> FrameSource:
-        """Return what the page is to know about the rig."""
+        """Return the description of the rig for the page."""
         calibration, gripper = self.rig.calibration, self.rig.gripper
         return FrameSource(
             name=self.rig.name,
@@ -121,13 +122,13 @@ class Station:
             drift_ppm=array.drift_ppm,
         )
 
-    def watched(self, array: PressureArray | None = None) -> Watched:
+    def watched(self, array: PressureArray | None = None) -> WatchedArray:
         """Return the array with every frame shown; a stop request ends its reading."""
-        return Watched(array or self.array, gripper=self.rig.gripper, station=self)
+        return WatchedArray(array or self.array, gripper=self.rig.gripper, context=self)
 
     def guide(self, text: str, *, share: float | None = None, asks: bool = False) -> None:
-        """Tell the user what goes on, or what to do."""
-        self.outlet.note(Guide(text=text, share=share, asks=asks))
+        """Show the user what goes on, or what to do."""
+        self.telemetry.note(Guide(text=text, share=share, asks=asks))
 
     def stop_hand(self) -> None:
         """Stop the hand, and confirm it; a sensor alone has none that could move.
@@ -135,14 +136,14 @@ class Station:
         Raises
         ------
         DeviceError
-            If the hand can't be told; nothing is confirmed then.
+            If the hand can't be reached; nothing is confirmed then.
         """
         if self.rig.gripper is not None:
             self.rig.gripper.stop()
         self.confirm_stop()
 
     def confirm_stop(self) -> None:
-        """Say that the hand was told."""
+        """Confirm that the hand received the stop."""
         if self.reacted_s is None:
             self.reacted_s = self.rig.clock.now_s()
         self.on_stopped()
@@ -154,11 +155,13 @@ class Station:
             pass
 
 
-class Watched:
+class WatchedArray:
     """An array whose every frame is shown, until the user stops what reads it."""
 
-    def __init__(self, array: PressureArray, *, gripper: Gripper | None, station: Station) -> None:
-        self._array, self._gripper, self._station = array, gripper, station
+    def __init__(
+        self, array: PressureArray, *, gripper: Gripper | None, context: JobContext
+    ) -> None:
+        self._array, self._gripper, self._context = array, gripper, context
 
     @property
     def layout(self) -> ArrayLayout:
@@ -177,7 +180,7 @@ class Watched:
         """
         tries = math.ceil(timeout_s / _PATIENCE_S)
         while True:
-            if self._station.requests.stop.is_set():
+            if self._context.requests.stop.is_set():
                 raise StoppedByUserError("stopped on request")
             tries -= 1
             try:
@@ -186,7 +189,7 @@ class Watched:
                 if tries <= 0:
                     raise
                 continue
-            self._station.outlet.see(frame, state_of(self._gripper))
+            self._context.telemetry.add_frame(frame, state_of(self._gripper))
             return frame
 
     def close(self) -> None:

@@ -15,35 +15,37 @@ import pytest
 from tests.closings import write_damage_file
 
 from palpate.commands.serve import open_simulated_bench
-from palpate.dashboard.devices import Devices
+from palpate.dashboard.device_process import DeviceProcess
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
     Calibrated,
-    CalibrateForce,
-    CalibrateRest,
-    Confirm,
     Ended,
-    Examine,
-    Goodbye,
     Grasped,
-    GraspOrder,
     Guide,
-    OpenHand,
-    OpenRig,
-    Order,
-    Past,
-    Pause,
-    Play,
     Playing,
-    Record,
-    ReleaseNow,
-    Seek,
-    StopNow,
-    Stopped,
+    RecordedStretch,
+    StopConfirmed,
     Timeline,
     Trouble,
     Update,
+)
+from palpate.dashboard.orders import (
+    CalibrateForce,
+    CalibrateRest,
+    Confirm,
+    Examine,
+    GraspOrder,
+    OpenHand,
+    OpenRig,
+    Order,
+    Pause,
+    Play,
+    Record,
+    ReleaseNow,
+    Seek,
+    Shutdown,
+    StopNow,
 )
 from palpate.errors import DeviceError
 from palpate.grasp.result import Outcome
@@ -93,14 +95,14 @@ class Page:
 @contextmanager
 def devices_at_work() -> Iterator[Page]:
     ours, theirs = Pipe()
-    devices = Devices(theirs, benches={"sim-rigid": open_simulated_bench})
+    devices = DeviceProcess(theirs, benches={"sim-rigid": open_simulated_bench})
     thread = threading.Thread(target=devices.run)
     thread.start()
     page = Page(ours)
     yield page
-    page.send(Goodbye())
-    # First the page's end: what the outlet is just writing then fails, as with a page that is gone.
-    # Closing the other end under its thread would not.
+    page.send(Shutdown())
+    # First the page's end: what the telemetry is just writing then fails, as with a page that is
+    # gone. Closing the other end under its thread would not.
     ours.close()
     thread.join(30)
     assert not thread.is_alive()
@@ -125,7 +127,7 @@ def test_a_grasp_from_order_to_release_with_every_frame_recorded(
 ) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
-    opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
     opened.send(ReleaseNow())
     ended = opened.ended(order)
     assert isinstance(ended.found, Grasped)
@@ -135,8 +137,8 @@ def test_a_grasp_from_order_to_release_with_every_frame_recorded(
     recorded = load_recording(order.recording)
     assert len(recorded.time_s) == result.frames
     assert np.all(np.diff(recorded.sequence) == 1)
-    assert opened.updates[-1].pulse.lost == 0
-    decided = [u.thought.decided for u in opened.updates if u.thought is not None]
+    assert opened.updates[-1].link.lost == 0
+    decided = [u.progress.decided for u in opened.updates if u.progress is not None]
     assert decided == sorted(decided)
 
 
@@ -154,7 +156,7 @@ def test_a_grasp_keeps_to_the_damage_file_and_its_recording_has_it(
     peak_n = {}
     for one in (free, order):
         opened.send(one)
-        opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+        opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
         opened.send(ReleaseNow())
         found = opened.ended(one).found
         assert isinstance(found, Grasped)
@@ -207,7 +209,7 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
 
 def confirmations(page: Page) -> list[int]:
     notes = [note for update in page.updates for note in update.notes]
-    return [note.number for note in notes if isinstance(note, Stopped)]
+    return [note.number for note in notes if isinstance(note, StopConfirmed)]
 
 
 def test_a_stop_is_confirmed_once_the_hand_was_told(opened: Page, tmp_path: Path) -> None:
@@ -218,14 +220,14 @@ def test_a_stop_is_confirmed_once_the_hand_was_told(opened: Page, tmp_path: Path
     opened.send(StopNow(41))
     assert opened.ended(order).found is not None
     opened.send(StopNow(42))
-    opened.until(lambda update: Stopped(42) in update.notes)
+    opened.until(lambda update: StopConfirmed(42) in update.notes)
     assert confirmations(opened) == [41, 42]
     assert not opened.done(OpenHand()).trouble
 
 
 def test_a_stop_without_a_rig_is_confirmed_at_once(page: Page) -> None:
     page.send(StopNow(7))
-    page.until(lambda update: Stopped(7) in update.notes)
+    page.until(lambda update: StopConfirmed(7) in update.notes)
 
 
 def test_a_hand_that_cannot_be_told_confirms_nothing(
@@ -242,7 +244,7 @@ def test_a_hand_that_cannot_be_told_confirms_nothing(
         opened.until(lambda update: update.frames is not None)
     assert confirmations(opened) == []
     opened.send(StopNow(91))
-    opened.until(lambda update: Stopped(91) in update.notes)
+    opened.until(lambda update: StopConfirmed(91) in update.notes)
 
 
 def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path) -> None:
@@ -263,7 +265,7 @@ def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: P
     # It can be grasped with at once.
     order = GraspOrder(target_force_n=None, recording=tmp_path / "after.mcap")
     opened.send(order)
-    opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
     opened.send(ReleaseNow())
     assert opened.ended(order).trouble == ""
 
@@ -314,7 +316,7 @@ def test_a_recording_that_exists_is_refused_in_words(opened: Page, tmp_path: Pat
 def test_a_replay_decides_again_and_stays_until_confirmed(opened: Page, tmp_path: Path) -> None:
     order = GraspOrder(target_force_n=None, recording=tmp_path / "grasp.mcap")
     opened.send(order)
-    opened.until(lambda update: update.thought is not None and update.thought.phase == "hold")
+    opened.until(lambda update: update.progress is not None and update.progress.phase == "hold")
     opened.send(ReleaseNow())
     live = opened.ended(order).found
     play = Play(file=order.recording, speed=FAST)
@@ -349,8 +351,8 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     for _ in range(2):
         opened.until(
             lambda update: (
-                update.thought is not None
-                and update.thought.phase == "hold"
+                update.progress is not None
+                and update.progress.phase == "hold"
                 and update.frames is not None
             )
         )
@@ -364,7 +366,7 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     recorded = load_recording(order.recording)
     assert (timeline.start_s, timeline.end_s) == (recorded.time_s[0], recorded.time_s[-1])
     assert [phase for _, phase in timeline.phases][-3:-1] == ["hold", "release"]
-    past = [note.frames.time_s for note in notes if isinstance(note, Past)]
+    past = [note.frames.time_s for note in notes if isinstance(note, RecordedStretch)]
     assert np.array_equal(np.concatenate(past), recorded.time_s), "nothing of 15 Hz is thinned"
     starts_s = {phase: time_s for time_s, phase in timeline.phases}
     within_s = (starts_s["hold"] + starts_s["release"]) / 2
@@ -373,8 +375,8 @@ def test_a_replay_is_paused_moved_and_known_as_a_whole(opened: Page, tmp_path: P
     place = played_to(opened, lambda playing: playing.time_s == within_s)
     assert place.paused
     shown = next(update for update in reversed(opened.updates) if update.frames is not None)
-    assert shown.thought is not None
-    assert shown.thought.phase == "hold"
+    assert shown.progress is not None
+    assert shown.progress.phase == "hold"
     assert shown.frames is not None
     assert starts_s["hold"] < shown.frames.time_s[-1] <= within_s
     opened.send(Seek(timeline.end_s + 99.0))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import zxingcpp
 
-from palpate.dashboard.reach import address_for_others, qr_text
+from palpate.dashboard.address import address_for_others, qr_text
 
 
 @pytest.mark.parametrize(("host", "family"), [("0.0.0.0", socket.AF_INET), ("::", socket.AF_INET6)])

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from palpate.dashboard.activity import Activity
+from palpate.dashboard.grasp_form import GraspForm
+from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.language import ENGLISH, Language, Message
 from palpate.dashboard.live import Live, finite
-from palpate.dashboard.messages import Grasped, Thought
-from palpate.dashboard.operating import operator_view
-from palpate.dashboard.session import Activity, Session
-from palpate.dashboard.wishes import Wishes
+from palpate.dashboard.messages import Grasped
+from palpate.dashboard.operator_view import operator_view
+from palpate.dashboard.session import Session
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Moment, Outcome
 from palpate.grasp.verdict import outcome_text, verdict
@@ -26,7 +28,7 @@ _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 def document(
     session: Session,
-    wishes: Wishes,
+    form: GraspForm,
     *,
     generation: int,
     after_s: float,
@@ -39,22 +41,22 @@ def document(
     session : Session
         As it is now.
     wishes : Wishes
-        What is wanted of the next grasp.
+        Settings of the next grasp.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
     tr : Language
         Of the words in it.
     """
-    live, link = session.live, _link(session)
-    said = _verdict(session, stale=link["stale"])
+    live, link = session.devices.live, _link(session)
+    headline = _verdict(session, stale=link["stale"])
     after_s = after_s if generation == live.generation else -math.inf
     source = live.source
     return {
         "generation": live.generation,
-        "activity": session.activity.value,
+        "activity": session.devices.activity.value,
         "trouble": {
-            "text": tr(session.trouble),
-            "lang": tr.tag if tr.knows(session.trouble) else ENGLISH.tag,
+            "text": tr(session.devices.trouble),
+            "lang": tr.tag if tr.knows(session.devices.trouble) else ENGLISH.tag,
         },
         "source": None
         if source is None
@@ -78,14 +80,16 @@ def document(
             for band in live.band
             if band.time_s > after_s - 1.0
         ],
-        "grasp": _grasp(live.thought, live),
+        "grasp": _grasp(live.progress, live),
         "replay": _replay(live, tr),
-        "verdict": {**said, **{key: tr(str(said.get(key) or "")) for key in _SPOKEN}},
-        "operator": operator_view(session, said=said, target_force_n=wishes.target_force_n, tr=tr),
-        "nothing_there": said["text"] == outcome_text(Outcome.NOTHING_THERE),
+        "verdict": {**headline, **{key: tr(str(headline.get(key) or "")) for key in _TEXTS}},
+        "operator": operator_view(
+            session, headline=headline, target_force_n=form.target_force_n, tr=tr
+        ),
+        "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
         "measured": _measured(session, tr),
-        "stopped_after_s": session.stopped_after_s,
-        "recording": None if session.recording is None else session.recording.name,
+        "stopped_after_s": session.devices.stopped_after_s,
+        "recording": None if session.devices.recording is None else session.devices.recording.name,
     }
 
 
@@ -95,7 +99,7 @@ def _newtons(force: Measurement | None) -> list[float]:
 
 
 def _replay(live: Live, tr: Language) -> dict[str, Any] | None:
-    """Return where a replay is, and what happens in the recording as a whole."""
+    """Return where a replay is, and the phases and events of the whole recording."""
     timeline, playing = live.timeline, live.playing
     if timeline is None or playing is None:
         return None
@@ -110,17 +114,17 @@ def _replay(live: Live, tr: Language) -> dict[str, Any] | None:
     }
 
 
-def _grasp(thought: Thought | None, live: Live) -> dict[str, Any] | None:
-    """Return what the controller notes of the grasp that runs, or ran last."""
-    if thought is None:
+def _grasp(progress: GraspProgress | None, live: Live) -> dict[str, Any] | None:
+    """Return phase and events of the grasp that runs, or ran last."""
+    if progress is None:
         return None
     return {
-        "phase": thought.phase,
-        "began_s": thought.began_s,
-        "touched_s": thought.touched_s,
-        "moments": [[one.time_s, one.name, one.finger] for one in thought.moments],
-        "fingers": [] if live.open_hand else _touching(thought.moments),
-        "bounds": asdict(thought.bounds),
+        "phase": progress.phase,
+        "began_s": progress.began_s,
+        "touched_s": progress.touched_s,
+        "moments": [[one.time_s, one.name, one.finger] for one in progress.moments],
+        "fingers": [] if live.open_hand else _touching(progress.moments),
+        "bounds": asdict(progress.bounds),
     }
 
 
@@ -136,24 +140,24 @@ def _touching(moments: Sequence[Moment]) -> list[int]:
 
 
 def _link(session: Session) -> dict[str, Any]:
-    pulse, hung_s = session.live.pulse, session.hung_s
+    link, hung_s = session.devices.live.link, session.hung_s
     hung = hung_s is not None
     rate_hz, age_s, p99_s, worst_s = finite(
-        [pulse.rate_hz, pulse.age_s + (hung_s or 0.0), pulse.period_p99_s, pulse.period_worst_s]
+        [link.rate_hz, link.age_s + (hung_s or 0.0), link.period_p99_s, link.period_worst_s]
     )
-    waiting = session.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)
+    waiting = session.devices.activity in (Activity.OPENING, Activity.IDLE, Activity.REPLAYING)
     return {
-        "frames": pulse.frames,
-        "lost": pulse.lost,
-        "corrupt": pulse.corrupt,
-        "late": pulse.late,
-        "undrawn": pulse.undrawn,
+        "frames": link.frames,
+        "lost": link.lost,
+        "corrupt": link.corrupt,
+        "late": link.late,
+        "undrawn": link.undrawn,
         "rate_hz": rate_hz,
         "age_s": age_s,
         "period_p99_s": p99_s,
         "period_worst_s": worst_s,
         "hung_s": hung_s,
-        "stale": hung or (pulse.stale and not waiting),
+        "stale": hung or (link.stale and not waiting),
         "waiting": waiting and not hung,
     }
 
@@ -173,7 +177,7 @@ def _hand(live: Live) -> dict[str, Any] | None:
 
 
 def _pixels(session: Session) -> dict[str, Any] | None:
-    live = session.live
+    live = session.devices.live
     if live.source is None or live.percent is None or live.ohm is None:
         return None
     return {
@@ -183,7 +187,7 @@ def _pixels(session: Session) -> dict[str, Any] | None:
         "ohm": [finite(row) for row in live.ohm],
         "finger_percent": finite(live.finger_percent()),
         "touching": live.touching,
-        "findings": _on_pixels(session.health),
+        "findings": _on_pixels(session.devices.health),
     }
 
 
@@ -202,36 +206,38 @@ def _on_pixels(health: Health | None) -> list[dict[str, Any]]:
 
 
 def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
-    """Return the big words: of the grasp that ended, of the one that runs, or what goes on."""
-    if session.activity is Activity.GONE:
+    """Return the headline: of the grasp that ended, of the one that runs, or what goes on."""
+    if session.devices.activity is Activity.GONE:
         return {**_WORDLESS, "text": Message("the devices are gone"), "kind": "bad"}
-    if session.activity is Activity.WATCHING and (broken := _broken(session.live, stale=stale)):
+    if session.devices.activity is Activity.WATCHING and (
+        broken := _broken(session.devices.live, stale=stale)
+    ):
         text, why = broken
         return {**_WORDLESS, "text": text, "why": why, "kind": "bad"}
-    if session.activity in _OF_THEIR_OWN:
+    if session.devices.activity in _OF_THEIR_OWN:
         # Not the verdict of the grasp before.
-        return {**_WORDLESS, "text": session.activity.value, "kind": "busy"}
-    grasped, thought = session.grasped, session.live.thought
+        return {**_WORDLESS, "text": session.devices.activity.value, "kind": "busy"}
+    grasped, progress = session.devices.grasped, session.devices.live.progress
     if grasped is not None:
-        said = verdict(grasped.result, target_force_n=session.target_force_n)
-        return {**said, "kind": kind_of(grasped, target_force_n=session.target_force_n)}
-    if thought is None:
-        text = session.activity.value
-        if session.activity is Activity.WATCHING and not session.sensor_alone:
+        headline = verdict(grasped.result, target_force_n=session.target_force_n)
+        return {**headline, "kind": kind_of(grasped, target_force_n=session.target_force_n)}
+    if progress is None:
+        text = session.devices.activity.value
+        if session.devices.activity is Activity.WATCHING and not session.devices.sensor_alone:
             text = Message("ready")
-        begins = session.activity is Activity.GRASPING
+        begins = session.devices.activity is Activity.GRASPING
         return {**_WORDLESS, "text": text, "kind": "busy" if begins else "idle"}
     # In its last phase, for a moment, the grasp has ended.
-    text = _PHASES.get(thought.phase) or outcome_text(thought.answer.outcome)
-    if not thought.decided:
+    text = _PHASES.get(progress.phase) or outcome_text(progress.answer.outcome)
+    if not progress.decided:
         return {**_WORDLESS, "text": text, "kind": "busy"}
-    said = verdict(thought.answer, target_force_n=session.target_force_n)
-    kind = "warn" if said["on_target"] is False else "good"
-    return {**said, "text": text, "kind": kind}
+    headline = verdict(progress.answer, target_force_n=session.target_force_n)
+    kind = "warn" if headline["on_target"] is False else "good"
+    return {**headline, "text": text, "kind": kind}
 
 
-#: What of a verdict is words.
-_SPOKEN = ("text", "firmness", "why")
+#: The fields of a verdict that are text.
+_TEXTS = ("text", "firmness", "why")
 _OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activity.RELEASING)
 _WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
 
@@ -247,13 +253,13 @@ def kind_of(grasped: Grasped, *, target_force_n: float | None) -> str:
 
 def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
     """Return what is wrong with the sensor that is watched, and what to do; None while it reads."""
-    if stale and live.pulse.frames:
+    if stale and live.link.frames:
         return Message("the sensor is silent"), Message(
             "check its cable and power; it goes on as soon as it answers"
         )
     if live.percent is not None and np.isnan(live.percent).all():
         return Message("no pixel reads"), Message(
-            "check the cable between sensor and board; Doctor says more"
+            "check the cable between sensor and board; the page Doctor gives details"
         )
     return None
 
@@ -274,23 +280,23 @@ _PHASES = {
 
 
 def _measured(session: Session, tr: Language) -> dict[str, Any]:
-    """Return the measurements with their intervals, and the twin's truth beside them."""
-    grasped, thought = session.grasped, session.live.thought
+    """Return the measurements with their intervals, and the twin's true values."""
+    grasped, progress = session.devices.grasped, session.devices.live.progress
     result: GraspResult | None = None
     truth: Mapping[str, object] = {}
     if grasped is not None:
         result, truth = grasped.result, grasped.truth or {}
-    elif thought is not None:
-        result = thought.answer
+    elif progress is not None:
+        result = progress.answer
     rows = {name: None if result is None else getattr(result, name) for name in _MEASURED}
     return {
         "values": {name: _one(value, truth.get(name), tr) for name, value in rows.items()},
-        "decided": grasped is not None or (thought is not None and thought.decided),
+        "decided": grasped is not None or (progress is not None and progress.decided),
         "decision_time_s": None if result is None else result.decision_time_s,
         "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
-        "force_now": _one(session.live.force, None, tr),
-        "holds": grasped is None and session.live.open_hand is not True,
+        "force_now": _one(session.devices.live.force, None, tr),
+        "holds": grasped is None and session.devices.live.open_hand is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),
     }
 

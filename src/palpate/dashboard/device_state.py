@@ -1,0 +1,169 @@
+"""The devices as the page knows them: what they last reported, and what came of each order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from palpate.dashboard.activity import ACTIVITIES, Activity
+from palpate.dashboard.frames import FrameSource
+from palpate.dashboard.live import Live
+from palpate.dashboard.messages import (
+    Began,
+    BeingRecorded,
+    Calibrated,
+    DevicesLost,
+    Ended,
+    Grasped,
+    Guide,
+    Note,
+    Playing,
+    RecordedStretch,
+    StopConfirmed,
+    Timeline,
+    Trouble,
+    Update,
+)
+from palpate.dashboard.orders import GraspOrder, OpenRig, Order, Play, Record
+from palpate.sensor.health import Health
+
+
+class DeviceState:
+    """Follows the devices' process by its updates.
+
+    Parameters
+    ----------
+    on_grasped : callable
+        Called with each finished grasp (not with replays), and its order.
+
+    Attributes
+    ----------
+    activity : Activity
+        What runs.
+    live : Live
+        Data to draw.
+    guide : Guide or None
+        What the user is to do now.
+    trouble : str
+        The last problem; empty once something went well.
+    grasped, calibrated, health
+        Result of the last grasp or replay, calibration and examination.
+    stopped_after_s : float or None
+        Duration of the last stop, on the rig's clock.
+    stops_confirmed : int
+        Number of the newest stop that the devices' process confirmed.
+    recording : Path or None
+        File to which the watched frames go.
+    rig_open : bool
+        Whether a rig is open.
+    """
+
+    def __init__(self, *, on_grasped: Callable[[Grasped, GraspOrder], None]) -> None:
+        self._on_grasped = on_grasped
+        self.activity = Activity.IDLE
+        self.live = Live()
+        self.guide: Guide | None = None
+        self.trouble = ""
+        self.grasped: Grasped | None = None
+        self.calibrated: Calibrated | None = None
+        self.health: Health | None = None
+        self.stopped_after_s: float | None = None
+        self.stops_confirmed = 0
+        self.recording: Path | None = None
+        self.rig_open = False
+        self._file: Path | None = None
+
+    @property
+    def files_in_use(self) -> set[str]:
+        """Names of the recordings that are being written or shown."""
+        return {file.name for file in (self.recording, self._file) if file is not None}
+
+    @property
+    def sensor_alone(self) -> bool:
+        """Whether the rig that is watched has no gripper."""
+        source = self.live.source
+        return source is not None and source.gripper is None and not source.replayed
+
+    def expect(self, order: Order) -> None:
+        """Count an order as begun before the devices answer: a second press must not repeat it."""
+        if isinstance(order, Record):
+            return
+        self.activity, self.guide = ACTIVITIES[type(order)], None
+        self._file = _file_of(order)
+
+    def take(self, update: Update | DevicesLost) -> None:
+        """Take an update of the devices."""
+        if isinstance(update, DevicesLost):
+            self.activity, self.trouble = Activity.GONE, update.text
+            self.live.link = replace(self.live.link, stale=True)
+            return
+        for note in update.notes:
+            self._take_note(note)
+        self.live.link = update.link
+        if update.progress is not None:
+            self.live.take_progress(update.progress)
+        if update.frames is not None:
+            self.live.add_frames(update.frames)
+
+    def _take_note(self, note: Note) -> None:
+        match note:
+            case FrameSource():
+                self.live.open_source(note)
+                self.rig_open = self.rig_open or not note.replayed
+            case Began():
+                self._begin(note.order)
+            case Guide():
+                self.guide = note
+            case Grasped():
+                self.grasped = note
+            case RecordedStretch():
+                self.live.add_stretch(note)
+            case Timeline():
+                self.live.set_timeline(note)
+            case Playing():
+                self.live.set_playing(note)
+                self.grasped = note.grasped
+            case BeingRecorded():
+                self.recording = note.file
+            case StopConfirmed():
+                self.stops_confirmed = max(self.stops_confirmed, note.number)
+            case Trouble():
+                self.trouble = note.text
+            case Ended():
+                self._end(note)
+
+    def _begin(self, order: Order) -> None:
+        self.activity = ACTIVITIES[type(order)]
+        self.guide, self.trouble, self.stopped_after_s = None, "", None
+        if isinstance(order, OpenRig):
+            self.rig_open = False
+        if isinstance(order, OpenRig | GraspOrder | Play):
+            self.grasped = None
+            self.live.clear_curve()
+
+    def _end(self, note: Ended) -> None:
+        self.activity = Activity.WATCHING if self.rig_open else Activity.IDLE
+        self.guide, self.trouble = None, note.trouble
+        self.stopped_after_s = note.stopped_after_s
+        self._file = None
+        if isinstance(note.order, Play):
+            self.grasped = None
+        match note.found:
+            case Grasped():
+                self.grasped = note.found
+                if isinstance(note.order, GraspOrder):
+                    self._on_grasped(note.found, note.order)
+            case Calibrated():
+                self.calibrated = note.found
+            case Health():
+                self.health = note.found
+
+
+def _file_of(order: Order) -> Path | None:
+    match order:
+        case GraspOrder():
+            return order.recording
+        case Play():
+            return order.file
+    return None
