@@ -34,8 +34,6 @@ class RealClock:
 class ManualClock:
     """A clock that moves only on command.
 
-    Examples
-    --------
     >>> clock = ManualClock()
     >>> clock.sleep_s(0.25)
     >>> clock.now_s()
@@ -52,10 +50,7 @@ class ManualClock:
     def sleep_s(self, duration_s: float) -> None:
         """Move time forward by `duration_s` seconds.
 
-        Raises
-        ------
-        ValueError
-            If `duration_s` is negative: time can't go backwards.
+        Raises `ValueError` if `duration_s` is negative: time can't go backwards.
         """
         if duration_s < 0:
             raise ValueError(f"a clock can't go back by {-duration_s} s")

@@ -16,18 +16,9 @@ from palpate.errors import InputError
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path next to `path`; put it in place only if the block succeeds.
 
-    Parameters
-    ----------
-    path : path
-        Where the finished file goes. Its folder must exist.
+    `path`: where the finished file goes. Its folder must exist.
+    Yields a file in the same folder and with the same ending, for the block to write.
 
-    Yields
-    ------
-    Path
-        A file in the same folder and with the same ending, for the block to write.
-
-    Examples
-    --------
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
     >>> with atomic_path(folder / "note.txt") as partial:
@@ -62,18 +53,9 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary folder next to `path`; put it in place only if the block succeeds.
 
-    Parameters
-    ----------
-    path : path
-        The new folder; its own folder must exist.
+    `path`: the new folder; its own folder must exist.
+    Raises `InputError` if it is there already, or its folder is not.
 
-    Raises
-    ------
-    InputError
-        If it is there already, or its folder is not.
-
-    Examples
-    --------
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp()) / "set"
     >>> with atomic_folder(folder) as partial:
@@ -120,20 +102,8 @@ def sync_folder(folder: Path) -> None:
 def keep_inputs(output: Path, *, inputs: Iterable[Path]) -> None:
     """Refuse to write over what is read.
 
-    Parameters
-    ----------
-    output : Path
-        What is going to be written.
-    inputs : iterable of Path
-        What is going to be read for it.
+    Raises `InputError` if they are one file, under whatever names.
 
-    Raises
-    ------
-    InputError
-        If they are one file, under whatever names.
-
-    Examples
-    --------
     >>> import tempfile
     >>> holds = Path(tempfile.mkdtemp()) / "holds.csv"
     >>> _ = holds.write_text("hold_id,time_s,value")
@@ -149,13 +119,8 @@ def keep_inputs(output: Path, *, inputs: Iterable[Path]) -> None:
 def check_place(output: Path) -> None:
     """Refuse, before the work, a file that could not be written after it.
 
-    Raises
-    ------
-    InputError
-        If it is a folder, or its own folder is not there or can't be written to.
+    Raises `InputError` if it is a folder, or its own folder is not there or can't be written to.
 
-    Examples
-    --------
     >>> check_place(Path("no-such-folder/pad.json"))
     Traceback (most recent call last):
     palpate.errors.InputError: no-such-folder/pad.json: there is no folder no-such-folder; \

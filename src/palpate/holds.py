@@ -114,21 +114,11 @@ class _Channel:
 def assemble(pieces: Iterable[Table], *, name: str, until_s: float) -> Iterator[Hold]:
     """Yield each channel of each hold once the hold is complete.
 
-    Parameters
-    ----------
-    pieces : iterable of Table
-        The file, in order: columns `hold_id`, `time_s`, `value` and perhaps `channel` and `unit`.
-        The rows of a hold are together; its channels may be interleaved.
-    name : str
-        What errors call the file.
-    until_s : float
-        Samples after the first one at or beyond this time are checked and dropped, which bounds
-        the memory that one endless hold can take. Infinite to keep all.
-
-    Raises
-    ------
-    InputError
-        If time does not increase, a hold comes back or has no name.
+    `pieces`: the file, in order: columns `hold_id`, `time_s`, `value` and perhaps `channel` and
+        `unit`. The rows of a hold are together; its channels may be interleaved.
+    `until_s`: samples after the first one at or beyond this time are checked and dropped, which
+        bounds the memory that one endless hold can take. Infinite to keep all.
+    Raises `InputError` if time does not increase, a hold comes back or has no name.
     """
     ended: set[str] = set()
     current: str | None = None

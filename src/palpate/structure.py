@@ -20,23 +20,13 @@ _LARGEST = 1e300
 def structured(kind: type[T], stored: object, *, where: str = "") -> T:
     """Return the dataclass that was stored as plain values.
 
-    Parameters
-    ----------
-    kind : type
-        A dataclass whose fields are numbers, text, truth values, literals, tuples, mappings with
-        text as keys, other such dataclasses, or one of these or None.
-    stored : object
-        What a file holds of it.
-    where : str
-        The name of its place in the file; empty for the whole file.
+    `kind`: a dataclass whose fields are numbers, text, truth values, literals, tuples, mappings
+        with text as keys, other such dataclasses, or one of these or None.
+    `stored`: what a file holds of it.
+    `where`: the name of its place in the file; empty for the whole file.
+    Raises `InputError` if a name is missing or unknown, or a value is of another type; one line
+    that names it.
 
-    Raises
-    ------
-    InputError
-        If a name is missing or unknown, or a value is of another type; one line that names it.
-
-    Examples
-    --------
     >>> from palpate.signal.circuit import Divider
     >>> structured(Divider, {"adc_bits": 12}).adc_bits
     12

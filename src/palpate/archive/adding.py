@@ -28,24 +28,10 @@ def add_recordings(
 ) -> Iterator[dict[str, int]]:
     """Add the frames of recordings, and their holds; yield the rows of each kind, one by one.
 
-    Parameters
-    ----------
-    archive : Archive
-        Where to.
-    paths : iterable of path
-        Recordings, .mcap.
-    station : str, optional
-        Where they were made; by default the name of each one's rig.
-
-    Yields
-    ------
-    dict of str to int
-        Kind -> rows; empty where the archive holds the recording already.
-
-    Raises
-    ------
-    RecordingError
-        If one can't be read whole; `palpate recover` makes a whole one. Those before it were added.
+    `station`: where they were made; by default the name of each one's rig.
+    Yields kind -> rows; empty where the archive holds the recording already. Raises
+    `RecordingError` if one can't be read whole; `palpate recover` makes a whole one. Those before
+    it were added.
     """
     held = set(archive.sources("frames"))
     for path in paths:

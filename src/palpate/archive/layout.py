@@ -49,17 +49,8 @@ class Part:
 class Archive:
     """An archive in a folder.
 
-    Parameters
-    ----------
-    root : path
-        Its folder.
-    create : bool
-        Create it if it does not exist.
-
-    Raises
-    ------
-    InputError
-        If it is no archive, or one of a newer palpate.
+    `create`: create it if it does not exist.
+    Raises `InputError` if it is no archive, or one of a newer palpate.
     """
 
     def __init__(self, root: str | os.PathLike[str], *, create: bool = False) -> None:
@@ -96,14 +87,8 @@ class Archive:
     def write(self, part: Part, tables: Iterable[Any], *, sources: Sequence[str]) -> int:
         """Write a part whole or not at all; return its rows.
 
-        Parameters
-        ----------
-        part : Part
-            What it is.
-        tables : iterable of pyarrow.Table
-            Of one schema; taken one by one.
-        sources : sequence of str
-            What it holds.
+        `tables`: of one schema; taken one by one.
+        `sources`: what it holds.
         """
         return write_tables(self.path(part), tables, marks={_SOURCES: json.dumps(list(sources))})
 
@@ -122,10 +107,7 @@ def part_at(place: Path) -> Part:
 def check_name(what: str, name: str) -> str:
     """Return a name that folders can bear.
 
-    Raises
-    ------
-    InputError
-        If they can't.
+    Raises `InputError` if they can't.
     """
     if not _NAME.fullmatch(name):
         raise InputError(
@@ -137,10 +119,7 @@ def check_name(what: str, name: str) -> str:
 def arrow() -> Any:
     """Return pyarrow with its Parquet part.
 
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
+    Raises `MissingExtraError` if it is not installed.
     """
     with needing("an archive", extra="archive"):
         import pyarrow
@@ -151,10 +130,7 @@ def arrow() -> Any:
 def sources_of(path: Path) -> list[str]:
     """Return the sources that a file names.
 
-    Raises
-    ------
-    InputError
-        If it is no file of an archive.
+    Raises `InputError` if it is no file of an archive.
     """
     try:
         marks = arrow().parquet.read_schema(path).metadata or {}

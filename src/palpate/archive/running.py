@@ -110,22 +110,10 @@ def _round(tasks: Sequence[Task], *, workers: int, show: Show, of: int) -> tuple
 def run_on_dask(tasks: Sequence[Task], *, scheduler: str | None, show: Show) -> int:
     """Do tasks on a Dask cluster whose workers see the same folders; return the rows written.
 
-    Parameters
-    ----------
-    tasks : sequence of Task
-        Not yet done.
-    scheduler : str or None
-        Its address; None starts workers on this machine.
-    show : callable
-        Gets how many are done.
-
-    Raises
-    ------
-    ClusterError
-        If the scheduler is not there, or is lost on the way, or the workers of a task died as
-        often as the cluster allows (`distributed.scheduler.allowed-failures`, 3 by default).
-    MissingExtraError
-        If Dask is not installed.
+    `scheduler`: its address; None starts workers on this machine.
+    Raises `ClusterError` if the scheduler is not there, or is lost on the way, or the workers of a
+    task died as often as the cluster allows (`distributed.scheduler.allowed-failures`, 3 by
+    default); `MissingExtraError` if Dask is not installed.
     """
     with needing("--engine dask", extra="archive"):
         from distributed import Client, KilledWorker

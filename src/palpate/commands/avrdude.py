@@ -43,10 +43,7 @@ _MEANINGS = (
 def avrdude_path() -> str:
     """Return where avrdude is.
 
-    Raises
-    ------
-    DeviceNotFoundError
-        If it isn't installed; the message explains how to install it.
+    Raises `DeviceNotFoundError` if it isn't installed; the message explains how to install it.
     """
     found = shutil.which("avrdude")
     if found is None:
@@ -60,12 +57,8 @@ def avrdude_path() -> str:
 def write_image(image: Path, *, port: str) -> None:
     """Write an image to the board on a port, and verify it.
 
-    Raises
-    ------
-    InputError
-        If the image is not an Intel hex file.
-    DeviceError
-        If avrdude is missing or fails; one line that gives the reason.
+    Raises `InputError` if the image is not an Intel hex file; `DeviceError` if avrdude is missing
+    or fails; one line that gives the reason.
     """
     _refuse_other_files(image)
     command = [avrdude_path(), "-p", _PART, "-c", _PROGRAMMER, "-P", port, "-b", str(_BOOT_BAUD)]
@@ -92,8 +85,6 @@ def write_image(image: Path, *, port: str) -> None:
 def meaning(output: str) -> str:
     """Translate the output of a failed avrdude into one line.
 
-    Examples
-    --------
     >>> meaning("avrdude: Device signature = 0x1e950f (probably m328p)")
     'the board is an ATmega328P (Arduino Uno, Nano), not a Mega 2560; palpate needs a Mega 2560'
     """

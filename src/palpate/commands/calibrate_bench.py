@@ -29,36 +29,24 @@ _START_MM = 51.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuidedBench:
-    """A bench with a load cell, and the hands of its user.
+    """A bench with a load cell, and the hands of its user."""
 
-    Attributes
-    ----------
-    bench : Bench
-        The devices.
-    reseat : callable
-        Puts the load cell with the face of a run between the fingers.
-    place_block : callable
-        Puts the rigid block there.
-    take_away : callable
-        Takes away what lies between the fingers.
-    simulated : bool
-        Whether all that is the twin.
-    """
-
+    #: The devices.
     bench: Bench
+    #: Puts the load cell with the face of a run between the fingers.
     reseat: Callable[[int], None]
+    #: Puts the rigid block there.
     place_block: Callable[[], None]
+    #: Takes away what lies between the fingers.
     take_away: Callable[[], None]
+    #: Whether all that is the twin.
     simulated: bool
 
 
 def has_load_cell(rig: str) -> bool:
     """Return whether a rig, by name or file, has a load cell that palpate can read.
 
-    Raises
-    ------
-    InputError
-        If a rig file can't be read, or its description of the load cells is wrong.
+    Raises `InputError` if a rig file can't be read, or its description of the load cells is wrong.
     """
     from palpate.rig.file import load_cells_stated
 
@@ -73,23 +61,12 @@ def open_bench(
 ) -> Iterator[GuidedBench]:
     """Open the bench of a rig: the twin's, or a board's with a gripper, which is left open.
 
-    Parameters
-    ----------
-    rig : str
-        Name of a rig, or a rig file with `[load_cells]`.
-    seed : int
-        Of the simulated rig.
-    ask : callable
-        Tells the user of a real rig what to do, and returns when it is done.
-    placements : int
-        How often the load cell will be placed, all steps together.
-
-    Raises
-    ------
-    InputError
-        If the rig file is at fault, or its fingers are driven by pressure.
-    DeviceError
-        If the rig has no load cell, equipment is missing, or a load cell does not read well.
+    `rig`: name of a rig, or a rig file with `[load_cells]`.
+    `ask`: tells the user of a real rig what to do, and returns when it is done.
+    `placements`: how often the load cell will be placed, all steps together.
+    Raises `InputError` if the rig file is at fault, or its fingers are driven by pressure;
+    `DeviceError` if the rig has no load cell, equipment is missing, or a load cell does not read
+    well.
     """
     if not (rig.endswith(".toml") and has_load_cell(rig)):
         yield open_twin_bench(rig, seed=seed)
@@ -121,10 +98,7 @@ def open_bench(
 def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
     """Open the bench of a simulated rig.
 
-    Raises
-    ------
-    DeviceError
-        If the rig isn't one of the simulated ones with rigid fingers.
+    Raises `DeviceError` if the rig isn't one of the simulated ones with rigid fingers.
     """
     from palpate.rig.simulated import FACES, twin_bench
     from palpate.twin.objects import draw_object
@@ -150,10 +124,8 @@ def open_twin_bench(rig: str, *, seed: int) -> GuidedBench:
 def calibration_file(rig: str, out: Path | None) -> Path:
     """Return the file that a step goes into: the one given, else the rig file's, else the default.
 
-    Raises
-    ------
-    InputError
-        If the rig file can't be read, or the calibration could not be written in the end.
+    Raises `InputError` if the rig file can't be read, or the calibration could not be written in
+    the end.
     """
     from palpate.rig.file import stated_in
 
@@ -167,10 +139,7 @@ def calibration_file(rig: str, out: Path | None) -> Path:
 def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> Calibration | None:
     """Return the existing calibration in a file that is to be renewed, None if there is none.
 
-    Raises
-    ------
-    CalibrationError
-        If the file is of another sensor, or can't be read.
+    Raises `CalibrationError` if the file is of another sensor, or can't be read.
     """
     from palpate.sensor.calibration import Calibration
 

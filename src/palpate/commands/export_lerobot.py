@@ -16,12 +16,8 @@ from palpate.lerobot.episode import GraspTrack, read_grasp
 def export_lerobot(files: list[Path], *, folder: Path, task: str | None, fps: int | None) -> None:
     """Read grasps, write them, and print what the data set holds.
 
-    Raises
-    ------
-    InputError
-        If the folder is there already, or the grasps don't go together.
-    RecordingError
-        If a file is not of a grasp, or has too few frames.
+    Raises `InputError` if the folder is there already, or the grasps don't go together;
+    `RecordingError` if a file is not of a grasp, or has too few frames.
     """
     if folder.exists():
         raise InputError(f"--lerobot {folder}: exists already and is not overwritten")

@@ -42,12 +42,8 @@ class Limit:
 def open_limit(path: Path | None, *, kind: str | None) -> Limit | None:
     """Return the limit that a user asks for, None for none.
 
-    Raises
-    ------
-    InputError
-        If a kind is given without a file, or is not in it.
-    CalibrationError
-        If the file can't be used.
+    Raises `InputError` if a kind is given without a file, or is not in it; `CalibrationError` if
+    the file can't be used.
     """
     from palpate.estimate.damage_file import DamageFile
 

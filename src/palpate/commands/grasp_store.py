@@ -86,12 +86,8 @@ def open_memory(
 ) -> Memory | None:
     """Open the store before anything moves; None where no item is named.
 
-    Raises
-    ------
-    InputError
-        If the item can't be named so, or there is a store and no item.
-    StoreError
-        If waiting would not help the store.
+    Raises `InputError` if the item can't be named so, or there is a store and no item; `StoreError`
+    if waiting would not help the store.
     """
     if item_id is None:
         for option, value in (("--store", store), ("--angle-deg", angle_deg)):

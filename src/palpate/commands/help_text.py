@@ -35,8 +35,6 @@ def help_text(function: Callable[..., Any]) -> str:
 
     Typer unwraps the first paragraph alone, so the others would break where the source does.
 
-    Examples
-    --------
     >>> def grasp() -> None:
     ...     '''Close on it.
     ...
@@ -56,8 +54,6 @@ def help_text(function: Callable[..., Any]) -> str:
 def listed(summaries: Mapping[str, str]) -> str:
     """Return names with their summaries next to them, as wide as the terminal.
 
-    Examples
-    --------
     >>> print(listed({"rest": "Nothing on it", "force": "Newtons"}))
       rest   Nothing on it
       force  Newtons

@@ -158,17 +158,10 @@ def rig_text(
 ) -> str:
     """Return the rig file.
 
-    Parameters
-    ----------
-    array : dict
-        What `palpate.sensor.board_array.open_board` takes; a port of ``"auto"`` is left out.
-    gripper : dict
-        The gripper's table; empty for none.
-    calibration : str
-        Name of the calibration file, next to the rig file.
+    `array`: what `palpate.sensor.board_array.open_board` takes; a port of ``"auto"`` is left out.
+    `gripper`: the gripper's table; empty for none.
+    `calibration`: name of the calibration file, next to the rig file.
 
-    Examples
-    --------
     >>> print(rig_text({"port": "auto", "layout": "4x4"}, gripper={}, calibration="c.json"))
     # A rig of palpate: what its parts are, and how to open them.
     calibration = "c.json"

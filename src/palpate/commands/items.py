@@ -107,10 +107,7 @@ def opened(where: str | None, *, create: bool = False) -> Iterator[Store]:
 def day_bounds(text: str) -> tuple[date, datetime, datetime]:
     """Return a day, and its start and end in the time zone of this machine.
 
-    Raises
-    ------
-    InputError
-        If it is no date.
+    Raises `InputError` if it is no date.
     """
     try:
         day = date.fromisoformat(text)

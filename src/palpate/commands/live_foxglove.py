@@ -20,13 +20,8 @@ _LINK_S = 1.0
 def host_and_port(address: str) -> tuple[str, int]:
     """Split HOST:PORT.
 
-    Raises
-    ------
-    InputError
-        If it is not one.
+    Raises `InputError` if it is not one.
 
-    Examples
-    --------
     >>> host_and_port("[::1]:8765")
     ('::1', 8765)
     """
@@ -39,19 +34,9 @@ def host_and_port(address: str) -> tuple[str, int]:
 class LiveStream:
     """Sends a reading at every frame.
 
-    Parameters
-    ----------
-    reading : LiveReading
-        What is sent.
-    clock : Clock
-        The clock on the wall; a board's frames are on it too.
-    address : str
-        HOST:PORT to listen at.
-
-    Raises
-    ------
-    InputError
-        If it can't listen there.
+    `clock`: the clock on the wall; a board's frames are on it too.
+    `address`: HOST:PORT to listen at.
+    Raises `InputError` if it can't listen there.
     """
 
     def __init__(self, reading: LiveReading, *, clock: Clock, address: str) -> None:

@@ -27,29 +27,16 @@ _STALE_PERIODS, _STALE_S = 5.0, 0.1
 class LiveReading:
     """Takes frames, and knows what the last ones mean.
 
-    Parameters
-    ----------
-    source : SensorSource
-        Where the frames come from.
-    rest_ohm : ndarray or None, shape (rows, cols)
-        Calibrated rest values; None takes them from the first second.
-    clock : Clock
-        The clock on the wall, for the age of the last frame.
-    force : ForceNow or None
-        Follows the force at every frame; None leaves it out.
+    `rest_ohm`, shape (rows, cols): calibrated rest values; None takes them from the first second.
+    `clock`: the clock on the wall, for the age of the last frame.
+    `force`: follows the force at every frame; None leaves it out.
 
-    Attributes
-    ----------
-    ohm : ndarray or None, shape (rows, cols)
-        Resistances of the last frame.
-    change_percent : ndarray or None, shape (rows, cols)
-        The same relative to rest, NaN where a pixel does not read; None before the rest is known.
-    force_n : Measurement or None
-        The force at the last frame.
-    touching : frozenset of int
-        Fingers that touch something.
-    frames, lost : int
-        Frames that came, and gaps in their numbers.
+    `ohm`, shape (rows, cols): resistances of the last frame.
+    `change_percent`, shape (rows, cols): the same relative to rest, NaN where a pixel does not
+        read; None before the rest is known.
+    `force_n`: the force at the last frame.
+    `touching`: fingers that touch something.
+    `frames`, `lost`: frames that came, and gaps in their numbers.
     """
 
     def __init__(

@@ -24,12 +24,8 @@ _DEPTHS_PERCENT, _KEEP_S, _OPEN_S = (-30.0, -50.0), 4.0, 5.0
 def paced(source: SensorSource, *, clock: Clock) -> Iterator[Frame | None]:
     """Yield frames as they come; None where none came for a while.
 
-    Parameters
-    ----------
-    source : SensorSource
-        An open sensor. A simulated one is held back to the pace of `clock`.
-    clock : Clock
-        The clock on the wall.
+    `source`: an open sensor. A simulated one is held back to the pace of `clock`.
+    `clock`: the clock on the wall.
     """
     if source.gripper is None or source.calibration is None:
         while True:

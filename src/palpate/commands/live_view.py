@@ -32,13 +32,7 @@ _COLORS = np.array([[20, 18, 46], [101, 21, 110], [212, 72, 66], [250, 193, 39],
 
 
 class LiveView:
-    """Draws a reading, and the curve of its last seconds.
-
-    Parameters
-    ----------
-    reading : LiveReading
-        What there is to draw.
-    """
+    """Draws a reading, and the curve of its last seconds."""
 
     def __init__(self, reading: LiveReading) -> None:
         self._reading, self._layout = reading, reading.source.array.layout

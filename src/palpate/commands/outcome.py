@@ -26,10 +26,7 @@ _EQUIPMENT = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
     """Run a Typer app; turn every foreseen failure into one line and an exit status.
 
-    Returns
-    -------
-    int
-        0 done, 1 the answer is no, 2 bad usage or input, 3 equipment, 130 stopped by Ctrl-C.
+    Returns 0 done, 1 the answer is no, 2 bad usage or input, 3 equipment, 130 stopped by Ctrl-C.
     """
     command = readable(typer.main.get_command(app))
     try:

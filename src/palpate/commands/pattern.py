@@ -124,8 +124,6 @@ def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float
 def _size(text: str, *, option: str) -> tuple[float, float]:
     """Return width and height of ``"7"`` or ``"7x9"``.
 
-    Examples
-    --------
     >>> _size("7x9.5", option="--pixel"), _size("7", option="--pixel")
     ((7.0, 9.5), (7.0, 7.0))
     """

@@ -13,14 +13,7 @@ def progress(
 ) -> Iterator[Callable[[float], None]]:
     """Show a bar where standard error is a terminal; yield what takes how much is done.
 
-    Parameters
-    ----------
-    title : str
-        What is being done.
-    total : float, optional
-        When it is done; without it the bar only shows that work goes on, and for how long.
-    quiet : bool
-        Show nothing.
+    `total`: when it is done; without it the bar only shows that work goes on, and for how long.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

@@ -25,26 +25,17 @@ from palpate.sensor.wire_messages import NO_READING
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordSource:
-    """Something open that gives frames.
+    """Something open that gives frames."""
 
-    Attributes
-    ----------
-    name : str
-        For the user.
-    array : PressureArray
-        The sensor.
-    clock : Clock
-        What its times are on.
-    info : RecordingInfo
-        The description that the recording will carry.
-    gripper : callable
-        Gives the gripper's state; None without a gripper.
-    """
-
+    #: For the user.
     name: str
+    #: The sensor.
     array: PressureArray
+    #: What its times are on.
     clock: Clock
+    #: The description that the recording will carry.
     info: RecordingInfo
+    #: Gives the gripper's state; None without a gripper.
     gripper: Callable[[], GripperState | None] = lambda: None
     _cells_seen: list[int] = field(default_factory=list)
 
@@ -73,12 +64,8 @@ class RecordSource:
 def board_source(given: Mapping[str, Any], *, stack: ExitStack) -> RecordSource:
     """Open the board on a port; `given` goes to `open_board`, and `stack` closes it.
 
-    Raises
-    ------
-    InputError
-        If there is no such layout.
-    DeviceError
-        If there is no board, it does not answer, or it can't do that rate.
+    Raises `InputError` if there is no such layout; `DeviceError` if there is no board, it does not
+    answer, or it can't do that rate.
     """
     array = open_board(**given)
     stack.callback(array.close)
@@ -97,12 +84,8 @@ def rig_source(
 ) -> RecordSource:
     """Open a rig with its gripper, where it has one; `stack` closes it.
 
-    Raises
-    ------
-    InputError
-        If there is no such rig, an option contradicts it, or simulated time would never end.
-    DeviceError
-        If the equipment isn't there.
+    Raises `InputError` if there is no such rig, an option contradicts it, or simulated time would
+    never end; `DeviceError` if the equipment isn't there.
     """
     if given:
         option = next(iter(given)).replace("_", "-")

@@ -24,18 +24,10 @@ def document(
 ) -> str:
     """Return the whole page.
 
-    Parameters
-    ----------
-    title : str
-        Stands on top.
-    chips : iterable of str
-        Short facts next to it.
-    simulated : bool
-        Whether to state that any of it is simulated.
-    body : iterable of str
-        Sections, HTML.
-    foot : str
-        The last line, text.
+    `chips`: short facts next to it.
+    `simulated`: whether to state that any of it is simulated.
+    `body`: sections, HTML.
+    `foot`: the last line, text.
     """
     marks = "".join(f'<span class="chip">{escape(chip)}</span>' for chip in chips)
     if simulated:
@@ -74,8 +66,6 @@ def figures(shown: Iterable[tuple[str, str]]) -> str:
 def table(caption: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table; columns whose name begins with ``>`` hold numbers.
 
-    Examples
-    --------
     >>> "<th>item</th>" in table("Items", ["item", ">grasps"], [["A<1", "3"]])
     True
     """

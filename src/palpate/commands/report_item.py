@@ -26,14 +26,8 @@ _MOST_ROWS = 100
 def item_report(page: ItemHistory, *, store: str, zone: tzinfo | None = None) -> str:
     """Return the report of an item as HTML.
 
-    Parameters
-    ----------
-    page : ItemHistory
-        The item with its history.
-    store : str
-        Where it came from.
-    zone : tzinfo, optional
-        Time zone of every time shown; this machine's by default.
+    `store`: where it came from.
+    `zone`: time zone of every time shown; this machine's by default.
     """
     item = page.item
     chips = [*filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label))]

@@ -28,29 +28,19 @@ FRAME_TIMEOUT_S = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorSource:
-    """An open array and what is known about it.
+    """An open array and what is known about it."""
 
-    Attributes
-    ----------
-    name : str
-        For titles.
-    array : PressureArray
-        The sensor.
-    calibration : Calibration or None
-        A simulated rig's.
-    calibration_path : Path or None
-        Where a rig file has it, made or not.
-    gripper : Gripper or None
-        Of a simulated rig: what can squeeze its object.
-    simulated : bool
-        Whether the frames are.
-    """
-
+    #: For titles.
     name: str
+    #: The sensor.
     array: PressureArray
+    #: A simulated rig's.
     calibration: Calibration | None = None
+    #: Where a rig file has it, made or not.
     calibration_path: Path | None = None
+    #: Of a simulated rig: what can squeeze its object.
     gripper: Gripper | None = None
+    #: Whether the frames are.
     simulated: bool = False
 
     @property
@@ -74,10 +64,7 @@ class SensorSource:
     def rest_ohm(self) -> NDArray[np.float64] | None:
         """Return the calibrated rest values, shape (rows, cols); None where there are none.
 
-        Raises
-        ------
-        CalibrationError
-            As `known_calibration`.
+        Raises `CalibrationError` as `known_calibration` does.
         """
         calibration = self.known_calibration()
         return None if calibration is None else calibration.rest_ohm
@@ -85,10 +72,7 @@ class SensorSource:
     def known_calibration(self) -> Calibration | None:
         """Return the calibration that belongs to the sensor; None before the first one.
 
-        Raises
-        ------
-        CalibrationError
-            If the calibration file can't be read or is of another layout.
+        Raises `CalibrationError` if the calibration file can't be read or is of another layout.
         """
         from palpate.sensor.calibration import Calibration
 
@@ -107,10 +91,7 @@ class SensorSource:
     def frames(self, duration_s: float) -> FrameColumns:
         """Read frames for this long, in the sensor's own time.
 
-        Raises
-        ------
-        DeviceError
-            If the sensor falls silent before there are two frames, or is gone.
+        Raises `DeviceError` if the sensor falls silent before there are two frames, or is gone.
         """
         taken = [self.array.read(timeout_s=FRAME_TIMEOUT_S)]
         while taken[-1].time_s - taken[0].time_s < duration_s:
@@ -140,20 +121,12 @@ def open_source(
 ) -> SensorSource:
     """Open the sensor of a rig (its gripper is left alone), or of the board on a port.
 
-    Parameters
-    ----------
-    rig : str, optional
-        Name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
+    `rig`: name of a rig, or a rig file; it states the rest itself. Where nothing at all is given,
         ./rig.toml or $PALPATE_RIG.
-    port, layout, reference_ohm, rate_hz, baud
-        As in `palpate.sensor.board_array.open_board`; None is that function's default.
-
-    Raises
-    ------
-    InputError
-        If rig or layout are at fault, or something is given that the rig states.
-    DeviceError
-        If the equipment isn't there.
+    `port`, `layout`, `reference_ohm`, `rate_hz`, `baud`: as in
+        `palpate.sensor.board_array.open_board`; None is that function's default.
+    Raises `InputError` if rig or layout are at fault, or something is given that the rig states;
+    `DeviceError` if the equipment isn't there.
     """
     from palpate.rig.file import stated_in, used_in
     from palpate.sensor.board_array import open_board

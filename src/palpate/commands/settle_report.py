@@ -27,20 +27,13 @@ OUT_ENDINGS = (".json", ".csv", ".parquet")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Document:
-    """The predictions of one run.
+    """The predictions of one run."""
 
-    Attributes
-    ----------
-    predictions : sequence of Prediction
-        In the order of files, holds, methods and cut-offs.
-    until_half_width_percent : float or None
-        The rule of decision, where there was one.
-    horizon_s : float
-        Time of the settled value.
-    """
-
+    #: In the order of files, holds, methods and cut-offs.
     predictions: Sequence[Prediction]
+    #: The rule of decision, where there was one.
     until_half_width_percent: float | None
+    #: Time of the settled value.
     horizon_s: float
 
     def groups(self) -> dict[tuple[str, float | None], list[Prediction]]:

@@ -24,21 +24,15 @@ _MCAP_MAGIC = b"\x89MCA"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingOptions:
-    """How the user described the recordings; for holds files only the unit counts.
+    """How the user described the recordings; for holds files only the unit counts."""
 
-    Attributes
-    ----------
-    time_column, time_unit, value_columns, unit, divider
-        As `palpate.read_recording` takes them.
-    cut : {"auto", "none"} or float
-        As `palpate.cut_holds` takes it.
-    """
-
+    #: As `palpate.read_recording` takes them.
     time_column: str | None = None
     time_unit: TimeUnit | None = None
     value_columns: Sequence[str] = ()
     unit: Unit | None = None
     divider: Divider | None = None
+    #: As `palpate.cut_holds` takes it.
     cut: CutAt = "auto"
 
     def is_about_units(self) -> bool:
@@ -52,27 +46,18 @@ class ReadingOptions:
 
 @dataclass(slots=True, kw_only=True)
 class HoldSource:
-    """The files of one run, as holds.
+    """The files of one run, as holds."""
 
-    Attributes
-    ----------
-    paths : sequence of Path
-        As the user named them; a folder stands for the recordings in it.
-    reading : ReadingOptions
-        How recordings are to be read.
-    """
-
+    #: As the user named them; a folder stands for the recordings in it.
     paths: Sequence[Path]
+    #: How recordings are to be read.
     reading: ReadingOptions = field(default_factory=ReadingOptions)
     _warned: set[Path] = field(default_factory=set)
 
     def files(self) -> list[Path]:
         """Return the files, those of folders by name.
 
-        Raises
-        ------
-        InputError
-            If a folder has no recording in it.
+        Raises `InputError` if a folder has no recording in it.
         """
         found: list[Path] = []
         for path in self.paths:
@@ -118,10 +103,7 @@ class HoldSource:
     def columns(self, file: Path) -> list[CutColumn]:
         """Return the sensors of a recording, cut; warn once of what the user should know about it.
 
-        Raises
-        ------
-        InputError
-            If it can't be read, or no sensor has a hold.
+        Raises `InputError` if it can't be read, or no sensor has a hold.
         """
         if _starts_with(file, _MCAP_MAGIC):
             return [_from_mcap(file, self.reading)]

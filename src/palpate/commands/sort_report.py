@@ -16,23 +16,15 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class SortReport:
-    """Collects decisions.
+    """Collects decisions."""
 
-    Attributes
-    ----------
-    book : RuleBook
-        The rules.
-    dry : bool
-        Whether items were only looked up, not grasped.
-    show : callable or None
-        Takes how many items are done.
-    done : list of Sorted
-        In order.
-    """
-
+    #: The rules.
     book: RuleBook
+    #: Whether items were only looked up, not grasped.
     dry: bool
+    #: Takes how many items are done.
     show: Callable[[float], None] | None = None
+    #: In order.
     done: list[Sorted] = field(default_factory=list)
     _placed: list[Placed] = field(default_factory=list)
 

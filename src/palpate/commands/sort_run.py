@@ -35,10 +35,7 @@ def sort_from_store(
 ) -> None:
     """Decide on items of the store by the grasps and verdicts that they have.
 
-    Raises
-    ------
-    InputError
-        If there is no such batch, or no item with a grasp.
+    Raises `InputError` if there is no such batch, or no item with a grasp.
     """
     from palpate.produce.sorting.decide import decide
     from palpate.produce.sorting.run import Sorted, evidence_of
@@ -73,12 +70,8 @@ def sort_with_rig(
 ) -> None:
     """Grasp what comes and decide; keep all of it where there is a store.
 
-    Raises
-    ------
-    InputError
-        If the rules ask for what this hand can't measure, or kinds were not taught.
-    DeviceError
-        If a device fails.
+    Raises `InputError` if the rules ask for what this hand can't measure, or kinds were not taught;
+    `DeviceError` if a device fails.
     """
     from palpate.produce.records import Item
     from palpate.produce.sorting.rules_file import check_kinds

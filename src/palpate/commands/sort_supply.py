@@ -55,22 +55,15 @@ class Supply(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedCrate:
-    """A mixed crate of the twin.
-
-    Attributes
-    ----------
-    table : CrateTable
-        The simulated world.
-    crate : mapping of str to CrateItem
-        What is to be sorted.
-    teaching : mapping of str to CrateItem
-        Labelled items of each kind, to teach from.
-    """
+    """A mixed crate of the twin."""
 
     hand: SortingHand
     calibration: str
+    #: The simulated world.
     table: CrateTable
+    #: What is to be sorted.
     crate: Mapping[str, CrateItem]
+    #: Labelled items of each kind, to teach from.
     teaching: Mapping[str, CrateItem]
 
     @classmethod
@@ -180,10 +173,7 @@ def open_supply(
 ) -> Supply:
     """Open the rig of a name; its grasps keep to a learned damage limit.
 
-    Raises
-    ------
-    InputError, DeviceError
-        If there is no such rig, or it does not open.
+    Raises `InputError` or `DeviceError` if there is no such rig, or it does not open.
     """
     if rig == _SIMULATED:
         return SimulatedCrate.open(seed=seed, items=items, taught=taught, damage=damage)

@@ -30,10 +30,7 @@ def run_step(
 ) -> None:
     """Run one step of the verb, or list them.
 
-    Raises
-    ------
-    InputError
-        If there is no such step.
+    Raises `InputError` if there is no such step.
     """
     verb = context.info_name
     if step in (None, "--help"):

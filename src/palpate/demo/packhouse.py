@@ -60,22 +60,11 @@ size_mm = [45, 80]
 def write_packhouse(folder: Path) -> list[Path]:
     """Write a store and two files of rules; the grasps are made-up numbers, labelled simulated.
 
-    Parameters
-    ----------
-    folder : Path
-        Made where it does not exist.
-
-    Returns
-    -------
-    list of Path
-        `palpate-items.sqlite`: six avocados that a person labelled ("labelled"), eight to judge
-        ("Monday"), on four mornings, and a ball that does not ripen. `rules.toml`: by ripeness.
-        `by-size.toml`: by size.
-
-    Raises
-    ------
-    InputError
-        If the folder has such a store already: nothing is added to it.
+    `folder`: made where it does not exist.
+    Writes `palpate-items.sqlite`: six avocados that a person labelled ("labelled"), eight to judge
+    ("Monday"), on four mornings, and a ball that does not ripen. `rules.toml`: by ripeness.
+    `by-size.toml`: by size. Raises `InputError` if the folder has such a store already: nothing is
+    added to it.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "palpate-items.sqlite"

@@ -25,18 +25,10 @@ _GAP_MM, _SPEED_MM_PER_S, _REST_S, _HOLD_S, _PAUSE_S = 6.0, 40.0, 2.0, 22.0, 8.0
 def write_recordings(folder: Path, *, seed: int = 1) -> list[Path]:
     """Write three recordings of a pad that is touched four times, 22 s each.
 
-    Parameters
-    ----------
-    folder : Path
-        Made where it does not exist.
-    seed : int
-        Of the simulated sensors.
-
-    Returns
-    -------
-    list of Path
-        `ohm.csv`: seconds and ohms. `counts.csv`: milliseconds and the counts of a 10-bit
-        converter whose divider has a resistor of 4700 ohm. `two-pads.csv`: two pixels, Unix time.
+    `folder`: made where it does not exist.
+    `seed`: of the simulated sensors.
+    Writes `ohm.csv`: seconds and ohms. `counts.csv`: milliseconds and the counts of a 10-bit
+    converter whose divider has a resistor of 4700 ohm. `two-pads.csv`: two pixels, Unix time.
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []

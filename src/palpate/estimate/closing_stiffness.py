@@ -99,19 +99,10 @@ def object_stiffness(
 ) -> Measurement | None:
     """Return the object's secant stiffness at the settled force; None if too little was felt.
 
-    Parameters
-    ----------
-    curve : ClosingSteps
-        The closing.
-    give : Compliance
-        Of pads, fingers and servo.
-    opening_mm : float
-        Final opening, zero taken out.
-    force : Measurement
-        Settled force there, newtons.
+    `give`: of pads, fingers and servo.
+    `opening_mm`: final opening, zero taken out.
+    `force`: settled force there, newtons.
 
-    Examples
-    --------
     A spring of 2 N/mm in a gripper that gives way by 0.2 mm/N:
 
     >>> force_n = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 6.0])
@@ -267,13 +258,8 @@ def _not_before(
 def unforgotten(force_n: FloatArray, *, faint_n: float) -> FloatArray:
     """Return the rise of ln force at each step that the sheet has not forgotten yet.
 
-    Parameters
-    ----------
-    force_n : ndarray, shape (n_steps,)
-        Forces of a closing, newtons; below `faint_n` they count as that.
+    `force_n`, shape (n_steps,): forces of a closing, newtons; below `faint_n` they count as that.
 
-    Examples
-    --------
     >>> unforgotten(np.array([0.1, 0.2, 0.2]), faint_n=0.1).round(3).tolist()
     [0.0, 0.485, 0.34]
     """

@@ -43,22 +43,12 @@ class Compliance:
     def fit(cls, force_n: ArrayLike, *, width_mm: ArrayLike, block_mm: ArrayLike) -> Compliance:
         """Fit the curve to closings on a rigid block of known size.
 
-        Parameters
-        ----------
-        force_n : array_like, shape (n,)
-            Grip force.
-        width_mm : array_like, shape (n,)
-            Width that the gripper reported.
-        block_mm : array_like, shape (n,) or float
-            True size of the block.
+        `force_n`: shape (n,).
+        `width_mm`: shape (n,).
+        `block_mm`, shape (n,) or float: True size of the block.
+        Raises `CalibrationError` if there are fewer than four readings, or the width doesn't fall
+        as the force rises.
 
-        Raises
-        ------
-        CalibrationError
-            If there are fewer than four readings, or the width doesn't fall as the force rises.
-
-        Examples
-        --------
         >>> force = np.array([0.0, 2.0, 4.0, 8.0])
         >>> give = Compliance.fit(force, width_mm=40.0 - 0.2 * force, block_mm=40.0)
         >>> round(give.slope_mm_per_n, 6), give.give_mm(5.0).round(6).tolist()
@@ -116,13 +106,9 @@ class SoftFingerCompliance:
     ) -> SoftFingerCompliance:
         """Fit to closings on rigid blocks of at least two sizes.
 
-        Raises
-        ------
-        CalibrationError
-            If the blocks are of one size, or the fingers don't close as the pressure rises.
+        Raises `CalibrationError` if the blocks are of one size, or the fingers don't close as the
+        pressure rises.
 
-        Examples
-        --------
         >>> block_mm = np.repeat([40.0, 50.0], 5)
         >>> force_n = np.tile([0.5, 1.0, 2.0, 3.0, 4.0], 2)
         >>> bend = SoftFingerCompliance.fit((74 - block_mm + 3.5 * force_n) / 1.4, force_n=force_n,

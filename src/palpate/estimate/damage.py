@@ -68,10 +68,7 @@ class DamageModel:
         no kind alone has the hundred objects that a promise of 1 % takes. With too few of them
         even so, the score lies one tail below the smallest.
 
-        Raises
-        ------
-        ValueError
-            If the rate is not between 0 and 1.
+        Raises `ValueError` if the rate is not between 0 and 1.
         """
         if not 0 < nominal_rate < 1:
             raise ValueError(f"nominal_rate is {nominal_rate}; it must lie between 0 and 1")
@@ -102,14 +99,9 @@ class DamageModel:
         Few closings show no such rare ones: the bound goes on as the log-normal law of `Strength`.
         How stiff the object is is doubted too, and one that may be soft may be weak.
 
-        Parameters
-        ----------
-        stiffness : Measurement
-            Of the object between the fingers, N/mm.
-        kind : str
-            Kind of the object, empty if not known.
-        rate : float
-            Share of objects.
+        `stiffness`: of the object between the fingers, N/mm.
+        `kind`: kind of the object, empty if not known.
+        `rate`: share of objects.
         """
         strength = self.strengths[kind if kind in self.strengths else ""]
         log_stiffness, weight = strength.likely(stiffness)
@@ -161,21 +153,11 @@ def fit_damage_model(
 ) -> DamageModel:
     """Learn from closings that ended in rupture.
 
-    Parameters
-    ----------
-    paths : sequence of sequences of ClosingState
-        The states of each closing (`ClosingCurve.push`); those past the rupture are skipped.
-    rupture_force_n : sequence of float
-        Force at which each object ruptured, N.
-    kinds : sequence of str
-        Kind of each object. Kinds with fewer than twice `FEWEST` objects are not told apart.
-    tell_apart : bool
-        Whether the kind will be known when the model is used.
-
-    Raises
-    ------
-    ValueError
-        If there are too few closings to learn from.
+    `paths`: the states of each closing (`ClosingCurve.push`); those past the rupture are skipped.
+    `rupture_force_n`: force at which each object ruptured, N.
+    `kinds`: kind of each object. Kinds with fewer than twice `FEWEST` objects are not told apart.
+    `tell_apart`: whether the kind will be known when the model is used.
+    Raises `ValueError` if there are too few closings to learn from.
     """
     limits_n = np.asarray(rupture_force_n, dtype=np.float64)
     counts = {kind: list(kinds).count(kind) for kind in sorted(set(kinds))}

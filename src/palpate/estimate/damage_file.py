@@ -55,10 +55,7 @@ class DamageFile:
     def known_kind(self, name: str, *, where: str) -> str:
         """Return the name of a kind that may be given for a grasp.
 
-        Raises
-        ------
-        InputError
-            If this file has no limit of its own for that kind.
+        Raises `InputError` if this file has no limit of its own for that kind.
         """
         if name in self.kinds:
             return name
@@ -106,14 +103,9 @@ class DamageFile:
     def load(cls, path: str | Path) -> DamageFile:
         """Read what `save` wrote.
 
-        Raises
-        ------
-        CalibrationError
-            If it can't be read, is cut, comes from a newer version, or lacks or misnames a value;
-            one line that names it.
+        Raises `CalibrationError` if it can't be read, is cut, comes from a newer version, or lacks
+        or misnames a value; one line that names it.
 
-        Examples
-        --------
         >>> DamageFile.load("no-such-file.json")
         Traceback (most recent call last):
         palpate.errors.CalibrationError: damage file no-such-file.json: No such file or directory
@@ -130,10 +122,7 @@ class DamageFile:
     def from_text(cls, text: str, *, where: str) -> DamageFile:
         """Read what `as_text` wrote; `where` it comes from is for errors.
 
-        Raises
-        ------
-        CalibrationError
-            As `load`.
+        Raises `CalibrationError` as `load` does.
         """
         try:
             return _read(json.loads(text))
@@ -146,10 +135,7 @@ class DamageFile:
 def recorded_model(text: str | None) -> DamageModel | None:
     """Return the model of a damage file kept in a recording, None where none was.
 
-    Raises
-    ------
-    CalibrationError
-        As `DamageFile.load`.
+    Raises `CalibrationError` as `DamageFile.load` does.
     """
     if text is None:
         return None

@@ -58,10 +58,7 @@ def _fault(closing: FruitClosing) -> str | None:
 def learn(closings: Sequence[FruitClosing], *, tell_apart: bool = True) -> DamageModel:
     """Fit a damage model to recorded closings.
 
-    Raises
-    ------
-    InputError
-        If there are too few to learn from.
+    Raises `InputError` if there are too few to learn from.
     """
     try:
         return fit_damage_model(
@@ -106,10 +103,7 @@ def at_half_load(closing: FruitClosing, *, model: DamageModel, kind: str) -> Dam
 def held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
     """Score a model on closings left out of it, by kind; ``""`` is for an unknown kind.
 
-    Raises
-    ------
-    InputError
-        If there are too few to leave some out.
+    Raises `InputError` if there are too few to leave some out.
     """
     predictions: dict[str, list[tuple[float, float, float]]] = {}
     for training, test in split(closings):
@@ -161,17 +155,9 @@ class FruitClosing:
 def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
     """Read recorded closings and their labels.
 
-    Parameters
-    ----------
-    curves : Path
-        CSV with ``grasp_id,closure_mm,force_n``, the samples of each closing in their order.
-    index : Path
-        CSV with ``grasp_id,fruit,rupture_force_n``, a line for each closing.
-
-    Raises
-    ------
-    InputError
-        If a file can't be used, a closing is listed twice, or one has no curve.
+    `curves`: CSV with ``grasp_id,closure_mm,force_n``, the samples of each closing in their order.
+    `index`: CSV with ``grasp_id,fruit,rupture_force_n``, a line for each closing.
+    Raises `InputError` if a file can't be used, a closing is listed twice, or one has no curve.
     """
     labels = read_table(
         index, columns={"grasp_id": "text", "fruit": "text", "rupture_force_n": "number"}

@@ -24,17 +24,9 @@ _TRUE, _MEASURED = 200, 500
 def bounded_interval(measured: float, *, freedom: float, level: float) -> tuple[float, float]:
     """Return the ends of the interval, in standard deviations of the measurement.
 
-    Parameters
-    ----------
-    measured : float
-        In its standard deviations; below 0 if chance wants it.
-    freedom : float
-        Degrees of freedom by which that standard deviation is known.
-    level : float
-        Probability of covering.
+    `measured`: in its standard deviations; below 0 if chance wants it.
+    `freedom`: degrees of freedom by which that standard deviation is known.
 
-    Examples
-    --------
     As in Table X of the paper, where the error is normal: no lower end from one standard
     deviation below nought, two ends from two above.
 
@@ -59,8 +51,6 @@ def bounded_interval(measured: float, *, freedom: float, level: float) -> tuple[
 def bounded_middle(measured: float, *, freedom: float) -> float:
     """Return the middle of what is left once everything below nought is ruled out.
 
-    Examples
-    --------
     >>> [round(bounded_middle(x, freedom=6), 1) for x in (-2.0, 0.0, 4.0)]
     [0.5, 0.7, 4.0]
     """

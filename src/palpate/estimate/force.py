@@ -60,13 +60,8 @@ class ForceLaw(Protocol):
 def law_from_dict(stored: Mapping[str, Any]) -> PowerForceLaw:
     """Return the law that `as_dict` wrote.
 
-    Raises
-    ------
-    CalibrationError
-        If the name is unknown or a value is missing.
+    Raises `CalibrationError` if the name is unknown or a value is missing.
 
-    Examples
-    --------
     >>> law = PowerForceLaw.fit([1.0, 4.0, 9.0, 16.0], force_n=[1.0, 2.1, 3, 4])
     >>> law_from_dict(law.as_dict()) == law
     True
@@ -131,17 +126,10 @@ def enough_pairs(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 def law_sd(gradient: FloatArray, *, covariance: ArrayLike, residual_sd: float) -> FloatArray:
     """Return the standard deviation of a law's prediction: of its coefficients, and its scatter.
 
-    Parameters
-    ----------
-    gradient : ndarray, shape (..., coefficients)
-        Of the prediction by the coefficients.
-    covariance : array_like, shape (coefficients, coefficients)
-        Of the coefficients.
-    residual_sd : float
-        Scatter of the calibration about the law.
+    `gradient`, shape (..., coefficients): of the prediction by the coefficients.
+    `covariance`, shape (coefficients, coefficients): of the coefficients.
+    `residual_sd`: scatter of the calibration about the law.
 
-    Examples
-    --------
     >>> law_sd(np.array([[1.0, 2.0]]), covariance=np.eye(2), residual_sd=2.0).tolist()
     [3.0]
     """

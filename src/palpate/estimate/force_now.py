@@ -27,19 +27,10 @@ _FAINT = 0.02
 class ForceNow:
     """Newtons with an interval at every frame.
 
-    Parameters
-    ----------
-    reading : PixelReading
-        From pixels to what the laws read.
-    early, settled : ForceLaw
-        Force soon after a movement, and settled.
-    early_s, settled_s : float
-        Times after a movement at which the two were calibrated.
-    level : float
-        Of the interval.
+    `reading`: from pixels to what the laws read.
+    `early`, `settled`: force soon after a movement, and settled.
+    `early_s`, `settled_s`: times after a movement at which the two were calibrated.
 
-    Examples
-    --------
     >>> from palpate.estimate.pixel_law import PixelForceLaw
     >>> law = PixelForceLaw(log_scale=0.0, exponent=1.0, residual_sd=0.1, floor_n=0.01,
     ...     range=(0.1, 10.0))
@@ -67,12 +58,8 @@ class ForceNow:
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
         """Take a frame and return the force now.
 
-        Parameters
-        ----------
-        time_s : float
-            Not earlier than the last one.
-        excess : array_like, shape (rows, cols)
-            Excess conductance of each pixel; NaN where one does not read.
+        `time_s`: not earlier than the last one.
+        `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.
         """
         seen = float(self._reading.reading(excess))
         share = -math.expm1(-max(time_s - self._last_s, 0.0) / _COPY_S)

@@ -39,8 +39,6 @@ class Gain:
     def unknown(cls, *, law_sd: float, more_sd: float = 0.0) -> Gain:
         """Return the gain known from the sheet's calibration alone, plus what that can't know.
 
-        Examples
-        --------
         >>> round(Gain.unknown(law_sd=0.03, more_sd=0.04).log_sd, 6)
         0.05
         """
@@ -52,8 +50,6 @@ class Gain:
         Compared in newtons: a force that may be anything from a half to nothing has no logarithm
         to speak of.
 
-        Examples
-        --------
         >>> measured = MeasuredForce(force_n=2.2, sd_n=0.2, log_sd=0.0)
         >>> gain = Gain.unknown(law_sd=0.1).told(measured, sheet_n=2.0)
         >>> round(gain.log_mean, 2), round(gain.log_sd, 2)
@@ -74,8 +70,6 @@ class Gain:
     def applied(self, estimate: ForceEstimate) -> ForceEstimate:
         """Return the law's estimate with the gain applied; faint forces stay as estimated.
 
-        Examples
-        --------
         >>> law_sd = np.log(2.0) / ndtri(0.95)
         >>> raw = ForceEstimate(value=np.array([2.0]), low=np.array([1.0]), high=np.array([4.0]),
         ...     in_range=np.array([True]), level=0.9)

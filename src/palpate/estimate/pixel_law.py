@@ -44,8 +44,6 @@ _NOISE_EXCESS = 0.004
 class PixelReading:
     """From the excess of every pixel to one number that grows with the grip force.
 
-    Examples
-    --------
     Without a calibration that kept its pixels, the reading is the summed excess:
 
     >>> PixelReading.summed().reading([[1.0, 0.0], [float("nan"), 2.5]]).item()
@@ -67,20 +65,10 @@ class PixelReading:
     def fit(cls, pixel_excess: ArrayLike, *, force_n: ArrayLike) -> PixelReading:
         """Fit weights and gains to readings taken with a load cell.
 
-        Parameters
-        ----------
-        pixel_excess : array_like, shape (n, pixels)
-            Excess conductance of each pixel.
-        force_n : array_like, shape (n,)
-            Reference forces, newtons.
+        `pixel_excess`, shape (n, pixels): excess conductance of each pixel.
+        `force_n`, shape (n,): reference forces, newtons.
+        Raises `CalibrationError` if there are too few pairs.
 
-        Raises
-        ------
-        CalibrationError
-            If there are too few pairs.
-
-        Examples
-        --------
         A sheet whose pixels answer with the square of their load, pressed whole and in parts:
 
         >>> whole = np.outer(np.arange(1, 6) ** 2 / 4.0, [1, 1, 1, 1])
@@ -144,20 +132,10 @@ class PixelForceLaw:
         would come out too flat, and strong forces too small (errors in the reading attenuate a
         regression). Doubts are `fit_laws`' business.
 
-        Parameters
-        ----------
-        reading, force_n : array_like, shape (n,)
-            Readings and the forces measured with them, newtons.
-        run : array_like, shape (n,)
-            To which placement each belongs.
+        `reading`, `force_n`, shape (n,): readings and the forces measured with them, newtons.
+        `run`, shape (n,): to which placement each belongs.
+        Raises `CalibrationError` if there are too few pairs.
 
-        Raises
-        ------
-        CalibrationError
-            If there are too few pairs.
-
-        Examples
-        --------
         Twice on a sheet, the second time where it reads a third more:
 
         >>> reading = np.array([1.0, 2.0, 4.0, 8.0])
@@ -248,10 +226,7 @@ def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, P
 
     What may be doubted is measured on placements left out of the fit.
 
-    Raises
-    ------
-    CalibrationError
-        If there are too few pairs.
+    Raises `CalibrationError` if there are too few pairs.
     """
     reading, early, settled = _fit(placements)
     if np.unique(placements.run).size < _FEWEST_RUNS:
@@ -267,15 +242,8 @@ def fit_laws(placements: PlacedReadings) -> tuple[PixelReading, PixelForceLaw, P
 def left_out(placements: PlacedReadings) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Read each placement by laws fitted to the others.
 
-    Returns
-    -------
-    tuple of ndarray, shape (n,)
-        Force by the laws, reference force, and whether it was read soon after a movement.
-
-    Raises
-    ------
-    CalibrationError
-        If there are too few pairs.
+    Returns, each of shape (n,), force by the laws, reference force, and whether it was read soon
+    after a movement. Raises `CalibrationError` if there are too few pairs.
     """
     estimated, force, early = [], [], []
     for run in np.unique(placements.run):

@@ -68,13 +68,9 @@ class CurrentLaw:
     def fit(cls, pairs: CurrentPairs) -> CurrentLaw:
         """Fit the line, to readings on a load cell and, if there are any, of the empty hand.
 
-        Raises
-        ------
-        CalibrationError
-            If the readings are too few, or the current does not rise with the force.
+        Raises `CalibrationError` if the readings are too few, or the current does not rise with the
+        force.
 
-        Examples
-        --------
         >>> force_n = np.linspace(0.0, 10.0, 40)
         >>> current_ma = 40.0 + 16.0 * force_n + np.tile([3.0, -3.0], 20)
         >>> law = CurrentLaw.fit(
@@ -117,19 +113,11 @@ class CurrentLaw:
         smaller they are: force = share * end + (1 - share) * blind, `blind` some tenths of a
         newton. Readings of one movement share its error of friction.
 
-        Parameters
-        ----------
-        current_ma, width_mm : array_like, shape (n,)
-            Readings while closing, and where.
-        share : array_like, shape (n,)
-            Force at each, as a share of that at the end, by the sheet.
-        movement : array_like, shape (n,)
-            Equal for readings of one movement.
-        tilt_sd : float
-            Scatter of the exponent of the sheet that gave the shares.
+        `current_ma`, `width_mm`, shape (n,): readings while closing, and where.
+        `share`, shape (n,): force at each, as a share of that at the end, by the sheet.
+        `movement`, shape (n,): equal for readings of one movement.
+        `tilt_sd`: scatter of the exponent of the sheet that gave the shares.
 
-        Examples
-        --------
         >>> gears = GearFriction(mean_ma=40.0, mean_sd_ma=0.0, movement_ma=0.0)
         >>> law = CurrentLaw(gears=gears, ma_per_n=16.0, noise_ma=6.0)
         >>> share = np.linspace(0.5, 1.0, 12)
@@ -204,8 +192,6 @@ class GearFriction:
     def fit(cls, pairs: CurrentPairs) -> GearFriction | None:
         """Fit to the readings without load; None where no movement has several of them.
 
-        Examples
-        --------
         Two long closings and twelve short ones, of gears that take 40 mA, 4 more at 20 mm:
 
         >>> way_mm = np.linspace(40.0, 10.0, 300)

@@ -46,8 +46,6 @@ class OwnCreep:
 
         Medians: a placement near a pixel's threshold shows little of the others.
 
-        Examples
-        --------
         >>> early = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
         >>> creep = OwnCreep.fit(early, settled=1.2 * early, early_s=0.4, settled_s=20.0)
         >>> round(float(np.exp(creep.log_mean)), 3), round(creep.log_sd, 3)
@@ -71,15 +69,9 @@ class OwnCreep:
         Both are blind to what the object does, so together they are trusted no more than the
         better of them.
 
-        Parameters
-        ----------
-        forecast : Measurement
-            By a predictor that knows sheets in general.
-        now, since_s : float
-            The present reading, and the time since the last movement began.
+        `forecast`: by a predictor that knows sheets in general.
+        `now`, `since_s`: the present reading, and the time since the last movement began.
 
-        Examples
-        --------
         >>> creep = OwnCreep(log_mean=0.2, log_sd=0.0, early_s=0.4, settled_s=20.0)
         >>> predicted = Measurement(value=1.0, low=0.8, high=1.2, unit="reading")
         >>> found = creep.joined(predicted, now=1.0, since_s=0.4 * 50**0.5)

@@ -69,25 +69,14 @@ def contact_point(
     a curve that several shapes explain gives a wide answer. A common error of the force's gain
     goes into K and hardly moves the contact point; one of its exponent goes into n.
 
-    Parameters
-    ----------
-    width_mm : array_like, shape (n_steps,)
-        Opening at each step, steps without force included: they bound the size from above.
-    force_n : array_like, shape (n_steps,)
-        Grip force read there; 0 where nothing was felt.
-    give_mm : array_like, shape (n_steps,)
-        How far pads, fingers and servo give way under that force.
-    floor_n : float
-        Force below which readings can't be distinguished: those near it count little, and steps
-        without force may have had up to this much.
+    `width_mm`, shape (n_steps,): opening at each step, steps without force included: they bound the
+        size from above.
+    `force_n`, shape (n_steps,): grip force read there; 0 where nothing was felt.
+    `give_mm`, shape (n_steps,): how far pads, fingers and servo give way under that force.
+    `floor_n`: force below which readings can't be distinguished: those near it count little, and
+        steps without force may have had up to this much.
+    Raises `ValueError` if no step has a force.
 
-    Raises
-    ------
-    ValueError
-        If no step has a force.
-
-    Examples
-    --------
     >>> width = np.array([31.0, 30.0, 29.5, 29.0, 28.5])
     >>> force = 2.0 * np.maximum(30.4 - width, 0)
     >>> found = contact_point(width, force_n=force, give_mm=0 * width, floor_n=0.05)

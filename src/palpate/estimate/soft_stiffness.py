@@ -40,26 +40,13 @@ def soft_stiffness(
 ) -> Measurement | None:
     """Return the object's secant stiffness at the settled force; None if too little was felt.
 
-    Parameters
-    ----------
-    curve : ClosingSteps
-        The closing; widths are those that the fingers would have with nothing between them.
-    give : Compliance
-        Of the fingers.
-    opening_mm : float
-        Final width of that kind.
-    force : Measurement
-        Settled force there, newtons.
+    `curve`: the closing; widths are those that the fingers would have with nothing between them.
+    `opening_mm`: final width of that kind.
+    `force`: settled force there, newtons.
+    Its status is `saturated` where the object may be as stiff as you like. The interval covers as
+    often as its level states whatever the true stiffness, so one in ten rigid things gets an upper
+    end.
 
-    Returns
-    -------
-    Measurement or None
-        Its status is `saturated` where the object may be as stiff as you like. The interval covers
-        as often as its level states whatever the true stiffness, so one in ten rigid things gets an
-        upper end.
-
-    Examples
-    --------
     Fingers that give way by 3.5 mm/N, touching at 40 mm, on 0.5 N/mm and on something rigid:
 
     >>> give = Compliance(slope_mm_per_n=3.5, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.1,

@@ -106,18 +106,10 @@ def fit_strength(
 ) -> Strength:
     """Fit the line to closings that ended in rupture.
 
-    Parameters
-    ----------
-    paths : sequence of sequences of ClosingState
-        The states of each closing; one that has none from half of its rupture force on is passed
-        over.
-    rupture_force_n : sequence of float
-        Force at which each object ruptured.
-
-    Raises
-    ------
-    ValueError
-        If fewer than `FEWEST` objects can be learned from.
+    `paths`: the states of each closing; one that has none from half of its rupture force on is
+        passed over.
+    `rupture_force_n`: force at which each object ruptured.
+    Raises `ValueError` if fewer than `FEWEST` objects can be learned from.
     """
     rows = [
         (half.log_stiffness, np.log(limit_n))
@@ -158,8 +150,6 @@ class ClosingCurve:
 
     First crossings make the curve indifferent to unloading loops and to the sampling rate.
 
-    Examples
-    --------
     A spring of 2 N/mm:
 
     >>> curve = ClosingCurve()
@@ -178,12 +168,8 @@ class ClosingCurve:
     def push(self, closure_mm: float, *, force_n: float) -> list[ClosingState]:
         """Take one sample; return a state for each force level that it passed, lowest first.
 
-        Parameters
-        ----------
-        closure_mm : float
-            How far the fingers have closed, from any origin.
-        force_n : float
-            Force at that moment, from any source.
+        `closure_mm`: how far the fingers have closed, from any origin.
+        `force_n`: force at that moment, from any source.
         """
         if force_n <= 0:
             return []

@@ -26,10 +26,7 @@ def held_out_of_placements(placements: PlacedReadings) -> dict[str, dict[str, fl
     gain, about the same at every force; the few placements that reach the highest show too little
     of it.
 
-    Returns
-    -------
-    dict
-        ``"settled"`` and ``"early"`` (soon after a movement), each as `held_out_of_pairs`.
+    Keys are "settled" and "early" (soon after a movement), values as of `held_out_of_pairs`.
     """
     if np.unique(placements.run).size < _FEWEST_PLACEMENTS:
         nothing = {f"{at_n:g}_n": None for at_n in _AT_N}

@@ -26,8 +26,6 @@ class Cutter:
 class SensorDesign:
     """One sensor, for one finger.
 
-    Examples
-    --------
     >>> PRESETS["paper-3x2"].pitch_mm
     (10.0, 10.0)
     """
@@ -71,8 +69,6 @@ class SensorDesign:
         As wide as the overhang lets them be; where the pixel's corners are round, the corners of
         the crossing decide.
 
-        Examples
-        --------
         >>> PRESETS["paper-2x2"].bars_mm
         (5.0, 5.0)
         """

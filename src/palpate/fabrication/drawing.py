@@ -102,8 +102,6 @@ def _paths(outlines: Iterable[Outline]) -> Iterable[str]:
 def path_data(outline: Outline) -> str:
     """Return the `d` of an outline.
 
-    Examples
-    --------
     >>> from palpate.fabrication.shapes import polygon
     >>> path_data(polygon([(0, 0), (2.5, 0), (0, 1)]))
     'M 0 0 L 2.5 0 L 0 1 L 0 0 Z'
@@ -129,10 +127,7 @@ def _mm(value: float) -> str:
 def require_dxf() -> None:
     """Refuse early where DXF can't be written.
 
-    Raises
-    ------
-    MissingExtraError
-        If ezdxf is not installed.
+    Raises `MissingExtraError` if ezdxf is not installed.
     """
     with needing("DXF", extra="fabrication"):
         import ezdxf

@@ -58,12 +58,7 @@ class Pixel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pattern:
-    """A sensor laid out on its sheet, mm.
-
-    Attributes
-    ----------
-    design : SensorDesign
-    """
+    """A sensor laid out on its sheet, mm."""
 
     design: SensorDesign
     #: Of the sheet.
@@ -135,8 +130,6 @@ class Pattern:
 def lay_out(design: SensorDesign) -> Pattern:
     """Place every shape of a design; whether it can work is for `palpate.fabrication.refusals`.
 
-    Examples
-    --------
     >>> from palpate.fabrication.design import PRESETS
     >>> pattern = lay_out(PRESETS["paper-2x2"])
     >>> len(pattern.pixels), [layer.name for layer in pattern.layers() if layer.mirrored]

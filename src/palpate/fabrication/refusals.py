@@ -19,10 +19,7 @@ _TINY_MM = 1e-6
 def check_design(design: SensorDesign, *, cutter: Cutter) -> None:
     """Refuse numbers that no pattern can be drawn from.
 
-    Raises
-    ------
-    InputError
-        With the first that is wrong.
+    Raises `InputError`: with the first that is wrong.
     """
     if not (1 <= design.rows <= 16 and 1 <= design.cols <= 16):
         raise InputError(
@@ -67,10 +64,7 @@ def _check_features(design: SensorDesign, *, cutter: Cutter) -> None:
 def check_pattern(pattern: Pattern, *, cutter: Cutter) -> None:
     """Refuse a pattern that would short, can't be cut or lies outside its tape.
 
-    Raises
-    ------
-    InputError
-        One line: the first problem, and how many more there are.
+    Raises `InputError`: one line: the first problem, and how many more there are.
     """
     problems = list(_problems(pattern, cutter=cutter))
     if problems:

@@ -32,8 +32,6 @@ def from_sheet(
 ) -> RestExpectation:
     """Expect the sheet alone: resistivity x thickness / area.
 
-    Examples
-    --------
     >>> from_sheet().rest_ohm(contact_mm2=25.0)
     20.0
     """
@@ -50,8 +48,6 @@ def from_sheet(
 def from_measurement(*, ohm: float, contact_mm2: float) -> RestExpectation:
     """Expect what a pixel of your own reads at rest, scaled by contact area.
 
-    Examples
-    --------
     >>> from_measurement(ohm=9000.0, contact_mm2=25.0).rest_ohm(contact_mm2=50.0)
     4500.0
     """

@@ -49,8 +49,6 @@ class Rect:
     def distance(self, other: Rect) -> float:
         """Return the least distance to another rectangle, mm; 0 where they touch or overlap.
 
-        Examples
-        --------
         >>> one = Rect(left=0, top=0, right=2, bottom=2)
         >>> one.distance(Rect(left=5, top=6, right=9, bottom=9))
         5.0
@@ -90,8 +88,6 @@ class Outline:
     def mirrored(self, width: float) -> Outline:
         """Return it as seen from the back of a sheet of that width.
 
-        Examples
-        --------
         >>> spike = polygon([(0, 0), (3, 0), (0, 1)])
         >>> [(v.x, v.y) for v in spike.mirrored(10).vertices]
         [(10, 0), (7, 0), (10, 1)]
@@ -107,8 +103,6 @@ class Outline:
     def length(self) -> float:
         """Return the length of the cut, mm.
 
-        Examples
-        --------
         >>> round(circle((0, 0), diameter=2).length(), 6)
         6.283185
         """
@@ -137,8 +131,6 @@ def rounded(points: Sequence[Point], *, radius: float) -> Outline:
 
     Edges must be at least twice the radius long; at exactly that, arc follows arc.
 
-    Examples
-    --------
     >>> square = rounded([(0, 0), (4, 0), (4, 4), (0, 4)], radius=1)
     >>> len(square.vertices), round(square.length(), 4)
     (8, 14.2832)

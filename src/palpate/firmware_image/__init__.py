@@ -16,13 +16,8 @@ IMAGES = {1_000_000: "palpate-mega2560.hex", 9600: "palpate-mega2560-9600.hex"}
 def image_path(baud: int) -> Path:
     """Return the Intel hex file for a speed of the serial line.
 
-    Raises
-    ------
-    DeviceNotFoundError
-        If there is no image for this speed, or none has been built.
+    Raises `DeviceNotFoundError` if there is no image for this speed, or none has been built.
 
-    Examples
-    --------
     >>> image_path(1234)
     Traceback (most recent call last):
     palpate.errors.DeviceNotFoundError: no firmware for 1234 baud; there is one for: 1000000, 9600

@@ -44,10 +44,8 @@ class Link:
 def live_schemas(layout: ArrayLayout) -> dict[str, dict[str, Any]]:
     """Return topic -> JSON schema of the live channels.
 
-    Parameters
-    ----------
-    layout : ArrayLayout
-        Each of its pixels has a field of its own in ``/change``, named as in an exported table.
+    `layout`: each of its pixels has a field of its own in ``/change``, named as in an exported
+        table.
     """
     return {
         "/change": message_schema(
@@ -72,8 +70,6 @@ def live_schemas(layout: ArrayLayout) -> dict[str, dict[str, Any]]:
 def encode_change(time_s: float, change_percent: FloatArray, *, layout: ArrayLayout) -> bytes:
     """Turn relative changes, shape (rows, cols), into the JSON of ``/change``.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> layout = ArrayLayout(name="pad", rows=1, cols=2, finger_of_row=(0,))
     >>> encode_change(0.5, np.array([[-20.0, np.nan]]), layout=layout)
@@ -86,8 +82,6 @@ def encode_change(time_s: float, change_percent: FloatArray, *, layout: ArrayLay
 def encode_force(time_s: float, force_n: Measurement) -> bytes:
     """Turn a force with its interval into the JSON of ``/force``.
 
-    Examples
-    --------
     >>> encode_force(0.5, Measurement(value=2.0, low=1.5, high=2.6, unit="n"))
     b'{"time_s":0.5,"force_n":2.0,"low_n":1.5,"high_n":2.6,"level":0.9}'
     """

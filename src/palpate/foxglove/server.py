@@ -33,23 +33,11 @@ with needing("--foxglove", extra="foxglove"):
 class FoxgloveServer:
     """Sends messages to every Foxglove that subscribed to their topic.
 
-    Parameters
-    ----------
-    host, port : str, int
-        Where to listen; port 0 takes a free one.
-    name : str
-        What Foxglove calls the source.
-    layout : ArrayLayout
-        Of the sensor.
-    unix_ns : callable
-        Gives the Unix time, nanoseconds, of a time on the sensor's clock, seconds.
-
-    Raises
-    ------
-    InputError
-        If it can't listen there.
-    MissingExtraError
-        On import, without the Foxglove SDK.
+    `host`, `port`: where to listen; port 0 takes a free one.
+    `name`: what Foxglove calls the source.
+    `unix_ns`: gives the Unix time, nanoseconds, of a time on the sensor's clock, seconds.
+    Raises `InputError` if it can't listen there; `MissingExtraError`: on import, without the
+    Foxglove SDK.
     """
 
     def __init__(

@@ -17,12 +17,8 @@ class CrankFingers:
     horn sin(theta) + sqrt(arm**2 - horn**2 cos(theta)**2) from the servo's axis, and the opening is
     twice that plus the offset. The default is the WidowX 250s.
 
-    References
-    ----------
-    Interbotix X-series arms, gripper settings of wx250s: horn 14 mm, arm 24 mm.
+    Source: Interbotix X-series arms, gripper settings of wx250s: horn 14 mm, arm 24 mm.
 
-    Examples
-    --------
     >>> fingers = CrankFingers()
     >>> round(fingers.width_mm(0.0), 2), round(fingers.angle_rad(38.99), 3)
     (38.99, 0.0)
@@ -56,10 +52,7 @@ class CrankFingers:
     def angle_rad(self, width_mm: float) -> float:
         """Return the angle of the horn at an opening.
 
-        Raises
-        ------
-        ValueError
-            If the mechanism can't reach it.
+        Raises `ValueError` if the mechanism can't reach it.
         """
         half = (width_mm - self.offset_mm) / 2
         sine = math.inf
@@ -85,8 +78,6 @@ class CrankFingers:
 class HingedJaw:
     """A jaw on the servo's horn. The opening is the chord between the middles of the two pads.
 
-    Examples
-    --------
     >>> jaw = HingedJaw(jaw_mm=70.0)
     >>> round(jaw.width_mm(1.0), 2), round(jaw.angle_rad(67.12), 3)
     (67.12, 1.0)
@@ -113,10 +104,7 @@ class HingedJaw:
     def angle_rad(self, width_mm: float) -> float:
         """Return the angle from closed at an opening.
 
-        Raises
-        ------
-        ValueError
-            If the jaw can't reach it.
+        Raises `ValueError` if the jaw can't reach it.
         """
         low, high = self.reach_mm
         if not low <= width_mm <= high:

@@ -56,14 +56,9 @@ class PressureBoard(Protocol):
 class PneumaticGripper:
     """A `Gripper` on a board's regulator output.
 
-    Parameters
-    ----------
-    board : PressureBoard
-        An open array whose frames carry the pressure (`Contents.PRESSURE`); it stays its owner's.
-    clock : Clock
-        The array's clock.
-    limits : GripperLimits
-        Range of the pressure and its largest slew.
+    `board`: an open array whose frames carry the pressure (`Contents.PRESSURE`); it stays its
+        owner's.
+    `limits`: range of the pressure and its largest slew.
     """
 
     def __init__(
@@ -77,10 +72,8 @@ class PneumaticGripper:
     def state(self) -> GripperState:
         """Read the pressure, and tell the board that the host is alive.
 
-        Raises
-        ------
-        DeviceError
-            If the board is gone, its frames carry no pressure, or it has vented by itself.
+        Raises `DeviceError` if the board is gone, its frames carry no pressure, or it has vented by
+        itself.
         """
         now_s = self._clock.now_s()
         if now_s - self._sent_s >= _PING_S:
@@ -110,10 +103,7 @@ class PneumaticGripper:
     def command(self, wanted: GripperCommand) -> GripperCommand:
         """Send a pressure and a slew; return what was sent, in whole pascals.
 
-        Raises
-        ------
-        DeviceError
-            If the board is gone.
+        Raises `DeviceError` if the board is gone.
         """
         limits = self.limits
         target_kpa = round(min(max(wanted.target, limits.lowest), limits.highest), 3)
@@ -123,10 +113,7 @@ class PneumaticGripper:
     def stop(self) -> None:
         """Vent: the fingers can't be held without a host.
 
-        Raises
-        ------
-        DeviceError
-            If the board is gone; then it vents by itself.
+        Raises `DeviceError` if the board is gone; then it vents by itself.
         """
         self._go(GripperCommand(target=self.limits.lowest, rate=_VENT_KPA_PER_S))
 

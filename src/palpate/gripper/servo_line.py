@@ -35,25 +35,10 @@ class RefusedError(DeviceError):
 class ServoLine:
     """Speaks with one servo through the official SDK.
 
-    Parameters
-    ----------
-    port : str
-        Device, e.g. ``"/dev/ttyUSB0"``.
-    servo_id : int
-        Its number on the line.
-    baud : int
-        Speed of the line.
-    reply_s : float
-        How long each reply may take; more on a machine that is busy with other things.
-    packets : Packets
-        The protocol.
-
-    Raises
-    ------
-    MissingExtraError
-        If dynamixel-sdk is not installed.
-    DeviceNotFoundError
-        If there is no such port.
+    `port`: device, e.g. ``"/dev/ttyUSB0"``.
+    `reply_s`: how long each reply may take; more on a machine that is busy with other things.
+    Raises `MissingExtraError` if dynamixel-sdk is not installed; `DeviceNotFoundError` if there is
+    no such port.
     """
 
     def __init__(
@@ -104,10 +89,7 @@ class ServoLine:
     def write(self, register: Register, value: int) -> None:
         """Write a register.
 
-        Raises
-        ------
-        RefusedError
-            If the servo would not take it.
+        Raises `RefusedError` if the servo would not take it.
         """
         data = value.to_bytes(register.size, "little", signed=value < 0)
         self._asked(_WRITE, self._layout.place(register.address) + data, answer=0)

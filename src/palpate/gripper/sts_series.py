@@ -53,8 +53,6 @@ class State(IntFlag):
 def signed(value: int, *, sign_bit: int) -> int:
     """Return a magnitude with a sign bit as a number.
 
-    Examples
-    --------
     >>> signed(0x8005, sign_bit=15), signed(5, sign_bit=15)
     (-5, 5)
     """

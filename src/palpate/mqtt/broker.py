@@ -47,11 +47,8 @@ class Broker:
 def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> Broker:
     """Read a broker's file (TOML); paths in it are relative to it.
 
-    Raises
-    ------
-    InputError
-        If it can't be read, a name or value in it is wrong, its password could be read by others
-        or would travel in the clear.
+    Raises `InputError` if it can't be read, a name or value in it is wrong, its password could be
+    read by others or would travel in the clear.
     """
     try:
         with path.open("rb") as stream:

@@ -13,20 +13,10 @@ MOST_WAITING = 10_000
 class Outbox:
     """A queue of messages in a file; for one thread.
 
-    Parameters
-    ----------
-    path : path
-        Created, with its folder, if it does not exist.
-    most : int
-        How many may wait.
+    `path`: created, with its folder, if it does not exist.
+    `most`: how many may wait.
+    Raises `sqlite3.Error`: by every method, if the disk is full or the file is damaged.
 
-    Raises
-    ------
-    sqlite3.Error
-        By every method, if the disk is full or the file is damaged.
-
-    Examples
-    --------
     >>> outbox = Outbox(":memory:", most=2)
     >>> for text in (b"one", b"two", b"three"):
     ...     outbox.add(text)

@@ -63,19 +63,10 @@ class Publisher:
     time, so that their order holds through every lost connection; a result whose receipt was lost
     comes twice.
 
-    Parameters
-    ----------
-    broker : Broker
-        Where to.
-    outbox : path
-        The file of results that wait; those of an earlier run go first.
-    complain : callable
-        Called with a line when the broker refuses, or the outbox fails; by a thread of its own.
-
-    Raises
-    ------
-    InputError
-        If a certificate can't be used.
+    `outbox`: the file of results that wait; those of an earlier run go first.
+    `complain`: called with a line when the broker refuses, or the outbox fails; by a thread of its
+        own.
+    Raises `InputError` if a certificate can't be used.
     """
 
     def __init__(

@@ -27,17 +27,7 @@ def answered_s(result: GraspResult) -> float | None:
 def felt_pixels(
     observations: Sequence[Observation], *, result: GraspResult, layout: ArrayLayout
 ) -> PixelPercent | None:
-    """Return each pixel's relative change when the answer was given; None if there was none.
-
-    Parameters
-    ----------
-    observations : sequence of Observation
-        Of the whole grasp, as `run_grasp` gives them to its subscribers.
-    result : GraspResult
-        Of that grasp.
-    layout : ArrayLayout
-        Of its frames.
-    """
+    """Return each pixel's relative change when the answer was given; None if there was none."""
     until_s = answered_s(result)
     if until_s is None or not observations:
         return None

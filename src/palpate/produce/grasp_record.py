@@ -43,26 +43,14 @@ def records_of(
 ) -> tuple[CalibrationText, Grasp]:
     """Return the calibration and the grasp, in the order in which a store takes them.
 
-    Parameters
-    ----------
-    result : GraspResult
-        What the grasp came to, now.
-    item_id : str
-        What was grasped.
-    seen : sequence of Observation
-        All that was observed.
-    layout : ArrayLayout
-        Of the sensor.
-    rig, drive, origin : str
-        What it was grasped with, and whether that was real.
-    calibration : str
-        The whole text of the calibration file.
-    recording : Path or None
-        Where the frames are.
-    angle_deg : float, optional
-        Side of the item that the first finger touched.
-    closing : mapping of str to Measurement, optional
-        What was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
+    `result`: what the grasp came to, now.
+    `item_id`: what was grasped.
+    `seen`: all that was observed.
+    `rig`, `drive`, `origin`: what it was grasped with, and whether that was real.
+    `calibration`: the whole text of the calibration file.
+    `recording`: where the frames are.
+    `angle_deg`: side of the item that the first finger touched.
+    `closing`: what was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
     """
     answers = ((name, getattr(result, name)) for name in _ANSWERED)
     # The store keeps numbers; a bound is not a number.
@@ -96,14 +84,7 @@ def held_at(
     interval holds all of these reports. One hand meets one object at one place of its way, so the
     place shows how much force there is, whatever the sheet reads.
 
-    Parameters
-    ----------
-    observations : sequence of Observation
-        Of the whole grasp, as `run_grasp` gives them to its subscribers.
-    result : GraspResult
-        Of that grasp.
-    drive : {"width", "pressure"}
-        What the gripper is driven by.
+    `drive` ("width" or "pressure"): what the gripper is driven by.
     """
     name, until_s = HELD_AT[drive], answered_s(result)
     if until_s is None:

@@ -71,13 +71,8 @@ class Source(StrEnum):
 class Item:
     """One piece of produce.
 
-    Raises
-    ------
-    InputError
-        If a text is empty, longer than 200 characters or not printable.
+    Raises `InputError` if a text is empty, longer than 200 characters or not printable.
 
-    Examples
-    --------
     >>> Item(item_id="A17", kind="avocado", batch="Monday").kind
     'avocado'
     """
@@ -106,13 +101,8 @@ class Item:
 class Grasp:
     """One grasp of one item, with what it measured.
 
-    Raises
-    ------
-    InputError
-        If a value is out of its kind, not finite, or a time has no zone.
+    Raises `InputError` if a value is out of its kind, not finite, or a time has no zone.
 
-    Examples
-    --------
     >>> from datetime import UTC
     >>> felt = Measurement(value=2.1, low=1.7, high=2.6, unit="n_per_mm")
     >>> grasp = Grasp(
@@ -192,13 +182,8 @@ class Grasp:
 class Verdict:
     """A verdict on an item, by palpate or by a person.
 
-    Raises
-    ------
-    InputError
-        If a value is out of its kind, a detail is no JSON, or a time has no zone.
+    Raises `InputError` if a value is out of its kind, a detail is no JSON, or a time has no zone.
 
-    Examples
-    --------
     >>> from datetime import UTC
     >>> Verdict(
     ...     item_id="A17",

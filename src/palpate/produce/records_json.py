@@ -34,8 +34,6 @@ _TIMES = ("first_seen", "taken_at", "given_at")
 def record_as_dict(record: Record) -> dict[str, Any]:
     """Return a record as JSON values: its fields by name, times in ISO 8601.
 
-    Examples
-    --------
     >>> record_as_dict(Item(item_id="A17", kind="kiwi"))["kind"]
     'kiwi'
     """
@@ -55,8 +53,6 @@ def record_as_dict(record: Record) -> dict[str, Any]:
 def record_to_json(record: Record) -> str:
     """Return a record as one line.
 
-    Examples
-    --------
     >>> record_from_json(record_to_json(Item(item_id="A17"))).item_id
     'A17'
     """
@@ -73,10 +69,7 @@ def record_to_json(record: Record) -> str:
 def record_from_json(text: str) -> Record:
     """Return the record of a line.
 
-    Raises
-    ------
-    InputError
-        If the line is none that `record_to_json` made.
+    Raises `InputError` if the line is none that `record_to_json` made.
     """
     try:
         ((kind, values),) = json.loads(text).items()

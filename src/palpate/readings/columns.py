@@ -52,8 +52,6 @@ _DAY_S = 86400.0
 def words_of(name: str) -> list[str]:
     """Return the words of a column's name, in small letters, numbers apart.
 
-    Examples
-    --------
     >>> words_of("timeMs"), words_of("Resistance [kΩ]"), words_of("A0"), words_of("r0c1_ohm")
     (['time', 'ms'], ['resistance', 'kω'], ['a', '0'], ['r', '0', 'c', '1', 'ohm'])
     """
@@ -64,8 +62,6 @@ def words_of(name: str) -> list[str]:
 def time_unit_of(name: str) -> str | None:
     """Return the unit of a clock's name, "" for a clock without one, None for no clock.
 
-    Examples
-    --------
     >>> [time_unit_of(name) for name in ("time_s", "millis", "Time [ms]", "timestamp", "force_n")]
     ['s', 'ms', 'ms', '', None]
     """
@@ -89,8 +85,6 @@ def find_clock(names: Sequence[str]) -> str | None:
 def unit_of(name: str) -> Unit | None:
     """Return the unit that a reading's name gives, if any.
 
-    Examples
-    --------
     >>> [unit_of(name) for name in ("R1", "resistance_ohm", "A0", "ch1_V", "value")]
     ['ohm', 'ohm', 'counts', 'volt', None]
     """
@@ -109,8 +103,6 @@ def find_readings(names: Sequence[str]) -> list[str]:
     Those that are called so; where none is, all that aren't called something else. Counts are left
     out where the same column is there in ohm.
 
-    Examples
-    --------
     >>> find_readings(["resistance_ohm", "force_n"]), find_readings(["left", "right", "temp_c"])
     (['resistance_ohm'], ['left', 'right'])
     >>> find_readings(["r0c0_counts", "r0c0_ohm"])
@@ -135,24 +127,11 @@ def seconds(
 
     Absolute times (Unix, dates) begin at 0 with the first reading.
 
-    Parameters
-    ----------
-    column : ndarray, shape (n_rows,)
-        float64, datetime64, timedelta64, or texts of ISO dates or of times of day.
-    name : str
-        The column's name, which may give the unit.
-    unit : {"s", "ms", "us", "unix"}, optional
-        Where it is known.
-    file : str
-        What errors call the file.
+    `column`, shape (n_rows,): float64, datetime64, timedelta64, or texts of ISO dates or of times
+        of day.
+    `name`: the column's name, which may give the unit.
+    Raises `InputError` if the unit can't be found, or texts aren't times.
 
-    Raises
-    ------
-    InputError
-        If the unit can't be found, or texts aren't times.
-
-    Examples
-    --------
     >>> time_s, unit = seconds(np.array([0.0, 20.0, 40.0]), name="t", unit=None, file="a.csv")
     >>> time_s.tolist(), unit
     ([0.0, 0.02, 0.04], 'ms')

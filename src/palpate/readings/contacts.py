@@ -64,8 +64,6 @@ def heights(values: FloatArray) -> FloatArray:
 
     Resistance goes as a power of force: from 1000 to 100 ohm is as much as from 100 to 10.
 
-    Examples
-    --------
     >>> heights(np.array([1.0, 100.0])).round(2).tolist(), heights(np.array([9.0, 10.0])).tolist()
     ([0.0, 4.61], [9.0, 10.0])
     """
@@ -76,15 +74,9 @@ def heights(values: FloatArray) -> FloatArray:
 def outline(time_s: FloatArray, values: FloatArray) -> ContactOutline:
     """Find the movements of a recording and what lies between them.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Strictly increasing, seconds; sampling may be uneven.
-    values : ndarray, shape (n_times,)
-        Finite readings, in any unit.
+    `time_s`, shape (n_times,): strictly increasing, seconds; sampling may be uneven.
+    `values`, shape (n_times,): finite readings, in any unit.
 
-    Examples
-    --------
     >>> time_s = np.arange(0, 9, 0.05)
     >>> found = outline(time_s, np.where((time_s > 3) & (time_s < 6), 10.0, 50.0))
     >>> [round(stretch.begin_s) for stretch in found.stretches]

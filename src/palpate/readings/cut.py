@@ -97,24 +97,16 @@ class Cut:
 def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = None) -> Cut:
     """Find the contacts of a recording, and the hold after each.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Strictly increasing, seconds; sampling may be uneven.
-    values : ndarray, shape (n_times,)
-        Finite readings.
-    unit : {"ohm", "percent"}, optional
-        Helps to distinguish rest from load; any other unit, or None, doesn't.
-
-    Notes
-    -----
     A recording begins at rest, unless levels show otherwise: a relative change is near 0 at rest,
     and resistance comes back to one level at rest while under load it differs from touch to touch.
     A hold begins where loading ends: half as long again after contact as the curve takes to bend
     most away from a straight line (its knee). After a fast contact that is at once.
 
-    Examples
-    --------
+    `time_s`, shape (n_times,): strictly increasing, seconds; sampling may be uneven.
+    `values`, shape (n_times,): finite readings.
+    `unit` ("ohm" or "percent"): helps to distinguish rest from load; any other unit, or None,
+        doesn't.
+
     >>> time_s = np.arange(0, 9, 0.05)
     >>> found = find_contacts(time_s, np.where((time_s > 3) & (time_s < 6), 10.0, 50.0))
     >>> [(round(hold.start_s), round(hold.end_s)) for hold in found.holds]

@@ -68,17 +68,9 @@ class FileState:
 def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[Record]]:
     """Yield the records of each block (a chunk, or one record outside chunks), in file order.
 
-    Parameters
-    ----------
-    stream : binary file
-        Seekable, at its start.
-    state : FileState
-        Filled in while reading.
-
-    Raises
-    ------
-    RecordingError
-        If the file doesn't begin as an MCAP file.
+    `stream`: seekable, at its start.
+    `state`: filled in while reading.
+    Raises `RecordingError` if the file doesn't begin as an MCAP file.
     """
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)

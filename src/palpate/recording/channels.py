@@ -87,13 +87,8 @@ def topic_of(message: Message) -> str:
 def encode(message: Message) -> bytes:
     """Turn a message into its JSON.
 
-    Raises
-    ------
-    ValueError
-        If its time is not finite.
+    Raises `ValueError` if its time is not finite.
 
-    Examples
-    --------
     >>> encode(Event(time_s=1.5, name="contact"))
     b'{"time_s":1.5,"name":"contact","text":""}'
     """
@@ -119,10 +114,7 @@ def encode(message: Message) -> bytes:
 def decode(topic: str, data: bytes, *, layout: ArrayLayout) -> Message | None:
     """Turn JSON back into a message; None for a topic that palpate doesn't know.
 
-    Raises
-    ------
-    RecordingError
-        If the message doesn't fit its schema or the layout.
+    Raises `RecordingError` if the message doesn't fit its schema or the layout.
     """
     if topic not in SCHEMAS:
         return None
@@ -219,10 +211,7 @@ def _number(value: float | None) -> str | None:
 def decode_info(texts: dict[str, str]) -> RecordingInfo:
     """Turn MCAP metadata back.
 
-    Raises
-    ------
-    RecordingError
-        If it is of a newer format, or incomplete.
+    Raises `RecordingError` if it is of a newer format, or incomplete.
     """
     if texts.get("format") != FORMAT:
         raise RecordingError(

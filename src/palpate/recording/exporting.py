@@ -49,11 +49,6 @@ def frame_tables(reader: RecordingReader) -> Iterator[Table]:
 
     One row per frame: time, number, oversampling, the gripper's state and the text of events up to
     it, raw counts and resistances by pixel. What is not known is None.
-
-    Parameters
-    ----------
-    reader : RecordingReader
-        An open recording.
     """
     rows = _rows(reader)
     while batch := list(islice(rows, _BATCH)):
@@ -76,19 +71,10 @@ def hold_tables(holds: Iterable[Hold]) -> Iterator[Table]:
 def write_tables(path: str | os.PathLike[str], tables: Iterable[Table], *, to: Format) -> int:
     """Write tables of the same columns below one another; return the number of rows.
 
-    Parameters
-    ----------
-    path : path
-        Written whole or not at all.
-    tables : iterable of dict
-        Column -> values.
-    to : {"csv", "parquet"}
-        Form of the file.
-
-    Raises
-    ------
-    MissingExtraError
-        If Parquet is asked for without pyarrow.
+    `path`: written whole or not at all.
+    `tables`: column -> values.
+    `to` ("csv" or "parquet"): form of the file.
+    Raises `MissingExtraError` if Parquet is asked for without pyarrow.
     """
     with atomic_path(path) as partial:
         if to == "csv":

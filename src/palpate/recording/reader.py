@@ -183,12 +183,7 @@ class Summary:
 def summarise(reader: RecordingReader, *, state: FileState) -> Summary:
     """Count what a recording holds.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        An open recording.
-    state : FileState
-        Filled in: whether the file is whole.
+    `state`: filled in: whether the file is whole.
     """
     counts = {Frame: 0, GripperState: 0, Event: 0, LoadCells: 0}
     first: Frame | None = None

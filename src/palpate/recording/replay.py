@@ -17,8 +17,6 @@ from palpate.sensor.array import ArrayLayout, Frame
 class PacedClock:
     """The recording's clock, driven by another one at some speed.
 
-    Examples
-    --------
     >>> from palpate.clock import ManualClock
     >>> wall = ManualClock()
     >>> clock = PacedClock(wall, start_s=100.0, speed=2.0)
@@ -50,12 +48,8 @@ class Replay:
     On a `ManualClock` started at the first frame it runs as fast as it is read, on a `PacedClock`
     at speed; frames and their times are the recorded ones either way.
 
-    Parameters
-    ----------
-    path : path
-        An `.mcap` recording.
-    clock : Clock
-        In the recording's time. A frame is given when the clock has reached its time.
+    `path`: an `.mcap` recording.
+    `clock`: in the recording's time. A frame is given when the clock has reached its time.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, clock: Clock) -> None:
@@ -88,12 +82,8 @@ class Replay:
     def read(self, *, timeout_s: float) -> Frame:
         """Return the next recorded frame, when its time has come.
 
-        Raises
-        ------
-        DeviceTimeoutError
-            If the recording has a gap longer than `timeout_s`, as the live sensor had.
-        DeviceError
-            At the end of the recording.
+        Raises `DeviceTimeoutError` if the recording has a gap longer than `timeout_s`, as the live
+        sensor had; `DeviceError`: at the end of the recording.
         """
         if self._next is None:
             raise DeviceError(f"{self._reader.path}: the recording has ended")
@@ -122,15 +112,8 @@ class ReplayGripper:
     Commands are taken and change nothing. Where the same decisions are made from the same frames,
     they are the commands that were sent.
 
-    Parameters
-    ----------
-    replay : Replay
-        The recording; states go with the frame last read from it.
-
-    Raises
-    ------
-    RecordingError
-        If the recording names no gripper.
+    `replay`: the recording; states go with the frame last read from it.
+    Raises `RecordingError` if the recording names no gripper.
     """
 
     def __init__(self, replay: Replay) -> None:
@@ -144,10 +127,7 @@ class ReplayGripper:
     def state(self) -> GripperState:
         """Return the state recorded with the frame last read.
 
-        Raises
-        ------
-        DeviceError
-            If none was recorded.
+        Raises `DeviceError` if none was recorded.
         """
         state = self._replay.gripper_state
         if state is None:
@@ -174,17 +154,7 @@ class ReplayGripper:
 def observations(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState | None]]:
     """Yield every frame with the gripper's state as it was known then.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        An open recording.
-
-    Yields
-    ------
-    frame : Frame
-        In recorded order.
-    state : GripperState or None
-        The last one recorded before the frame.
+    Frames come in recorded order, each with the last state recorded before it.
     """
     gripper: GripperState | None = None
     for message in reader.messages():

@@ -215,31 +215,13 @@ def capture(
     A sensor that falls silent is waited for: that is reported once, and becomes an event of the
     recording, as does its return. One that stays silent until the time is up is lost.
 
-    Parameters
-    ----------
-    array : PressureArray
-        An open sensor.
-    writer : RecordingWriter
-        Where the frames go.
-    clock : Clock
-        The sensor's clock.
-    duration_s : float
-        How long; forever by default.
-    load_cells : callable
-        Gives a reading of load cells if there is a new one.
-    gripper : callable
-        Gives the gripper's state, if there is one; recorded with each frame.
-    stopped : callable
-        Returns whether to end, between frames: a recording is never cut within a message.
-    report : callable
-        Takes one line for the user.
-
-    Raises
-    ------
-    DeviceError
-        If the sensor is gone for good, or silent at the end.
-    RecordingLostError
-        If the file can't be written any more.
+    `duration_s`: how long; forever by default.
+    `load_cells`: gives a reading of load cells if there is a new one.
+    `gripper`: gives the gripper's state, if there is one; recorded with each frame.
+    `stopped`: returns whether to end, between frames: a recording is never cut within a message.
+    `report`: takes one line for the user.
+    Raises `DeviceError` if the sensor is gone for good, or silent at the end; `RecordingLostError`
+    if the file can't be written any more.
     """
     end_s = clock.now_s() + duration_s
     frames, silent = 0, False

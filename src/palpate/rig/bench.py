@@ -34,12 +34,8 @@ def open_board_bench(path: Path) -> Iterator[BoardBench]:
 
     The calibration that the file names need not be there yet.
 
-    Raises
-    ------
-    InputError
-        If the rig file is at fault, has no load cells, or fingers driven by pressure.
-    DeviceError
-        If equipment is missing, or a load cell does not read as it should.
+    Raises `InputError` if the rig file is at fault, has no load cells, or fingers driven by
+    pressure; `DeviceError` if equipment is missing, or a load cell does not read as it should.
     """
     rig_file = read_rig_file(path)
     if rig_file.newtons_per_count is None:
@@ -66,12 +62,8 @@ def bench_of(
 
     Nobody knows how large the thing between the fingers is: the slow way begins at the open hand.
 
-    Raises
-    ------
-    InputError
-        If the fingers are driven by pressure, or the array is no board with palpate's firmware.
-    DeviceError
-        If a load cell does not read as it should.
+    Raises `InputError` if the fingers are driven by pressure, or the array is no board with
+    palpate's firmware; `DeviceError` if a load cell does not read as it should.
     """
     if gripper.limits.drive == "pressure":
         raise InputError(

@@ -29,14 +29,9 @@ _FRAME_TIMEOUT_S = 2.0
 class BoardLoadCell:
     """One or two load cells of a board: the mean of what they feel.
 
-    Parameters
-    ----------
-    array : SerialArray
-        The board, asked for its load cells.
-    clock : Clock
-        The array's.
-    newtons_per_count : sequence of float
-        One for each cell in use, cell 0 first; negative where a cell counts down under load.
+    `array`: the board, asked for its load cells.
+    `newtons_per_count`: one for each cell in use, cell 0 first; negative where a cell counts down
+        under load.
     """
 
     def __init__(
@@ -53,20 +48,14 @@ class BoardLoadCell:
     def tare(self) -> None:
         """Take what the cells read over the next second as no force.
 
-        Raises
-        ------
-        DeviceError
-            As `mean_counts`.
+        Raises `DeviceError` as `mean_counts` does.
         """
         self._zero = np.array(mean_counts(self._array, cells=self._used, clock=self._clock))
 
     def read_n(self) -> float:
         """Return the mean of the cells' forces now, newtons.
 
-        Raises
-        ------
-        DeviceError
-            If the board or a cell is silent, or a cell is at the end of its range.
+        Raises `DeviceError` if the board or a cell is silent, or a cell is at the end of its range.
         """
         give_up_s = self._clock.now_s() + _SILENT_S
         while not (found := self._look()):
@@ -108,22 +97,11 @@ def mean_counts(
 ) -> list[float]:
     """Return the mean reading of load cells over the next second, counts.
 
-    Parameters
-    ----------
-    array : SerialArray
-        The board; frames that waited are read and dropped.
-    cells : sequence of int
-        Which cells, 0 or 1.
-    clock : Clock
-        The array's.
-    duration_s : float
-        At most 3 s: the numbers of readings wrap at 256.
-
-    Raises
-    ------
-    DeviceError
-        If the board is silent, or a cell gives no reading, none that is new, too few a second, or
-        one at the end of its range.
+    `array`: the board; frames that waited are read and dropped.
+    `cells`: which cells, 0 or 1.
+    `duration_s`: at most 3 s: the numbers of readings wrap at 256.
+    Raises `DeviceError` if the board is silent, or a cell gives no reading, none that is new, too
+    few a second, or one at the end of its range.
     """
     begin_s = clock.now_s()
     raw, samples = list[list[int]](), list[list[int]]()
@@ -157,10 +135,7 @@ def mean_counts(
 def board_with_cells(array: PressureArray) -> SerialArray:
     """Return the array if it is a board with palpate's firmware.
 
-    Raises
-    ------
-    InputError
-        If it is of another kind.
+    Raises `InputError` if it is of another kind.
     """
     if isinstance(array, SerialArray):
         return array

@@ -55,14 +55,9 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
     array too: fingers on the sensor's own board. A table ``[load_cells]`` with
     ``newtons_per_count = [...]`` is for calibrating.
 
-    Raises
-    ------
-    InputError
-        If the file can't be read, or lacks or misnames something; one line that names it.
-    CalibrationError
-        If the calibration can't be read, or was made with another layout, divider or wiring.
-    DeviceError
-        If equipment isn't there.
+    Raises `InputError` if the file can't be read, or lacks or misnames something; one line that
+    names it; `CalibrationError` if the calibration can't be read, or was made with another layout,
+    divider or wiring; `DeviceError` if equipment isn't there.
     """
     stated = stated_in(path)
     if "use" in stated:
@@ -91,10 +86,8 @@ def open_file(path: Path, *, object_name: str | None, seed: int) -> Rig:
 def used_in(path: Path, stated: Mapping[str, Any]) -> str:
     """Return the rig that `use` names.
 
-    Raises
-    ------
-    InputError
-        If it names another rig file that only passes on: such files could name each other.
+    Raises `InputError` if it names another rig file that only passes on: such files could name each
+    other.
     """
     used = str(stated["use"])
     if used.endswith(".toml") and Path(used).is_file() and "use" in stated_in(Path(used)):
@@ -107,10 +100,8 @@ def used_in(path: Path, stated: Mapping[str, Any]) -> str:
 def read_rig_file(path: Path) -> RigFile:
     """Read the file of a real rig; nothing is opened.
 
-    Raises
-    ------
-    InputError
-        If the file can't be read, or lacks or misnames something; one line that names it.
+    Raises `InputError` if the file can't be read, or lacks or misnames something; one line that
+    names it.
     """
     stated = stated_in(path)
     for name, what in _PARTS.items():
@@ -136,10 +127,7 @@ def read_rig_file(path: Path) -> RigFile:
 def load_cells_stated(path: Path) -> tuple[float, ...] | None:
     """Return the newtons per count that a rig file states for its load cells, None for none.
 
-    Raises
-    ------
-    InputError
-        If the file can't be read, or its table ``[load_cells]`` is at fault.
+    Raises `InputError` if the file can't be read, or its table ``[load_cells]`` is at fault.
     """
     return _newtons_per_count(path, stated_in(path))
 
@@ -172,12 +160,8 @@ def _newtons_per_count(path: Path, stated: Mapping[str, Any]) -> tuple[float, ..
 def open_devices(rig_file: RigFile) -> tuple[PressureArray, Gripper]:
     """Open array and gripper; where the gripper does not open, the array is closed again.
 
-    Raises
-    ------
-    InputError
-        If an opener is misnamed or refuses what its table holds.
-    DeviceError
-        If equipment isn't there.
+    Raises `InputError` if an opener is misnamed or refuses what its table holds; `DeviceError` if
+    equipment isn't there.
     """
     array = open_stated(rig_file.path, "array", rig_file.array)
     try:
@@ -191,10 +175,7 @@ def open_devices(rig_file: RigFile) -> tuple[PressureArray, Gripper]:
 def stated_in(path: Path) -> dict[str, Any]:
     """Return what a rig file states, unchecked.
 
-    Raises
-    ------
-    InputError
-        If it can't be read.
+    Raises `InputError` if it can't be read.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
@@ -209,10 +190,8 @@ def stated_in(path: Path) -> dict[str, Any]:
 def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:
     """Call the opener that a table names; it gets what is shared if it has a parameter for it.
 
-    Raises
-    ------
-    InputError
-        If there is no such table (None), or its opener is misnamed or refuses what it holds.
+    Raises `InputError` if there is no such table (None), or its opener is misnamed or refuses what
+    it holds.
     """
     if table is None:
         found = ", ".join(sorted(stated_in(path))) or "nothing"

@@ -19,15 +19,9 @@ _WORDS: Mapping[Any, str] = {
 def fault_in(options: Mapping[str, Any], opener: Callable[..., Any]) -> str | None:
     """Return what an opener could not take of some options, in words; None if nothing.
 
-    Parameters
-    ----------
-    options : mapping
-        What is stated, by name.
-    opener : callable
-        What is to get them by keyword. Parameters without a plain type are not checked.
+    `options`: what is stated, by name.
+    `opener`: what is to get them by keyword. Parameters without a plain type are not checked.
 
-    Examples
-    --------
     >>> def open_board(*, port: str, rate_hz: float = 250.0): ...
     >>> fault_in({"port": 3}, open_board)
     'port = 3: it must be text in quotes'

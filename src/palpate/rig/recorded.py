@@ -30,12 +30,7 @@ def open_grasp_recording(
     That is the gripper's limits, the target, the expected size, and the text of a damage file with
     its kind.
 
-    Raises
-    ------
-    RecordingError
-        If the file exists or can't be made.
-    DeviceError
-        If the board is gone.
+    Raises `RecordingError` if the file exists or can't be made; `DeviceError` if the board is gone.
     """
     info = recording_info(rig, seed=seed)
     info = replace(
@@ -54,10 +49,7 @@ def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:
 
     `seed` counts for simulated rigs.
 
-    Raises
-    ------
-    DeviceError
-        If the board is gone.
+    Raises `DeviceError` if the board is gone.
     """
     return RecordingInfo(
         layout=rig.array.layout,
@@ -79,10 +71,7 @@ def clock_zero_unix_ns() -> int:
 def firmware_version(array: PressureArray) -> str | None:
     """Return the version that the board reported, None without a board.
 
-    Raises
-    ------
-    DeviceError
-        If the board is gone.
+    Raises `DeviceError` if the board is gone.
     """
     if not isinstance(array, SerialArray):
         return None

@@ -42,10 +42,7 @@ class SensorRig:
 def names_no_gripper(path: Path) -> bool:
     """Return whether a rig file describes a sensor alone.
 
-    Raises
-    ------
-    InputError
-        If it can't be read.
+    Raises `InputError` if it can't be read.
     """
     stated = stated_in(path)
     return "use" not in stated and "gripper" not in stated
@@ -54,14 +51,8 @@ def names_no_gripper(path: Path) -> bool:
 def open_sensor(path: Path) -> SensorRig:
     """Open the sensor of a rig file that names no gripper.
 
-    Raises
-    ------
-    InputError
-        If the file lacks or misnames something.
-    CalibrationError
-        If the calibration can't be read, or is of another sensor.
-    DeviceError
-        If the sensor isn't there.
+    Raises `InputError` if the file lacks or misnames something; `CalibrationError` if the
+    calibration can't be read, or is of another sensor; `DeviceError` if the sensor isn't there.
     """
     stated = stated_in(path)
     array: PressureArray = open_stated(path, "array", stated.get("array"))

@@ -103,10 +103,7 @@ def open_rigid(
 
     `read_through` makes the array that reads the twin's pixels, and `origin` names what that is.
 
-    Raises
-    ------
-    InputError
-        If there is no such object.
+    Raises `InputError` if there is no such object.
     """
     return _opened(
         "rigid",
@@ -122,10 +119,7 @@ def open_rigid(
 def open_soft(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
     """Open soft fingers, driven by pressure, on the twin, with an object between them.
 
-    Raises
-    ------
-    InputError
-        If there is no such object.
+    Raises `InputError` if there is no such object.
     """
     return _opened(
         "soft",
@@ -179,16 +173,10 @@ def calibrated(
 def calibrated_on(world: Workplace, *, seed: int, apart_from: str, sensor_id: str) -> Calibration:
     """Calibrate the sensor and gripper of a world by a user's steps (`calibrated`).
 
-    Parameters
-    ----------
-    world : Workplace
-        Where, with nothing between the fingers.
-    seed : int
-        Of the faces that the load cell gets.
-    apart_from : str
-        Name of an object that is not among them.
-    sensor_id : str
-        What the calibration is for.
+    `world`: where, with nothing between the fingers.
+    `seed`: of the faces that the load cell gets.
+    `apart_from`: name of an object that is not among them.
+    `sensor_id`: what the calibration is for.
     """
     rng = np.random.default_rng([seed, 11])
     faces = [name for name in FACES[:_FACED] if name != apart_from]
@@ -264,12 +252,8 @@ def _truth(world: World) -> Mapping[str, object]:
 def open_firmware(*, object_name: str | None, seed: int) -> Rig:
     """Open rigid fingers on the twin, read by the firmware on the AVR simulator.
 
-    Raises
-    ------
-    InputError
-        If there is no such object.
-    DeviceNotFoundError
-        If firmware or simulator have not been built.
+    Raises `InputError` if there is no such object; `DeviceNotFoundError` if firmware or simulator
+    have not been built.
     """
     return open_rigid(
         object_name=object_name,
@@ -293,8 +277,6 @@ def _read_through_firmware(world: World) -> PressureArray:
 def twin_bench(world: Stage, *, start: float) -> Bench:
     """Return the devices of a world; `start` as in `Bench`.
 
-    Examples
-    --------
     >>> twin_bench(World(None, seed=1), start=51.0).cell.read_n() < 0.1
     True
     """

@@ -144,8 +144,6 @@ class Frame:
 def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
     """Return what is impossible in a frame by its layout and converter; None if nothing is.
 
-    Examples
-    --------
     >>> frame = Frame(time_s=0.0, sequence=0, counts=np.full((4, 2), 1024))
     >>> wrong_counts(frame, layout=RIGID_LAYOUT)
     'pixel R0 C0 reads 1024, and 1 conversion(s) of 10 bit give 0 to 1023; check the layout'

@@ -107,10 +107,7 @@ def _wired(layout: ArrayLayout, wiring: dict[str, Any]) -> ArrayLayout:
 def check_rate(rate_hz: float) -> None:
     """Refuse a number that no board could take for a rate.
 
-    Raises
-    ------
-    InputError
-        If it is not above 0, or without end.
+    Raises `InputError` if it is not above 0, or without end.
     """
     if not 0 < rate_hz < math.inf:
         raise InputError(f"a rate of {rate_hz:g} Hz: give frames per second, such as 250")

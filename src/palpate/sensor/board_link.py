@@ -31,14 +31,7 @@ _FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
 class BoardLink:
     """Feeds a decoder from a stream and carries out lists of commands without ever waiting.
 
-    Parameters
-    ----------
-    stream : ByteStream
-        An open port.
-    clock : Clock
-        For timeouts.
-    decoder : Decoder, optional
-        To go on counting with after a reconnect.
+    `decoder`: to go on counting with after a reconnect.
     """
 
     def __init__(self, stream: ByteStream, *, clock: Clock, decoder: Decoder | None = None) -> None:
@@ -73,10 +66,7 @@ class BoardLink:
     def poll(self) -> list[FrameMessage]:
         """Take what has come, send what is due; return the frames, if all commands are answered.
 
-        Raises
-        ------
-        DeviceError
-            If the port is gone, or the board refuses a command or does not answer.
+        Raises `DeviceError` if the port is gone, or the board refuses a command or does not answer.
         """
         data = self.stream.read_waiting()
         self._bytes_seen += len(data)
@@ -166,14 +156,7 @@ class BoardLink:
 def least_delay_s(identity: BoardIdentity, *, pixels: int, oversampling: int) -> float:
     """Return the time from the start of a scan to its last byte, as the board's identity gives it.
 
-    Parameters
-    ----------
-    identity : BoardIdentity
-        Conversion and settle times, and the speed of the link.
-    pixels : int
-        Pixels of a frame.
-    oversampling : int
-        Conversions summed per pixel.
+    `identity`: conversion and settle times, and the speed of the link.
     """
     conversion_s = oversampling * identity.conversion_us * 1e-6
     scan_s = pixels * (identity.settle_us * 1e-6 + conversion_s + _FIRMWARE_S_PER_PIXEL)

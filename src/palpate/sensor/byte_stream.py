@@ -26,20 +26,14 @@ class ByteStream(Protocol):
     def read_waiting(self) -> bytes:
         """Return all bytes that have come, without waiting; none is b"".
 
-        Raises
-        ------
-        DeviceError
-            If the port is gone.
+        Raises `DeviceError` if the port is gone.
         """
         ...
 
     def write(self, data: bytes) -> None:
         """Send all of `data`.
 
-        Raises
-        ------
-        DeviceError
-            If the port is gone.
+        Raises `DeviceError` if the port is gone.
         """
         ...
 
@@ -51,19 +45,10 @@ class ByteStream(Protocol):
 class SerialStream:
     """A `ByteStream` over a serial port, locked against other programs.
 
-    Parameters
-    ----------
-    port : str
-        Device, e.g. ``"/dev/ttyACM0"``.
-    baud : int
-        Speed that the firmware was built for.
-
-    Raises
-    ------
-    DeviceNotFoundError
-        If there is no such port.
-    DeviceError
-        If it is busy, or may not be opened.
+    `port`: device, e.g. ``"/dev/ttyACM0"``.
+    `baud`: speed that the firmware was built for.
+    Raises `DeviceNotFoundError` if there is no such port; `DeviceError` if it is busy, or may not
+    be opened.
     """
 
     def __init__(self, port: str, *, baud: int = BAUD) -> None:

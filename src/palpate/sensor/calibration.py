@@ -290,10 +290,7 @@ class CurrentPairs:
 
     At rest gears hold any part of their friction either way; in motion they take all of it.
 
-    Raises
-    ------
-    CalibrationError
-        If the columns differ in length, or hold what is no finite number.
+    Raises `CalibrationError` if the columns differ in length, or hold what is no finite number.
     """
 
     #: Reference: mean of the fingers' normal forces.
@@ -324,8 +321,6 @@ class CurrentPairs:
 def joined(*parts: CurrentPairs) -> CurrentPairs:
     """Return the readings of several runs as one, their movements numbered through.
 
-    Examples
-    --------
     >>> one = CurrentPairs(force_n=(0.0,), current_ma=(40.0,), width_mm=(30.0,), movement=(0,))
     >>> joined(one, one).movement
     (0, 1)

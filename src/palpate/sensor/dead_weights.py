@@ -46,10 +46,8 @@ class Weighing:
 def read_loads(path: Path) -> list[float]:
     """Return the loads of a CSV file with a column `load_n`, in the order of the file.
 
-    Raises
-    ------
-    InputError
-        If the file can't be read, has no such column, or holds what can't be loads in newtons.
+    Raises `InputError` if the file can't be read, has no such column, or holds what can't be loads
+    in newtons.
     """
     try:
         with path.open(newline="") as stream:
@@ -76,10 +74,7 @@ def _load(path: Path, line: int, text: str | None) -> float:
 def checked_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
     """Return loads that can carry a calibration.
 
-    Raises
-    ------
-    InputError
-        If there are too few, one only, or they can't be newtons.
+    Raises `InputError` if there are too few, one only, or they can't be newtons.
     """
     loads = [float(load) for load in loads_n]
     if not all(np.isfinite(load) and load >= 0 for load in loads):
@@ -106,21 +101,12 @@ def weigh(
 ) -> Weighing:
     """Read the settled value under each load.
 
-    Parameters
-    ----------
-    array : PressureArray
-        Without any load at first.
-    loads_n : sequence of float
-        In the order in which they are put on.
-    place : callable
-        Called with each load; returns once it lies on the sheet.
-    clock : Clock
-        The clock that frames are stamped by: those from before are dropped.
-
-    Raises
-    ------
-    CalibrationError
-        If a pixel is at the end of its converter under a load, or fewer than four steps settle.
+    `array`: without any load at first.
+    `loads_n`: in the order in which they are put on.
+    `place`: called with each load; returns once it lies on the sheet.
+    `clock`: the clock that frames are stamped by: those from before are dropped.
+    Raises `CalibrationError` if a pixel is at the end of its converter under a load, or fewer than
+    four steps settle.
     """
     rest_ohm = rest_baseline(_ohm(array, _REST_S)).rest_ohm
     rows: list[tuple[int, float, float, float, float]] = []

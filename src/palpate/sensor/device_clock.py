@@ -23,15 +23,10 @@ class DeviceClock:
     their lower convex hull that spans their middle. Stalls of the host and bursts only lie above.
     The Mega's ceramic resonator has an error of up to 0.5 %, 5 ms in each second.
 
-    Parameters
-    ----------
-    floor_s : float
-        The known least delay (scan and transmission), which is subtracted.
-    not_before_s : float
-        Host time that was given out already: time never goes back, even where the line is moved.
+    `floor_s`: the known least delay (scan and transmission), which is subtracted.
+    `not_before_s`: host time that was given out already: time never goes back, even where the line
+        is moved.
 
-    Examples
-    --------
     >>> clock = DeviceClock()
     >>> for k in range(400):
     ...     delay_s = 0.002 + 0.005 * (k % 3)
@@ -57,17 +52,9 @@ class DeviceClock:
     def to_host_s(self, device_s: float, *, arrival_s: float) -> float:
         """Return the host time of `device_s`, learning from the arrival.
 
-        Parameters
-        ----------
-        device_s : float
-            The board's time, not wrapped, not decreasing.
-        arrival_s : float
-            Host time at which it was received.
-
-        Returns
-        -------
-        float
-            Host time, at most `arrival_s` less the known least delay.
+        `device_s`: the board's time, not wrapped, not decreasing.
+        `arrival_s`: host time at which it was received.
+        It is at most `arrival_s` less the known least delay.
         """
         offset_s = arrival_s - self._floor_s - device_s
         if self._bucket_end_s is None:

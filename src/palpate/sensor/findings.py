@@ -58,8 +58,6 @@ CHECKS: dict[str, str] = {
 class Finding:
     """One thing that is wrong.
 
-    Examples
-    --------
     >>> found = Finding(code="late", severity=Severity.ADVICE, where="link", text="7 frames late")
     >>> found.check
     'the computer stalls: close what loads it, or lower the rate'
@@ -87,8 +85,6 @@ class Finding:
 def pixel_name(row: int, col: int) -> str:
     """Return the name of a pixel: the multiplexer channels of its row and column, from 0.
 
-    Examples
-    --------
     >>> pixel_name(0, 1)
     'R0 C1'
     """

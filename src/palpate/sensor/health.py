@@ -124,30 +124,13 @@ def examine(
 ) -> Health:
     """Judge a sensor.
 
-    Parameters
-    ----------
-    rest : FrameColumns
-        Some seconds in which nothing touches the sensor; at least 30 frames.
-    layout : ArrayLayout
-        Pixels and divider.
-    whole : FrameColumns, optional
-        All frames, under load too: for losses and for the working range; by default `rest`.
-    known_ohm : array_like, shape (rows, cols), optional
-        Rest values of the calibration.
-    asked_hz : float, optional
-        Rate that the board was set to.
-    events : LinkEvents, optional
-        What the link counted.
-    also : tuple of Finding
-        Found by other means (`palpate.sensor.press_order`).
+    `rest`: some seconds in which nothing touches the sensor; at least 30 frames.
+    `whole`: all frames, under load too: for losses and for the working range; by default `rest`.
+    `known_ohm`, shape (rows, cols): rest values of the calibration.
+    `asked_hz`: rate that the board was set to.
+    `also`: found by other means (`palpate.sensor.press_order`).
+    Raises `InputError` if there are too few frames, or they don't fit the layout.
 
-    Raises
-    ------
-    InputError
-        If there are too few frames, or they don't fit the layout.
-
-    Examples
-    --------
     A pixel at 512 counts that never reads anything is open:
 
     >>> rng = np.random.default_rng(1)

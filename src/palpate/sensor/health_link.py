@@ -54,14 +54,8 @@ def measure_link(
 ) -> LinkReadings:
     """Measure rate, losses and jitter of frames.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (frames,)
-        When each was scanned; at least two frames.
-    sequence : ndarray of int, shape (frames,)
-        Their numbers, without wrap.
-    events : LinkEvents
-        What the link counted.
+    `time_s`, shape (frames,): when each was scanned; at least two frames.
+    `sequence`, shape (frames,): their numbers, without wrap.
     """
     span_s, numbers = float(time_s[-1] - time_s[0]), int(sequence[-1] - sequence[0])
     steps, intervals_s = np.maximum(np.diff(sequence), 1), np.diff(time_s)
@@ -80,12 +74,7 @@ def measure_link(
 def link_findings(link: LinkReadings, *, asked_hz: float | None) -> Iterator[Finding]:
     """Yield what is wrong with the link.
 
-    Parameters
-    ----------
-    link : LinkReadings
-        As measured.
-    asked_hz : float or None
-        The rate that the board was set to, where known.
+    `asked_hz`: the rate that the board was set to, where known.
     """
     if asked_hz is not None and link.rate_hz < _SLOW_SHARE * asked_hz:
         yield _fault("slow", f"{link.rate_hz:.1f} frames/s instead of {asked_hz:g}")

@@ -55,12 +55,7 @@ class PixelReadings:
 def measure_pixels(mean_counts: FloatArray, *, layout: ArrayLayout) -> PixelReadings:
     """Measure rest value, noise, drift and resolution of each pixel.
 
-    Parameters
-    ----------
-    mean_counts : ndarray, shape (frames, rows, cols)
-        Counts per conversion.
-    layout : ArrayLayout
-        Divider and wiring.
+    `mean_counts`: shape (frames, rows, cols).
     """
     divider = layout.divider
     ohm = pixel_resistance_ohm(mean_counts, layout=layout)
@@ -94,24 +89,10 @@ def pixel_findings(
 ) -> tuple[list[Finding], BoolArray]:
     """Judge each pixel; of several faults of one pixel, only the gravest is named.
 
-    Parameters
-    ----------
-    mean_counts : ndarray, shape (frames, rows, cols)
-        Counts per conversion.
-    steps_per_count : int
-        Conversions summed per reading: how many steps there are to a count.
-    readings : PixelReadings
-        As `measure_pixels` gave them.
-    layout : ArrayLayout
-        The pixels.
-    known_ohm : ndarray, shape (rows, cols), optional
-        Rest values of the calibration.
-
-    Returns
-    -------
-    findings : list of Finding
-    sound : ndarray of bool, shape (rows, cols)
-        Pixels that the stretch as a whole may be judged by.
+    `mean_counts`: shape (frames, rows, cols).
+    `steps_per_count`: conversions summed per reading: how many steps there are to a count.
+    `known_ohm`, shape (rows, cols): rest values of the calibration.
+    Returns the findings, and by which pixels the stretch as a whole may be judged.
     """
     sound = np.ones((layout.rows, layout.cols), dtype=np.bool_)
     findings: list[Finding] = []
@@ -175,8 +156,6 @@ def _named(code: str, mask: BoolArray, text: str, values: FloatArray) -> Iterato
 def grouped(mask: BoolArray) -> Iterator[tuple[str, BoolArray]]:
     """Yield the pixels of a mask by name: all of them, whole rows, whole columns, single ones.
 
-    Examples
-    --------
     >>> mask = np.array([[True, True], [False, False], [True, False]])
     >>> [where for where, _ in grouped(mask)]
     ['row R0', 'R2 C0']

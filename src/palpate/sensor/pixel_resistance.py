@@ -18,27 +18,11 @@ from palpate.signal.crosstalk import UnmixedPixels, unmix_floating, unmix_held
 def solve_pixels(counts: ArrayLike, *, layout: ArrayLayout, oversampling: int = 1) -> UnmixedPixels:
     """Solve the counts of frames to pixel resistances, with the uncertainty of each.
 
-    Parameters
-    ----------
-    counts : array_like, shape (..., rows, cols)
-        Readings, summed over `oversampling` conversions.
-    layout : ArrayLayout
-        Divider, resistance in series, and what idle lines do.
-    oversampling : int
-        Conversions summed.
+    `counts`, shape (..., rows, cols): readings, summed over `oversampling` conversions.
+    `layout`: divider, resistance in series, and what idle lines do.
+    In what it returns `ill_conditioned` marks pixels that the others hide; without shared lines,
+    none. Raises `ValueError` if counts don't fit the layout's pixels or converter.
 
-    Returns
-    -------
-    UnmixedPixels
-        `ill_conditioned` marks pixels that the others hide; without shared lines, none.
-
-    Raises
-    ------
-    ValueError
-        If counts don't fit the layout's pixels or converter.
-
-    Examples
-    --------
     Four equal pixels behind two bare multiplexers read a quarter low:
 
     >>> from palpate.sensor.array import ArrayLayout
@@ -74,8 +58,6 @@ def pixel_resistance_ohm(
 
     NaN where no resistances explain the readings. Parameters and errors as in `solve_pixels`.
 
-    Examples
-    --------
     >>> from palpate.sensor.array import RIGID_LAYOUT
     >>> pixel_resistance_ohm([[512, 256]] * 4, layout=RIGID_LAYOUT)[0].tolist()
     [4700.0, 14100.0]

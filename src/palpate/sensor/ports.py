@@ -43,8 +43,6 @@ class Port:
 def board_of(usb_id: tuple[int, int] | None) -> str | None:
     """Return the board or chip that a USB id suggests.
 
-    Examples
-    --------
     >>> board_of((0x2341, 0x0042)), board_of((0x1A86, 0x7523)), board_of(None)
     ('Arduino', 'CH340, as on many Arduino clones', None)
     """
@@ -78,26 +76,7 @@ def find_port(
 ) -> str:
     """Return the port of the one board: by its USB id, else by asking who answers.
 
-    Parameters
-    ----------
-    ports : sequence of Port
-        As `serial_ports` gives them.
-    clock : Clock
-        For timeouts.
-    open_stream : callable
-        Opens a port.
-
-    Returns
-    -------
-    str
-        The port's device.
-
-    Raises
-    ------
-    DeviceNotFoundError
-        If there is no board.
-    DeviceError
-        If several boards answer.
+    Raises `DeviceNotFoundError` if there is no board; `DeviceError` if several boards answer.
     """
     likely = [port for port in ports if port.board is not None]
     if len(likely) == 1:
@@ -130,8 +109,6 @@ def follow(
     A board that is pulled out and put back may come back under another name; its USB serial number
     stays. Without one, the name stays.
 
-    Examples
-    --------
     >>> before = [Port(device="/dev/ttyACM0", description="Mega", serial_number="7543")]
     >>> after = [Port(device="/dev/ttyACM1", description="Mega", serial_number="7543")]
     >>> seen = iter([before, after])
@@ -153,10 +130,7 @@ def follow(
 def identify(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
     """Ask what is behind a port, and close it.
 
-    Raises
-    ------
-    DeviceError
-        If it does not answer as palpate's firmware does.
+    Raises `DeviceError` if it does not answer as palpate's firmware does.
     """
     try:
         link = BoardLink(stream, clock=clock)

@@ -37,15 +37,9 @@ class Press:
 class PressWatch:
     """Watches presses of one pixel after the other, row by row.
 
-    Parameters
-    ----------
-    rest_ohm : ndarray, shape (rows, cols)
-        Rest values; inf or 0 for dead pixels, which are left out.
-    timeout_s : float
-        How long a press is waited for.
+    `rest_ohm`, shape (rows, cols): rest values; inf or 0 for dead pixels, which are left out.
+    `timeout_s`: how long a press is waited for.
 
-    Examples
-    --------
     >>> watch = PressWatch(np.full((1, 2), 1000.0))
     >>> watch.expected
     (0, 0)
@@ -86,12 +80,7 @@ class PressWatch:
     def see(self, time_s: float, ohm: FloatArray) -> None:
         """Take a frame.
 
-        Parameters
-        ----------
-        time_s : float
-            When it was scanned.
-        ohm : ndarray, shape (rows, cols)
-            Its resistances.
+        `ohm`: shape (rows, cols).
         """
         if self.done:
             return
@@ -139,15 +128,6 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
 
     Whole rows or columns that answer for each other are named as such.
 
-    Parameters
-    ----------
-    presses : sequence of Press
-        As a `PressWatch` collected them.
-    layout : ArrayLayout
-        The pixels.
-
-    Examples
-    --------
     >>> pair = ArrayLayout(name="pair", rows=2, cols=1, finger_of_row=(0, 1))
     >>> crossed = [Press(expected=(0, 0), answered=(1, 0)), Press(expected=(1, 0), answered=(0, 0))]
     >>> [(found.where, found.text) for found in order_findings(crossed, layout=pair)]

@@ -42,24 +42,9 @@ def fit_reference(*, low_ohm: float, high_ohm: float, divider: Divider) -> Resis
     alone and is the same for a ratio and its inverse, so the coarser end of a range is finest where
     R_ref is the geometric mean of its ends.
 
-    Parameters
-    ----------
-    low_ohm, high_ohm : float
-        Smallest resistance under load, and resistance at rest.
-    divider : Divider
-        The readout in place.
+    `low_ohm`, `high_ohm`: smallest resistance under load, and resistance at rest.
+    Raises `ValueError` if the range is empty or not positive.
 
-    Returns
-    -------
-    ResistorFit
-
-    Raises
-    ------
-    ValueError
-        If the range is empty or not positive.
-
-    Examples
-    --------
     The paper's 4.7 kohm, for a pixel that falls from 12 kohm to 40 ohm (9 counts from the end):
 
     >>> fit = fit_reference(low_ohm=40.0, high_ohm=12e3, divider=Divider())
@@ -87,8 +72,6 @@ def fit_reference(*, low_ohm: float, high_ohm: float, divider: Divider) -> Resis
 def nearest_e12(ohm: float) -> float:
     """Return the resistor of the E12 series (IEC 60063) that is nearest in ratio.
 
-    Examples
-    --------
     >>> nearest_e12(693.0), nearest_e12(9300.0)
     (680.0, 10000.0)
     """

@@ -35,13 +35,9 @@ _FRAME = int(MessageType.FRAME)
 def stuff(data: bytes) -> bytes:
     """Encode by consistent overhead byte stuffing (COBS), without the final zero.
 
-    References
-    ----------
-    S. Cheshire and M. Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
+    Source: S. Cheshire and M. Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
     Networking 7(2), 1999.
 
-    Examples
-    --------
     >>> stuff(bytes([0x11, 0x22, 0, 0x33])).hex()
     '0311220233'
     """
@@ -59,8 +55,6 @@ def stuff(data: bytes) -> bytes:
 def unstuff(stuffed: bytes | bytearray) -> bytes | None:
     """Undo `stuff`; None if the bytes are not of that form.
 
-    Examples
-    --------
     >>> unstuff(bytes.fromhex("0311220233")).hex(), unstuff(bytes([9, 1]))
     ('11220033', None)
     """
@@ -105,13 +99,8 @@ def unpack(stuffed: bytes | bytearray) -> tuple[int, bytes] | None:
 def encode_command(command: Command, *, tag: int = 0) -> bytes:
     """Return the bytes that send `command`; the answer carries the same `tag` (0 to 255).
 
-    Raises
-    ------
-    ValueError
-        If a value does not fit its field.
+    Raises `ValueError` if a value does not fit its field.
 
-    Examples
-    --------
     >>> from palpate.sensor.wire_messages import Ping
     >>> encode_command(Ping(), tag=7).hex()
     '03870106070aae6cce00'
@@ -153,8 +142,6 @@ class Decoder:
     and CRC-32 are taken; the rest is counted. Sequence and time are unwrapped within a stream,
     which needs at least one frame in every 71 minutes.
 
-    Examples
-    --------
     >>> from dataclasses import replace
     >>> import numpy as np
     >>> frame = FrameMessage(sequence=0, time_us=12, stream=1, oversampling=1, status=0,

@@ -148,10 +148,7 @@ class Ack:
 class BoardIdentity:
     """The board's own description; sent once at start-up (tag 0) and on `Identify`.
 
-    Attributes
-    ----------
-    rows, cols, oversampling, settle_us : int
-        Configuration in force.
+    `rows`, `cols`, `oversampling`, `settle_us`: configuration in force.
     """
 
     #: Tag of the command; 0 when unasked.

@@ -69,10 +69,8 @@ _COMMANDS: dict[type[Command], _CommandForm] = {
 def pack_command(command: Command, *, tag: int) -> tuple[int, bytes]:
     """Return the type and payload of a command.
 
-    Raises
-    ------
-    ValueError
-        If a value does not fit its field; whether it makes sense is for the board to decide.
+    Raises `ValueError` if a value does not fit its field; whether it makes sense is for the board
+    to decide.
     """
     form = _COMMANDS[type(command)]
     try:

@@ -64,31 +64,11 @@ def resistance_ohm(counts: ArrayLike, *, divider: Divider, oversampling: int = 1
     c is the mean count of one conversion. Readings at the ends of the range are not guessed: an
     open pixel is inf, a short one 0; `pixel_faults` names them.
 
-    Parameters
-    ----------
-    counts : array_like of int, shape (..., rows, cols)
-        Readings, summed over `oversampling` conversions.
-    divider : Divider
-        The readout circuit.
-    oversampling : int
-        Conversions summed.
+    Source: ATmega2560 datasheet, "ADC Conversion Result".
 
-    Returns
-    -------
-    ndarray, same shape
-        Resistance, ohms.
+    `counts`, shape (..., rows, cols): readings, summed over `oversampling` conversions.
+    Raises `ValueError` if a reading lies outside what the converter can give.
 
-    Raises
-    ------
-    ValueError
-        If a reading lies outside what the converter can give.
-
-    References
-    ----------
-    ATmega2560 datasheet, "ADC Conversion Result".
-
-    Examples
-    --------
     Mid-scale means that both legs are equal:
 
     >>> resistance_ohm([[512, 256, 0]], divider=Divider(reference_ohm=10e3)).tolist()
@@ -107,18 +87,8 @@ def pixel_faults(
 ) -> NDArray[np.uint8]:
     """Find open and short pixels: those where every conversion hit the end of the range.
 
-    Parameters
-    ----------
-    counts, divider, oversampling
-        As in `resistance_ohm`.
+    Returns values of `PixelFault`, uint8, in the same shape.
 
-    Returns
-    -------
-    ndarray of uint8, same shape
-        Values of `PixelFault`.
-
-    Examples
-    --------
     >>> pixel_faults([[0, 512, 1023]], divider=Divider()).tolist()
     [[1, 0, 2]]
     """
@@ -135,8 +105,6 @@ def pixel_faults(
 def ohm_to_volts(taxel_ohm: ArrayLike, *, divider: Divider) -> FloatArray:
     """Return the voltage at the converter's input for a pixel's resistance (0 to inf).
 
-    Examples
-    --------
     >>> ohm_to_volts([4700.0, float("inf"), 0.0], divider=Divider()).tolist()
     [2.5, 0.0, 5.0]
     """
@@ -151,8 +119,6 @@ def volts_to_counts(
 ) -> NDArray[np.int32]:
     """Return what one conversion of a voltage gives, with noise added before rounding.
 
-    Examples
-    --------
     >>> volts_to_counts([2.5, 5.0], divider=Divider()).tolist()
     [512, 1023]
     """
@@ -165,15 +131,8 @@ def resolution_ohm(taxel_ohm: ArrayLike, *, divider: Divider, oversampling: int 
 
     It is (R + R_ref)^2 / (R_ref N), in either leg, and smallest relative to R where R = R_ref.
 
-    Parameters
-    ----------
-    taxel_ohm : array_like
-        Resistance of the pixel.
-    divider, oversampling
-        As in `resistance_ohm`.
+    `taxel_ohm`: resistance of the pixel.
 
-    Examples
-    --------
     >>> resolution_ohm(4700.0, divider=Divider()).round(2).item()
     18.36
     """

@@ -53,20 +53,11 @@ def actuation_spikes(
     last `within_s`, and ends when it falls back below half of that. Opening makes a spike as well
     as closing; a release, which also rises but stays up, counts as one.
 
-    Parameters
-    ----------
-    time_s, change_percent : array_like, shape (n_times,)
-        Times and mean relative change.
-    rise_percent, within_s : float
-        Height and steepness that make a spike; the height should be several times the noise.
+    `time_s`, `change_percent`, shape (n_times,): times and mean relative change.
+    `rise_percent`, `within_s`: height and steepness that make a spike; the height should be several
+        times the noise.
+    Returns them in order of time.
 
-    Returns
-    -------
-    list of SignalEvent
-        In order of time.
-
-    Examples
-    --------
     >>> events = actuation_spikes([0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 8.0, 1.0])
     >>> [(event.kind.value, event.time_s) for event in events]
     [('spike', 0.2)]
@@ -103,22 +94,11 @@ def watch_contact(
     still touching. The change held follows the signal down at once and, by 2 % of the difference
     per sample, up: slow relaxation of a soft object is not slip.
 
-    Parameters
-    ----------
-    state : ContactState
-        Memory of the finger.
-    change_percent : float
-        The finger's mean relative change; NaN (no pixel reads) changes nothing.
-    threshold_percent : float
-        Negative; the paper's is -10 % (section 4.1).
+    `state`: memory of the finger.
+    `change_percent`: the finger's mean relative change; NaN (no pixel reads) changes nothing.
+    `threshold_percent`: negative; the paper's is -10 % (section 4.1).
+    Returns the new memory, and what happened at this sample.
 
-    Returns
-    -------
-    ContactState, EventKind or None
-        The new memory, and what happened at this sample.
-
-    Examples
-    --------
     >>> state, event = watch_contact(ContactState(), -12.0)
     >>> state.touching, event.value
     (True, 'contact')

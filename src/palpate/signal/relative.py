@@ -49,20 +49,11 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
     jump, and is refused. A load that has long settled can't be distinguished from rest by the
     stretch alone: give the rest values known before.
 
-    Parameters
-    ----------
-    resistance_ohm : array_like, shape (frames, rows, cols)
-        Readings; at least five frames.
-    known_ohm : array_like, shape (rows, cols), optional
-        Rest values of an earlier calibration.
+    `resistance_ohm`, shape (frames, rows, cols): readings; at least five frames.
+    `known_ohm`, shape (rows, cols): rest values of an earlier calibration.
+    Raises `CalibrationError` if the stretch is too short, no pixel reads, or the sensor was loaded
+    or moving.
 
-    Raises
-    ------
-    CalibrationError
-        If the stretch is too short, no pixel reads, or the sensor was loaded or moving.
-
-    Examples
-    --------
     >>> rest = rest_baseline([[[1000.0, 2000.0]]] * 20)
     >>> rest.rest_ohm.tolist(), rest.spread_percent.tolist()
     ([[1000.0, 2000.0]], [[0.0, 0.0]])
@@ -93,15 +84,9 @@ def rest_baseline(resistance_ohm: ArrayLike, *, known_ohm: ArrayLike | None = No
 def relative_change_percent(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> FloatArray:
     """Return 100 (R / R_rest - 1), percent (paper, equation 1).
 
-    Parameters
-    ----------
-    resistance_ohm : array_like, shape (..., rows, cols)
-        Readings; infinite (open) gives NaN.
-    rest_ohm : array_like, shape (rows, cols)
-        Rest values; NaN or zero gives NaN.
+    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) gives NaN.
+    `rest_ohm`, shape (rows, cols): rest values; NaN or zero gives NaN.
 
-    Examples
-    --------
     >>> relative_change_percent([[500.0, 1000.0]], rest_ohm=[[1000.0, 1000.0]]).tolist()
     [[-50.0, 0.0]]
     """
@@ -116,15 +101,10 @@ def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> Flo
 
     Where the relative change runs into -100 %, the excess conductance goes on rising with load.
 
-    Parameters
-    ----------
-    resistance_ohm : array_like, shape (..., rows, cols)
-        Readings; infinite (open) gives NaN, zero (short) infinity.
-    rest_ohm : array_like, shape (rows, cols)
-        Rest values; NaN or zero gives NaN.
+    `resistance_ohm`, shape (..., rows, cols): readings; infinite (open) gives NaN, zero (short)
+        infinity.
+    `rest_ohm`, shape (rows, cols): rest values; NaN or zero gives NaN.
 
-    Examples
-    --------
     >>> excess_conductance([[500.0, 1000.0, 0.0]], rest_ohm=[[1000.0, 1000.0, 1000.0]]).tolist()
     [[1.0, 0.0, inf]]
     """
@@ -138,8 +118,6 @@ def excess_conductance(resistance_ohm: ArrayLike, *, rest_ohm: ArrayLike) -> Flo
 def mean_change(change_percent: ArrayLike) -> FloatArray:
     """Return the mean over all pixels: the paper's aggregate. Shape (..., rows, cols) to (...).
 
-    Examples
-    --------
     >>> mean_change([[-50.0, 0.0], [float("nan"), -10.0]]).item()
     -20.0
     """
@@ -149,8 +127,6 @@ def mean_change(change_percent: ArrayLike) -> FloatArray:
 def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> FloatArray:
     """Return the mean over the pixels of each finger: shape (..., rows, cols) to (..., fingers).
 
-    Examples
-    --------
     >>> finger_means([[-50.0, -30.0], [0.0, -2.0]], finger_of_row=(0, 1)).tolist()
     [-40.0, -1.0]
     """
@@ -166,8 +142,6 @@ def finger_means(change_percent: ArrayLike, *, finger_of_row: Sequence[int]) -> 
 def largest_change(change_percent: ArrayLike) -> FloatArray:
     """Return the change of the pixel that fell most: shape (..., rows, cols) to (...).
 
-    Examples
-    --------
     >>> largest_change([[-50.0, 3.0]]).item()
     -50.0
     """
@@ -181,8 +155,6 @@ def total_excess(excess: ArrayLike) -> FloatArray:
 
     It hardly depends on how a force spreads over the pixels, as long as the law is near linear.
 
-    Examples
-    --------
     >>> total_excess([[1.0, 0.0], [float("nan"), 2.5]]).item()
     3.5
     >>> total_excess([[1.0, float("inf")]]).item()
@@ -225,18 +197,9 @@ def _windows(values: FloatArray) -> FloatArray:
 def refuse_load(rest_ohm: ArrayLike, *, known_ohm: ArrayLike) -> None:
     """Refuse rest values so far below those known before that something must be pressing.
 
-    Parameters
-    ----------
-    rest_ohm, known_ohm : array_like, shape (rows, cols)
-        Those of now, and of an earlier calibration.
+    `rest_ohm`, `known_ohm`, shape (rows, cols): those of now, and of an earlier calibration.
+    Raises `CalibrationError` if they lie 15 % below.
 
-    Raises
-    ------
-    CalibrationError
-        If they lie 15 % below.
-
-    Examples
-    --------
     >>> refuse_load([[950.0, 1980.0]], known_ohm=[[1000.0, 2000.0]])
     """
     fall = float(mean_change(relative_change_percent(rest_ohm, rest_ohm=known_ohm)))

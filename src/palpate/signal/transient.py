@@ -51,21 +51,10 @@ def peak_index(values: ArrayLike) -> NDArray[np.intp]:
     the direction of settling as the peak, nothing depends on sign, scale or where zero lies. Of
     equal extremes the earlier counts.
 
-    Parameters
-    ----------
-    values : array_like, shape (..., n_times)
-        Samples up to the cut-off, at least one.
+    Source: Paper, section 2.2: t_p is the time of the peak resistance within the cut-off.
 
-    Returns
-    -------
-    ndarray of int, shape (...)
+    `values`, shape (..., n_times): samples up to the cut-off, at least one.
 
-    References
-    ----------
-    Paper, section 2.2: t_p is the time of the peak resistance within the cut-off.
-
-    Examples
-    --------
     A spike at contact, then settling below the value at rest; and the same upside down:
 
     >>> peak_index([[0, 5, -20, -30], [0, -5, 20, 30]]).tolist()
@@ -87,32 +76,14 @@ def hold_window(
 ) -> HoldWindow:
     """Find the peak of each hold and the samples from t_p + t_a to t_c.
 
-    Parameters
-    ----------
-    time_s : array_like, shape (n_times,)
-        Strictly increasing sampling times that the holds share, seconds.
-    values : array_like, shape (n_holds, n_times)
-        Samples; those after the cut-off are not looked at.
-    wait_s : float
-        t_a, counted from the peak.
-    cutoff_s : float, optional
-        t_c, on the time axis of `time_s`; all samples by default.
+    Source: Paper, equation 3.
 
-    Returns
-    -------
-    HoldWindow
+    `time_s`, shape (n_times,): strictly increasing sampling times that the holds share, seconds.
+    `values`, shape (n_holds, n_times): samples; those after the cut-off are not looked at.
+    `wait_s`: t_a, counted from the peak.
+    `cutoff_s`: t_c, on the time axis of `time_s`; all samples by default.
+    Raises `ValueError` if no sample lies at or before the cut-off.
 
-    Raises
-    ------
-    ValueError
-        If no sample lies at or before the cut-off.
-
-    References
-    ----------
-    Paper, equation 3.
-
-    Examples
-    --------
     >>> window = hold_window([0.0, 0.2, 0.4, 0.8, 1.0], [[1.0, 3.0, 2.0, 0.5, 0.2]], cutoff_s=0.9)
     >>> window.peak_s.tolist(), window.first.tolist(), window.stop
     ([0.2], [3], 4)

@@ -24,12 +24,8 @@ _SAMPLE_ROWS = 400
 def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
     """Open a Parquet file as a `pyarrow.parquet.ParquetFile`.
 
-    Raises
-    ------
-    InputError
-        If it is no whole Parquet file, also where that shows only while it is read.
-    MissingExtraError
-        If pyarrow is not installed.
+    Raises `InputError` if it is no whole Parquet file, also where that shows only while it is read;
+    `MissingExtraError` if pyarrow is not installed.
     """
     with needing(f"{name}: Parquet", extra="data"):
         import pyarrow as pa
@@ -48,12 +44,8 @@ def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
 def read_parquet_table(file: BinaryIO, *, name: str) -> Table:
     """Read a Parquet file.
 
-    Raises
-    ------
-    InputError
-        If it is no whole Parquet file.
-    MissingExtraError
-        If pyarrow is not installed.
+    Raises `InputError` if it is no whole Parquet file; `MissingExtraError` if pyarrow is not
+    installed.
     """
     with open_parquet(file, name=name) as parquet:
         from pyarrow.types import is_nested
@@ -73,10 +65,8 @@ def table_of_arrays(source: Any, *, name: str) -> Table:
 
     A data frame's index takes part where it has times in it or a name.
 
-    Raises
-    ------
-    InputError
-        If the columns are not one-dimensional and of equal length, or there are none.
+    Raises `InputError` if the columns are not one-dimensional and of equal length, or there are
+    none.
     """
     arrays: dict[str, Any] = {}
     if isinstance(source, Mapping):
@@ -111,12 +101,8 @@ def _column(values: Any, key: str, *, name: str) -> NDArray[Any]:
 def read_spreadsheet(path: Path) -> Table:
     """Read the first sheet of an .xlsx workbook that has a table in it.
 
-    Raises
-    ------
-    InputError
-        If it is no such workbook, or no sheet has a table.
-    MissingExtraError
-        If openpyxl is not installed.
+    Raises `InputError` if it is no such workbook, or no sheet has a table; `MissingExtraError` if
+    openpyxl is not installed.
     """
     name = str(path)
     with needing(f"{name}: Excel", extra="data"):

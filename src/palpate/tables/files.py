@@ -20,10 +20,7 @@ _MCAP_MAGIC = b"\x89MCA"
 def open_table(path: Path) -> BufferedReader:
     """Open a file for reading, with room to look ahead.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, or it can't be read.
+    Raises `InputError` if there is no such file, or it can't be read.
     """
     wanted = "name a table's file (CSV or other text, Excel or Parquet)"
     if path.is_dir():
@@ -39,10 +36,7 @@ def open_table(path: Path) -> BufferedReader:
 def form_of(file: BufferedReader, *, name: str) -> Form:
     """Return the form of a file's table; nothing is read from the file.
 
-    Raises
-    ------
-    InputError
-        If the file is empty, or of a form that holds no table.
+    Raises `InputError` if the file is empty, or of a form that holds no table.
     """
     start = file.peek(4)[:4]
     if not start:
@@ -60,12 +54,8 @@ def form_of(file: BufferedReader, *, name: str) -> Form:
 def read_table_file(path: Path) -> Table:
     """Read a table from CSV and other text, gzip, .xlsx or Parquet.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, or no table in it.
-    MissingExtraError
-        If its form needs an extra that isn't installed.
+    Raises `InputError` if there is no such file, or no table in it; `MissingExtraError` if its form
+    needs an extra that isn't installed.
     """
     name = str(path)
     with open_table(path) as file:

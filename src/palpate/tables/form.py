@@ -48,13 +48,8 @@ def split_fields(line: str, separator: str | None) -> list[str]:
 def find_form(lines: Sequence[str], *, name: str) -> Form:
     """Return the form that makes most numbers of the first lines of a file.
 
-    Raises
-    ------
-    InputError
-        If no separator gives rows of at least two fields with numbers in them.
+    Raises `InputError` if no separator gives rows of at least two fields with numbers in them.
 
-    Examples
-    --------
     >>> find_form(["my log", "time;value", "0,0;5,5", "0,1;5,4"], name="a.csv").names
     ['time', 'value']
     """

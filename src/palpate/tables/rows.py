@@ -21,14 +21,9 @@ _BAD_AT_LEAST = 2
 class GatheredRows:
     """Columns under way.
 
-    Parameters
-    ----------
-    names : sequence of str
-        One for each column; rows of other lengths can't be used.
-    decimal_comma : bool
-        Whether numbers have commas for points.
-    word : str
-        What the file calls a row: ``line`` or ``row``.
+    `names`: one for each column; rows of other lengths can't be used.
+    `decimal_comma`: whether numbers have commas for points.
+    `word`: what the file calls a row: ``line`` or ``row``.
     """
 
     def __init__(self, names: Sequence[str], *, decimal_comma: bool, word: str = "line") -> None:
@@ -73,10 +68,7 @@ class GatheredRows:
     def table(self, name: str) -> Table:
         """Return what was gathered.
 
-        Raises
-        ------
-        InputError
-            If there is no row, or more than a few can't be used.
+        Raises `InputError` if there is no row, or more than a few can't be used.
         """
         numbers = np.concatenate(self._numbers) if self._numbers else np.zeros(0, dtype=np.int64)
         left_out = refuse_or_say(
@@ -106,10 +98,7 @@ class GatheredRows:
 def refuse_or_say(bad: Sequence[tuple[str, str]], *, total: int, name: str) -> list[str]:
     """Return a sentence about rows that are left out, where they are few.
 
-    Raises
-    ------
-    InputError
-        If they are many; the message has the first of them.
+    Raises `InputError` if they are many; the message has the first of them.
     """
     if not bad:
         return []

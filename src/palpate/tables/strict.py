@@ -29,28 +29,12 @@ def read_table(
 ) -> dict[str, NDArray[Any]]:
     """Read the named columns of a table with a header line; other columns are skipped.
 
-    Parameters
-    ----------
-    path : path
-        CSV, with semicolons or tabs as well and then with decimal commas too, gzipped or not, or
-        Parquet.
-    columns : mapping of str to str
-        Column -> ``"number"``, ``"number or empty"`` or ``"text"``.
+    `path`: CSV, with semicolons or tabs as well and then with decimal commas too, gzipped or not,
+        or Parquet.
+    Returns float64 for numbers (finite, or NaN where left empty), objects for text, each of shape
+    (n_rows,). Raises `InputError` if the file can't be read, a column is missing, or a field is not
+    what it should be; `MissingExtraError` if the file is Parquet and pyarrow is not installed.
 
-    Returns
-    -------
-    dict of str to ndarray, shape (n_rows,)
-        float64 for numbers (finite, or NaN where left empty), objects for text.
-
-    Raises
-    ------
-    InputError
-        If the file can't be read, a column is missing, or a field is not what it should be.
-    MissingExtraError
-        If the file is Parquet and pyarrow is not installed.
-
-    Examples
-    --------
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "loads.csv"
     >>> _ = path.write_text("step,load_n\\n1,0.5\\n2,heavy\\n")
@@ -75,21 +59,10 @@ def read_pieces(
 ) -> Iterator[Table]:
     """Read a table as `read_table` does, some thousand rows at a time.
 
-    Parameters
-    ----------
-    path : path
-        Read once and in order (unless it is Parquet), so that it may be a pipe.
-    columns : mapping of str to str
-        As `read_table` takes them.
-    optional : mapping of str to str
-        Columns that need not be there.
-    progress : callable, optional
-        Called now and then with the share of the file read so far, 0 to 1.
-
-    Yields
-    ------
-    Table
-        At least one row each, at least one in all.
+    `path`: read once and in order (unless it is Parquet), so that it may be a pipe.
+    `optional`: columns that need not be there.
+    `progress`: called now and then with the share of the file read so far, 0 to 1.
+    Yields at least one table, of at least one row each.
     """
     path = Path(path)
     name, wanted = str(path), _Wanted(columns=columns, optional=optional)

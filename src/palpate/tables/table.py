@@ -42,8 +42,6 @@ class Table:
 def unique_names(names: list[str]) -> list[str]:
     """Return names with none empty and none twice.
 
-    Examples
-    --------
     >>> unique_names(["t", "", "A", "A"])
     ['t', 'column 2', 'A', 'A (4)']
     """
@@ -57,17 +55,6 @@ def unique_names(names: list[str]) -> list[str]:
 def usable(numbers: ArrayLike) -> NDArray[np.bool_]:
     """Return which numbers are finite and not absurdly large.
 
-    Parameters
-    ----------
-    numbers : array_like of float
-        In any unit.
-
-    Returns
-    -------
-    ndarray of bool, same shape
-
-    Examples
-    --------
     >>> usable([4700.0, float("nan"), float("-inf"), 1.7e308]).tolist()
     [True, False, False, False]
     """

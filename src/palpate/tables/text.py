@@ -39,10 +39,8 @@ def read_text(file: BufferedReader, *, name: str) -> Table:
     code page. Notes before the header and lines that begin with ``#``, ``%`` or ``//`` are passed
     over.
 
-    Raises
-    ------
-    InputError
-        If it isn't text, there is no table in it, or more than a few rows can't be used.
+    Raises `InputError` if it isn't text, there is no table in it, or more than a few rows can't be
+    used.
     """
     with open_text(file, name=name) as text:
         lines = _without_comments(lines_of(text))
@@ -61,17 +59,8 @@ def read_text(file: BufferedReader, *, name: str) -> Table:
 def open_text(file: BufferedReader, *, name: str) -> Iterator[TextIO]:
     r"""Open the text of a file, unpacked and decoded; ``\ufffd`` replaces what can't be decoded.
 
-    Parameters
-    ----------
-    file : buffered binary file
-        Read once and in order, so that it may be a pipe.
-    name : str
-        What errors call the file.
-
-    Raises
-    ------
-    InputError
-        If it isn't text, or the gzip data are damaged.
+    `file`: read once and in order, so that it may be a pipe.
+    Raises `InputError` if it isn't text, or the gzip data are damaged.
     """
     try:
         binary = file
@@ -122,23 +111,12 @@ def split_rows(
 ) -> Iterator[NumberedRows]:
     """Yield the fields of each row, piece by piece; blank lines are rows without fields.
 
-    Parameters
-    ----------
-    lines : iterable of str
-        With their ends, as the csv module wants them.
-    separator : str or None
-        Between fields; None for runs of spaces.
-    first_number : int
-        Number of the first line in the file.
-    name : str
-        What errors call the file.
-    strict : bool
-        Whether stray and unclosed quotes are refused.
-
-    Raises
-    ------
-    InputError
-        If it isn't CSV or the gzip data are damaged, once all rows before have been yielded.
+    `lines`: with their ends, as the csv module wants them.
+    `separator`: between fields; None for runs of spaces.
+    `first_number`: number of the first line in the file.
+    `strict`: whether stray and unclosed quotes are refused.
+    Raises `InputError` if it isn't CSV or the gzip data are damaged, once all rows before have been
+    yielded.
     """
     rows: Iterator[list[str]]
     if separator is None:

@@ -52,8 +52,6 @@ class CrateItem:
     def side(self, turn: int) -> TwinObject:
         """Return the item as it lies after this many turns: another diameter, another place.
 
-        Examples
-        --------
         >>> item = draw_crate(["kiwi"], seed=1)[0]
         >>> item.side(0) == item.side(0), item.side(0) == item.side(1)
         (True, False)
@@ -67,13 +65,8 @@ class CrateItem:
 def draw_crate(kinds: Sequence[str], *, seed: int, prefix: str = "item") -> list[CrateItem]:
     """Draw one item of each kind named, in this order.
 
-    Raises
-    ------
-    ValueError
-        If there is no such kind.
+    Raises `ValueError` if there is no such kind.
 
-    Examples
-    --------
     >>> [item.kind for item in draw_crate(["egg", "walnut"], seed=3)]
     ['egg', 'walnut']
     """
@@ -137,8 +130,6 @@ def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
 
     Each side is indented by half: F = 4/3 E / (1 - nu**2) sqrt(d/2) (1/2)**1.5 at 1 mm.
 
-    Examples
-    --------
     >>> round(hertz_force_at_1mm_n(4.0, size_mm=64.0), 1)
     12.2
     """
@@ -149,16 +140,9 @@ def hertz_force_at_1mm_n(modulus_mpa: float, *, size_mm: float) -> float:
 class CrateTable:
     """A hand over a table to which items of a crate are brought one by one.
 
-    Parameters
-    ----------
-    sensor : int
-        Seed of the sensor and the gripper, as for calibration.
-    seed : int
-        Seed of the session.
-    level : {"paper", "field"}
-        How much everything scatters.
-    gripper : {"rigid", "soft"}
-        Kind of hand.
+    `sensor`: seed of the sensor and the gripper, as for calibration.
+    `seed`: seed of the session.
+    `gripper` ("rigid" or "soft"): kind of hand.
     """
 
     def __init__(

@@ -191,14 +191,10 @@ class TwinLoadCell:
 class ServoCurrent:
     """The current of one servo in one session.
 
-    Parameters
-    ----------
-    ranges : Ranges
-        What gears and warmth are drawn from.
-    servo_seed, session_seed : int
-        Of what stays with the servo, and of what changes from session to session.
-    start_s : float
-        When the servo was switched on.
+    `ranges`: what gears and warmth are drawn from.
+    `servo_seed`, `session_seed`: of what stays with the servo, and of what changes from session to
+        session.
+    `start_s`: when the servo was switched on.
     """
 
     def __init__(

@@ -73,19 +73,10 @@ def _library() -> ctypes.CDLL:
 class FirmwareBoard:
     """An Arduino Mega 2560 that runs an image; time passes only in `run_until`.
 
-    Parameters
-    ----------
-    elf : Path, optional
-        Image to run; the one for 1 Mbaud by default.
-    baud : int
-        Speed of the serial line.
-    seed : int
-        Seed of the converter's noise.
-
-    Raises
-    ------
-    DeviceNotFoundError
-        If simulator or image have not been built.
+    `elf`: image to run; the one for 1 Mbaud by default.
+    `baud`: speed of the serial line.
+    `seed`: seed of the converter's noise.
+    Raises `DeviceNotFoundError` if simulator or image have not been built.
     """
 
     def __init__(self, elf: Path | None = None, *, baud: int = 1_000_000, seed: int = 0) -> None:
@@ -110,12 +101,8 @@ class FirmwareBoard:
     def run_until(self, time_s: float) -> None:
         """Let the program run up to `time_s`, at most one second on (what it sends is kept).
 
-        Raises
-        ------
-        ValueError
-            If that is more than a second ahead: take the bytes in between.
-        DeviceError
-            If the program has crashed.
+        Raises `ValueError` if that is more than a second ahead: take the bytes in between;
+        `DeviceError` if the program has crashed.
         """
         if time_s > self.now_s() + _LONGEST_RUN_S:
             raise ValueError(f"run at most {_LONGEST_RUN_S} s at a time")
@@ -140,12 +127,9 @@ class FirmwareBoard:
     def set_pixels_mv(self, voltages_mv: ArrayLike, *, over_s: float = 0.0) -> None:
         """Move the divider's output to new values, in a straight line over `over_s`.
 
-        Parameters
-        ----------
-        voltages_mv : array_like, shape (rows, cols), at most 16 x 16
-            What the converter sees with each row and column selected; the rest sees 0.
-        over_s : float
-            0 is at once.
+        `voltages_mv`, shape (rows, cols): what the converter sees with each row and column
+            selected; the rest sees 0.
+        `over_s`: 0 is at once.
         """
         wanted = np.asarray(voltages_mv, dtype=np.float32)
         pixels = np.zeros((_SIDE, _SIDE), dtype=np.float32)
@@ -207,12 +191,8 @@ class FirmwareStream:
     Bytes go through a real pseudo-terminal and pyserial. Each call lets the board run up to the
     world's clock, and waits until the kernel has passed on every byte, so that runs repeat exactly.
 
-    Parameters
-    ----------
-    world : Stage
-        Where the voltages come from; the board is powered up at its present time.
-    board : FirmwareBoard
-        Just made; it is closed with the stream.
+    `world`: where the voltages come from; the board is powered up at its present time.
+    `board`: just made; it is closed with the stream.
     """
 
     def __init__(self, world: Stage, *, board: FirmwareBoard) -> None:
@@ -291,21 +271,10 @@ class FirmwareStream:
 def open_firmware_array(world: Stage, *, noise_mv: float, rate_hz: float) -> SerialArray:
     """Return the serial array of a board that scans the world's pixels.
 
-    Parameters
-    ----------
-    world : Stage
-        Moves with its clock; the array moves that clock while it waits, as `TwinArray` does.
-    noise_mv : float
-        Standard deviation of the converter's noise.
-    rate_hz : float
-        Frames per second.
-
-    Raises
-    ------
-    DeviceNotFoundError
-        If firmware or simulator have not been built; the message names what to install.
-    DeviceError
-        If the firmware can't do that rate.
+    `world`: moves with its clock; the array moves that clock while it waits, as `TwinArray` does.
+    `noise_mv`: standard deviation of the converter's noise.
+    Raises `DeviceNotFoundError` if firmware or simulator have not been built; the message names
+    what to install; `DeviceError` if the firmware can't do that rate.
     """
     board = FirmwareBoard(seed=world.seed)
     board.set_noise_mv(noise_mv)

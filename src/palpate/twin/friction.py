@@ -31,21 +31,12 @@ class Slide:
     ) -> Slide:
         """Return the slide one step later.
 
-        Parameters
-        ----------
-        step_s : float
-            Short against the time that it takes to slide off.
-        pull_n : float
-            Pull along the pads, its weight included.
-        grip_n : float
-            Normal force of each finger.
-        friction : float
-            Coefficient between pads and object; both fingers carry.
-        mass_g : float
-            Mass that is pulled.
+        `step_s`: short against the time that it takes to slide off.
+        `pull_n`: pull along the pads, its weight included.
+        `grip_n`: normal force of each finger.
+        `friction`: coefficient between pads and object; both fingers carry.
+        `mass_g`: mass that is pulled.
 
-        Examples
-        --------
         >>> held = Slide().after(0.1, pull_n=1.0, grip_n=1.0, friction=0.6, mass_g=100.0)
         >>> slipping = Slide().after(0.1, pull_n=1.0, grip_n=0.5, friction=0.6, mass_g=100.0)
         >>> held.speed_mm_per_s, round(slipping.speed_mm_per_s)

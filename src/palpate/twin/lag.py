@@ -10,8 +10,6 @@ from palpate.arrays import FloatArray
 def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return decay and mean decay over a step, for step / time constant = `rate`.
 
-    Examples
-    --------
     >>> decay, mean = exact_step(np.array([0.0, 1.0]))
     >>> decay.round(3).tolist(), mean.round(3).tolist()
     ([1.0, 0.368], [1.0, 0.632])
@@ -25,14 +23,9 @@ def follow_line(
 ) -> FloatArray:
     """Return where first-order lags end up when their target goes in a line over one step.
 
-    Parameters
-    ----------
-    value : ndarray
-        Lags at the start of the step.
-    start, end : ndarray
-        Target at both ends of the step.
-    rate : ndarray
-        Step / time constant.
+    `value`: lags at the start of the step.
+    `start`, `end`: target at both ends of the step.
+    `rate`: step / time constant.
     """
     decay, mean = exact_step(rate)
     return end - mean * (end - start) - decay * (start - value)

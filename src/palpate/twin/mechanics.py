@@ -173,8 +173,6 @@ def patch_reach_mm(obj: TwinObject, deformation_mm: float, *, pitch_mm: float) -
 
     Each side of a round object is indented by half; the contacts of a flat one do not grow.
 
-    Examples
-    --------
     >>> from palpate.twin.objects import draw_object
     >>> ball = draw_object(np.random.default_rng(1), "ball-33lbs")
     >>> [round(patch_reach_mm(ball, deep_mm, pitch_mm=10.0)) for deep_mm in (0.0, 2.0)]

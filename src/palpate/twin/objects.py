@@ -147,20 +147,9 @@ OBJECTS: dict[str, ObjectRange] = {
 def draw_object(rng: np.random.Generator, name: str | None = None) -> TwinObject:
     """Draw one object.
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of chance.
-    name : str, optional
-        Name in `OBJECTS`; by default one is drawn, the rigid block excepted.
+    `name`: name in `OBJECTS`; by default one is drawn, the rigid block excepted.
+    Raises `ValueError` if there is no such object.
 
-    Raises
-    ------
-    ValueError
-        If there is no such object.
-
-    Examples
-    --------
     >>> import numpy as np
     >>> berry = draw_object(np.random.default_rng(1), "strawberry")
     >>> 31 <= berry.size_mm <= 41, berry.contact

@@ -32,14 +32,9 @@ class Placement:
 class Placements:
     """Placements of one session, the same whenever they are asked for.
 
-    Parameters
-    ----------
-    sheet, grid
-        What is touched.
-    ranges : Ranges
-        Scatter from grasp to grasp.
-    seed : int
-        Seed of that scatter.
+    `sheet`, `grid`: what is touched.
+    `ranges`: scatter from grasp to grasp.
+    `seed`: seed of that scatter.
     """
 
     def __init__(self, *, sheet: Sheet, grid: PixelGrid, ranges: Ranges, seed: int) -> None:

@@ -61,20 +61,11 @@ class PlantState:
 class Plant:
     """Object, gripper and sheet, without noise; a deterministic function of its seed.
 
-    Parameters
-    ----------
-    sheet, compliance, grid
-        The parts.
-    ranges : Ranges
-        Scatter from grasp to grasp.
-    seed : int
-        Seed of that scatter.
-    environment : Environment
-        Surroundings and earlier use.
-    lock_force_n : float
-        Force at which the servo locks.
-    backlash_mm : float
-        How far the servo goes back before a finger follows.
+    `ranges`: scatter from grasp to grasp.
+    `seed`: seed of that scatter.
+    `environment`: surroundings and earlier use.
+    `lock_force_n`: force at which the servo locks.
+    `backlash_mm`: how far the servo goes back before a finger follows.
     """
 
     def __init__(

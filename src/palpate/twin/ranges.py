@@ -189,10 +189,7 @@ LEVELS: dict[str, Ranges] = {"paper": PAPER, "field": FIELD}
 def ranges_of(level: str) -> Ranges:
     """Return the ranges of a level.
 
-    Raises
-    ------
-    ValueError
-        If there is no such level.
+    Raises `ValueError` if there is no such level.
     """
     if level not in LEVELS:
         raise ValueError(f"no twin level {level!r}; there are: {', '.join(LEVELS)}")

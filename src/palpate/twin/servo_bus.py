@@ -32,8 +32,6 @@ _FASTEST = 200
 def crc16(data: bytes) -> int:
     """Return the CRC-16 of Protocol 2.0 (polynomial 0x8005, from 0, highest bit first).
 
-    Examples
-    --------
     >>> hex(crc16(bytes.fromhex("fffffd0001030001")))
     '0x4e19'
     """
@@ -52,29 +50,12 @@ class ServoBus:
     A thread of its own answers. The asking thread waits for the answer, so runs repeat exactly as
     long as one thread moves the clock and asks.
 
-    Parameters
-    ----------
-    world : World
-        Whose fingers it moves.
-    model_number : int
-        Which servo it is.
-    servo_id : int
-        Its number on the line.
-    fingers : CrankFingers
-        How its angle becomes a width.
-
-    Attributes
-    ----------
-    silent : bool
-        Set it, and nothing is answered any more.
-    spoilt : int
-        Number of the next replies that have a wrong CRC.
-    late_s : float
-        Replies are late by this, seconds of real time: what was asked is answered all the same.
-    deaf : bool
-        Goals of its position are acknowledged, and not followed: it goes where it went before.
-    position_error : int
-        Error of the reported position, steps.
+    `silent`: set it, and nothing is answered any more.
+    `spoilt`: number of the next replies that have a wrong CRC.
+    `late_s`: replies are late by this, seconds of real time: what was asked is answered all the
+        same.
+    `deaf`: goals of its position are acknowledged, and not followed: it goes where it went before.
+    `position_error`: error of the reported position, steps.
     """
 
     def __init__(
@@ -253,11 +234,8 @@ class ServoBus:
 class LineEnd:
     """Bytes in, bytes out; its other end is the port `name`.
 
-    Parameters
-    ----------
-    take : callable
-        Gets the bytes that wait, and returns those that it can't use yet. Runs on a thread of its
-        own.
+    `take`: gets the bytes that wait, and returns those that it can't use yet. Runs on a thread of
+        its own.
     """
 
     def __init__(self, take: Callable[[bytes], bytes]) -> None:

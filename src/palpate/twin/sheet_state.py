@@ -20,19 +20,6 @@ from palpate.twin.velostat import Creep, Sheet
 class SheetState:
     """The pixels of one sheet at one time, flattened; between two times the target is a line.
 
-    Attributes
-    ----------
-    felt_n : ndarray, shape (pixels,)
-        Load that the sheet follows, behind in its fall by hysteresis.
-    target : ndarray, shape (pixels,)
-        Creep coordinate that this load leads to.
-    creep : ndarray, shape (states, pixels)
-        Parts of the target that are on their way.
-    spike : ndarray, shape (pixels,)
-        What movements have added to the resistance, as a share.
-
-    Examples
-    --------
     >>> from palpate.sensor.array import RIGID_LAYOUT
     >>> from palpate.twin.velostat import draw_sheet, two_mode_creep
     >>> rng = np.random.default_rng(1)
@@ -47,9 +34,13 @@ class SheetState:
     True
     """
 
+    #: Shape (pixels,). Load that the sheet follows, behind in its fall by hysteresis.
     felt_n: FloatArray
+    #: Shape (pixels,). Creep coordinate that this load leads to.
     target: FloatArray
+    #: Shape (states, pixels). Parts of the target that are on their way.
     creep: FloatArray
+    #: Shape (pixels,). What movements have added to the resistance, as a share.
     spike: FloatArray
 
     @classmethod
@@ -70,16 +61,9 @@ class SheetState:
     ) -> SheetState:
         """Return the state one step later.
 
-        Parameters
-        ----------
-        step_s : float
-            Length of the step.
-        load_n : ndarray, shape (pixels,)
-            Load at its end.
-        travel_mm : float
-            How far the fingers moved in it.
-        sheet, gain, creep
-            The sheet, and what chance gave to this contact.
+        `load_n`, shape (pixels,): load at its end.
+        `travel_mm`: how far the fingers moved in it.
+        `sheet`, `gain`, `creep`: the sheet, and what chance gave to this contact.
         """
         if not load_n.any():
             nothing = np.zeros_like(load_n)

@@ -239,16 +239,8 @@ def draw_sheet(
 ) -> Sheet:
     """Draw a sheet.
 
-    Parameters
-    ----------
-    rng : Generator
-        Source of chance.
-    layout : ArrayLayout
-        How many pixels.
-    level : {"paper", "field"}
-        Which ranges (`palpate.twin.ranges`).
-    family : str, optional
-        Name in `FAMILIES`; by default one is drawn.
+    `level` ("paper" or "field"): which ranges (`palpate.twin.ranges`).
+    `family`: name in `FAMILIES`; by default one is drawn.
     """
     ranges = ranges_of(level)
     drawn = str(rng.choice(ranges.families))

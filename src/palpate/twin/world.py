@@ -35,35 +35,18 @@ class World:
     Times asked for must not go backwards. The physics is a deterministic function of the seeds and
     the commands; what is read of it never changes it. Noise is drawn frame by frame.
 
-    Parameters
-    ----------
-    obj : TwinObject or None
-        What lies between the open fingers.
-    seed : int
-        Seed of this session: placements, scatter from grasp to grasp, noise.
-    sheet_seed : int, optional
-        Seed of the sensor and the gripper, the same for worlds that share them; `seed` by default.
-    level : {"paper", "field"}
-        How much everything scatters (`palpate.twin.ranges`).
-    gripper : {"rigid", "soft"}
-        Width-driven fingers, or pneumatic ones driven by pressure.
-    layout : ArrayLayout, optional
-        Pixels and readout; by default the paper's for this kind of gripper.
-    clock : ManualClock, optional
-        The clock that the devices move; its own by default.
-    frame_rate_hz : float
-        Rate at which the array is scanned.
-    oversampling : int
-        Conversions summed per pixel.
-    family : str, optional
-        Relaxation family of the sheet (`palpate.twin.velostat.FAMILIES`); drawn by default.
-    environment : Environment
-        Temperature, humidity and earlier use.
-    crosstalk : bool
-        Whether the pixels are a passive matrix whose idle lines float.
+    `obj`: what lies between the open fingers.
+    `seed`: seed of this session: placements, scatter from grasp to grasp, noise.
+    `sheet_seed`: seed of the sensor and the gripper, the same for worlds that share them; `seed` by
+        default.
+    `level` ("paper" or "field"): how much everything scatters (`palpate.twin.ranges`).
+    `gripper` ("rigid" or "soft"): width-driven fingers, or pneumatic ones driven by pressure.
+    `layout`: pixels and readout; by default the paper's for this kind of gripper.
+    `clock`: the clock that the devices move; its own by default.
+    `family`: relaxation family of the sheet (`palpate.twin.velostat.FAMILIES`); drawn by default.
+    `environment`: temperature, humidity and earlier use.
+    `crosstalk`: whether the pixels are a passive matrix whose idle lines float.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> from palpate.twin.objects import draw_object
     >>> world = World(draw_object(np.random.default_rng(1), "springs-4"), seed=1)
@@ -187,10 +170,7 @@ class World:
         pushed in between them by force. In a fixture it lies near the centre of the pixels and
         between the fingers, otherwise anywhere.
 
-        Raises
-        ------
-        ValueError
-            If the fingers are closer than the new object is large.
+        Raises `ValueError` if the fingers are closer than the new object is large.
         """
         now = self._at(self.clock.now_s() if time_s is None else time_s)
         width_mm = now.motion.width_mm(now.time_s)

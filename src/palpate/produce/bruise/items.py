@@ -106,11 +106,8 @@ def examine_item(
 ) -> ItemBruise:
     """Judge an item by its last visit, keep the verdict, and return it.
 
-    Raises
-    ------
-    InputError
-        If there is no such item, no grasp of it recorded pixels, or there is nothing to compare it
-        with.
+    Raises `InputError` if there is no such item, no grasp of it recorded pixels, or there is
+    nothing to compare it with.
     """
     item = store.item(item_id)
     grasps = telling(store.grasps_of(item_id))
@@ -148,12 +145,7 @@ def learn_from(store: Store, *, kind: str) -> BruiseModel:
     Of a bruised item the grasp that the label names counts, or else the last one before it: label
     it when you have just felt its bruised side. Of a sound item all sides count.
 
-    Raises
-    ------
-    InputError
-        If there are too few.
-    MissingExtraError
-        If scikit-learn is not installed.
+    Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
     """
     examples: list[Example] = []
     labels = _labels(store, kind=kind)

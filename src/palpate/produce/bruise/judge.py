@@ -106,19 +106,9 @@ def judge(
 ) -> tuple[SideVerdict, ...]:
     """Judge every side that was felt, the most suspicious first.
 
-    Parameters
-    ----------
-    felt : sequence of FeltSide
-        Grasps; those of one side count together.
-    model : BruiseModel
-        What was learned.
-    bruised_share : float
-        Share of sides that are expected to be bruised before anything is felt.
-
-    Raises
-    ------
-    InputError
-        If a side has no reference that the model knows.
+    `felt`: grasps; those of one side count together.
+    `bruised_share`: share of sides that are expected to be bruised before anything is felt.
+    Raises `InputError` if a side has no reference that the model knows.
     """
     sides: list[list[FeltSide]] = []
     for one in felt:
@@ -134,8 +124,6 @@ def judge(
 def apart_deg(one_deg: float, other_deg: float) -> float:
     """Return the angle between two sides that a pair of fingers touches, 0 to 90 degrees.
 
-    Examples
-    --------
     >>> apart_deg(10.0, 200.0), apart_deg(0.0, 90.0)
     (10.0, 90.0)
     """

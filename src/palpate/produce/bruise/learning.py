@@ -20,19 +20,10 @@ _RIDGE, _FEWEST, _FOLDS = 0.1, 10, 5
 def learn(examples: Sequence[Example], *, learned_on: str) -> BruiseModel:
     """Learn from known sides.
 
-    Parameters
-    ----------
-    examples : sequence of Example
-        At least ten bruised and ten sound. Each set of references that as many have is learned.
-    learned_on : str
-        What they are, in words.
-
-    Raises
-    ------
-    InputError
-        If there are too few.
-    MissingExtraError
-        If scikit-learn is not installed.
+    `examples`: at least ten bruised and ten sound. Each set of references that as many have is
+        learned.
+    `learned_on`: what they are, in words.
+    Raises `InputError` if there are too few; `MissingExtraError` if scikit-learn is not installed.
     """
     judges, locators = {}, {}
     felt = [

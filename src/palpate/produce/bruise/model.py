@@ -92,10 +92,7 @@ class BruiseModel:
     def log_odds(self, shape: LoadShape, against: Mapping[str, LoadShape]) -> float:
         """Return the log odds that a side is bruised, as many being bruised as sound.
 
-        Raises
-        ------
-        InputError
-            If there is no reference, or the model knows no such set of them.
+        Raises `InputError` if there is no reference, or the model knows no such set of them.
         """
         names = usable(against)
         judge = self.judges.get("+".join(names))
@@ -117,10 +114,7 @@ class BruiseModel:
     def load(cls, path: Path) -> BruiseModel:
         """Read what `save` wrote.
 
-        Raises
-        ------
-        InputError
-            If it is something else.
+        Raises `InputError` if it is something else.
         """
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
@@ -142,8 +136,6 @@ def default_model() -> BruiseModel:
 def at_share(log_odds: float, *, bruised_share: float) -> float:
     """Return a probability for a share of bruised sides other than one half.
 
-    Examples
-    --------
     >>> round(at_share(0.0, bruised_share=0.5), 3), round(at_share(2.0, bruised_share=0.05), 3)
     (0.5, 0.28)
     """

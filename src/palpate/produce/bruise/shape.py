@@ -77,21 +77,13 @@ class LoadShape:
 def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> LoadShape:
     """Describe one grasp.
 
-    Parameters
-    ----------
-    change_percent : array_like, shape (rows, cols)
-        Relative change of each pixel; the first half of the rows is on one finger, the second half
-        on the other, facing it row by row and column by column. NaN where a pixel is out of use.
-    width_mm : float, optional
-        Width at contact.
+    `change_percent`, shape (rows, cols): relative change of each pixel; the first half of the rows
+        is on one finger, the second half on the other, facing it row by row and column by column.
+        NaN where a pixel is out of use.
+    `width_mm`: width at contact.
+    Raises `InputError` if there are fewer than 2 x 2 pixels on a finger, or too many are out of
+    use.
 
-    Raises
-    ------
-    InputError
-        If there are fewer than 2 x 2 pixels on a finger, or too many are out of use.
-
-    Examples
-    --------
     >>> even = shape_of([[-50.0, -50.0]] * 4)
     >>> np.abs(even.modes[0]).round(3).tolist()
     [0.105, 0.0, 0.0, 0.0]
@@ -124,12 +116,8 @@ def shape_of(change_percent: ArrayLike, *, width_mm: float | None = None) -> Loa
 def middle_of(shapes: Sequence[LoadShape], *, with_width: bool) -> LoadShape:
     """Return the median of several grasps, as a reference.
 
-    Parameters
-    ----------
-    shapes : sequence of LoadShape
-        At least one.
-    with_width : bool
-        Whether their widths are of one item, so that its width may be compared with them.
+    `shapes`: at least one.
+    `with_width`: whether their widths are of one item, so that its width may be compared with them.
     """
     widths_mm = [shape.width_mm for shape in shapes if shape.width_mm is not None]
     return LoadShape(
@@ -144,8 +132,6 @@ def contrast(shape: LoadShape, reference: LoadShape) -> FloatArray:
     Mean load; the sizes of the eight numbers; cube roots of their even products of three; and by
     how much wider the item was at contact (0 where that is not known).
 
-    Examples
-    --------
     >>> even = shape_of([[-50.0, -50.0]] * 4, width_mm=66.0)
     >>> contrast(even, even).tolist() == [0.0] * 17
     True

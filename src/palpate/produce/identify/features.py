@@ -37,8 +37,6 @@ def touch_of(
 ) -> FeaturePoint | None:
     """Return a grasp as a point; None if a feature was not measured.
 
-    Examples
-    --------
     >>> size = Measurement(value=40.0, low=39.0, high=41.0, unit="mm")
     >>> touch = touch_of({"size_mm": size}, features=["size_mm"], calibration="monday")
     >>> touch.value.round(2).tolist(), touch.sd.round(3).tolist()
@@ -58,16 +56,10 @@ def touch_of(
 def put_together(measured: Sequence[Measurement], *, own_share: float) -> Measurement:
     """Average one quantity over grasps; only the errors of their own shrink.
 
-    Parameters
-    ----------
-    measured : sequence of Measurement
-        The same quantity of one item, grasp by grasp.
-    own_share : float
-        Share of the variance that differs from grasp to grasp; above 1 where sides differ more than
-        measurements err.
+    `measured`: the same quantity of one item, grasp by grasp.
+    `own_share`: share of the variance that differs from grasp to grasp; above 1 where sides differ
+        more than measurements err.
 
-    Examples
-    --------
     >>> sizes = [Measurement(value=v, low=v - 1, high=v + 1, unit="mm") for v in (39.0, 41.0)]
     >>> both = put_together(sizes, own_share=0.5)
     >>> both.value, round(both.high - both.value, 3)

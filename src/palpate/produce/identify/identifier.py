@@ -102,28 +102,15 @@ class _Kind:
 class Identifier:
     """Kinds learned from labelled items.
 
-    Parameters
-    ----------
-    taught : sequence of TaughtItem
-        Items whose kind is known, all in the same features; those without a grasp are skipped.
-    false_reject : float
-        Share of items of the taught kinds that may be called unknown.
+    `taught`: items whose kind is known, all in the same features; those without a grasp are
+        skipped.
+    `false_reject`: share of items of the taught kinds that may be called unknown.
 
-    Attributes
-    ----------
-    kinds : tuple of str
-        What was taught.
-    own_share : ndarray, shape (n_features,)
-        Variance by which grasps of one item differ, in stated variances; above 1 where its sides
-        differ more than measurements err.
+    `kinds`: what was taught.
+    `own_share`, shape (n_features,): variance by which grasps of one item differ, in stated
+        variances; above 1 where its sides differ more than measurements err.
+    Raises `InputError` if a kind has fewer than `FEWEST_ITEMS` items, or there is no kind.
 
-    Raises
-    ------
-    InputError
-        If a kind has fewer than `FEWEST_ITEMS` items, or there is no kind.
-
-    Examples
-    --------
     >>> rng = np.random.default_rng(1)
     >>> def item(kind, ln_mm):
     ...     value = np.array([ln_mm + 0.05 * rng.standard_normal()])
@@ -165,10 +152,7 @@ class Identifier:
     def identify(self, touches: Sequence[FeaturePoint]) -> Identity:
         """Identify an item from all its grasps.
 
-        Raises
-        ------
-        ValueError
-            If there is no grasp.
+        Raises `ValueError` if there is no grasp.
         """
         if not touches:
             raise ValueError("an item that was never grasped can't be identified")
@@ -302,8 +286,6 @@ class Identity:
 def as_labelled(kind: str) -> Identity:
     """Return what is known of an item whose kind a person gave.
 
-    Examples
-    --------
     >>> as_labelled("kiwi").confidence
     1.0
     """

@@ -43,21 +43,12 @@ def learn(
 ) -> Identifier:
     """Learn every kind that enough items of the store are labelled with.
 
-    Parameters
-    ----------
-    store : Store
-        Items whose `kind`, or identity, a person gave, with their grasps.
-    drive : {"width", "pressure"}
-        Kind of gripper: grasps by the other one give nothing of these features.
-    false_reject : float
-        Share of items of the taught kinds that may be called unknown.
-    without : str, optional
-        Item that is to be identified: it must not teach what it is itself.
-
-    Raises
-    ------
-    InputError
-        If no kind has enough labelled items.
+    `store`: items whose `kind`, or identity, a person gave, with their grasps.
+    `drive` ("width" or "pressure"): kind of gripper: grasps by the other one give nothing of these
+        features.
+    `false_reject`: share of items of the taught kinds that may be called unknown.
+    `without`: item that is to be identified: it must not teach what it is itself.
+    Raises `InputError` if no kind has enough labelled items.
     """
     taught: dict[str, list[TaughtItem]] = defaultdict(list)
     stated = {
@@ -95,10 +86,7 @@ def touch_of_grasp(grasp: Grasp) -> FeaturePoint | None:
 def drive_of(grasps: Sequence[Grasp], *, item_id: str) -> Drive:
     """Return the kind of gripper that grasped an item last.
 
-    Raises
-    ------
-    InputError
-        If it was never grasped.
+    Raises `InputError` if it was never grasped.
     """
     if not grasps:
         raise InputError(f"item {item_id!r} was never grasped; grasp it first")
@@ -126,8 +114,6 @@ def identity_verdict(item_id: str, identity: Identity, *, given_at: datetime) ->
 def explained(identity: Identity) -> str:
     """Return a sentence that states what an item is and how sure that is.
 
-    Examples
-    --------
     >>> probability = {"kiwi": 0.9, "tomato": 0.1}
     >>> one = Identity(kind="kiwi", probability=probability, usual=0.4, rejected=False, grasps=1)
     >>> explained(one)

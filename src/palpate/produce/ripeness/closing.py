@@ -61,13 +61,7 @@ CONTACT_N = 1.0
 
 
 class ClosingWatch:
-    """Watches one grasp for what its closing shows: firmness or width at contact, and the gain.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of the grasp.
-    """
+    """Watches one grasp for what its closing shows: firmness or width at contact, and the gain."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -93,12 +87,7 @@ class ClosingWatch:
 def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
     """Return the secant stiffness at 5 N of the round body that fits a closing; None if none does.
 
-    Parameters
-    ----------
-    belief : Belief
-        What the controller knew when it gave its answer.
-    plan : Plan
-        Of that grasp.
+    `belief`: what the controller knew when it gave its answer.
     """
     force = belief.result.force_n
     if plan.give is None or force is None or force.value <= 0 or not belief.staircase:
@@ -137,19 +126,12 @@ def round_softness(
 ) -> tuple[float, float]:
     """Fit the line; return its slope, mm per N^(2/3), and the slope's standard deviation.
 
-    Parameters
-    ----------
-    width_mm : ndarray, shape (n,)
-        Steps of a closing, zero taken out; the last is where the object was held.
-    force_n : ndarray, shape (n,)
-        Force read at each of them, newtons; the last is the settled one.
-    floor_n : float
-        Scatter of faint forces, newtons.
-    give : Compliance
-        Of pads, fingers and servo.
+    `width_mm`, shape (n,): steps of a closing, zero taken out; the last is where the object was
+        held.
+    `force_n`, shape (n,): force read at each of them, newtons; the last is the settled one.
+    `floor_n`: scatter of faint forces, newtons.
+    `give`: of pads, fingers and servo.
 
-    Examples
-    --------
     A fruit of 60 mm that takes 4 N at 1 mm and has relaxed by a tenth when it is held:
 
     >>> give = Compliance(slope_mm_per_n=0.2, pad_mm=(0.0,) * 5, zero_mm=0.0, residual_mm=0.02,
@@ -191,12 +173,7 @@ def _load(read_n: FloatArray, *, floor_n: float) -> tuple[FloatArray, NDArray[np
 def contact_width(belief: Belief, *, plan: Plan) -> Measurement | None:
     """Return the item's width at 1 N; None by a hand that measures no millimetres.
 
-    Parameters
-    ----------
-    belief : Belief
-        What the controller knew when it gave its answer.
-    plan : Plan
-        Of that grasp.
+    `belief`: what the controller knew when it gave its answer.
     """
     if plan.bend is None or not belief.staircase:
         return None
@@ -224,17 +201,10 @@ def width_at_contact(
 ) -> float:
     """Return the width, mm, at which the force last rose above a newton, between steps in a line.
 
-    Parameters
-    ----------
-    pressure_kpa : ndarray, shape (n,)
-        Steps of a closing.
-    force_n : ndarray, shape (n,)
-        Force read at each of them.
-    bend : SoftFingerCompliance
-        How the fingers close and give way.
+    `pressure_kpa`, shape (n,): steps of a closing.
+    `force_n`, shape (n,): force read at each of them.
+    `bend`: how the fingers close and give way.
 
-    Examples
-    --------
     Fingers that close by 1.4 mm per kPa meet 60 mm at 10 kPa, and give way by 3.5 mm per newton:
 
     >>> from palpate.estimate.compliance import Compliance
@@ -257,12 +227,7 @@ def width_at_contact(
 def sheet_gain(belief: Belief, *, plan: Plan) -> Measurement:
     """Return the gain of a contact: 1 where nothing but the sheet was asked.
 
-    Parameters
-    ----------
-    belief : Belief
-        What the controller knew when it gave its answer.
-    plan : Plan
-        Of that grasp.
+    `belief`: what the controller knew when it gave its answer.
     """
     gain = belief.gain
     reach = normal_half_width(plan.level) * gain.log_sd
@@ -284,13 +249,8 @@ def log_gain(grasp: Grasp) -> float | None:
 def normal_half_width(level: float) -> float:
     """Return the half width, in standard deviations, of the central interval of a level.
 
-    Parameters
-    ----------
-    level : float
-        Probability of covering, 0 to 1.
+    `level`: probability of covering, 0 to 1.
 
-    Examples
-    --------
     >>> round(normal_half_width(0.9), 3)
     1.645
     """

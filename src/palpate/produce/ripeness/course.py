@@ -66,10 +66,7 @@ class Course:
     def learn(cls, items: Sequence[Sequence[DayFelt]]) -> Course:
         """Learn from items that were felt on several days (maximum of the marginal likelihood).
 
-        Raises
-        ------
-        InputError
-            If there are too few, or none of them softened.
+        Raises `InputError` if there are too few, or none of them softened.
         """
         useful = [item for item in items if len(item) >= FEWEST_DAYS]
         if len(useful) < FEWEST_ITEMS:

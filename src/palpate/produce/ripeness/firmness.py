@@ -46,17 +46,12 @@ class DayFelt:
 def firmness_of(grasp: Grasp) -> float | None:
     """Return the firmness that a grasp found; None if it did not hold or measure the item.
 
-    Returns
-    -------
-    float or None
-        Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N: by the whole
-        closing (`palpate.produce.ripeness.closing`), or, where that was not kept, from the answer
-        (round bodies stiffen as the cube root of the force). By pressure: -ln of the number of
-        pixels that share the load, freed of size and force (`palpate.produce.ripeness.shared_load`)
-        where the closing gave the width. The two are not comparable with each other.
+    Fingers driven by width: ln of the stiffness in N/mm as it would be at 5 N: by the whole closing
+    (`palpate.produce.ripeness.closing`), or, where that was not kept, from the answer (round bodies
+    stiffen as the cube root of the force). By pressure: -ln of the number of pixels that share the
+    load, freed of size and force (`palpate.produce.ripeness.shared_load`) where the closing gave
+    the width. The two are not comparable with each other.
 
-    Examples
-    --------
     >>> from datetime import UTC, datetime
     >>> from palpate.estimate.measurement import Measurement
     >>> felt = {
@@ -95,13 +90,8 @@ def firmness_of(grasp: Grasp) -> float | None:
 def minus_log_sharing(percent: ArrayLike) -> float | None:
     """Return -ln of (sum of excess)^2 / sum of excess^2, the number of pixels that share alike.
 
-    Parameters
-    ----------
-    percent : array_like, shape (rows, cols)
-        Relative change of each pixel; NaN for one out of use.
+    `percent`, shape (rows, cols): relative change of each pixel; NaN for one out of use.
 
-    Examples
-    --------
     >>> round(math.exp(-minus_log_sharing([[-50.0, -50.0], [-50.0, np.nan]])), 6)
     3.0
     """
@@ -118,8 +108,6 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
 
     Scatter of a hard item's grasps runs far off on the hard side; of softness it does not.
 
-    Examples
-    --------
     >>> from datetime import UTC, datetime
     >>> first, later = datetime(2026, 5, 1, 8, tzinfo=UTC), datetime(2026, 5, 2, 10, tzinfo=UTC)
     >>> days = by_day([(later, 1.0), (first, 2.0), (first, 3.0)])

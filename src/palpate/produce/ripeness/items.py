@@ -73,10 +73,7 @@ def history_of(
 def drift_of(store: Store, reference_id: str, *, drive: Drive) -> Drift:
     """Return the drift that the reference object shows.
 
-    Raises
-    ------
-    InputError
-        If it is not in the store, or was felt on fewer than two days.
+    Raises `InputError` if it is not in the store, or was felt on fewer than two days.
     """
     store.item(reference_id)
     grasps = store.grasps_of(reference_id)
@@ -93,10 +90,7 @@ def learn_rule(
 ) -> RipenessRule:
     """Learn from the items of a kind whose ripeness a person labelled.
 
-    Raises
-    ------
-    InputError
-        If there are too few, or a stage was never given.
+    Raises `InputError` if there are too few, or a stage was never given.
     """
     verdicts = store.verdicts(About.RIPENESS, source=Source.PERSON, kind=kind)
     items = list(dict.fromkeys(verdict.item_id for verdict in reversed(verdicts)))[:_MOST_ITEMS]
@@ -117,10 +111,8 @@ def learn_rule(
 def judge(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
     """Judge an item by a rule, or by its own first day where there is no rule.
 
-    Raises
-    ------
-    InputError
-        If it was never felt, or there is no rule and the gripper is driven by pressure.
+    Raises `InputError` if it was never felt, or there is no rule and the gripper is driven by
+    pressure.
     """
     if not history.days:
         raise InputError(

@@ -87,19 +87,10 @@ class Drift:
     ) -> Drift:
         """Learn from the grasps of the reference object by one kind of gripper.
 
-        Parameters
-        ----------
-        grasps : sequence of Grasp
-            Of the reference object.
-        drive : {"width", "pressure"}
-            Which grasps to use.
-        give : Compliance, optional
-            How far the gripper gives way, from its calibration.
-
-        Raises
-        ------
-        InputError
-            If it was felt on fewer than two days.
+        `grasps`: of the reference object.
+        `drive` ("width" or "pressure"): which grasps to use.
+        `give`: how far the gripper gives way, from its calibration.
+        Raises `InputError` if it was felt on fewer than two days.
         """
         used = [grasp for grasp in grasps if grasp.drive == drive]
         give_mm_per_n = 0.0 if give is None else _slope_mm_per_n(give)

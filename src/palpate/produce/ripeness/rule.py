@@ -73,19 +73,10 @@ class RipenessRule:
     ) -> RipenessRule:
         """Learn from items felt over days, some of which a person labelled.
 
-        Parameters
-        ----------
-        items : sequence of sequences of DayFelt
-            Each item's days.
-        labels : sequence of sequences of str or None
-            Stage of each item on each of its days, where a person gave one.
-        stages : sequence of str
-            All stages in order, firmest first.
-
-        Raises
-        ------
-        InputError
-            If there are too few items, or a stage has no label.
+        `items`: each item's days.
+        `labels`: stage of each item on each of its days, where a person gave one.
+        `stages`: all stages in order, firmest first.
+        Raises `InputError` if there are too few items, or a stage has no label.
         """
         course = Course.learn(items)
         firmness, given = [], []
@@ -122,8 +113,6 @@ def judge_by_first_day(days: Sequence[DayFelt]) -> Ripeness:
 
     For fingers driven by width alone. Without a course there are no days to ripe.
 
-    Examples
-    --------
     >>> felt = [DayFelt(day=0.0, firmness=2.0, grasps=3, spread=0.1)]
     >>> judge_by_first_day(felt).stage
     'hard'

@@ -54,16 +54,7 @@ def shared_pixels(
 
     Its interval reaches from what was read to the whole cube root.
 
-    Parameters
-    ----------
-    observations : sequence of Observation
-        Of the whole grasp, as `run_grasp` gives them to its subscribers.
-    result : GraspResult
-        Of that grasp.
-    layout : ArrayLayout
-        Of its frames.
-    measured : mapping of str to Measurement
-        What was measured: `force_n` and `contact_mm` are used.
+    `measured`: what was measured: `force_n` and `contact_mm` are used.
     """
     until_s = answered_s(result)
     width, force = measured.get(CONTACT_WIDTH), measured.get("force_n")

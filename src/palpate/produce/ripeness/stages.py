@@ -35,8 +35,6 @@ _SOFTNESS_SHARE = 0.05
 class Boundaries:
     """Stages and the firmness at their boundaries.
 
-    Examples
-    --------
     >>> rule = Boundaries(stages=("hard", "ripe"), firmness=(1.0,), softness=0.1)
     >>> rule.probabilities([1.0, 0.0]).round(2).tolist()
     [[0.5, 0.5], [0.0, 1.0]]
@@ -55,19 +53,10 @@ class Boundaries:
     ) -> Boundaries:
         """Learn from labelled days.
 
-        Parameters
-        ----------
-        firmness : array_like, shape (n,)
-            Of the item on the day of the label.
-        labels : sequence of str
-            Stage that a person gave.
-        stages : sequence of str
-            All stages in order, firmest first.
-
-        Raises
-        ------
-        InputError
-            If a label is no stage, or a stage has no label.
+        `firmness`, shape (n,): of the item on the day of the label.
+        `labels`: stage that a person gave.
+        `stages`: all stages in order, firmest first.
+        Raises `InputError` if a label is no stage, or a stage has no label.
         """
         felt = np.asarray(firmness, dtype=float)
         unknown = sorted(set(labels) - set(stages))
@@ -132,10 +121,7 @@ class Boundaries:
     def begins(self, stage: str) -> float:
         """Return the firmness below which a stage begins.
 
-        Raises
-        ------
-        InputError
-            If it is the first stage or none of them.
+        Raises `InputError` if it is the first stage or none of them.
         """
         if stage not in self.stages[1:]:
             raise InputError(

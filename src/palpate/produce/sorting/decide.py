@@ -13,26 +13,17 @@ Answer = Literal["yes", "no", "unsure"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BinDecision:
-    """Where an item goes.
+    """Where an item goes."""
 
-    Attributes
-    ----------
-    bin : str
-        The bin; the default one where no rule is sure.
-    rule : Rule or None
-        The rule that decides so; None for the default.
-    probability : float or None
-        That all the rule's conditions hold; None for the default.
-    again : bool
-        Whether another grasp may settle what is unsure; the bin then is only for now.
-    why : str
-        The reason, for people.
-    """
-
+    #: The bin; the default one where no rule is sure.
     bin: str
+    #: The rule that decides so; None for the default.
     rule: Rule | None
+    #: That all the rule's conditions hold; None for the default.
     probability: float | None
+    #: Whether another grasp may settle what is unsure; the bin then is only for now.
     again: bool
+    #: The reason, for people.
     why: str
 
 
@@ -43,15 +34,8 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     it can help and there are grasps left. What looks unknown at its first grasp is grasped again
     too: one bad grasp is no stranger.
 
-    Parameters
-    ----------
-    book : RuleBook
-        The rules.
-    evidence : Evidence
-        All that is known, every grasp so far together.
+    `evidence`: all that is known, every grasp so far together.
 
-    Examples
-    --------
     >>> from palpate.estimate.measurement import Measurement
     >>> from palpate.produce.sorting.rules import Span
     >>> small = Rule(bin="small", size_mm=Span(low=0, high=45), line=2)

@@ -66,10 +66,7 @@ class SortingHand:
     def grasp(self, item_id: str, *, expected: Measurement | None = None) -> TimedGrasp:
         """Grasp what lies there; `expected` is its size, where an earlier grasp knows it.
 
-        Raises
-        ------
-        DeviceError
-            If a device fails before the grasp begins; later failures are outcomes.
+        Raises `DeviceError` if a device fails before the grasp begins; later failures are outcomes.
         """
         began_s, taken_at = self.clock.now_s(), self.now()
         plan = self.plan

@@ -16,13 +16,8 @@ def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
     both state the same conditions, each takes something the other does not, and what both take
     would go to another bin only by the order of the lines.
 
-    Raises
-    ------
-    InputError
-        One line with the numbers of both lines.
+    Raises `InputError`: one line with the numbers of both lines.
 
-    Examples
-    --------
     >>> small = Rule(bin="small", size_mm=Span(low=0, high=45), line=3)
     >>> large = Rule(bin="large", size_mm=Span(low=40, high=90), line=7)
     >>> try:

@@ -33,8 +33,6 @@ class Span:
 
         Its interval is read as of an error that is normal, with a spread of its own to each side.
 
-        Examples
-        --------
         >>> size = Measurement(value=50.0, low=49.0, high=52.0, unit="mm")
         >>> Span(low=50.0, high=90.0).probability(size)
         0.5
@@ -98,8 +96,6 @@ class Rule:
     def probability(self, evidence: Evidence) -> tuple[float, float]:
         """Return the least and the largest probability that every condition holds.
 
-        Examples
-        --------
         >>> ripe = Rule(bin="shop", ripeness=frozenset({"ripe"}), bruised=False)
         >>> ripe.probability(Evidence(ripeness={"ripe": 0.9, "hard": 0.1}, bruised=0.2))
         (0.72, 0.72)

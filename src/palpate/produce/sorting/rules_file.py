@@ -26,11 +26,8 @@ def read_rules(path: str | Path) -> RuleBook:
     (a name or a list of names), ``size_mm = [from, to]``, ``bruised`` (true or false), and perhaps
     a ``confidence`` of its own.
 
-    Raises
-    ------
-    InputError
-        If the file can't be read, a key is not known or a value not possible, or a rule can never
-        decide anything; one line with the number of the line.
+    Raises `InputError` if the file can't be read, a key is not known or a value not possible, or a
+    rule can never decide anything; one line with the number of the line.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -45,10 +42,7 @@ def read_rules(path: str | Path) -> RuleBook:
 def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) -> None:
     """Refuse a rule for a kind that nobody taught: it would never take anything.
 
-    Raises
-    ------
-    InputError
-        With the rule's line, and the kinds that are known.
+    Raises `InputError`: with the rule's line, and the kinds that are known.
     """
     for rule in book.rules:
         for kind in sorted((rule.kinds or frozenset()) - {UNKNOWN, *taught}):

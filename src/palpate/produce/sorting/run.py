@@ -50,21 +50,11 @@ def sort_item(
 ) -> Sorted:
     """Grasp an item until the rules are sure, or grasps are used up.
 
-    Parameters
-    ----------
-    item_id : str
-        Which item.
-    book : RuleBook
-        The rules.
-    identifier : Identifier or None
-        What was taught; None for rules that ask for no class.
-    grasp : callable
-        Given the number of the grasp and the size known so far, turns the item, grasps it and
+    `identifier`: what was taught; None for rules that ask for no class.
+    `grasp`: given the number of the grasp and the size known so far, turns the item, grasps it and
         returns the grasp.
-    kind : str or None
-        What it is, if a person stated it: then nothing is guessed.
-    verdicts : sequence of Verdict
-        What is known already: the last ones on ripeness and bruises count.
+    `kind`: what it is, if a person stated it: then nothing is guessed.
+    `verdicts`: what is known already: the last ones on ripeness and bruises count.
     """
     done: list[TimedGrasp] = []
     while True:

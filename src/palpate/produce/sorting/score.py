@@ -49,13 +49,8 @@ class Score:
 def score(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     """Return how well a crate was sorted.
 
-    Raises
-    ------
-    ValueError
-        If there is no item.
+    Raises `ValueError` if there is no item.
 
-    Examples
-    --------
     >>> from palpate.produce.sorting.rules import Rule
     >>> book = RuleBook(rules=(Rule(bin="kiwi"),), default_bin="by hand")
     >>> done = [Placed(bin="kiwi", belongs=b, grasps=1, grasping_s=14.0) for b in ("kiwi", "egg")]
@@ -88,8 +83,6 @@ def score(placed: Sequence[Placed], *, book: RuleBook) -> Score:
 def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
     """Return the bin of an item about which everything is known, apart from ripeness and bruises.
 
-    Examples
-    --------
     >>> from palpate.produce.sorting.rules import Rule
     >>> book = RuleBook(rules=(Rule(bin="a", kinds=frozenset({"egg"})),), default_bin="rest")
     >>> where_it_belongs(book, kind="egg", taught=True, size_mm=44.0)

@@ -29,8 +29,6 @@ class Store(StoreReader):
     Every method raises `StoreAwayError` where the database does not answer now (no server, locked,
     disk full) and `StoreError` where it can't be used as it is (read-only, damaged).
 
-    Examples
-    --------
     >>> with Store.open("sqlite://") as store:
     ...     store.add_item(Item(item_id="A17", kind="avocado", batch="Monday"))
     ...     [item.item_id for item in store.items(kind="avocado")]
@@ -45,24 +43,12 @@ class Store(StoreReader):
     def open(cls, where: str | Path | None = None, *, create: bool = True) -> Store:
         """Open a store, create it if missing, bring an older one to the present schema.
 
-        Parameters
-        ----------
-        where : str or path, optional
-            A file, or a URL: ``sqlite:///items.sqlite``, ``postgresql://user@host/database``. By
-            default ``$PALPATE_STORE``, else ``palpate-items.sqlite`` in the current folder.
-        create : bool
-            False to refuse a file that is not there, and to take one that can only be read.
-
-        Raises
-        ------
-        InputError
-            If it is a URL of another kind of database.
-        StoreError
-            If it is no store, is read-only, damaged, or written by a newer palpate.
-        StoreAwayError
-            If it does not answer now.
-        MissingExtraError
-            If PostgreSQL is asked for without its driver.
+        `where`: a file, or a URL: ``sqlite:///items.sqlite``, ``postgresql://user@host/database``.
+            By default ``$PALPATE_STORE``, else ``palpate-items.sqlite`` in the current folder.
+        `create`: False to refuse a file that is not there, and to take one that can only be read.
+        Raises `InputError` if it is a URL of another kind of database; `StoreError` if it is no
+        store, is read-only, damaged, or written by a newer palpate; `StoreAwayError` if it does not
+        answer now; `MissingExtraError` if PostgreSQL is asked for without its driver.
         """
         url = store_url(where)
         name = shown(url)
@@ -100,20 +86,14 @@ class Store(StoreReader):
     def add_grasp(self, grasp: Grasp) -> bool:
         """Add a grasp with its measurements in one transaction; False if it was there already.
 
-        Raises
-        ------
-        InputError
-            If its calibration is not in the store.
+        Raises `InputError` if its calibration is not in the store.
         """
         return self.add_grasps([grasp]) == 1
 
     def add_grasps(self, grasps: Iterable[Grasp]) -> int:
         """Add many grasps in one transaction; return how many were new.
 
-        Raises
-        ------
-        InputError
-            If one's calibration is not in the store.
+        Raises `InputError` if one's calibration is not in the store.
         """
         with self._write() as connection:
             return write_grasps(connection, grasps)
@@ -121,10 +101,7 @@ class Store(StoreReader):
     def add_verdict(self, verdict: Verdict) -> bool:
         """Add a verdict; False if it was there already.
 
-        Raises
-        ------
-        InputError
-            If its item or grasp is not in the store.
+        Raises `InputError` if its item or grasp is not in the store.
         """
         with self._write() as connection:
             return write_verdict(connection, verdict)

@@ -51,19 +51,10 @@ __all__ = ["postgresql", "sa", "sqlite"]
 def store_url(where: str | Path | None) -> sa.URL:
     """Return the URL of a store.
 
-    Parameters
-    ----------
-    where : str, path or None
-        A file, a ``sqlite:`` or ``postgresql:`` URL; None for ``$PALPATE_STORE``, else
+    `where`: a file, a ``sqlite:`` or ``postgresql:`` URL; None for ``$PALPATE_STORE``, else
         ``palpate-items.sqlite`` in the current folder.
+    Raises `InputError` if it is a URL of another database, or none.
 
-    Raises
-    ------
-    InputError
-        If it is a URL of another database, or none.
-
-    Examples
-    --------
     >>> str(store_url("monday.sqlite"))
     'sqlite:///monday.sqlite'
     >>> str(store_url("postgresql://hall3/palpate"))
@@ -111,8 +102,6 @@ def shown(url: sa.URL) -> str:
 def lasting_name(url: sa.URL) -> str:
     """Return a name of a store that is the same from whatever folder it is named.
 
-    Examples
-    --------
     >>> lasting_name(store_url("/data/monday.sqlite"))
     'store /data/monday.sqlite'
     """
@@ -124,10 +113,7 @@ def lasting_name(url: sa.URL) -> str:
 def make_engine(url: sa.URL) -> sa.Engine:
     """Return an engine with safe settings for several processes; nothing is opened yet.
 
-    Raises
-    ------
-    MissingExtraError
-        If PostgreSQL is asked for without its driver.
+    Raises `MissingExtraError` if PostgreSQL is asked for without its driver.
     """
     if url.get_backend_name() == "sqlite":
         engine = sa.create_engine(url, connect_args={"timeout": LOCK_TIMEOUT_S})
@@ -156,14 +142,8 @@ def make_engine(url: sa.URL) -> sa.Engine:
 def faults_of(where: str) -> Iterator[None]:
     """Turn what a database raises into one line.
 
-    Raises
-    ------
-    StoreAwayError
-        If it does not answer now: trying later may help.
-    StoreError
-        If it can't be used as it is.
-    InputError
-        If a record refers to one that the store does not have.
+    Raises `StoreAwayError` if it does not answer now: trying later may help; `StoreError` if it
+    can't be used as it is; `InputError` if a record refers to one that the store does not have.
     """
     try:
         yield

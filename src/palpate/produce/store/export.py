@@ -69,20 +69,11 @@ def export_grasps(
 ) -> int:
     """Write grasps with what is known of their items; return the number of rows.
 
-    Parameters
-    ----------
-    path : path
-        Written whole or not at all.
-    grasps : iterable of Grasp
-        One row each, in this order. A measurement is four columns: its value under its name, and
-        ``..._low``, ``..._high``, ``..._status``.
-    items : iterable of Item
-        Those that the grasps belong to.
-
-    Raises
-    ------
-    MissingExtraError
-        If pyarrow is not installed.
+    `path`: written whole or not at all.
+    `grasps`: one row each, in this order. A measurement is four columns: its value under its name,
+        and ``..._low``, ``..._high``, ``..._status``.
+    `items`: those that the grasps belong to.
+    Raises `MissingExtraError` if pyarrow is not installed.
     """
     known = {item.item_id: item for item in items}
     return _write(path, (grasp_row(g, known.get(g.item_id)) for g in grasps), _grasp_names())
@@ -91,10 +82,7 @@ def export_grasps(
 def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -> int:
     """Write verdicts, details as JSON text; return the number of rows.
 
-    Raises
-    ------
-    MissingExtraError
-        If pyarrow is not installed.
+    Raises `MissingExtraError` if pyarrow is not installed.
     """
     rows = (
         {name: getattr(verdict, name) for name in _VERDICT_COLUMNS}
@@ -108,10 +96,7 @@ def export_verdicts(path: str | os.PathLike[str], verdicts: Iterable[Verdict]) -
 def require_parquet() -> Any:
     """Return pyarrow with its Parquet part.
 
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
+    Raises `MissingExtraError` if it is not installed.
     """
     with needing("Parquet (unlike --json)", extra="data"):
         import pyarrow

@@ -49,10 +49,7 @@ class ItemHistory:
 def item_page(store: Store, item_id: str) -> ItemHistory:
     """Gather the page of an item.
 
-    Raises
-    ------
-    InputError
-        If there is no such item.
+    Raises `InputError` if there is no such item.
     """
     return item_pages(store, [store.item(item_id)])[0]
 

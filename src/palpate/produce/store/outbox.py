@@ -27,25 +27,12 @@ class Keeper:
     Opening it refuses what waiting would not remedy: a file that is no store, a newer schema. What
     waits from earlier is written as soon as the store answers, before what is new.
 
-    Parameters
-    ----------
-    where : str or path, optional
-        The store, as `Store.open` takes it.
-    spool : Spool, optional
-        Where records wait; by default a file of this store's own, see `spool_path`.
+    `where`: the store, as `Store.open` takes it.
+    `spool`: where records wait; by default a file of this store's own, see `spool_path`.
 
-    Attributes
-    ----------
-    away : StoreError or None
-        Why records go to the spool; None while the store takes them.
+    `away`: why records go to the spool; None while the store takes them.
+    Raises `InputError` or `StoreError` if the store can't be used as it is.
 
-    Raises
-    ------
-    InputError, StoreError
-        If the store can't be used as it is.
-
-    Examples
-    --------
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
     >>> with Keeper(folder / "items.sqlite", spool=Spool(folder / "waiting.jsonl")) as keeper:
@@ -69,12 +56,8 @@ class Keeper:
         They go to the spool first: a store that never answers, or a program that is ended while
         it waits for one, loses nothing.
 
-        Raises
-        ------
-        InputError
-            If the store refuses one of them for its content.
-        OSError
-            If the spool can't be written, and the store did not take them either.
+        Raises `InputError` if the store refuses one of them for its content; `OSError` if the spool
+        can't be written, and the store did not take them either.
         """
         try:
             self.spool.add(*records)
@@ -117,10 +100,7 @@ class Keeper:
     def drain(self) -> int:
         """Write what waits to the store; return how many records were taken.
 
-        Raises
-        ------
-        StoreError
-            If the store still does not take them; they go on waiting.
+        Raises `StoreError` if the store still does not take them; they go on waiting.
         """
         return drain(self.spool, into=self._opened())
 
@@ -149,10 +129,7 @@ class Keeper:
 def drain(spool: Spool, *, into: Store) -> int:
     """Write what waits to a store that is open; return how many records were taken.
 
-    Raises
-    ------
-    StoreError
-        If the store does not take them; they go on waiting.
+    Raises `StoreError` if the store does not take them; they go on waiting.
     """
     return spool.drain(lambda record: _write(into, record))
 
@@ -180,10 +157,7 @@ def spool_path(store: str) -> Path:
     In ``$PALPATE_SPOOL``, else in ``$XDG_STATE_HOME/palpate``, else ``~/.local/state/palpate``: not
     in the store's folder, whose disk may be the one that is full or away.
 
-    Parameters
-    ----------
-    store : str
-        Name of the store, the same each time.
+    `store`: name of the store, the same each time.
     """
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     folder = Path(os.environ.get(SPOOL_VARIABLE) or Path(state) / "palpate")
@@ -197,13 +171,8 @@ class Spool:
     crash has cut was never acknowledged; its checksum shows it and it is skipped. Records carry
     their own ids, so draining twice does no harm.
 
-    Parameters
-    ----------
-    path : path
-        The file; made with its folder when the first record is added.
+    `path`: the file; made with its folder when the first record is added.
 
-    Examples
-    --------
     >>> import tempfile
     >>> from palpate.produce.records import Item
     >>> spool = Spool(Path(tempfile.mkdtemp()) / "waiting.jsonl")
@@ -221,10 +190,7 @@ class Spool:
     def add(self, *records: Record) -> None:
         """Append records; they are on the disk when it returns, all or, after a crash, the first.
 
-        Raises
-        ------
-        OSError
-            If the file can't be written; it is then as it was.
+        Raises `OSError` if the file can't be written; it is then as it was.
         """
         lines = b"".join(_line(record) for record in records)
         self.path.parent.mkdir(parents=True, exist_ok=True)

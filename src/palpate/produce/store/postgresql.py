@@ -24,10 +24,7 @@ class AnsweringConnection(psycopg.Connection[Any]):
     def wait(self, *args: Any, **kwargs: Any) -> Any:
         """Wait for the server; after the time limit the socket is shut and the wait fails.
 
-        Raises
-        ------
-        psycopg.OperationalError
-            If no answer came in time.
+        Raises `psycopg.OperationalError` if no answer came in time.
         """
         limit = threading.Timer(ANSWER_S, _shut, args=(self,))
         limit.daemon = True

@@ -96,10 +96,7 @@ class StoreReader:
     Every method raises `StoreAwayError` where the database does not answer now, and `StoreError`
     where it can't be used as it is.
 
-    Attributes
-    ----------
-    name : str
-        What to call the store in messages.
+    `name`: what to call the store in messages.
     """
 
     def __init__(self, engine: sa.Engine, *, name: str) -> None:
@@ -109,10 +106,7 @@ class StoreReader:
     def calibration(self, calibration_id: str) -> str:
         """Return the text of a calibration.
 
-        Raises
-        ------
-        InputError
-            If there is no calibration with this id.
+        Raises `InputError` if there is no calibration with this id.
         """
         query = sa.select(CALIBRATIONS.c.content).where(
             CALIBRATIONS.c.calibration_id == calibration_id
@@ -126,10 +120,7 @@ class StoreReader:
     def item(self, item_id: str) -> Item:
         """Return one item.
 
-        Raises
-        ------
-        InputError
-            If there is no item of that name.
+        Raises `InputError` if there is no item of that name.
         """
         found = self.items_named([item_id])
         if not found:
@@ -147,14 +138,9 @@ class StoreReader:
     ) -> tuple[Item, ...]:
         """Return items, the last met first.
 
-        Parameters
-        ----------
-        kind, batch : str, optional
-            Only those.
-        since, until : datetime, optional
-            Only items first seen at or after `since`, and before `until`.
-        limit : int, optional
-            At most this many.
+        `kind`, `batch`: only those.
+        `since`, `until`: only items first seen at or after `since`, and before `until`.
+        `limit`: at most this many.
         """
         query = narrowed(sa.select(ITEMS), kind=kind, batch=batch)
         query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
@@ -205,12 +191,8 @@ class StoreReader:
     ) -> Iterator[Grasp]:
         """Yield grasps in the order they were written, in bounded memory.
 
-        Parameters
-        ----------
-        kind, batch : str, optional
-            Only of such items.
-        since, until : datetime, optional
-            Only grasps taken at or after `since`, and before `until`.
+        `kind`, `batch`: only of such items.
+        `since`, `until`: only grasps taken at or after `since`, and before `until`.
         """
         query = _within(sa.select(GRASPS), GRASPS.c.taken_at, since, until)
         if kind is not None or batch is not None:

@@ -138,19 +138,10 @@ def insert(table: sa.Table, *, dialect: str) -> sqlite.Insert | postgresql.Inser
 def migrate(connection: sa.Connection, *, where: str, steps: Sequence[str] = STEPS) -> int:
     """Make the tables, or bring them to the newest version; return how many steps were missing.
 
-    Parameters
-    ----------
-    connection : Connection
-        In a transaction that may write.
-    where : str
-        What the user calls the store.
-    steps : sequence of str
-        SQL of each step, see `STEPS`.
-
-    Raises
-    ------
-    StoreError
-        If the database was written by a newer palpate, or belongs to something else.
+    `where`: what the user calls the store.
+    `steps`: SQL of each step, see `STEPS`.
+    Raises `StoreError` if the database was written by a newer palpate, or belongs to something
+    else.
     """
     if connection.dialect.name == "postgresql":
         connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_LOCK)))
@@ -172,10 +163,7 @@ def migrate(connection: sa.Connection, *, where: str, steps: Sequence[str] = STE
 def found_version(connection: sa.Connection, *, where: str, newest: int = 1 + len(STEPS)) -> int:
     """Return the schema version that a database is at; 0 for an empty one.
 
-    Raises
-    ------
-    StoreError
-        If it was written by a newer palpate, or belongs to something else.
+    Raises `StoreError` if it was written by a newer palpate, or belongs to something else.
     """
     tables = sa.inspect(connection).get_table_names()
     if VERSIONS.name not in tables:

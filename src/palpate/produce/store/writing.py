@@ -47,8 +47,6 @@ def write_item(connection: sa.Connection, item: Item) -> None:
 def calibration_id_of(text: str) -> str:
     """Return the id of a calibration: the same for the same text.
 
-    Examples
-    --------
     >>> calibration_id_of("{}")
     '44136fa355b3678a'
     """
