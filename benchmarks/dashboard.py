@@ -84,7 +84,7 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
 @contextmanager
 def board_on_a_line(rate_hz: float) -> Iterator[tuple[str, int]]:
     """Run a board in a process of its own; yield the port and the process."""
-    from benchmarks.serial_reading import board
+    from palpate_studies.benchmarks.pty_board import board
 
     master, slave = os.openpty()
     tty.setraw(slave)

@@ -1,59 +1,136 @@
-"""`palpate bench`."""
+"""`palpate bench`: every figure is a ratio to a peer of the same run."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
 
-from palpate.cli import build_app, run
-from palpate_studies import settling_speed
-from palpate_studies.settling_growth import growth
-from palpate_studies.settling_speed import Plan
+import pytest
 
-TINY = Plan(sizes=(1, 20), repeats=(2, 1), peer_holds=20, growth=(500, 5000))
+from palpate.cli import build_app, run
+from palpate_studies.benchmarks import crosstalk, files, frames, growth, port, settling
+from palpate_studies.benchmarks.page import write_page
+from palpate_studies.benchmarks.protocol import Measured, Ratio
+from palpate_studies.benchmarks.report import row
+from palpate_studies.benchmarks.synthetic import synthetic_holds
+from palpate_studies.catalogue import BENCHMARKS
 
 
 def bench_with(arguments: list[str]) -> int:
     return run(build_app(), ["bench", *arguments], name="palpate")
 
 
-def test_it_prints_one_json_document(monkeypatch, capsys) -> None:
-    monkeypatch.setattr(settling_speed, "QUICK", TINY)
-    assert bench_with(["settling", "--quick", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert set(document) == {"speed", "agreement", "streaming", "growth", "notes"}
-    timed = {(row["method"], row["holds"]) for row in document["speed"]}
-    assert {("exponential", 20), ("relaxation", 1), ("scipy.optimize.curve_fit", 20)} <= timed
-    assert all(row["holds_per_s"] > 0 for row in document["speed"])
-    assert document["agreement"]["p99_relative_difference"] < 1e-5
-    assert {row["channels"] for row in document["streaming"]} == {8, 12}
-    sizes = {row["method"]: row["holds"] for row in document["growth"]}
-    assert set(sizes) == {"exponential", "relaxation", "matrix product", "reading the samples"}
-    assert set(sizes.values()) == {5000}
-
-
-def test_memory_grows_with_the_result_alone() -> None:
-    few, many = (
-        row["peak_beyond_input_mb"] - 2 * row["result_mb"]
-        for row in growth((8192, 65_536), holds=settling_speed.synthetic_holds, cutoff_s=2.5)
-        if row["method"] == "relaxation"
+@pytest.fixture
+def frames_alone(monkeypatch) -> None:
+    """The quickest benchmark is all there is, and FlexiTac's package is not installed."""
+    for name in set(BENCHMARKS) - {"all", "frames"}:
+        monkeypatch.delitem(BENCHMARKS, name)
+    known = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "flexitac" else known(name)
     )
-    assert many < 1.1 * few
 
 
-def test_people_read_tables_and_that_the_holds_are_simulated(monkeypatch, capsys) -> None:
-    monkeypatch.setattr(settling_speed, "QUICK", TINY)
-    monkeypatch.setattr(settling_speed, "_lmfit_fitter", lambda: None)
-    assert bench_with(["settling", "--quick"]) == 0
+def ratio(**changed: object) -> Ratio:
+    told = {"what": "act", "size": 1, "of": "holds", "peer": "p", "ours": 2.0, "theirs": 3.0}
+    return Ratio(**(told | changed))  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("frames_alone")
+def test_without_a_name_all_run_into_one_json_document(capsys) -> None:
+    assert bench_with(["--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert set(document) == {"machine", "full", "benchmarks"}
+    [found] = document["benchmarks"]
+    assert found["name"] == "frames"
+    assert {one["peer"] for one in found["ratios"]} == {"readline of CSV", "FlexiTac's package"}
+    assert all(one["ours"] > 0 for one in found["ratios"])
+
+
+@pytest.mark.usefixtures("frames_alone")
+def test_a_peer_that_is_missing_is_named_with_its_remedy_and_a_page_is_written(
+    tmp_path, capsys
+) -> None:
+    assert bench_with(["--page", str(tmp_path / "bench.html")]) == 0
     shown = capsys.readouterr().out
-    assert "Simulated holds" in shown
-    assert "lmfit is not installed" in shown
+    assert "not installed" in shown
+    assert "flexitac" in shown
+    page = (tmp_path / "bench.html").read_text()
+    assert page.count("<svg") == 1
+    assert "pip install flexitac" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+
+
+def test_a_page_that_could_not_be_written_is_refused_first(tmp_path, capsys) -> None:
+    assert bench_with(["frames", "--page", str(tmp_path / "none" / "bench.html")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
 
 
 def test_an_unknown_benchmark_names_those_there_are(capsys) -> None:
     assert bench_with(["warp"]) == 2
-    assert "no benchmark 'warp'; there are: settling" in capsys.readouterr().err
+    assert "no benchmark 'warp'; there are: all, crosstalk" in capsys.readouterr().err
 
 
 def test_help_shows_an_example(capsys) -> None:
     assert bench_with(["settling", "--help"]) == 0
-    assert "palpate bench settling --quick" in capsys.readouterr().out
+    assert "palpate bench settling --page" in capsys.readouterr().out
+
+
+def test_a_ratio_is_missed_only_where_something_is_wanted_of_a_peer_that_is_there() -> None:
+    assert ratio().times == 1.5
+    assert not ratio(wanted=1.5).missed
+    assert ratio(wanted=1.6).missed
+    assert not ratio(wanted=9.0, theirs=None).missed
+    assert row(ratio(wanted=1.6)) == ("act", "1 hold", "p", "2 s", "3 s", "1.5", "1.6, missed")
+
+
+def test_three_sizes_make_a_curve_of_growth(tmp_path) -> None:
+    sizes = Measured(ratios=[ratio(size=size, ours=float(size)) for size in (1, 10, 100)])
+    write_page(tmp_path / "page.html", {"growth": sizes}, full=False)
+    assert (tmp_path / "page.html").read_text().count("<svg") == 2
+
+
+def test_predictors_are_timed_and_agree_with_curve_fit() -> None:
+    time_s, holds = synthetic_holds(20)
+    known = settling._known_grid(
+        "exponential", settling.CURVE_FIT, time_s=time_s, holds=holds, peer_holds=5
+    )
+    assert known.size == 20
+    assert known.times > 1
+    assert settling._new_grid(holds[0]).wanted == 1
+    assert settling._update().size == settling.PIXELS
+    agreement = settling._agreement(20)
+    assert float(agreement.rsplit(" ", 1)[1].rstrip(".")) < 1e-5
+
+
+def test_memory_grows_with_the_result_alone() -> None:
+    few, many = (
+        one.ours - one.theirs
+        for size in (8192, 65_536)
+        for one in growth._of_size(size)
+        if one.what == "relaxation, memory"
+    )
+    assert many < 1.1 * few
+
+
+def test_files_without_pandas_are_still_timed(monkeypatch) -> None:
+    assert {one.times is None for one in files.measure(False).ratios} == {False}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    alone = files.measure(False).ratios
+    assert [one.peer for one in alone if one.times is not None] == ["csv.writer"]
+
+
+def test_a_missing_frame_ends_the_benchmark() -> None:
+    with pytest.raises(RuntimeError, match="instead of 1 frames"):
+        frames.decode(b"", frames=1, piece=64)
+
+
+def test_crosstalk_is_solved_faster_than_by_a_general_solver() -> None:
+    assert crosstalk._compared((4, 2), crosstalk.ROOT, frames=10).times > 1
+
+
+def test_a_port_is_read_without_losses() -> None:
+    taken_s, note = port._by_palpate(0.3)
+    assert 0 < taken_s < 1
+    assert " 0 lost, 0 corrupt" in note
+    assert 0 < port._by_readline(0.3) < 1

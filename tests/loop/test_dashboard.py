@@ -20,13 +20,13 @@ import numpy as np
 import pytest
 import zxingcpp
 from benchmarks.dashboard import ROOT, write_rig
-from benchmarks.serial_reading import board
 from matplotlib.image import imread
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from tests.closings import write_damage_file
 from tests.conftest import skip
 
 from palpate.recording import load_recording
+from palpate_studies.benchmarks.pty_board import board
 
 CHROMIUM = Path("/usr/bin/chromium")
 WIDE, TABLET = {"width": 1280, "height": 800}, {"width": 820, "height": 1180}

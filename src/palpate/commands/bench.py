@@ -1,4 +1,4 @@
-"""`palpate bench NAME`: how fast it is on this machine."""
+"""`palpate bench [NAME]`: palpate next to its peers, on this machine."""
 
 from __future__ import annotations
 
@@ -15,26 +15,35 @@ __all__ = ["SETTINGS", "bench"]
 
 #: Entry points through which packages offer benchmarks.
 GROUP = "palpate.benchmarks"
+#: The one that runs without a name.
+ALL = "all"
 
 
 def bench(
     context: typer.Context,
     name: Annotated[
         str | None,
-        typer.Argument(help="Which; `--list` names them.", autocompletion=completion.benchmarks),
+        typer.Argument(
+            help="Which; `--list` names them. Default: all.", autocompletion=completion.benchmarks
+        ),
     ] = None,
     list_all: Annotated[bool, typer.Option("--list", help="List the benchmarks.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Measure speed, memory and agreement with other libraries.
+    """Measure speed and memory, every figure a ratio to a named peer in the same run.
 
-    Example: palpate bench settling --quick
+    Example: palpate bench --page bench.html
     """
+    # Options of the benchmarks are unknown here: the first one takes the place of a name.
+    if name is not None and name.startswith("-") and name != "--help":
+        context.args.insert(0, name)
+        name = None
     run_named(
-        name,
+        name or ALL,
         group=GROUP,
         verb="bench",
         noun="benchmark",
+        options="[--full] [--json] [--page FILE]",
         listing=list_all,
         quiet=quiet,
         context=context,

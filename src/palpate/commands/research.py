@@ -23,14 +23,22 @@ def catalogue(group: str) -> Catalogue:
 
 
 def run_named(
-    name: str | None, *, group: str, verb: str, noun: str, listing: bool, quiet: bool, context: Any
+    name: str | None,
+    *,
+    group: str,
+    verb: str,
+    noun: str,
+    options: str,
+    listing: bool,
+    quiet: bool,
+    context: Any,
 ) -> None:
     """List what a group offers, or run one of it with the rest of the command line."""
     known = catalogue(group)
     if not known:
         _not_installed(verb)
     if listing or name in (None, "--help"):
-        print(f"usage: palpate {verb} NAME [--help] [--json] [--out DIR]\n")
+        print(f"usage: palpate {verb} NAME [--help] {options}\n")
         print(listed({entry: summary for entry, (_, summary) in sorted(known.items())}))
         return
     if name not in known:

@@ -32,6 +32,7 @@ def study(
         group=GROUP,
         verb="study",
         noun="study",
+        options="[--json] [--out DIR]",
         listing=list_studies,
         quiet=quiet,
         context=context,

@@ -121,10 +121,31 @@ STUDIES: dict[str, tuple[str, str]] = {
     "real-holds": ("palpate_studies.real_holds", "Table 1 on real recordings, specimens held out"),
 }
 
-#: Benchmark -> (module, what it measures), of the same form.
+#: Benchmark -> (module, what it compares), of the same form.
 BENCHMARKS: dict[str, tuple[str, str]] = {
+    "all": ("palpate_studies.benchmarks.everything", "All of these, one after the other"),
+    "crosstalk": (
+        "palpate_studies.benchmarks.crosstalk",
+        "Pixels solved out of a matrix's crosstalk against SciPy's dense solve and root",
+    ),
+    "files": (
+        "palpate_studies.benchmarks.files",
+        "Recordings and CSV tables, written and read, against csv and pandas",
+    ),
+    "frames": (
+        "palpate_studies.benchmarks.frames",
+        "Frames decoded from memory against lines of CSV and FlexiTac's package",
+    ),
+    "growth": (
+        "palpate_studies.benchmarks.growth",
+        "Batches of a thousand holds and more against a matrix product and memory bandwidth",
+    ),
+    "port": (
+        "palpate_studies.benchmarks.port",
+        "A board read live against pyserial's readline of CSV lines",
+    ),
     "settling": (
-        "palpate_studies.settling_speed",
-        "Predictors of the settled value against curve_fit and lmfit: time, memory, agreement",
+        "palpate_studies.benchmarks.settling",
+        "Predictors of the settled value against curve_fit and lmfit",
     ),
 }

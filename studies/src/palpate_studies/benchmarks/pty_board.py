@@ -1,25 +1,37 @@
-"""Cost of reading a board live: share of a core, losses and delay at 500 frames/s.
-
-Run `python benchmarks/serial_reading.py`. The board is a second process at the far end of a
-pseudo-terminal; its wire is as fast as the kernel, so the delay is the host's share alone.
-"""
+"""A board at the far end of a pseudo-terminal, in a process of its own: its wire is never slow."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 import tty
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
-from palpate.clock import RealClock
-from palpate.sensor.array import RIGID_LAYOUT
-from palpate.sensor.byte_stream import SerialStream
-from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire import encode_message, unpack
 from palpate.sensor.wire_messages import Ack, BoardIdentity, CommandType, FrameMessage, Result
+
+
+@contextmanager
+def on_a_port(act: Callable[[int], None]) -> Iterator[str]:
+    """Run what serves a port's far end, given as a file descriptor; yield the port's name."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    child = os.fork()
+    if child == 0:
+        os.close(slave)
+        with suppress(OSError):
+            act(master)
+        os._exit(0)
+    os.close(master)
+    try:
+        yield os.ttyname(slave)
+    finally:
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+        os.close(slave)
 
 
 def board(master: int, *, rate_hz: float) -> None:
@@ -68,41 +80,13 @@ def identity(tag: int, rate_hz: float) -> BoardIdentity:
     )  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rate-hz", type=float, default=500.0)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    options = parser.parse_args()
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    if os.fork() == 0:
-        os.close(slave)
-        try:
-            board(master, rate_hz=options.rate_hz)
-        except OSError:
-            os._exit(0)
-    os.close(master)
-    array = SerialArray(
-        SerialStream(os.ttyname(slave)),
-        clock=RealClock(),
-        layout=RIGID_LAYOUT,
-        rate_hz=options.rate_hz,
-    )
-    os.close(slave)
-    cpu_s, start_s = time.process_time(), time.monotonic()
-    delays_s = []
-    while time.monotonic() - start_s < options.seconds:
-        delays_s.append(-array.read(timeout_s=1.0).time_s + time.monotonic())
-    cpu_s, wall_s = time.process_time() - cpu_s, time.monotonic() - start_s
-    counters = array.counters
-    array.close()
-    print(
-        f"{counters.frames} frames in {wall_s:.1f} s: {100 * cpu_s / wall_s:.1f} % of a core, "
-        f"{counters.lost} lost, {counters.corrupt} corrupt, {counters.late} late; "
-        f"delay median {np.median(delays_s) * 1e3:.2f} ms, p99 "
-        f"{np.quantile(delays_s, 0.99) * 1e3:.2f} ms"
-    )
-
-
-if __name__ == "__main__":
-    main()
+def lines_of_csv(master: int, *, rate_hz: float) -> None:
+    """Send the same counts as lines of CSV on the same raster, as sketches for Arduino do."""
+    os.set_blocking(master, False)
+    start_s, sent = time.monotonic(), 0
+    while True:
+        if time.monotonic() >= start_s + sent / rate_hz:
+            with suppress(BlockingIOError):
+                os.write(master, b",".join([b"%d" % (300 + sent % 10)] * 8) + b"\r\n")
+            sent += 1
+        time.sleep(2e-4)
