@@ -44,41 +44,28 @@ _LOOK_S = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """The options of `palpate serve`.
+    """The options of `palpate serve`."""
 
-    Attributes
-    ----------
-    rigs : tuple of str
-        Rigs that can be chosen; the first is opened at the start.
-    objects : tuple of str
-        What can lie between the fingers of simulated rigs.
-    folder : Path
-        Where recordings go, and calibrations of simulated rigs.
-    store : str or None
-        Path or URL of the store of items; None for the default one.
-    object_name, seed, speed
-        Of the rig that is opened at the start, where it is simulated.
-    benches : dict
-        Opens the bench with a load cell, by the rig's name.
-    realtime : bool
-        Whether the devices' process comes before all others.
-    damage, damage_path : DamageFile or None, Path or None
-        The learned limit that grasps respect, and its file.
-    rules : RuleBook or None
-        Sorting rules, which give each item its bin.
-    """
-
+    #: Rigs that can be chosen; the first is opened at the start.
     rigs: tuple[str, ...]
+    #: What can lie between the fingers of simulated rigs.
     objects: tuple[str, ...]
+    #: Where recordings go, and calibrations of simulated rigs.
     folder: Path
+    #: Path or URL of the store of items; None for the default one.
     store: str | None
+    #: Object, seed and speed of the rig opened at the start, if it is simulated.
     object_name: str | None
     seed: int
     speed: float
+    #: Opens the bench with a load cell, by the rig's name.
     benches: dict[str, BenchOpener]
+    #: Whether the devices' process comes before all others.
     realtime: bool = False
+    #: The learned limit that grasps respect, and its file.
     damage: DamageFile | None = None
     damage_path: Path | None = None
+    #: Sorting rules, which give each item its bin.
     rules: RuleBook | None = None
 
 

@@ -15,38 +15,25 @@ from palpate.sensor.array import ArrayLayout
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameSource:
-    """Where the frames come from, from now on.
+    """Where the frames come from, from now on."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the rig, or of the recording.
-    layout : ArrayLayout
-        Of the frames.
-    rest_ohm : ndarray or None, shape (rows, cols)
-        Rest values to read them by.
-    gripper : GripperLimits or None
-        Drive and range, where there is a gripper.
-    origin : {"hardware", "firmware-simulated", "twin"}
-        What is not hardware is called simulated wherever it is shown.
-    subject : str or None
-        What lies between the fingers, where that is known.
-    replayed : bool
-        Whether it is a recording.
-    has_load_cell : bool
-        Whether a force calibration can be made without weights.
-    laws : ForceLaws or None
-        Force laws; None where the force was not calibrated.
-    """
-
+    #: Name of the rig, or of the recording.
     name: str
+    #: Layout of the frames.
     layout: ArrayLayout
+    #: Rest values to read them by, shape (rows, cols).
     rest_ohm: NDArray[np.float64] | None
+    #: Drive and range of the gripper; None for a sensor alone.
     gripper: GripperLimits | None
+    #: Anything but hardware is called simulated wherever it is shown.
     origin: Origin
+    #: Object between the fingers, where that is known.
     subject: str | None = None
+    #: Whether it is a recording.
     replayed: bool = False
+    #: Whether a force calibration can be made without weights.
     has_load_cell: bool = False
+    #: Force laws; None where the force was not calibrated.
     laws: ForceLaws | None = None
 
     @property
@@ -57,34 +44,25 @@ class FrameSource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkStatus:
-    """The state of the sensor's link, as seen by the process that owns it.
+    """The state of the sensor's link, as seen by the process that owns it."""
 
-    Attributes
-    ----------
-    frames, lost : int
-        Received since the source was opened, and missing in the numbering.
-    corrupt, late : int
-        As the serial link counts them.
-    rate_hz : float
-        Frames scanned per second of the sensor's time, lost ones included; NaN before two came.
-    age_s : float
-        Since the last frame came; NaN before the first.
-    stale : bool
-        Whether that is more than five periods, and more than 100 ms.
-    undrawn : int
-        Frames that came too fast to be drawn. They are missing nowhere else.
-    period_p99_s, period_worst_s : float
-        Time between two frames in this process, over the last thousand: 99th percentile, longest.
-    """
-
+    #: Frames received since the source was opened, and missing in the numbering.
     frames: int = 0
     lost: int = 0
+    #: Packets that the serial link counted as corrupt, and as late.
     corrupt: int = 0
     late: int = 0
+    #: Frames scanned per second of the sensor's time, lost ones included; NaN before two
+    #: came.
     rate_hz: float = float("nan")
+    #: Time since the last frame; NaN before the first.
     age_s: float = float("nan")
+    #: Whether `age_s` is more than five periods, and more than 100 ms.
     stale: bool = True
+    #: Frames that came too fast to be drawn. They are missing nowhere else.
     undrawn: int = 0
+    #: Time between two frames in this process, over the last thousand: 99th percentile,
+    #: longest.
     period_p99_s: float = float("nan")
     period_worst_s: float = float("nan")
 

@@ -7,18 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class GraspForm:
-    """The form of the next grasp.
+    """The form of the next grasp."""
 
-    Attributes
-    ----------
-    target_force_n : float or None
-        Grip force to reach; None is a gentle squeeze.
-    item_id : str
-        What it is; empty where it is not to be remembered.
-    kind : str
-        Kind of produce, for its damage limit; empty where it is not known.
-    """
-
+    #: Grip force to reach; None is a gentle squeeze.
     target_force_n: float | None = None
+    #: Name of the item; empty if its grasp is not to be stored.
     item_id: str = ""
+    #: Kind of produce, for its damage limit; empty if not known.
     kind: str = ""

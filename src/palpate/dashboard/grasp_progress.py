@@ -35,50 +35,33 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspProgress:
-    """The controller's view of a grasp after a frame.
+    """The controller's view of a grasp after a frame."""
 
-    Attributes
-    ----------
-    time_s : float
-        Of its last frame.
-    phase : str
-        What it is doing.
-    rest_ohm : ndarray or None, shape (rows, cols)
-        Rest values taken for this grasp.
-    began_s : float
-        When the grasp began.
-    force_n : float
-        Grip force as the last step read it.
-    settled : Measurement or None
-        Forecast of the mean relative change at the horizon, from the frames up to now.
-    answer : GraspResult
-        The controller's own once it has decided; before that, what it would answer now.
-    decided : bool
-        Which of the two it is.
-    settled_n : Measurement or None
-        Forecast of the grip force at the horizon, newtons; goes on after the decision.
-    gains : ContactGains
-        Gain of this contact relative to the laws.
-    touched_s : float or None
-        When the fingers first touched the object; None until the controller is sure that they did.
-    moments : tuple of Moment
-        Events that the controller has noted.
-    bounds : Bounds
-        Target and limits of the force.
-    """
-
+    #: Time of its last frame.
     time_s: float
+    #: Phase of the controller.
     phase: str
+    #: Rest values taken for this grasp, shape (rows, cols).
     rest_ohm: NDArray[np.float64] | None
+    #: When the grasp began.
     began_s: float
+    #: Grip force as the last step read it.
     force_n: float
+    #: Forecast of the mean relative change at the horizon, from the frames up to now.
     settled: Measurement | None
+    #: The controller's own once it has decided; before that, what it would answer now.
     answer: GraspResult
+    #: Whether the controller has decided.
     decided: bool
+    #: Forecast of the grip force at the horizon, newtons; goes on after the decision.
     settled_n: Measurement | None = None
+    #: Gain of this contact relative to the laws.
     gains: ContactGains = field(default_factory=ContactGains)
+    #: When the fingers first touched the object; None until that is certain.
     touched_s: float | None = None
+    #: Events that the controller has noted.
     moments: tuple[Moment, ...] = ()
+    #: Target and limits of the force.
     bounds: Bounds = field(default_factory=Bounds)
 
 

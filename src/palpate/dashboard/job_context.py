@@ -54,38 +54,25 @@ BenchOpener = Callable[[str, int], CellBench]
 
 @dataclass(slots=True, kw_only=True)
 class JobContext:
-    """The rig and the channels of a job.
+    """The rig and the channels of a job."""
 
-    Attributes
-    ----------
-    rig : Rig
-        Its devices; `calibration` is replaced when it is renewed.
-    array : PressureArray
-        The rig's, held back to the pace of the wall's clock where it is simulated.
-    seed : int
-        Of a simulated rig.
-    telemetry : Telemetry
-        Sends frames and messages to the page.
-    confirmed : Event
-        Set when the user confirmed a step.
-    open_bench : callable or None
-        Opens the bench with a load cell of this rig; None where it has none.
-    requests : Requests
-        Requests of the user to the running job.
-    on_stopped : callable
-        Called when the hand has received the user's stop.
-    reacted_s : float or None
-        When that was, on the rig's clock.
-    """
-
+    #: Devices; `calibration` is replaced when it is renewed.
     rig: Rig | SensorRig
+    #: The rig's, held back to the pace of the wall's clock where it is simulated.
     array: PressureArray
+    #: Seed of a simulated rig.
     seed: int
+    #: Sends frames and messages to the page.
     telemetry: Telemetry
+    #: Set when the user confirmed a step.
     confirmed: threading.Event
+    #: Called when the hand has received the user's stop.
     on_stopped: Callable[[], None]
+    #: Opens the bench with a load cell of this rig; None where it has none.
     open_bench: BenchOpener | None = None
+    #: Requests of the user to the running job.
     requests: Requests = field(default_factory=Requests)
+    #: When the hand received the stop, on the rig's clock.
     reacted_s: float | None = None
 
     @property

@@ -1,4 +1,4 @@
-"""The languages of the pages: English texts, translated by gettext, with numbers as people write
+"""The languages of the pages: English texts, translated by .po files, and numbers as people write
 them.
 """
 
@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from datetime import datetime
 from functools import cache
-from gettext import NullTranslations
 from operator import itemgetter
 from pathlib import Path
 from string import Formatter
 from typing import Any, NamedTuple
 
-from palpate.dashboard.po_file import po_entries, translations
+from palpate.dashboard.po_file import po_entries
 
 _FOLDER = Path(__file__).parent / "languages"
 
@@ -78,22 +77,26 @@ class Language(Formatter):
         self.code = code
         self.tag, self._decimal_mark, self.own_name = LANGUAGES[code]
         # The texts in the code are the English ones.
-        self._catalogue, entries = NullTranslations(), list[dict[str, str]]()
+        entries = list[dict[str, str]]()
         if code != "en":
             entries = po_entries((_FOLDER / f"{code}.po").read_text(encoding="utf-8"))
-            self._catalogue = translations(entries)
-        #: Every text by its English one, for scripts.
+        #: Every text by its English one, for scripts too.
         self.words = {one["msgid"]: one["msgstr"] for one in entries[1:] if "msgstr" in one}
+        # One form for one, another for any other number, as in English and German.
+        for one in entries[1:]:
+            if "msgid_plural" in one:
+                self.words[one["msgid"]] = one["msgstr[0]"]
+                self.words[one["msgid_plural"]] = one["msgstr[1]"]
 
     def __call__(self, text: str, **values: object) -> str:
         """Return a text in this language, with the values filled in."""
         if isinstance(text, Message):
             return self(text.template, **text.values)
-        return self.vformat(self._catalogue.gettext(text), (), values) if text else ""
+        return self.vformat(self.words.get(text, text), (), values)
 
     def many(self, one: str, more: str, n: int, **values: object) -> str:
         """Return the text for a number of things, which it may name as ``{n}``."""
-        return self.vformat(self._catalogue.ngettext(one, more, n), (), {"n": n, **values})
+        return self(one if n == 1 else more, n=n, **values)
 
     def number(self, value: float, spec: str) -> str:
         """Return a number as `format` writes it, with this language's decimal mark and a minus."""

@@ -36,65 +36,41 @@ class Guide:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibrated:
-    """A calibration was renewed.
-
-    Attributes
-    ----------
-    file : Path
-        Where it is.
-    rest_ohm, change_percent : ndarray, shape (rows, cols)
-        Rest values, and how far they are from those before.
-    held_out : mapping
-        Expected errors of the force, percent, by force; empty after a rest calibration.
-    """
+    """A calibration was renewed."""
 
     file: Path
+    #: Rest values, and how far they are from those before, shape (rows, cols).
     rest_ohm: NDArray[np.float64]
     change_percent: NDArray[np.float64]
+    #: Expected errors of the force, percent, by force; empty after a rest calibration.
     held_out: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasped:
-    """A grasp has ended; on simulated rigs with the twin's own values.
+    """A grasp has ended; on simulated rigs with the twin's own values."""
 
-    Attributes
-    ----------
-    result : GraspResult
-        The controller's answer.
-    truth : mapping or None
-        The twin's own values; None on real rigs.
-    recording : Path or None
-        Every frame of it.
-    closing : mapping of str to Measurement
-        Measurements of the whole closing, by their names in the store.
-    """
-
+    #: The controller's answer.
     result: GraspResult
+    #: The twin's own values; None on real rigs.
     truth: Mapping[str, object] | None = None
+    #: File with every frame of it.
     recording: Path | None = None
+    #: Measurements of the whole closing, by their names in the store.
     closing: Mapping[str, Measurement] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
-    """An order has ended.
-
-    Attributes
-    ----------
-    order : Order
-        Which.
-    found : Grasped, Calibrated, Health or None
-        Its result.
-    trouble : str
-        Empty, or one line with the problem and the remedy.
-    stopped_after_s : float or None
-        If it was stopped: time from the request until the hand received it, on the rig's clock.
-    """
+    """An order has ended."""
 
     order: Order
+    #: Its result.
     found: Grasped | Calibrated | Health | None = None
+    #: Empty, or one line with the problem and the remedy.
     trouble: str = ""
+    #: If it was stopped: time from the request until the hand received it, on the rig's
+    #: clock.
     stopped_after_s: float | None = None
 
 
