@@ -80,10 +80,10 @@ def build_operator_page(app_state: AppState, client: Client, *, kiosk: bool) -> 
     with ui.element("div").classes("operator"):
         _alerts(app_state, viewer)
         ui.html(_translated(_OPERATE, viewer.tr), sanitize=False).classes("contents")
-        with ui.element("div").classes("item"):
+        with ui.element("div").classes("item") as item:
             item_field(app_state, viewer, label=viewer.tr("Next item"))
-    with ui.element("div").classes("panel-foot"):
-        grasp_buttons(app_state, viewer)
+        viewer.show_with_gripper(item)
+    grasp_buttons(app_state, viewer)
     ui.timer(_REFRESH_S, viewer.refresh)
 
 
@@ -237,5 +237,4 @@ def _panel(app_state: AppState, viewer: Viewer, *, tab: str, item_id: str | None
     tabs.on_value_change(
         lambda event: ui.navigate.history.replace(TABS[event.value] + viewer.query)
     )
-    with ui.element("div").classes("panel-foot"):
-        grasp_buttons(app_state, viewer)
+    grasp_buttons(app_state, viewer)

@@ -19,33 +19,39 @@ _DRAWN = ""
 
 def set_up_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    form, tr = app_state.form, viewer.tr
     with ui.element("div").classes("form"):
-
-        def want(force_n: float | None) -> None:
-            form.target_force_n = force_n
-
-        force = ui.number(
-            tr("Target force, N (empty: a gentle squeeze)"),
-            value=form.target_force_n,
-            min=0.1,
-            step=0.5,
-            on_change=lambda event: want(event.value),
-        ).props("outlined dense clearable")
-
-        def show() -> None:
-            force.set_value(form.target_force_n)
-
-        viewer.on_refresh(show)
-        item_field(app_state, viewer, label=tr("Item (empty: not remembered)"))
-        hint = tr("Grasps of an item are kept in the store; the page Items shows them.")
-        ui.label(hint).classes("muted")
-        if app_state.settings.damage is not None:
-            _kind(app_state.settings.damage, form, viewer)
-        ui.separator()
+        with ui.element("div").classes("form") as next_grasp:
+            _next_grasp(app_state, viewer)
+            ui.separator()
+        viewer.show_with_gripper(next_grasp)
         _rig(app_state, viewer)
         ui.separator()
         _recording(app_state, viewer)
+
+
+def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
+    form, tr = app_state.form, viewer.tr
+
+    def want(force_n: float | None) -> None:
+        form.target_force_n = force_n
+
+    force = ui.number(
+        tr("Target force, N (empty: a gentle squeeze)"),
+        value=form.target_force_n,
+        min=0.1,
+        step=0.5,
+        on_change=lambda event: want(event.value),
+    ).props("outlined dense clearable")
+
+    def show() -> None:
+        force.set_value(form.target_force_n)
+
+    viewer.on_refresh(show)
+    item_field(app_state, viewer, label=tr("Item (empty: not remembered)"))
+    hint = tr("Grasps of an item are kept in the store; the page Items shows them.")
+    ui.label(hint).classes("muted")
+    if app_state.settings.damage is not None:
+        _kind(app_state.settings.damage, form, viewer)
 
 
 def item_field(app_state: AppState, viewer: Viewer, *, label: str) -> None:
@@ -85,8 +91,7 @@ def _kind(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
 
 
 def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
-    """Add the two buttons that are always in reach."""
-
+    """Add the two buttons that are always in reach, at the foot of the panel or the window."""
     form = app_state.form
 
     def grasp() -> None:
@@ -101,10 +106,12 @@ def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
         else:
             viewer.order(order)
 
-    go = ui.button(viewer.tr("Grasp"), on_click=grasp, color=None).classes("btn main")
-    go.props("flat no-caps id=grasp")
-    back = ui.button(viewer.tr("Release"), on_click=viewer.release, color=None).classes("btn plain")
-    back.props("flat no-caps id=release").style("font-size: 19px")
+    with ui.element("div").classes("panel-foot") as foot:
+        go = ui.button(viewer.tr("Grasp"), on_click=grasp, color=None).classes("btn main")
+        go.props("flat no-caps id=grasp")
+        back = ui.button(viewer.tr("Release"), on_click=viewer.release, color=None)
+        back.classes("btn plain").props("flat no-caps id=release").style("font-size: 19px")
+    viewer.show_with_gripper(foot)
     viewer.enable_when_allowed(go, Action.GRASP)
     viewer.enable_when_allowed(back, Action.RELEASE)
 

@@ -98,6 +98,14 @@ class Viewer:
 
         self.on_refresh(gated, of=button)
 
+    def show_with_gripper(self, element: ui.element) -> None:
+        """Show an element only while the rig has a gripper, or none is open yet."""
+
+        def show() -> None:
+            element.set_visibility(not self._session.devices.sensor_alone)
+
+        self.on_refresh(show, of=element)
+
     def on_refresh(self, refresher: Callable[[], None], *, of: ui.element | None = None) -> None:
         """Call this now and a few times a second; if it is of an element, as long as that lives."""
         self._refreshers.append((refresher, of))

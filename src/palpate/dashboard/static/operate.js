@@ -11,9 +11,10 @@ function draw(doc) {
   headline(card, $("verdict-text"), operator.word);
   say($("verdict-why"), [verdict.text, ...whys(doc)].filter((part) => part.toLowerCase() !== operator.word.toLowerCase()).join(" · "));
   say($("next-text"), operator.next);
-  const gripping = ["grasping", "replaying"].includes(doc.activity);
-  say($("force-now"), fixed(gripping && measured.force_now ? measured.force_now.value : null, 1));
-  say($("force-target"), t("target: {target}", operator));
+  // An open hand presses nothing; without a hand the pads are pressed by whatever lies on them.
+  const pressed = doc.hand === null || ["grasping", "replaying"].includes(doc.activity), now = pressed ? measured.force_now : null;
+  say($("force-now"), fixed(now?.value, 1));
+  say($("force-target"), doc.hand !== null ? t("target: {target}", operator) : now ? `90 %: ${t("{low} to {high}", { low: fixed(now.low, 1), high: fixed(now.high, 1) })}` : "");
 }
 
 beginKiosk();

@@ -1,0 +1,171 @@
+"""A sensor without a gripper, from `palpate init` to the page, through the real firmware.
+
+The firmware runs on the AVR simulator at the pace of the wall's clock, behind a pseudo-terminal
+that `palpate serve` opens as a board's port. The pads are pressed in the twin.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import tty
+from collections.abc import Iterator
+from contextlib import suppress
+from time import monotonic
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, expect
+from tests.loop.test_dashboard import PATIENCE_MS, WIDE, browser, fresh, served, tab, verdict
+
+from palpate.cli import build_app, run
+from palpate.clock import ManualClock
+from palpate.gripper.interface import GripperCommand
+from palpate.rig.simulated import calibrated
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.twin.devices import TwinGripper
+from palpate.twin.firmware import FirmwareBoard
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+
+__all__ = ["browser"]
+
+pytestmark = pytest.mark.usefixtures("firmware_built")
+
+#: The sensor's sheet, and so its calibration; the ball that presses was not calibrated with.
+SHEET, BALL = 3, "ball-44lbs"
+STEP_S = 0.004
+
+
+class PressedBoard:
+    """A board on a line, and a ball that is pressed against its pads on request."""
+
+    def __init__(self) -> None:
+        self._ball = draw_object(np.random.default_rng(SHEET), BALL)
+        self._clock = ManualClock()
+        self._world = World(self._ball, seed=5, sheet_seed=SHEET, clock=self._clock)
+        self._board = FirmwareBoard(seed=1)
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self.force_n = 0.0
+        self.press, self._ended = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        os.close(self._slave)
+        os.close(self._master)
+        self._board.close()
+
+    def _run(self) -> None:
+        hand, began_s, pressed = TwinGripper(self._world), monotonic(), False
+        while not self._ended.wait(STEP_S):
+            # A slow machine slows the board down: no step is longer than the line's buffer bears.
+            now_s = min(monotonic() - began_s, self._clock.now_s() + 0.1)
+            began_s = monotonic() - now_s
+            if self.press.is_set() and not pressed:
+                hand.command(GripperCommand(target=self._ball.size_mm - 3.0, rate=40.0))
+                pressed = True
+            self._clock.sleep_s(now_s - self._clock.now_s())
+            self._board.set_pixels_mv(1e3 * self._world.pixel_voltage_v(now_s))
+            self.force_n = self._world.force_n(now_s)
+            with suppress(BlockingIOError):
+                self._board.write_bytes(os.read(self._master, 4096))
+            self._board.run_until(now_s)
+            with suppress(BlockingIOError):  # nobody reads: lost, as on a real port
+                os.write(self._master, self._board.read_bytes())
+
+
+@pytest.fixture(scope="module")
+def board(firmware_built: None) -> Iterator[PressedBoard]:
+    board = PressedBoard()
+    yield board
+    board.close()
+
+
+@pytest.fixture(scope="module")
+def address(board: PressedBoard, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("sensor")
+    rig = folder / "rig.toml"
+    made = ["init", str(rig), "--port", board.port, "--layout", RIGID_LAYOUT.name]
+    made += ["--gripper", "none", "--rate-hz", "100", *wiring()]
+    assert run(build_app(), made, name="palpate") == 0
+    calibrated(seed=SHEET, level="paper", apart_from=BALL).save(folder / "rig-calibration.json")
+    with served(folder, "--rig", str(rig)) as address:
+        yield address
+
+
+def wiring() -> tuple[str, ...]:
+    """Return the options that describe the twin's divider."""
+    divider = RIGID_LAYOUT.divider
+    leg, ohm = divider.taxel_leg, f"{divider.reference_ohm:g}"
+    return "--taxel-leg", leg, "--reference-ohm", ohm, "--idle-lines", RIGID_LAYOUT.idle_lines
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    context = browser.new_context(viewport=WIDE, locale="en-US")
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(address)
+    fresh(page)
+    yield page
+    context.close()
+
+
+#: Whether the force over its curve is near this one, newtons, and its interval holds it.
+READS = """(force) => {
+    const [value, low, high] = document.getElementById('force-at').textContent.match(/[\\d.]+/g);
+    return low < force && force < high && Math.abs(value / force - 1) < 0.3;
+}"""
+
+
+def test_it_has_pixels_and_newtons_but_nothing_that_grasps(page: Page) -> None:
+    verdict(page, "watching")
+    expect(page.locator(".pixel")).to_have_count(8)
+    expect(page.locator("#force-card")).to_be_visible()
+    for grasping in ("#grasp", "#release", "#measure-size_mm"):
+        expect(page.locator(grasping)).to_be_hidden()
+    expect(page.get_by_label("Target force")).to_be_hidden()
+    expect(page.get_by_label("Rig")).to_be_visible()
+    expect(page.locator("#stop")).to_be_visible()
+
+
+def test_a_press_is_read_in_newtons(page: Page, board: PressedBoard) -> None:
+    page.wait_for_function("parseFloat(document.getElementById('force-at').textContent) < 1")
+    board.press.set()
+    expect(page.locator("#pad-0")).to_have_class(re.compile("touching"))
+    page.wait_for_function("parseFloat(document.getElementById('force-at').textContent) > 1")
+    assert board.force_n > 1.0
+    page.wait_for_function(READS, arg=board.force_n)
+
+
+def test_a_tap_on_a_pixel_shows_its_ohm(page: Page) -> None:
+    page.locator(".cell[data-row='0'][data-col='0']").click()
+    expect(page.locator("#pixel-name")).to_have_text("R0 C0")
+    expect(page.locator("#pixel-ohm")).to_have_text(re.compile(r"^[\d,]+ ohm$"))
+
+
+def test_the_operator_view_shows_the_force_and_no_button_that_moves(
+    browser: Browser, address: str
+) -> None:
+    context = browser.new_context(viewport=WIDE, locale="en-US")
+    page = context.new_page()
+    page.goto(f"{address}operate")
+    expect(page.locator("#verdict-text")).to_have_text("Watching")
+    expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\d*\.\d$"))
+    for grasping in ("#grasp", "#release", ".item"):
+        expect(page.locator(grasping)).to_be_hidden()
+    context.close()
+
+
+def test_the_doctor_examines_the_firmware_at_its_own_rate(page: Page, board: PressedBoard) -> None:
+    tab(page, "Doctor")
+    page.locator("#examine").click()
+    expect(page.locator("#health")).to_contain_text("frames in 10")
+    expect(page.locator("#health")).to_contain_text("0 corrupt")
