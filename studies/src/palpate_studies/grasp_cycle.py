@@ -13,11 +13,12 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
+from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies.grasp_cycles import EXPECTED_WITHIN_MM, Cycle, Sample, cycles
 from palpate_studies.report import OutOption, StudyReport, Table
 
-LEVELS = ("paper", "field")
+LEVELS: tuple[Level, ...] = ("paper", "field")
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
 #: Seed of the first object: none of them was looked at before the controller was as it is.
 FIRST_SEED = 4_800_000
@@ -29,6 +30,7 @@ def command(
     frame_rate_hz: Annotated[
         float, typer.Option(help="Frames per second; the firmware sends up to 250.", min=5.0)
     ] = 15.0,
+    level: Annotated[Level | None, typer.Option(help="Only at this level of the twin.")] = None,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -36,16 +38,21 @@ def command(
 
     Example: palpate study grasp-cycle --grasps 40 --out reports
     """
-    report(grasps, frame_rate_hz=frame_rate_hz).emit(as_json=as_json, out=out)
+    found = report(grasps, frame_rate_hz=frame_rate_hz, levels=(level,) if level else LEVELS)
+    found.emit(as_json=as_json, out=out)
 
 
 def report(
-    grasps: int, *, frame_rate_hz: float = 15.0, first_seed: int = FIRST_SEED
+    grasps: int,
+    *,
+    frame_rate_hz: float = 15.0,
+    first_seed: int = FIRST_SEED,
+    levels: Sequence[Level] = LEVELS,
 ) -> StudyReport:
     """Make the grasps and report them."""
     found = [
         cycle
-        for level, kind in product(LEVELS, KINDS)
+        for level, kind in product(levels, KINDS)
         for number in range(grasps)
         for cycle in cycles(
             Sample(seed=first_seed + number, level=level, kind=kind, frame_rate_hz=frame_rate_hz)
