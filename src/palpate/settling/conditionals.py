@@ -26,7 +26,7 @@ WALK_FROM_S = 0.2
 #: Time constants of the decays whose amplitudes are loose, s.
 _LOOSE_S = np.geomspace(0.1, 100.0, 10)
 #: What contact adds, in units of the scale: fast decays (time constant in s, sd).
-_FAST = ((0.06, 3.0), (0.15, 2.0))
+_FAST_S, _FAST_SD = np.array([(0.06, 3.0), (0.15, 2.0)]).T
 #: Keeps covariances positive definite where bins lie close together.
 _JITTER = 1e-9
 
@@ -58,10 +58,12 @@ class Conditionals:
 
     #: How samples are averaged first.
     bins: Bins
-    #: Shape (m, n_deviations * (m + n_curves + 1)). What differences are multiplied with, all at
-    #: once: whitened by each deviation; along each whitened curve divided by sqrt(1 + its square);
-    #: and forecast by each deviation.
-    products: FloatArray
+    #: What differences are multiplied with, m rows each: whitened by each deviation, shape
+    #: (m, n_deviations * m); along each whitened curve divided by sqrt(1 + its square), shape
+    #: (m, n_components); and forecast by each deviation, shape (m, n_deviations).
+    whitening: FloatArray
+    along: FloatArray
+    ahead: FloatArray
     #: Shape (n_components,). Forecast per unit along such a curve, deviation by deviation.
     step: FloatArray
     #: Shape (n_components,). -ln|K + c c'| / 2.
@@ -72,19 +74,6 @@ class Conditionals:
     #: last bin to this one.
     pace_from: int
     pace: float
-
-    def whitened(self, products: FloatArray) -> FloatArray:
-        """Return that part of products, shape (n_holds, n_deviations, m)."""
-        m = len(self.products)
-        return products[:, : N_DEVIATIONS * m].reshape(-1, N_DEVIATIONS, m)
-
-    def along(self, products: FloatArray) -> FloatArray:
-        """Return that part of products, shape (n_holds, n_components)."""
-        return products[:, N_DEVIATIONS * len(self.products) : -N_DEVIATIONS]
-
-    def ahead(self, products: FloatArray) -> FloatArray:
-        """Return that part of products, shape (n_holds, n_deviations)."""
-        return products[:, -N_DEVIATIONS:]
 
 
 def conditionals(time_s: FloatArray, *, after_s: float) -> Conditionals:
@@ -117,12 +106,17 @@ def _recall(time_bytes: bytes, after_s: float) -> Conditionals:
     root = np.sqrt(1 + np.einsum("kmc,kmc->kc", whitened, whitened))
     step = (curve[-1] - (ahead[:, None] @ whitened)[:, 0]) / root
     back = whitening.transpose(0, 2, 1)
-    products = (back, back @ (whitened / root[:, None]), back @ ahead[:, :, None])
+    whitening_back, along, ahead_of = (
+        np.ascontiguousarray(part.transpose(1, 0, 2)).reshape(last, -1)
+        for part in (back, back @ (whitened / root[:, None]), back @ ahead[:, :, None])
+    )
     diagonal = np.diagonal(factor, axis1=1, axis2=2)
     pace_from, pace = _recent_pace(bins.time_s, after_s=after_s)
     return Conditionals(
         bins=bins,
-        products=np.hstack([part.transpose(1, 0, 2).reshape(last, -1) for part in products]),
+        whitening=whitening_back,
+        along=along,
+        ahead=ahead_of,
         step=step.ravel(),
         log_weight=(-np.log(diagonal[:, :-1]).sum(axis=1)[:, None] - np.log(root)).ravel(),
         variance=(diagonal[:, -1:] ** 2 + step**2).ravel(),
@@ -149,15 +143,11 @@ def _covariances(bins: Bins, *, time_s: FloatArray, others: NDArray[np.intp]) ->
     noise = np.append(1 / bins.count + NOISE_FLOOR, 0.0)
     log_time = np.log(time_s + WALK_FROM_S)
     steps = log_time[others] - log_time[last]
-    fast_s, fast_sd = np.array(_FAST).T
-    terms = np.stack(
-        [
-            noise[last] + np.diag(noise[others]),
-            np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0),
-            outer(np.exp(-time_s[:, None] / _LOOSE_S)),
-            outer(fast_sd * np.exp(-time_s[:, None] / fast_s)),
-        ]
-    )
+    terms = np.empty((_VARIANCE.shape[1], count, count))
+    terms[0] = noise[last] + np.diag(noise[others])
+    terms[1] = np.minimum(np.abs(steps)[:, None], np.abs(steps)) * (steps[:, None] * steps > 0)
+    terms[2] = outer(np.exp(-time_s[:, None] / _LOOSE_S))
+    terms[3] = outer(_FAST_SD * np.exp(-time_s[:, None] / _FAST_S))
     covariance = _VARIANCE @ terms.reshape(len(terms), -1)
     return np.asarray(covariance.reshape(-1, count, count) + _JITTER * np.eye(count))
 
@@ -200,7 +190,7 @@ def log_bins(time_s: FloatArray) -> Bins:
     else:
         share = (log_time - log_time[0]) / (log_time[-1] - log_time[0])
         label = np.minimum((share * MOST_BINS).astype(np.intp), MOST_BINS - 1)
-        label = np.cumsum(np.diff(label, prepend=label[0]) > 0)
+        label = np.concatenate([[0], (label[1:] > label[:-1]).cumsum()])
     count = np.bincount(label).astype(np.float64)
     averaging = np.zeros((count.size, n_times))
     averaging[label, np.arange(n_times)] = 1.0 / count[label]
@@ -255,6 +245,7 @@ def _neighbours(time_bytes: bytes) -> tuple[FloatArray, FloatArray, FloatArray, 
     time_s = np.frombuffer(time_bytes)
     left = (time_s[2:] - time_s[1:-1]) / (time_s[2:] - time_s[:-2])
     unit = np.sqrt(1 + left**2 + (1 - left) ** 2)
-    late = np.arange(left.size) >= left.size // 2
-    means = np.stack([np.full(left.size, 1 / left.size), late / late.sum()], axis=1)
+    half = left.size // 2
+    means = np.full((left.size, 2), 1 / left.size)
+    means[:half, 1], means[half:, 1] = 0.0, 1 / (left.size - half)
     return left / unit, 1 / unit, (1 - left) / unit, means

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -74,25 +75,28 @@ def posterior(
     noise, samples = scatter
     degrees = seen.shape[1] + samples + scaled * SCALE_DEGREES
     weighing = _weighing(forms, log_odds.tobytes(), samples, degrees)
-    products = seen @ weighing.products
-    whitened, along = forms.whitened(products), forms.along(products)
+    holds, m = seen.shape
+    whitened = (seen @ forms.whitening).reshape(holds, N_DEVIATIONS, m)
+    along, left, square = _scratch(holds)
+    np.matmul(seen, weighing.along, out=along)
     squares = np.einsum("hkm,hkm->hk", whitened, whitened)
     squares += noise[:, None] * (samples / NOISE**2) + (scaled * SCALE_DEGREES * SCALE**2 + _TINY)
     # A weight is handicap x what is left unexplained, to the power of -degrees / 2: whether it
     # counts is known without taking a logarithm.
-    left = (squares[:, :, None] * weighing.handicap).reshape(along.shape)
-    left -= np.square(along)
+    np.matmul(squares, weighing.handicap, out=left)
+    left -= np.square(along, out=square)
     least = np.maximum(left.min(axis=1), 1e-12 * squares.min(axis=1))
     [kept] = (left <= (least * lightest ** (-2 / degrees))[:, None]).ravel().nonzero()
-    hold, component = np.divmod(kept, along.shape[1])
-    first = hold.searchsorted(np.arange(len(seen)))
+    hold = kept // along.shape[1]
+    component = kept - hold * along.shape[1]
+    first = hold.searchsorted(np.arange(holds))
     least = least[hold]
-    unexplained = np.maximum(left.ravel()[kept], least)
+    unexplained = np.maximum(left.take(kept), least)
     weight = np.exp(-degrees / 2 * np.log(unexplained / least))
     weight /= np.add.reduceat(weight, first)[hold]
-    forecast = forms.ahead(products)[hold, DEVIATION_OF[component]]
-    forecast += weighing.step[component] * along[hold, component]
-    pace = forms.pace * seen[hold, forms.pace_from]
+    forecast = (seen @ forms.ahead).take(hold * N_DEVIATIONS + DEVIATION_OF[component])
+    forecast += weighing.step[component] * along.take(kept)
+    pace = forms.pace * seen[:, forms.pace_from][hold]
     doubt = SHAPE_DOUBT**2 * (forecast**2 + pace**2)
     return Mixture(
         first=first,
@@ -104,16 +108,31 @@ def posterior(
     )
 
 
+class _Scratch(threading.local):
+    """Numbers of each hold and component, kept from call to call: fresh pages cost a third more."""
+
+    numbers = np.empty((3, 0, DEVIATION_OF.size))
+
+
+_SCRATCH = _Scratch()
+
+
+def _scratch(holds: int) -> FloatArray:
+    """Return three arrays of shape (holds, n_components), overwritten by the next call."""
+    if holds > _SCRATCH.numbers.shape[1]:
+        _SCRATCH.numbers = np.empty((3, holds, DEVIATION_OF.size))
+    return _SCRATCH.numbers[:, :holds]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Weighing:
     """Conditionals of a grid under some odds."""
 
-    #: Shape (n_deviations, n_curves). What multiplies the unexplained squares of each component,
-    #: for the odds, the noise and the determinants: at least 1.
+    #: Shape (n_deviations, n_components). What multiplies the unexplained squares of a component,
+    #: for the odds, the noise and the determinants: at least 1; 0 outside of its own deviation.
     handicap: FloatArray
-    #: Shape as in `Conditionals`. Those of the conditionals, with the root of the handicap in what
-    #: is along the curves.
-    products: FloatArray
+    #: Shape (m, n_components). That of the conditionals, with the root of the handicap.
+    along: FloatArray
     #: Shape (n_components,). Forecast per unit along the curve, and its variance per unit left,
     #: both so multiplied.
     step: FloatArray
@@ -124,12 +143,11 @@ class _Weighing:
 def _weighing(forms: Conditionals, log_odds: bytes, samples: float, degrees: float) -> _Weighing:
     log_prior = forms.log_weight + np.frombuffer(log_odds) - samples * np.log(NOISE)[DEVIATION_OF]
     handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
-    products = forms.products.copy()
-    forms.along(products)[:] *= np.sqrt(handicap)
+    root = np.sqrt(handicap)
     return _Weighing(
-        handicap=handicap.reshape(N_DEVIATIONS, -1),
-        products=products,
-        step=forms.step / np.sqrt(handicap),
+        handicap=np.where(np.arange(N_DEVIATIONS)[:, None] == DEVIATION_OF, handicap, 0.0),
+        along=forms.along * root,
+        step=forms.step / root,
         variance=forms.variance / handicap / max(degrees - 2, 1),
     )
 

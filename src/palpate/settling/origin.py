@@ -149,6 +149,8 @@ def _baseline_end(time_s: FloatArray, values: FloatArray, *, could_end: int) -> 
 
 def _at_once(values: FloatArray, rested: NDArray[np.intp], *, positive: bool) -> NDArray[np.bool_]:
     """Return whether contact was made between two samples: then the hold begins with the second."""
+    if not rested.any():
+        return np.zeros(len(values), dtype=bool)
     rows, last = np.arange(len(values)), values.shape[1] - 1
     rest, first, second = (values[rows, np.minimum(rested + n, last)] for n in range(3))
     jump = np.abs(first - rest)

@@ -123,11 +123,16 @@ def predict_settled(
         )
     predictor = for_unit(chosen, unit)
     blocks = [
-        predictor.predict(times[:stop], block, horizon_s=horizon_s, level=level)
-        for block in np.split(used, range(_BLOCK, len(used), _BLOCK))
+        predictor.predict(times[:stop], used[start:end], horizon_s=horizon_s, level=level)
+        for start, end in _blocks(len(used))
     ]
     estimate = blocks[0] if len(blocks) == 1 else joined(blocks)
     return estimate if samples.ndim == 2 else estimate.hold(0)
+
+
+def _blocks(holds: int) -> list[tuple[int, int]]:
+    """Return where the blocks of a batch begin and end; an empty batch is one."""
+    return [(start, start + _BLOCK) for start in range(0, max(holds, 1), _BLOCK)]
 
 
 def _samples_until(times: FloatArray, cutoff_s: float) -> int:

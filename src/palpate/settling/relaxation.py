@@ -21,7 +21,7 @@ from palpate.settling.result import SettledEstimate, Status
 from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 
 #: Holds worked on at once; bounds the memory whatever the batch.
-CHUNK = 256
+CHUNK = 512
 #: A prediction from less than this after the origin has no basis but the prior.
 SHORTEST_S = 0.3
 #: And with fewer samples noise can't be distinguished from change.
@@ -271,7 +271,7 @@ def _by_sign(values: FloatArray) -> Iterator[tuple[NDArray[np.intp], FloatArray,
     for positive, alike in ((True, above_zero), (False, ~above_zero)):
         [rows] = alike.nonzero()
         if rows.size:
-            some = values[rows]
+            some = values if rows.size == len(values) else values[rows]
             last = some[:, -1:]
             yield rows, np.log(some / last) if positive else some - last, positive
 

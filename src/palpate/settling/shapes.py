@@ -127,7 +127,16 @@ def curve_values(time_s: FloatArray) -> FloatArray:
     >>> bool(np.allclose(start - end, 1.0))
     True
     """
-    times = np.concatenate([np.array(UNIT_S), time_s])[:, None]
-    values = np.hstack([curves(times, *np.array(rows).T) for curves, rows in _FAMILIES])
-    scaled: FloatArray = values[2:] / (values[0] - values[1])
+    scaled: FloatArray = _unscaled(time_s) / _CHANGE
     return scaled
+
+
+def _unscaled(time_s: FloatArray) -> FloatArray:
+    """Return every curve in the unit of its family, shape (n_times, n_curves)."""
+    times = time_s[:, None]
+    return np.concatenate([curves(times, *rows) for curves, rows in _PARAMETERS], axis=1)
+
+
+_PARAMETERS = tuple((curves, np.array(rows).T) for curves, rows in _FAMILIES)
+#: Change of each curve between the times that make its unit.
+_CHANGE: FloatArray = -np.diff(_unscaled(np.array(UNIT_S)), axis=0)
