@@ -118,7 +118,8 @@ class StsBus:
                 self._reply(bytes(self._table[given[0] : given[0] + given[1]]))
             elif instruction == _WRITE:
                 self._table[given[0] : given[0] + len(given) - 1] = given[1:]
-                if given[0] == sts.GOAL_POSITION.address:
+                # Torque that comes on takes it to whatever goal is there.
+                if given[0] in (sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address):
                     self._go()
                 self._reply()
             else:
