@@ -68,6 +68,20 @@ def test_nothing_there_after_the_last_try(plan: Plan, bench: Any) -> None:
     assert bench.width_mm == 74.0
 
 
+def test_a_touch_that_is_gone_when_looked_at_again_is_none(plan: Plan, bench: Any) -> None:
+    entered = list[Phase]()
+
+    def taken_away(belief: Belief) -> None:
+        entered.append(belief.phase)
+        if belief.phase is Phase.CONTACT:
+            bench.size_mm = 0.0
+
+    result = run(plan, bench, watch=taken_away)
+    assert Phase.CONTACT in entered
+    assert Phase.SQUEEZE not in entered
+    assert result.outcome is Outcome.NOTHING_THERE
+
+
 def test_a_law_that_cannot_tell_nothing_from_too_much_grips_nothing(plan: Plan, bench: Any) -> None:
     assert isinstance(plan.early_law, PowerForceLaw)
     coarse = replace(plan.early_law, residual_sd=0.7, floor_n=9.0)
