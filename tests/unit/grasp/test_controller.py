@@ -76,7 +76,9 @@ def test_a_touch_that_is_gone_when_looked_at_again_is_none(plan: Plan, bench: An
         if belief.phase is Phase.CONTACT:
             bench.size_mm = 0.0
 
-    result = run(plan, bench, watch=taken_away)
+    # A faint touch, whose reading alone is no grip, looked at until only fresh frames count.
+    longer = replace(plan, gentle_force_n=8.0, confirm_s=0.5)
+    result = run(longer, bench, watch=taken_away)
     assert Phase.CONTACT in entered
     assert Phase.SQUEEZE not in entered
     assert result.outcome is Outcome.NOTHING_THERE
