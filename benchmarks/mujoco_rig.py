@@ -1,10 +1,11 @@
 """Grasps in MuJoCo next to grasps on the twin: the same objects and sheets, two kinds of physics.
 
     python benchmarks/mujoco_rig.py --grasps 40
+    python benchmarks/mujoco_rig.py --grasps 40 --rigs mujoco-so101
 
-For each seed one object is drawn, and grasped on the rigs `sim-rigid` and `mujoco`, each calibrated
-on its own. Prints errors against each rig's own truth, mean and standard deviation, and how often
-the 90 % intervals hold the truth. Needs `pip install -e bridges/mujoco`. Sets no limit.
+For each seed one object is drawn, and grasped on each rig, calibrated on its own. Prints errors
+against each rig's own truth, mean and standard deviation, and how often the 90 % intervals hold the
+truth. Needs `pip install -e bridges/mujoco`. Sets no limit.
 """
 
 from __future__ import annotations
@@ -76,10 +77,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--grasps", type=int, default=40)
     parser.add_argument("--first-seed", type=int, default=1000)
+    parser.add_argument("--rigs", nargs="+", default=RIGS)
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.grasps)
     print("errors: size in mm, settled in percent points, force and stiffness in % (of ln)")
-    for rig_name in RIGS:
+    for rig_name in options.rigs:
         report(rig_name, [grasped(rig_name, seed=seed) for seed in seeds])
 
 

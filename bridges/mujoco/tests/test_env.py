@@ -13,8 +13,9 @@ from palpate_mujoco.env import GraspEnv
 NAME = "palpate_mujoco.env:palpate/Grasp-v0"
 
 
-def test_gymnasiums_own_check_passes() -> None:
-    check_env(gymnasium.make(NAME).unwrapped, skip_render_check=True)
+@pytest.mark.parametrize("hand", ["widowx", "so101"])
+def test_gymnasiums_own_check_passes(hand: str) -> None:
+    check_env(gymnasium.make(NAME, hand=hand).unwrapped, skip_render_check=True)
 
 
 def test_closing_further_presses_more_and_is_felt() -> None:

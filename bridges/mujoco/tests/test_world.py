@@ -85,6 +85,23 @@ def test_the_same_seed_gives_the_same_frames() -> None:
     assert runs[0][0] != runs[0][-1]
 
 
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        ("springs-4", [[312, 253], [268, 298], [283, 277], [285, 271]]),
+        ("strawberry", [[259, 225], [200, 235], [225, 244], [204, 219]]),
+    ],
+)
+def test_frames_stay_what_they_were(name: str, counts: list[list[int]]) -> None:
+    """As the first version of the sensor read them: making it faster changes no count."""
+    obj = thing(name)
+    world = MujocoWorld(obj, seed=1)
+    array = TwinArray(world)
+    world.drive(obj.size_mm - 2.0, rate=20.0)
+    frames = [array.read(timeout_s=1.0) for _ in range(60)]
+    assert frames[-1].counts.tolist() == counts
+
+
 def test_asking_for_the_truth_changes_nothing() -> None:
     asked, left = squeezed("strawberry"), squeezed("strawberry")
     assert asked.truth(5.0) == asked.truth(5.0)

@@ -123,7 +123,8 @@ def volts_to_counts(
     [512, 1023]
     """
     ideal = np.asarray(volts) / divider.supply_v * divider.full_scale + np.asarray(noise_counts)
-    return np.asarray(np.clip(np.rint(ideal), 0, divider.full_scale - 1), dtype=np.int32)
+    counts: NDArray[np.int32] = np.clip(np.rint(ideal), 0, divider.full_scale - 1).astype(np.int32)
+    return counts
 
 
 def resolution_ohm(taxel_ohm: ArrayLike, *, divider: Divider, oversampling: int = 1) -> FloatArray:

@@ -14,8 +14,9 @@ def exact_step(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
     >>> decay.round(3).tolist(), mean.round(3).tolist()
     ([1.0, 0.368], [1.0, 0.632])
     """
-    fall = np.expm1(-np.maximum(rate, 1e-12))
-    return 1.0 + fall, -fall / np.maximum(rate, 1e-12)
+    rate = np.maximum(rate, 1e-12)
+    fall = np.expm1(-rate)
+    return 1.0 + fall, -fall / rate
 
 
 def follow_line(

@@ -42,7 +42,9 @@ class Readout:
         keep = np.exp(-step_s / _SLOW_NOISE_S)
         fresh = self._rng.standard_normal((3, pixel_ohm.size))
         self._slow = keep * self._slow + np.sqrt(1.0 - keep**2) * fresh[:2]
-        noise = self._sheet.white_noise * fresh[2] + self._sheet.slow_noise * self._slow.sum(axis=0)
+        noise = self._sheet.white_noise * fresh[2] + self._sheet.slow_noise * (
+            self._slow[0] + self._slow[1]
+        )
         noisy = pixel_ohm * (1.0 + noise.reshape(pixel_ohm.shape))
         seen = floating_readings_ohm(noisy) if self._crosstalk else noisy
         return ohm_to_volts(seen, divider=self._layout.divider)
@@ -54,4 +56,5 @@ class Readout:
             (self._oversampling, *volts.shape)
         )
         each = volts_to_counts(volts, divider=self._layout.divider, noise_counts=noise)
-        return np.asarray(each.sum(axis=0), dtype=np.int32)
+        counts: NDArray[np.int32] = np.add.reduce(each, axis=0, dtype=np.int32)
+        return counts

@@ -65,7 +65,7 @@ class SheetState:
         `travel_mm`: how far the fingers moved in it.
         `sheet`, `gain`, `creep`: the sheet, and what chance gave to this contact.
         """
-        if not load_n.any():
+        if not np.count_nonzero(load_n):
             nothing = np.zeros_like(load_n)
             return self._moved(step_s, nothing, nothing, travel_mm, sheet, creep)
         felt_n = sheet.follow(self.felt_n, load_n)

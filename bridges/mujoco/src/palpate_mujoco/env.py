@@ -15,6 +15,7 @@ from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
+from palpate_mujoco.hand import hand_named
 from palpate_mujoco.world import MujocoWorld
 
 Felt: TypeAlias = dict[str, Any]
@@ -47,11 +48,13 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         Speed of the fingers.
     level : {"paper", "field"}
         How much sheets scatter; each reset draws another.
+    hand : {"widowx", "so101"}
+        Like which robot's.
 
     Raises
     ------
     InputError
-        If there is no such object.
+        If there is no such object or hand.
 
     Examples
     --------
@@ -73,12 +76,13 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         target_force_n: float = 3.0,
         rate_mm_per_s: float = 20.0,
         level: str = "paper",
+        hand: str = "widowx",
     ) -> None:
         if object_name is not None and object_name not in OBJECTS:
             raise InputError(
                 f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}"
             )
-        self._object_name, self._level = object_name, level
+        self._object_name, self._level, self._hand = object_name, level, hand_named(hand)
         self._target_force_n, self._rate_mm_per_s = target_force_n, rate_mm_per_s
         self._open(seed=0)
         layout, limits = self._array.layout, self._gripper.limits
@@ -116,7 +120,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
 
     def _open(self, *, seed: int) -> None:
         obj = draw_object(np.random.default_rng([seed, 10]), self._object_name)
-        self._world = MujocoWorld(obj, seed=seed, level=self._level)
+        self._world = MujocoWorld(obj, seed=seed, level=self._level, hand=self._hand)
         self._array, self._gripper = TwinArray(self._world), TwinGripper(self._world)
         self._obj = obj
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
 
 import mujoco
 
+from palpate.errors import InputError
+from palpate.gripper.fingers import HingedJaw
 from palpate_mujoco.pads import Pad
+
+_OPENING_MM = 2e3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hand:
-    """A hand of two parallel fingers, driven by one servo, as wide as the twin's.
+    """A hand of two fingers, driven by one servo, that opens as wide as the twin's.
 
     Attributes
     ----------
@@ -22,28 +27,74 @@ class Hand:
     servo : str
         Its name.
     joints : tuple of str
-        Joints of the fingers, that of the servo first; each reads half of the opening, metres.
+        Joints of the fingers that move, that of the servo first; all read the same.
     pads : tuple of Pad
-        One on each finger, facing each other along x.
+        One on each finger, facing each other along x; first the one at lower x.
+    width_mm, position : callable
+        From a joint's value to the opening as a user's gripper reports it, mm, and back.
+    fixed_face_mm : float or None
+        Where on x the face of the first pad is, if its finger does not move.
     """
 
     model: str
     servo: str
-    joints: tuple[str, str]
+    joints: tuple[str, ...]
     pads: tuple[Pad, Pad]
+    width_mm: Callable[[float], float]
+    position: Callable[[float], float]
+    fixed_face_mm: float | None = None
 
     def spec(self) -> mujoco.MjSpec:
         """Return the model, to add to and compile."""
         return mujoco.MjSpec.from_file(str(files("palpate_mujoco") / "hands" / self.model))
 
+    def place_mm(self, size_mm: float, *, lead_mm: float, first_finger: int) -> float:
+        """Return where on x the middle of an object is, which one finger meets `lead_mm` early.
 
-#: Like the WidowX 250 S's: 74 mm wide.
+        That finger is always the one that moves, if only one does.
+        """
+        if self.fixed_face_mm is not None:
+            return self.fixed_face_mm + 0.5 * size_mm + lead_mm
+        return 0.5 * lead_mm * (1 if first_finger else -1)
+
+
+#: Like the WidowX 250 S's: 74 mm wide; each joint reads half of the opening, metres.
 WIDOWX = Hand(
     model="widowx.xml",
     servo="servo",
     joints=("left", "right"),
     pads=(Pad(geom="left_pad"), Pad(geom="right_pad")),
+    width_mm=lambda half_m: _OPENING_MM * half_m,
+    position=lambda width_mm: width_mm / _OPENING_MM,
 )
+#: As `palpate.gripper.feetech` reads the opening of an SO-101, with the numbers that its user would
+#: measure: from the hinge to the middle of the pad, and the angle from where the pads touch.
+_JAW = HingedJaw(jaw_mm=64.0)
+#: Like the SO-101's: one fixed jaw and one that swings.
+SO101 = Hand(
+    model="so101.xml",
+    servo="servo",
+    joints=("jaw",),
+    pads=(Pad(geom="fixed_pad"), Pad(geom="moving_pad")),
+    width_mm=_JAW.width_mm,
+    position=_JAW.angle_rad,
+    fixed_face_mm=-19.0,
+)
+#: By the names that users choose.
+HANDS = {"widowx": WIDOWX, "so101": SO101}
+
+
+def hand_named(name: str) -> Hand:
+    """Return a hand.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name.
+    """
+    if name not in HANDS:
+        raise InputError(f"no hand {name!r} in MuJoCo; there are: {', '.join(HANDS)}")
+    return HANDS[name]
 
 
 class Servo:
@@ -57,8 +108,6 @@ class Servo:
         Where it is.
     """
 
-    _OPENING_MM = 2e3
-
     def __init__(self, hand: Hand, *, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._data, self._hand = data, hand
         self._ctrl = model.actuator(hand.servo).id
@@ -68,15 +117,16 @@ class Servo:
     @property
     def width_mm(self) -> float:
         """Opening as the servo's encoder reads it."""
-        return self._OPENING_MM * float(self._data.qpos[self._joint])
+        return self._hand.width_mm(float(self._data.qpos[self._joint]))
 
     def put(self, width_mm: float) -> None:
         """Put the fingers at an opening, at rest."""
-        self._data.act[self._act] = width_mm / self._OPENING_MM
+        position = self._hand.position(width_mm)
+        self._data.act[self._act] = position
         for joint in self._hand.joints:
-            self._data.joint(joint).qpos = width_mm / self._OPENING_MM
+            self._data.joint(joint).qpos = position
 
     def head_for(self, width_mm: float, *, within_s: float) -> None:
         """Set the speed so that the commanded opening is there after a time."""
-        way_mm = width_mm - self._OPENING_MM * float(self._data.act[self._act])
-        self._data.ctrl[self._ctrl] = way_mm / self._OPENING_MM / within_s
+        way = self._hand.position(width_mm) - float(self._data.act[self._act])
+        self._data.ctrl[self._ctrl] = way / within_s

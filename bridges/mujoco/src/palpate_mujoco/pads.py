@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
@@ -15,6 +15,10 @@ from palpate.sensor.array import ArrayLayout
 from palpate.twin.placement import PixelGrid
 
 _MM_PER_M = 1e3
+
+#: A contact on a pad: which pad, what presses on it along its normal (N), and where from the middle
+#: of its pixels, along and across (mm).
+Touch: TypeAlias = tuple[int, float, tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,61 +71,75 @@ class PadLoads:
             )
         grid = PixelGrid.of(layout)
         self._model = model
-        self._geom = np.array([_geom_id(model, pad.geom) for pad in pads])
-        self._pad_of_geom = np.full(model.ngeom, -1)
-        self._pad_of_geom[self._geom] = np.arange(len(pads))
+        self._geom = [_geom_id(model, pad.geom) for pad in pads]
+        self._pad_of_geom = [-1] * model.ngeom
+        for index, geom in enumerate(self._geom):
+            self._pad_of_geom[geom] = index
         #: Columns are a pad's normal, along and across, in the frame of its geom.
-        self._turn = np.array([_axes(pad).T for pad in pads])
-        centre_mm = np.array([pad.centre_mm for pad in pads])
-        self._middle_mm = (centre_mm[:, None] @ self._turn)[:, 0, 1:]
-        self._along_mm, self._across_mm = grid.along_mm, grid.across_mm
-        self._edge_mm = np.array([np.ptp(grid.along_mm), np.ptp(grid.across_mm)]) / 2
-        self._edge_mm += layout.pitch_mm / 2
-        self._on_pad = 1.0 * (grid.finger == np.arange(len(pads))[:, None])
+        self._turn = [_axes(pad).T for pad in pads]
+        self._middle_mm = [
+            (pad.centre_mm @ turn)[1:].tolist() for pad, turn in zip(pads, self._turn, strict=True)
+        ]
+        #: Along and across, shape (pads, 2, pixels); those of other pads are out of reach.
+        pixel_mm = np.stack([grid.along_mm, grid.across_mm])
+        mine = grid.finger == np.arange(len(pads))[:, None, None]
+        self._pixel_mm = np.where(mine, pixel_mm, np.inf)
+        self._edge_mm = (np.ptp(pixel_mm, axis=1) + layout.pitch_mm) / 2
 
     def load_n(self, data: mujoco.MjData, *, reach_mm: float) -> FloatArray:
         """Return the load of every pixel, shape (pixels,).
 
         `reach_mm` is how far a contact's force spreads, at least 0.71 of the pitch.
         """
-        pad, force_n, place_mm = self.contacts(data)
-        if not pad.size:
-            return np.zeros(self._along_mm.size)
-        place_mm = np.minimum(np.maximum(place_mm, -self._edge_mm), self._edge_mm) / reach_mm
-        along = place_mm[:, :1] - self._along_mm / reach_mm
-        across = place_mm[:, 1:] - self._across_mm / reach_mm
-        weight = np.maximum(1.0 - along * along - across * across, 0.0) * self._on_pad[pad]
-        load_n: FloatArray = (force_n / weight.sum(axis=1)) @ weight
+        touched = self.contacts(data)
+        if not touched:
+            return np.zeros(self._pixel_mm.shape[2])
+        pad, force_n, place_mm = zip(*touched, strict=True)
+        within_mm = np.minimum(np.maximum(place_mm, -self._edge_mm), self._edge_mm)
+        away_mm = within_mm[:, :, None] - self._pixel_mm[pad, :]
+        away_mm *= away_mm
+        weight = np.maximum(reach_mm**2 - away_mm[:, 0] - away_mm[:, 1], 0.0)
+        load_n: FloatArray = (force_n / np.add.reduce(weight, axis=1)) @ weight
         return load_n
 
-    def contacts(self, data: mujoco.MjData) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    def contacts(self, data: mujoco.MjData) -> list[Touch]:
         """Return the contacts on the pads.
 
-        Returns
-        -------
-        pad : ndarray of int, shape (contacts,)
-            Which pad.
-        force_n : ndarray, shape (contacts,)
-            What presses on it, along its normal.
-        place_mm : ndarray, shape (contacts, 2)
-            Where, along and across, from the middle of its pixels.
+        A hand has few: plain floats are faster here than arrays of a few rows.
         """
-        contact = data.contact
-        pad = np.maximum(*self._pad_of_geom[contact.geom].T)
-        which = (pad >= 0).nonzero()[0]
-        if not which.size:
-            return which, np.zeros(0), np.zeros((0, 2))
-        pad = pad[which]
-        # Place and force of each contact as rows, in the world and then in the frame of its pad.
-        rows = np.empty((which.size, 2, 3))
-        rows[:, 0] = _MM_PER_M * (contact.pos[which] - data.geom_xpos[self._geom[pad]])
-        force = np.empty((which.size, 6))
-        for row, index in enumerate(which.tolist()):
-            mujoco.mj_contactForce(self._model, data, index, force[row])
-        rows[:, 1] = (force[:, None, :3] @ contact.frame[which].reshape(-1, 3, 3))[:, 0]
-        turn = data.geom_xmat[self._geom].reshape(-1, 3, 3) @ self._turn
-        seen = rows @ turn[pad]
-        return pad, np.abs(seen[:, 1, 0]), seen[:, 0, 1:] - self._middle_mm[pad]
+        contact, pad_of = data.contact, self._pad_of_geom
+        pads = [max(pad_of[one], pad_of[other]) for one, other in contact.geom.tolist()]
+        frames = {pad: self._frame(data, pad) for pad in set(pads) if pad >= 0}
+        if not frames:
+            return []
+        places_m, turns, force = contact.pos.tolist(), contact.frame.tolist(), np.empty(6)
+        touched = []
+        for index, pad in enumerate(pads):
+            if pad < 0:
+                continue
+            origin_m, (normal, along, across), middle_mm = frames[pad]
+            mujoco.mj_contactForce(self._model, data, index, force)
+            f, g, h, *_ = force.tolist()
+            xx, xy, xz, yx, yy, yz, zx, zy, zz = turns[index]
+            push = (f * xx + g * yx + h * zx, f * xy + g * yy + h * zy, f * xz + g * yz + h * zz)
+            x, y, z = places_m[index]
+            place_m = (x - origin_m[0], y - origin_m[1], z - origin_m[2])
+            at_mm = (
+                _MM_PER_M * _dot(place_m, along) - middle_mm[0],
+                _MM_PER_M * _dot(place_m, across) - middle_mm[1],
+            )
+            touched.append((pad, abs(_dot(push, normal)), at_mm))
+        return touched
+
+    def _frame(self, data: mujoco.MjData, pad: int) -> Any:
+        """Return origin (m), normal, along and across of a pad in the world, and middle (mm)."""
+        geom = self._geom[pad]
+        axes = (data.geom_xmat[geom].reshape(3, 3) @ self._turn[pad]).T
+        return data.geom_xpos[geom].tolist(), axes.tolist(), self._middle_mm[pad]
+
+
+def _dot(one: Sequence[float], other: Sequence[float]) -> float:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 def _geom_id(model: mujoco.MjModel, name: str) -> int:

@@ -1,4 +1,4 @@
-"""The rig `mujoco`: a WidowX-like hand in MuJoCo, an object of the twin, and their calibration."""
+"""The rigs `mujoco` and `mujoco-so101`: a hand in MuJoCo, an object of the twin, a calibration."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from palpate.rig import Rig
 from palpate.rig.simulated import ANOTHER_SESSION, calibrated_on
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import OBJECTS, draw_object
+from palpate_mujoco.hand import SO101, WIDOWX, Hand
 from palpate_mujoco.world import MujocoWorld
 
 
 def open_mujoco(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
-    """Open the hand with an object between its fingers.
+    """Open a hand like the WidowX 250's with an object between its fingers.
 
     The object and the sheet are those that the rig `sim-rigid` draws for the same seed.
 
@@ -22,18 +23,33 @@ def open_mujoco(*, object_name: str | None, seed: int, level: str = "paper") -> 
     InputError
         If there is no such object.
     """
+    return _opened("mujoco", WIDOWX, object_name=object_name, seed=seed, level=level)
+
+
+def open_so101(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
+    """Open a hand like the SO-101's, as `open_mujoco` does.
+
+    Raises
+    ------
+    InputError
+        If there is no such object.
+    """
+    return _opened("mujoco-so101", SO101, object_name=object_name, seed=seed, level=level)
+
+
+def _opened(name: str, hand: Hand, *, object_name: str | None, seed: int, level: str) -> Rig:
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
-    world = MujocoWorld(obj, seed=seed, level=level)
-    bench = MujocoWorld(None, seed=seed + ANOTHER_SESSION, sheet_seed=seed, level=level)
+    world = MujocoWorld(obj, seed=seed, level=level, hand=hand)
+    bench = MujocoWorld(None, seed=seed + ANOTHER_SESSION, sheet_seed=seed, level=level, hand=hand)
     return Rig(
-        name="mujoco",
+        name=name,
         array=TwinArray(world),
         gripper=TwinGripper(world),
         clock=world.clock,
         calibration=calibrated_on(
-            bench, seed=seed, apart_from=obj.name, sensor_id=f"mujoco-{seed}"
+            bench, seed=seed, apart_from=obj.name, sensor_id=f"{name}-{seed}"
         ),
         origin="twin",
         subject=obj.name,

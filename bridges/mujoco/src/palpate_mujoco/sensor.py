@@ -192,7 +192,7 @@ class PadSensor:
             return
         self._felt_s = self.data.time
         self._load_n = self._loads.load_n(self.data, reach_mm=self.reach_mm)
-        loaded = bool(self._load_n.any())
+        loaded = bool(np.count_nonzero(self._load_n))
         self._touches += loaded and self._free_s > _FREE_S
         self._free_s = 0.0 if loaded else self._free_s + step_s
         placement = self.placement

@@ -220,9 +220,11 @@ class MujocoWorld:
         if obj is not None:
             lies = self.sensor.placement
             along_mm, across_mm = lies.off_centre_mm
-            aside_mm = 0.5 * lies.lead_mm * (1 if lies.first_finger else -1)
+            x_mm = self._hand.place_mm(
+                obj.size_mm, lead_mm=lies.lead_mm, first_finger=lies.first_finger
+            )
             left, right = (pad.geom for pad in self._hand.pads)
-            add_object(spec, obj, place_mm=(aside_mm, across_mm, along_mm), pads=(left, right))
+            add_object(spec, obj, place_mm=(x_mm, across_mm, along_mm), pads=(left, right))
         model = spec.compile()
         data = mujoco.MjData(model)
         data.time = self.now_s()
