@@ -21,12 +21,12 @@ from palpate.grasp.planning import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.rig.simulated import calibrated
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.sensor.wire import encode_message
 from palpate.sensor.wire_messages import FrameMessage
 from palpate.signal.relative import excess_conductance
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
+from palpate_studies.board_bytes import encode_message
 
 RATE_HZ, LEVEL, SEED = 250.0, "field", 5
 PER_DAY = RATE_HZ * 86_400

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from tests.conftest import skip
 from tests.contract.regulator_board import RegulatorBoard
+from tests.contract.servo_bus import ServoBus
 from tests.contract.sts_bus import StsBus
 
 from palpate.clock import ManualClock
@@ -26,7 +27,6 @@ from palpate.sensor.wire_messages import Contents
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.servo_bus import ServoBus
 from palpate.twin.world import World
 
 BAUD = 1_000_000

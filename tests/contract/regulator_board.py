@@ -10,7 +10,7 @@ import math
 import struct
 
 from palpate.errors import DeviceError
-from palpate.sensor.wire import encode_message, unpack
+from palpate.sensor.wire import unpack
 from palpate.sensor.wire_messages import (
     MAX_PRESSURE_KPA,
     Ack,
@@ -22,6 +22,7 @@ from palpate.sensor.wire_messages import (
     Result,
 )
 from palpate.twin.world import World
+from palpate_studies.board_bytes import encode_message
 
 _STEP_S = 0.01
 _HEARTBEAT_S = 0.5

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import threading
 
+from tests.contract.servo_bus import LineEnd
+
 from palpate.gripper import sts_series as sts
 from palpate.gripper.fingers import HingedJaw
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.x_series import Register
 from palpate.twin.devices import TwinGripper
-from palpate.twin.servo_bus import LineEnd
 from palpate.twin.world import World
 
 _HEADER = b"\xff\xff"

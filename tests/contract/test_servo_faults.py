@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.contract.hands import BAUD, REPLY_S, on_servo, world_of
+from tests.contract.servo_bus import ServoBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
 from palpate.grasp.belief import Observation
@@ -28,7 +29,6 @@ from palpate.recording import RecordingInfo, RecordingWriter, load_recording
 from palpate.rig import open_rig
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray
-from palpate.twin.servo_bus import ServoBus
 from palpate.twin.world import World
 
 

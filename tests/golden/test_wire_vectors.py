@@ -15,7 +15,8 @@ import pytest
 from tests.conftest import skip
 
 from palpate.sensor import wire_messages as wm
-from palpate.sensor.wire import Decoder, encode_command, encode_message
+from palpate.sensor.wire import Decoder, encode_command
+from palpate_studies.board_bytes import encode_message
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 VECTORS = json.loads((Path(__file__).parent / "wire" / "vectors.json").read_text())

@@ -14,8 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.sensor.wire import MAX_STUFFED_BYTES, Decoder, encode_message, stuff, unstuff
+from palpate.sensor.wire import MAX_STUFFED_BYTES, Decoder, stuff, unstuff
 from palpate.sensor.wire_messages import CellSample, FrameMessage, Message
+from palpate_studies.board_bytes import encode_message
 
 FULL = os.environ.get("PALPATE_FULL") == "1"
 AROUND = 3

@@ -19,9 +19,9 @@ from control_msgs.action import GripperCommand as StandardCommand
 from palpate_msgs.action import Grasp
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from tests.contract.servo_bus import ServoBus
 
 from palpate.clock import ManualClock
-from palpate.twin.servo_bus import ServoBus
 from palpate.twin.world import World
 
 GRASP, STANDARD = "/palpate_gripper/grasp", "/palpate_gripper/gripper_cmd"

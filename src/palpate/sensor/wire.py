@@ -11,12 +11,9 @@ import struct
 import zlib
 from dataclasses import dataclass
 
-from palpate.sensor.wire_messages import Ack, Command, FrameMessage, Message, MessageType
+from palpate.sensor.wire_messages import Ack, Command, Message, MessageType
 from palpate.sensor.wire_payloads import (
-    pack_ack,
     pack_command,
-    pack_frame,
-    pack_identity,
     unpack_ack,
     unpack_frame,
     unpack_identity,
@@ -108,15 +105,6 @@ def encode_command(command: Command, *, tag: int = 0) -> bytes:
     return pack(*pack_command(command, tag=tag))
 
 
-def encode_message(message: Message) -> bytes:
-    """Return the bytes by which a board sends `message` (for simulators and tests)."""
-    if isinstance(message, FrameMessage):
-        return pack(MessageType.FRAME, pack_frame(message))
-    if isinstance(message, Ack):
-        return pack(MessageType.ACK, pack_ack(message))
-    return pack(MessageType.IDENTITY, pack_identity(message))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireCounters:
     """Counts of a decoder so far."""
@@ -142,11 +130,8 @@ class Decoder:
     and CRC-32 are taken; the rest is counted. Sequence and time are unwrapped within a stream,
     which needs at least one frame in every 71 minutes.
 
-    >>> from dataclasses import replace
-    >>> import numpy as np
-    >>> frame = FrameMessage(sequence=0, time_us=12, stream=1, oversampling=1, status=0,
-    ...                      counts=np.array([[512, 7]], dtype=np.uint16))
-    >>> data = encode_message(frame) + encode_message(replace(frame, sequence=2))
+    >>> data = bytes.fromhex("03011101010101020c010104010101010103020705a2ffcb0500")  # number 0
+    >>> data += bytes.fromhex("03011102020101020c010104010101010103020705656ff7d100")  # number 2
     >>> decoder = Decoder()
     >>> [m.counts.tolist() for m in decoder.feed(data[:9]) + decoder.feed(data[9:])]
     [[[512, 7]], [[512, 7]]]

@@ -13,7 +13,6 @@ import numpy as np
 
 from palpate.sensor.wire_messages import (
     MAX_OVERSAMPLING,
-    MAX_SIDE,
     Ack,
     BoardIdentity,
     CellSample,
@@ -33,11 +32,11 @@ from palpate.sensor.wire_messages import (
     Stop,
 )
 
-_FRAME_HEAD = struct.Struct("<IIBBBBB")
-_LOADS = struct.Struct("<iBiB")
-_PRESSURE = struct.Struct("<HH")
-_ACK = struct.Struct("<BBBBIII")
-_IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
+FRAME_HEAD = struct.Struct("<IIBBBBB")
+LOADS = struct.Struct("<iBiB")
+PRESSURE = struct.Struct("<HH")
+ACK = struct.Struct("<BBBBIII")
+IDENTITY = struct.Struct("<BBBBBHBBBBBBHHBIIII")
 
 _ALL_CONTENTS = int(Contents.LOAD_CELLS | Contents.PRESSURE)
 
@@ -79,70 +78,6 @@ def pack_command(command: Command, *, tag: int) -> tuple[int, bytes]:
         raise ValueError(f"{command} with tag {tag} can't be sent: {error}") from error
 
 
-def pack_frame(frame: FrameMessage) -> bytes:
-    """Return the payload of a frame; sequence and time are cut to 32 bits."""
-    counts = np.asarray(frame.counts)
-    rows, cols = counts.shape
-    if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE):
-        raise ValueError(f"a frame of {rows} x {cols} pixels: rows and cols must be 1 to 16")
-    contents, extra = Contents.PIXELS, b""
-    if frame.load_cells:
-        contents |= Contents.LOAD_CELLS
-        first, second = frame.load_cells
-        extra += _LOADS.pack(first.raw, first.sample, second.raw, second.sample)
-    if frame.pressure_set_kpa is not None and frame.pressure_kpa is not None:
-        contents |= Contents.PRESSURE
-        extra += _PRESSURE.pack(
-            round(frame.pressure_set_kpa * 1e3), round(frame.pressure_kpa * 1e3)
-        )
-    head = _FRAME_HEAD.pack(
-        frame.sequence & 0xFFFFFFFF,
-        frame.time_us & 0xFFFFFFFF,
-        frame.stream,
-        frame.oversampling,
-        (rows - 1) << 4 | (cols - 1),
-        contents,
-        frame.status,
-    )
-    return head + counts.astype("<u2").tobytes() + extra
-
-
-def pack_ack(ack: Ack) -> bytes:
-    """Return the payload of an answer."""
-    return _ACK.pack(
-        ack.command,
-        ack.tag,
-        ack.result,
-        ack.stream,
-        ack.next_sequence & 0xFFFFFFFF,
-        ack.time_us & 0xFFFFFFFF,
-        round(ack.highest_rate_hz * 1e3),
-    )
-
-
-def pack_identity(identity: BoardIdentity) -> bytes:
-    """Return the payload of an identity."""
-    return _IDENTITY.pack(
-        identity.tag,
-        identity.protocol,
-        *identity.version,
-        identity.features,
-        identity.rows,
-        identity.cols,
-        identity.oversampling,
-        identity.max_rows,
-        identity.max_cols,
-        identity.max_oversampling,
-        identity.settle_us,
-        identity.heartbeat_ms,
-        identity.reset_cause | identity.streaming << 7,
-        identity.conversion_us,
-        identity.baud,
-        round(identity.rate_hz * 1e3),
-        round(identity.highest_rate_hz * 1e3),
-    ) + identity.board.encode("ascii")
-
-
 def _as_sent(sequence: int, time_us: int, _stream: int) -> tuple[int, int]:
     return sequence, time_us
 
@@ -155,12 +90,12 @@ def unpack_frame(
     `place` turns the 32-bit sequence and time and the stream into unwrapped sequence and time; it
     is called for valid frames only.
     """
-    if len(payload) < _FRAME_HEAD.size:
+    if len(payload) < FRAME_HEAD.size:
         return None
-    head = _FRAME_HEAD.unpack_from(payload)
+    head = FRAME_HEAD.unpack_from(payload)
     sequence, time_us, stream, oversampling, sides, contents, status = head
     rows, cols = (sides >> 4) + 1, (sides & 0x0F) + 1
-    end = _FRAME_HEAD.size + 2 * rows * cols
+    end = FRAME_HEAD.size + 2 * rows * cols
     if not 1 <= oversampling <= MAX_OVERSAMPLING:
         return None
     loads: tuple[CellSample, ...] = ()
@@ -171,7 +106,7 @@ def unpack_frame(
         loads, set_kpa, read_kpa = _unpack_extra(payload, end, contents)
     elif len(payload) != end:
         return None
-    pixels = np.ndarray((rows, cols), "<u2", payload, _FRAME_HEAD.size)
+    pixels = np.ndarray((rows, cols), "<u2", payload, FRAME_HEAD.size)
     sequence, time_us = place(sequence, time_us, stream)
     return FrameMessage(
         sequence=sequence,
@@ -187,8 +122,8 @@ def unpack_frame(
 
 
 def _extra_size(contents: int) -> int:
-    return (_LOADS.size if contents & Contents.LOAD_CELLS else 0) + (
-        _PRESSURE.size if contents & Contents.PRESSURE else 0
+    return (LOADS.size if contents & Contents.LOAD_CELLS else 0) + (
+        PRESSURE.size if contents & Contents.PRESSURE else 0
     )
 
 
@@ -197,20 +132,20 @@ def _unpack_extra(
 ) -> tuple[tuple[CellSample, ...], float | None, float | None]:
     loads: tuple[CellSample, ...] = ()
     if contents & Contents.LOAD_CELLS:
-        raw_0, sample_0, raw_1, sample_1 = _LOADS.unpack_from(payload, offset)
+        raw_0, sample_0, raw_1, sample_1 = LOADS.unpack_from(payload, offset)
         loads = (CellSample(raw=raw_0, sample=sample_0), CellSample(raw=raw_1, sample=sample_1))
-        offset += _LOADS.size
+        offset += LOADS.size
     if not contents & Contents.PRESSURE:
         return loads, None, None
-    set_pa, read_pa = _PRESSURE.unpack_from(payload, offset)
+    set_pa, read_pa = PRESSURE.unpack_from(payload, offset)
     return loads, set_pa / 1e3, read_pa / 1e3
 
 
 def unpack_ack(payload: bytes) -> Ack | None:
     """Return the answer in `payload`, or None if it isn't one."""
-    if len(payload) != _ACK.size:
+    if len(payload) != ACK.size:
         return None
-    command, tag, result, stream, next_sequence, time_us, highest_mhz = _ACK.unpack(payload)
+    command, tag, result, stream, next_sequence, time_us, highest_mhz = ACK.unpack(payload)
     if result > max(Result):
         return None
     return Ack(
@@ -226,10 +161,10 @@ def unpack_ack(payload: bytes) -> Ack | None:
 
 def unpack_identity(payload: bytes) -> BoardIdentity | None:
     """Return the identity in `payload`, or None if it isn't one."""
-    board = payload[_IDENTITY.size :]
-    if len(payload) < _IDENTITY.size or not board.isascii():
+    board = payload[IDENTITY.size :]
+    if len(payload) < IDENTITY.size or not board.isascii():
         return None
-    tag, protocol, major, minor, patch, *rest = _IDENTITY.unpack_from(payload)
+    tag, protocol, major, minor, patch, *rest = IDENTITY.unpack_from(payload)
     features, rows, cols, oversampling, max_rows, max_cols, max_oversampling, *rest = rest
     settle_us, heartbeat_ms, state, conversion_us, baud, rate_mhz, highest_mhz = rest
     return BoardIdentity(

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from palpate.sensor import wire_messages as wm
-from palpate.sensor.wire import encode_command, encode_message
+from palpate.sensor.wire import encode_command
+from palpate_studies.board_bytes import encode_message
 
 
 def commands() -> list[tuple[wm.Command, int]]:

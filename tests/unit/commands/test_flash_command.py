@@ -16,8 +16,9 @@ from palpate.cli import build_app, run
 from palpate.commands.avrdude import meaning
 from palpate.errors import DeviceNotFoundError
 from palpate.firmware_image import IMAGES, image_path
-from palpate.sensor.wire import encode_message, unpack
+from palpate.sensor.wire import unpack
 from palpate.sensor.wire_messages import BoardIdentity, CommandType
+from palpate_studies.board_bytes import encode_message
 
 HEX = ":100000000C9434000C943E000C943E000C943E0082\n:00000001FF\n"
 

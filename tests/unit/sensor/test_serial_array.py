@@ -20,7 +20,7 @@ from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.ports import Port, find_port
 from palpate.sensor.serial_array import SerialArray
-from palpate.sensor.wire import encode_message, unpack
+from palpate.sensor.wire import unpack
 from palpate.sensor.wire_messages import (
     Ack,
     BoardIdentity,
@@ -29,6 +29,7 @@ from palpate.sensor.wire_messages import (
     Result,
     SetPressure,
 )
+from palpate_studies.board_bytes import encode_message
 
 #: What the system keeps for a port that nobody reads; a pseudo-terminal's is the same.
 BUFFER_BYTES = 4000

@@ -16,7 +16,6 @@ from palpate.sensor.wire import (
     Decoder,
     WireCounters,
     encode_command,
-    encode_message,
     pack,
     stuff,
     unpack,
@@ -31,6 +30,7 @@ from palpate.sensor.wire_messages import (
     Ping,
     Result,
 )
+from palpate_studies.board_bytes import encode_message
 
 WRAP = 2**32
 

@@ -25,14 +25,12 @@ from palpate.sensor.wire_messages import (
     SetRate,
 )
 from palpate.sensor.wire_payloads import (
-    pack_ack,
     pack_command,
-    pack_frame,
-    pack_identity,
     unpack_ack,
     unpack_frame,
     unpack_identity,
 )
+from palpate_studies.board_bytes import pack_ack, pack_frame, pack_identity
 
 ACK = Ack(
     command=CommandType.RATE,

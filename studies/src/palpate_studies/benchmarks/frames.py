@@ -11,10 +11,11 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.sensor.wire import Decoder, encode_message
+from palpate.sensor.wire import Decoder
 from palpate.sensor.wire_messages import FrameMessage
 from palpate_studies.benchmarks.protocol import Measured, Ratio, side_by_side_s
 from palpate_studies.benchmarks.running import command_of
+from palpate_studies.board_bytes import encode_message
 
 ROWS, COLS = 4, 2
 #: Bytes that a port gives at a time, and a file.

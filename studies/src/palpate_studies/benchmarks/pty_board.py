@@ -10,8 +10,9 @@ from contextlib import contextmanager, suppress
 
 import numpy as np
 
-from palpate.sensor.wire import encode_message, unpack
+from palpate.sensor.wire import unpack
 from palpate.sensor.wire_messages import Ack, BoardIdentity, CommandType, FrameMessage, Result
+from palpate_studies.board_bytes import encode_message
 
 
 @contextmanager

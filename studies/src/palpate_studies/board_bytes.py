@@ -1,0 +1,91 @@
+"""What a board sends, in bytes: for simulated boards in tests and benchmarks.
+
+`docs/protocol.md` has the tables that this follows; `palpate.sensor.wire` reads them back.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.sensor.wire import pack
+from palpate.sensor.wire_messages import (
+    MAX_SIDE,
+    Ack,
+    BoardIdentity,
+    Contents,
+    FrameMessage,
+    Message,
+    MessageType,
+)
+from palpate.sensor.wire_payloads import ACK, FRAME_HEAD, IDENTITY, LOADS, PRESSURE
+
+
+def encode_message(message: Message) -> bytes:
+    """Return the bytes by which a board sends `message`."""
+    if isinstance(message, FrameMessage):
+        return pack(MessageType.FRAME, pack_frame(message))
+    if isinstance(message, Ack):
+        return pack(MessageType.ACK, pack_ack(message))
+    return pack(MessageType.IDENTITY, pack_identity(message))
+
+
+def pack_frame(frame: FrameMessage) -> bytes:
+    """Return the payload of a frame; sequence and time are cut to 32 bits."""
+    counts = np.asarray(frame.counts)
+    rows, cols = counts.shape
+    if not (1 <= rows <= MAX_SIDE and 1 <= cols <= MAX_SIDE):
+        raise ValueError(f"a frame of {rows} x {cols} pixels: rows and cols must be 1 to 16")
+    contents, extra = Contents.PIXELS, b""
+    if frame.load_cells:
+        contents |= Contents.LOAD_CELLS
+        first, second = frame.load_cells
+        extra += LOADS.pack(first.raw, first.sample, second.raw, second.sample)
+    if frame.pressure_set_kpa is not None and frame.pressure_kpa is not None:
+        contents |= Contents.PRESSURE
+        extra += PRESSURE.pack(round(frame.pressure_set_kpa * 1e3), round(frame.pressure_kpa * 1e3))
+    head = FRAME_HEAD.pack(
+        frame.sequence & 0xFFFFFFFF,
+        frame.time_us & 0xFFFFFFFF,
+        frame.stream,
+        frame.oversampling,
+        (rows - 1) << 4 | (cols - 1),
+        contents,
+        frame.status,
+    )
+    return head + counts.astype("<u2").tobytes() + extra
+
+
+def pack_ack(ack: Ack) -> bytes:
+    """Return the payload of an answer."""
+    return ACK.pack(
+        ack.command,
+        ack.tag,
+        ack.result,
+        ack.stream,
+        ack.next_sequence & 0xFFFFFFFF,
+        ack.time_us & 0xFFFFFFFF,
+        round(ack.highest_rate_hz * 1e3),
+    )
+
+
+def pack_identity(identity: BoardIdentity) -> bytes:
+    """Return the payload of an identity."""
+    return IDENTITY.pack(
+        identity.tag,
+        identity.protocol,
+        *identity.version,
+        identity.features,
+        identity.rows,
+        identity.cols,
+        identity.oversampling,
+        identity.max_rows,
+        identity.max_cols,
+        identity.max_oversampling,
+        identity.settle_us,
+        identity.heartbeat_ms,
+        identity.reset_cause | identity.streaming << 7,
+        identity.conversion_us,
+        identity.baud,
+        round(identity.rate_hz * 1e3),
+        round(identity.highest_rate_hz * 1e3),
+    ) + identity.board.encode("ascii")
