@@ -5,7 +5,7 @@ from __future__ import annotations
 import uuid
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC, date, datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -114,7 +114,7 @@ def test_what_is_newly_known_of_an_item_is_filled_in(store: Store) -> None:
     )
 
 
-def test_items_are_found_by_kind_batch_and_time(store: Store) -> None:
+def test_items_are_found_by_kind_and_batch(store: Store) -> None:
     for number, (kind, batch) in enumerate([("kiwi", "M"), ("kiwi", "T"), ("lime", "M")]):
         seen = MORNING + timedelta(days=number)
         store.add_item(Item(item_id=f"i{number}", kind=kind, batch=batch, first_seen=seen))
@@ -126,8 +126,6 @@ def test_items_are_found_by_kind_batch_and_time(store: Store) -> None:
     assert names(limit=1) == ["i2"]
     assert names(kind="kiwi") == ["i1", "i0"]
     assert names(kind="kiwi", batch="M") == ["i0"]
-    assert names(since=MORNING + timedelta(days=1)) == ["i2", "i1"]
-    assert names(until=MORNING + timedelta(days=1)) == ["i0"]
     assert [item.item_id for item in store.of_batch("M")] == ["i0", "i2"]
 
 
@@ -188,13 +186,6 @@ def test_what_refers_to_nothing_is_refused_whole(store: Store, homeless: object)
     assert store.items() == ()
 
 
-def test_a_day_is_a_day_of_the_time_zone(store: Store) -> None:
-    store.add_grasps([grasp(hours=hours) for hours in (-8.6, -8.5, 0, 14, 15.4, 15.5)])
-    assert len(store.of_day(date(2026, 5, 1))) == 4
-    east = timezone(timedelta(hours=9))
-    assert len(store.of_day(date(2026, 5, 1), zone=east)) == 3
-
-
 def test_every_grasp_is_walked_in_batches(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palpate.produce.store.reading._BATCH", 3)
     taken = [grasp(f"i{n % 4}", hours=n) for n in range(10)]
@@ -226,8 +217,6 @@ def test_unknown_names_are_said(store: Store) -> None:
     with pytest.raises(InputError, match="no calibration 'x'"):
         store.calibration("x")
     assert store.grasps_of("A18") == ()
-    with pytest.raises(InputError, match="has no time zone"):
-        store.items(since=datetime(2026, 5, 1))
 
 
 def test_a_store_opens_again_with_what_it_held(url: str) -> None:

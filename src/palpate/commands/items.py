@@ -65,11 +65,11 @@ def items(
     """
     if item is None and (changes or labels):
         raise InputError("--set and --say are about one item: palpate items ITEM --set ...")
-    from palpate.produce.store.item_json import item_document, items_document
+    from palpate.produce.store.item_history import item_document, items_document
 
     with opened(store, create=bool(changes or labels)) as known:
         if item is not None and (changes or labels):
-            _tell(known, item, changes=changes or [], labels=labels or [])
+            _label(known, item, changes=changes or [], labels=labels or [])
         pages, more = _find(known, item=item, kind=kind, batch=batch, day=day, limit=limit)
         if export is not None:
             _export(known, export, item=item, kind=kind, batch=batch, day=day)
@@ -143,7 +143,7 @@ def _find(
     return item_pages(store, found[:limit]), len(found) > limit
 
 
-def _tell(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
+def _label(store: Store, item_id: str, *, changes: list[str], labels: list[str]) -> None:
     from palpate.produce.records import About, Item, Source, Verdict
 
     settings = dict(_pair(text, option="--set", known=_SETTABLE) for text in changes)

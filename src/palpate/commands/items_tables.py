@@ -30,7 +30,7 @@ def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
     )
     for page in pages:
         size, stiffness = page.latest("size_mm"), page.latest("stiffness_n_per_mm")
-        latest = [one for about in About if (one := page.said(about)) is not None]
+        latest = [one for about in About if (one := page.latest_verdict(about)) is not None]
         table.add_row(
             Text(page.item.item_id, style="bold"),
             Text(page.item.kind or "-"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime, tzinfo
+from datetime import datetime
 
 from palpate.commands.report_html import Tile, document, figures, table, tiles
 from palpate.estimate.measurement import Measurement
@@ -23,24 +23,20 @@ QUANTITIES = (
 _MOST_ROWS = 100
 
 
-def item_report(page: ItemHistory, *, store: str, zone: tzinfo | None = None) -> str:
-    """Return the report of an item as HTML.
-
-    `store`: where it came from.
-    `zone`: time zone of every time shown; this machine's by default.
-    """
+def item_report(page: ItemHistory, *, store: str) -> str:
+    """Return the report of an item of a store as HTML; times are of this machine's time zone."""
     item = page.item
     chips = [*filter(None, (item.kind, item.batch and f"batch {item.batch}", item.label))]
     if item.first_seen is not None:
-        chips.append(f"first seen {when(item.first_seen, zone)}")
+        chips.append(f"first seen {when(item.first_seen)}")
     chips.append(f"{len(page.grasps)} grasp{'s' if len(page.grasps) != 1 else ''}")
     body = [tiles(_tiles(page))]
-    if shown := _figures(page, zone):
+    if shown := _figures(page):
         body.append(figures(shown))
     if page.verdicts:
-        body.append(_verdicts(page, zone))
+        body.append(_verdicts(page))
     if page.grasps:
-        body.append(_grasps(page, zone))
+        body.append(_grasps(page))
     return document(
         title=item.item_id,
         chips=chips,
@@ -59,9 +55,9 @@ def verdict_tile(verdict: Verdict) -> Tile:
     return Tile(name=str(verdict.about).capitalize(), value=verdict.text, below=below)
 
 
-def when(moment: datetime, zone: tzinfo | None) -> str:
+def when(moment: datetime) -> str:
     """Return a time as people write it."""
-    return moment.astimezone(zone).strftime("%Y-%m-%d %H:%M")
+    return moment.astimezone().strftime("%Y-%m-%d %H:%M")
 
 
 def number(measured: Measurement | None, digits: int) -> str:
@@ -79,15 +75,15 @@ def _tiles(page: ItemHistory) -> list[Tile]:
             ends = f"{measured.low:.{digits}f} to {measured.high:.{digits}f}"
             value = number(measured, digits)
             shown.append(Tile(name=caption, value=value, unit=unit, below=ends))
-    verdicts = (page.said(about) for about in About)
+    verdicts = (page.latest_verdict(about) for about in About)
     return [*shown, *(verdict_tile(verdict) for verdict in verdicts if verdict is not None)]
 
 
-def _figures(page: ItemHistory, zone: tzinfo | None) -> list[tuple[str, str]]:
+def _figures(page: ItemHistory) -> list[tuple[str, str]]:
     shown = []
     for name, caption, label, _, _ in QUANTITIES[:3]:
         if page.latest(name) is not None:
-            figure = history_figure(page, name, label=label, zone=zone)
+            figure = history_figure(page, name, label=label)
             shown.append((caption, inline_svg(figure, label=f"{caption} over time")))
     pixels = pixels_figure(page.grasps)
     if pixels is not None:
@@ -96,10 +92,10 @@ def _figures(page: ItemHistory, zone: tzinfo | None) -> list[tuple[str, str]]:
     return shown
 
 
-def _verdicts(page: ItemHistory, zone: tzinfo | None) -> str:
+def _verdicts(page: ItemHistory) -> str:
     rows = [
         (
-            when(one.given_at, zone),
+            when(one.given_at),
             str(one.about),
             one.text,
             "-" if one.probability is None else f"{one.probability:.0%}",
@@ -110,18 +106,18 @@ def _verdicts(page: ItemHistory, zone: tzinfo | None) -> str:
     return table("Verdicts", ["when", "about", "verdict", ">sure", "why"], rows)
 
 
-def _grasps(page: ItemHistory, zone: tzinfo | None) -> str:
+def _grasps(page: ItemHistory) -> str:
     columns = ["taken", "outcome", "rig", ">side"]
     columns += [f">{caption.lower()}, {unit}" for _, caption, _, unit, _ in QUANTITIES]
-    rows = [_row(grasp, zone) for grasp in reversed(page.grasps[-_MOST_ROWS:])]
+    rows = [_row(grasp) for grasp in reversed(page.grasps[-_MOST_ROWS:])]
     more = len(page.grasps) - len(rows)
     caption = f"Grasps (the last {len(rows)} of {len(page.grasps)})" if more else "Grasps"
     return table(caption, columns, rows)
 
 
-def _row(grasp: Grasp, zone: tzinfo | None) -> list[str]:
+def _row(grasp: Grasp) -> list[str]:
     return [
-        when(grasp.taken_at, zone),
+        when(grasp.taken_at),
         str(grasp.outcome).replace("_", " "),
         grasp.rig,
         "-" if grasp.angle_deg is None else f"{grasp.angle_deg:g}°",

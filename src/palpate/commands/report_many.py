@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from datetime import date, tzinfo
+from datetime import date
 
 import numpy as np
 
@@ -29,51 +29,47 @@ _FOOT = (
 )
 
 
-def batch_report(
-    name: str, pages: Sequence[ItemHistory], *, store: str, zone: tzinfo | None = None
-) -> str:
+def batch_report(name: str, pages: Sequence[ItemHistory], *, store: str) -> str:
     """Return the report of a batch as HTML: all grasps of its items."""
     grasps = [grasp for page in pages for grasp in page.grasps]
     body = [tiles(_tiles(pages, grasps))]
     shown = _figures(pages)
-    if (softening := softening_figure(pages, zone=zone)) is not None:
+    if (softening := softening_figure(pages)) is not None:
         caption = "Softening: stiffness of each item over its days"
         shown.insert(0, (caption, inline_svg(softening, label=caption)))
     body.append(figures(shown))
-    body.append(_items(pages, zone))
+    body.append(_items(pages))
     return document(
         title=f"Batch {name}",
-        chips=_chips(pages, grasps, zone),
+        chips=_chips(pages, grasps),
         simulated=any(grasp.simulated for grasp in grasps),
         body=body,
         foot=_FOOT.format(store=store),
     )
 
 
-def day_report(
-    day: date, pages: Sequence[ItemHistory], *, store: str, zone: tzinfo | None = None
-) -> str:
+def day_report(day: date, pages: Sequence[ItemHistory], *, store: str) -> str:
     """Return the report of a day as HTML, from the pages of its items within that day."""
     grasps = [grasp for page in pages for grasp in page.grasps]
     caption = "Grasps over the day"
-    hours = (caption, inline_svg(hours_figure(grasps, zone=zone), label=caption))
+    hours = (caption, inline_svg(hours_figure(grasps), label=caption))
     return document(
         title=f"{day:%A}, {day.day} {day:%B %Y}",
-        chips=_chips(pages, grasps, zone),
+        chips=_chips(pages, grasps),
         simulated=any(grasp.simulated for grasp in grasps),
         body=[
             tiles(_tiles(pages, grasps)),
             figures([hours, *_figures(pages)]),
-            _items(pages, zone),
+            _items(pages),
         ],
         foot=_FOOT.format(store=store),
     )
 
 
-def _chips(pages: Sequence[ItemHistory], grasps: Sequence[Grasp], zone: tzinfo | None) -> list[str]:
+def _chips(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
     chips = [kind for kind, _ in Counter(map(kind_of, pages)).most_common(4)]
     if grasps:
-        first, last = (when(end(grasp.taken_at for grasp in grasps), zone) for end in (min, max))
+        first, last = (when(end(grasp.taken_at for grasp in grasps)) for end in (min, max))
         day, _, clock = last.partition(" ")
         chips.append(f"{first} to {clock if first.startswith(day) else last}")
     return chips
@@ -96,7 +92,7 @@ def _tiles(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[Tile]:
             below = f"8 in 10: {low:.{digits}f} to {high:.{digits}f}"
             value = f"{middle:.{digits}f}"
             shown.append(Tile(name=caption, value=value, unit=unit, below=below))
-    bruised = [verdict for page in pages if (verdict := page.said(About.BRUISE))]
+    bruised = [verdict for page in pages if (verdict := page.latest_verdict(About.BRUISE))]
     if bruised:
         counts = Counter(verdict.text for verdict in bruised)
         text, many = counts.most_common(1)[0]
@@ -111,29 +107,29 @@ def _figures(pages: Sequence[ItemHistory]) -> list[tuple[str, str]]:
         caption = "Size and stiffness, by kind"
         shown.append((caption, inline_svg(cloud, label=caption)))
     for about, caption in ((About.RIPENESS, "Ripeness"), (About.BIN, "Bins")):
-        counts = Counter(verdict.text for page in pages if (verdict := page.said(about)))
+        counts = Counter(verdict.text for page in pages if (verdict := page.latest_verdict(about)))
         if counts:
             shown.append((caption, inline_svg(counts_figure(counts.most_common(8)), label=caption)))
     return shown
 
 
-def _items(pages: Sequence[ItemHistory], zone: tzinfo | None) -> str:
+def _items(pages: Sequence[ItemHistory]) -> str:
     columns = ["item", "kind", "last grasp", ">grasps", ">size, mm", ">stiffness, N/mm"]
     # A subject without any verdict gets no column.
     abouts = [
         about
         for about in (About.RIPENESS, About.BRUISE, About.BIN)
-        if any(page.said(about) for page in pages)
+        if any(page.latest_verdict(about) for page in pages)
     ]
     rows = [
         [
             page.item.item_id,
             kind_of(page),
-            when(page.grasps[-1].taken_at, zone) if page.grasps else "-",
+            when(page.grasps[-1].taken_at) if page.grasps else "-",
             f"{len(page.grasps)}",
             number(page.latest("size_mm"), 1),
             number(page.latest("stiffness_n_per_mm"), 2),
-            *(verdict.text if (verdict := page.said(about)) else "-" for about in abouts),
+            *(verdict.text if (verdict := page.latest_verdict(about)) else "-" for about in abouts),
         ]
         for page in pages[:_MOST_ROWS]
     ]

@@ -86,7 +86,7 @@ def settle(
         percent=unit is option.Unit.PERCENT,
     )
     if until_half_width and not fit_on:
-        _say_who_waits(chosen)
+        _warn_without_interval(chosen)
     predictions = list(
         _predict(
             source,
@@ -170,7 +170,7 @@ def _cut_at(text: str) -> CutAt:
     return begin_s
 
 
-def _say_who_waits(methods: Iterable[str]) -> None:
+def _warn_without_interval(methods: Iterable[str]) -> None:
     without = [name for name in methods if name != "relaxation"]
     if without:
         print(

@@ -97,7 +97,7 @@ def _look(api: FastAPI, app_state: AppState) -> None:
     @api.get("/items", responses=_documents("items") | _refusals(503))
     def items(limit: Annotated[int, Query(ge=1, le=1000)] = 50) -> JSONResponse:
         """Items of the store, the last met first, as `palpate items --json` prints them."""
-        from palpate.produce.store.item_json import items_document
+        from palpate.produce.store.item_history import items_document
 
         with _answering():
             return JSONResponse(items_document(app_state.item_store.pages(limit=limit)))
@@ -105,7 +105,7 @@ def _look(api: FastAPI, app_state: AppState) -> None:
     @api.get("/items/{item_id:path}", responses=_documents("item") | _refusals(404, 503))
     def item(item_id: str) -> JSONResponse:
         """One item with its grasps, as `palpate items ITEM --json` prints it."""
-        from palpate.produce.store.item_json import item_document
+        from palpate.produce.store.item_history import item_document
 
         with _answering():
             Item(item_id=item_id)

@@ -185,7 +185,7 @@ def _gains(curve: ClosingSteps) -> FloatArray:
     """Return equally likely gains, of ln force, about which the rest of the doubt is solved for."""
     middles = ndtri((np.arange(_GAINS) + 0.5) / _GAINS)
     kept = np.sqrt(1 - _SOLVED_SHARE**2) / np.std(middles)
-    return np.asarray(curve.told_sd * kept * middles)
+    return np.asarray(curve.stated_sd * kept * middles)
 
 
 def _weighed(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Weighed:
@@ -195,7 +195,7 @@ def _weighed(curve: ClosingSteps, give: Compliance, scales: FloatArray) -> _Weig
     doubt = scatters[:, None] ** 2 + (curve.floor_n / curve.looks.read_n) ** 2
     sharp_mm = max(give.residual_mm, _SHARPEST_MM)
     weight = 1.0 / (sharp_mm**2 + design[..., None, :, 1] ** 2 * doubt)
-    gain_sd = max(_SOLVED_SHARE * curve.told_sd, 1e-3)
+    gain_sd = max(_SOLVED_SHARE * curve.stated_sd, 1e-3)
     known = np.array([np.inf, gain_sd, tilt_sd(curve.law_sd), LAG_SD, _GIVE_SD])
     # From the middle: sums of squares of whole widths would lose the digits that count.
     middle_mm = float(touch_mm.mean())
@@ -339,7 +339,7 @@ class ClosingSteps:
         )
 
     @property
-    def told_sd(self) -> float:
+    def stated_sd(self) -> float:
         """Doubt of the gain without what the exponent makes of it, which is solved for."""
         tilted = tilt_sd(self.law_sd) * self.looks.above[-1]
         return float(np.sqrt(max(self.gain_sd**2 - tilted**2, (0.5 * self.gain_sd) ** 2)))

@@ -149,19 +149,19 @@ def fit_damage_model(
     *,
     rupture_force_n: Sequence[float],
     kinds: Sequence[str],
-    tell_apart: bool = True,
+    by_kind: bool = True,
 ) -> DamageModel:
     """Learn from closings that ended in rupture.
 
     `paths`: the states of each closing (`ClosingCurve.push`); those past the rupture are skipped.
     `rupture_force_n`: force at which each object ruptured, N.
-    `kinds`: kind of each object. Kinds with fewer than twice `FEWEST` objects are not told apart.
-    `tell_apart`: whether the kind will be known when the model is used.
+    `kinds`: kind of each object; those with fewer than twice `FEWEST` objects count as one.
+    `by_kind`: whether the kind will be known when the model is used.
     Raises `ValueError` if there are too few closings to learn from.
     """
     limits_n = np.asarray(rupture_force_n, dtype=np.float64)
     counts = {kind: list(kinds).count(kind) for kind in sorted(set(kinds))}
-    known = [kind for kind, count in counts.items() if tell_apart and count >= 2 * FEWEST]
+    known = [kind for kind, count in counts.items() if by_kind and count >= 2 * FEWEST]
     strengths, low_shares = {}, {}
     for kind in ("", *known):
         chosen = [i for i in range(len(paths)) if kind in ("", kinds[i])]
@@ -169,7 +169,7 @@ def fit_damage_model(
             [paths[i] for i in chosen], rupture_force_n=limits_n[chosen].tolist()
         )
         low_shares[kind] = _low_share([paths[i] for i in chosen], limits_n[chosen])
-    critical = _critical_loads(paths, limits_n, kinds=kinds, tell_apart=known)
+    critical = _critical_loads(paths, limits_n, kinds=kinds, by_kind=known)
     return DamageModel(
         critical_scores=np.sort(critical), strengths=strengths, low_shares=low_shares
     )
@@ -180,11 +180,11 @@ def _critical_loads(
     limits_n: NDArray[np.float64],
     *,
     kinds: Sequence[str],
-    tell_apart: Sequence[str],
+    by_kind: Sequence[str],
 ) -> NDArray[np.float64]:
     """Return the largest load that each object bore on its way to rupture."""
     critical = np.full(len(paths), LEAST_LOAD)
-    for kind in ("", *tell_apart):
+    for kind in ("", *by_kind):
         chosen = np.array([i for i in range(len(paths)) if kind in ("", kinds[i])])
         for inside, outside in _folds(len(chosen)):
             strength = fit_strength(

@@ -49,7 +49,7 @@ class DamageFile:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds that are told apart."""
+        """Return the kinds that are distinguished."""
         return tuple(kind for kind in self.model.strengths if kind)
 
     def known_kind(self, name: str, *, where: str) -> str:

@@ -55,7 +55,7 @@ def _fault(closing: FruitClosing) -> str | None:
     return None
 
 
-def learn(closings: Sequence[FruitClosing], *, tell_apart: bool = True) -> DamageModel:
+def learn(closings: Sequence[FruitClosing], *, by_kind: bool = True) -> DamageModel:
     """Fit a damage model to recorded closings.
 
     Raises `InputError` if there are too few to learn from.
@@ -65,7 +65,7 @@ def learn(closings: Sequence[FruitClosing], *, tell_apart: bool = True) -> Damag
             [closing.states for closing in closings],
             rupture_force_n=[closing.rupture_force_n for closing in closings],
             kinds=[closing.fruit for closing in closings],
-            tell_apart=tell_apart,
+            by_kind=by_kind,
         )
     except ValueError as fault:
         raise InputError(f"can't learn a damage limit: {fault}; give more closings") from fault

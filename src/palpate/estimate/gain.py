@@ -44,14 +44,14 @@ class Gain:
         """
         return cls(log_mean=0.0, log_sd=float(np.hypot(law_sd, more_sd)), law_sd=law_sd)
 
-    def told(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
+    def updated(self, measured: MeasuredForce, *, sheet_n: float) -> Gain:
         """Return the gain after a force was measured; `sheet_n` is the force by the sheet's law.
 
         Compared in newtons: a force that may be anything from a half to nothing has no logarithm
         to speak of.
 
         >>> measured = MeasuredForce(force_n=2.2, sd_n=0.2, log_sd=0.0)
-        >>> gain = Gain.unknown(law_sd=0.1).told(measured, sheet_n=2.0)
+        >>> gain = Gain.unknown(law_sd=0.1).updated(measured, sheet_n=2.0)
         >>> round(gain.log_mean, 2), round(gain.log_sd, 2)
         (0.05, 0.07)
         """

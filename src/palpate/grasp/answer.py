@@ -172,7 +172,7 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     up = float(np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value)))
     if felt is not None:
         reach = float(ndtri(0.5 + plan.level / 2))
-        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).told(
+        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).updated(
             replace(felt, force_n=_RELAXED * felt.force_n), sheet_n=value
         )
         value, down, up = value * float(np.exp(gain.log_mean)), *(reach * gain.log_sd,) * 2
@@ -255,7 +255,7 @@ def _stiffness(
     return object_stiffness(curve, give=give, opening_mm=opening_mm, force=force)
 
 
-def stiffness_told(belief: Belief, force: Measurement, *, plan: Plan) -> Measurement | None:
+def measured_stiffness(belief: Belief, force: Measurement, *, plan: Plan) -> Measurement | None:
     """Return the object's secant stiffness at a force, if the hand can and felt enough."""
     if plan.bend is not None:
         return _soft_stiffness(belief, force, plan, plan.bend)

@@ -93,4 +93,4 @@ def early_gain(belief: Belief, plan: Plan) -> Gain:
     if felt is None:
         return gain
     sheet_n = float(plan.early_law.force_n(belief.staircase[-1].touch.reading).value)
-    return gain.told(felt, sheet_n=sheet_n)
+    return gain.updated(felt, sheet_n=sheet_n)

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answer import floor_n, stiffness_told
+from palpate.grasp.answer import floor_n, measured_stiffness
 from palpate.grasp.belief import Belief, Closing
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import DAMAGE_RATE, largest_step
@@ -228,7 +228,7 @@ def _damage_low_n(belief: Belief, plan: Plan) -> float:
     """
     if plan.damage is None or not belief.force_n > 0:
         return math.inf
-    stiffness = stiffness_told(belief, force_now(belief, plan), plan=plan)
+    stiffness = measured_stiffness(belief, force_now(belief, plan), plan=plan)
     if stiffness is None:
         return math.inf
     reach = float(ndtri(0.5 + plan.level / 2)) * belief.gain.log_sd

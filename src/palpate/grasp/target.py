@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answer import stiffness_told
+from palpate.grasp.answer import measured_stiffness
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import force_now, squeezed
@@ -35,7 +35,7 @@ def gentle_goal(belief: Belief, plan: Plan) -> tuple[float, str]:
         return 0.5 * goal_n, "gave_way"
     if belief.force_n < goal_n:
         return goal_n, "force_reached"
-    stiffness = stiffness_told(belief, force_now(belief, plan), plan=plan)
+    stiffness = measured_stiffness(belief, force_now(belief, plan), plan=plan)
     if stiffness is None:
         return goal_n, "force_reached"
     if _known(stiffness, share=plan.stiffness_share):

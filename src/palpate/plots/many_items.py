@@ -159,7 +159,7 @@ def kind_of(page: ItemHistory) -> str:
     """Return what an item is: as a person stated, else as it was identified."""
     if page.item.kind is not None:
         return page.item.kind
-    verdict = page.said(About.IDENTITY)
+    verdict = page.latest_verdict(About.IDENTITY)
     return "not named" if verdict is None else verdict.text
 
 

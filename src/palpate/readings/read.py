@@ -24,7 +24,7 @@ from palpate.readings.columns import (
     unit_of,
 )
 from palpate.signal.circuit import Divider
-from palpate.tables.rows import refuse_or_say
+from palpate.tables.rows import refuse_or_report
 from palpate.tables.table import Table
 
 #: Longest ending first: of ``log.csv.gz`` the stem is ``log``.
@@ -238,7 +238,7 @@ def _ordered(
     """Return distinct times, and for each row which of them it has (-1: none)."""
     known = np.flatnonzero(np.isfinite(raw_s))
     bad = np.flatnonzero(~np.isfinite(raw_s))
-    remarks += refuse_or_say(
+    remarks += refuse_or_report(
         [(table.place(rows.start + int(row)), f"no time in column {clock}") for row in bad],
         total=raw_s.size,
         name=where,

@@ -60,7 +60,7 @@ class BoardLoadCell:
         give_up_s = self._clock.now_s() + _SILENT_S
         while not (found := self._look()):
             if self._clock.now_s() > give_up_s:
-                self._say_who_is_silent()
+                self._refuse_silent()
             self._clock.sleep_s(POLL_S)
         raw = np.array([_checked(found, cell) for cell in self._used])
         return float(np.mean((raw - self._zero) * self._scale))
@@ -81,7 +81,7 @@ class BoardLoadCell:
         alive = all(now_s - advanced_s < _SILENT_S for advanced_s in self._advanced_s)
         return found if alive else ()
 
-    def _say_who_is_silent(self) -> None:
+    def _refuse_silent(self) -> None:
         now_s = self._clock.now_s()
         if not now_s - self._looked_s < _OLD_S:
             raise DeviceError(

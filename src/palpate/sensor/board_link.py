@@ -93,7 +93,7 @@ class BoardLink:
                 return frames
             self._clock.sleep_s(POLL_S)
 
-    def tell(self, command: Command) -> None:
+    def send(self, command: Command) -> None:
         """Send a command without waiting for its answer (heartbeats, pressure steps)."""
         self.stream.write(encode_command(command, tag=0))
 

@@ -217,7 +217,7 @@ class SerialArray:
         """
         if self._link is None:
             raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
-        self._link.tell(command)
+        self._link.send(command)
 
     def close(self) -> None:
         """Stop the stream and let go of the port; calling it again does nothing."""
@@ -225,7 +225,7 @@ class SerialArray:
         if self._link is None:
             return
         try:
-            self._link.tell(Stop())
+            self._link.send(Stop())
         except DeviceError:
             pass  # unplugged: there is nothing to stop
         finally:

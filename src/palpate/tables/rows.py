@@ -71,7 +71,7 @@ class GatheredRows:
         Raises `InputError` if there is no row, or more than a few can't be used.
         """
         numbers = np.concatenate(self._numbers) if self._numbers else np.zeros(0, dtype=np.int64)
-        left_out = refuse_or_say(
+        left_out = refuse_or_report(
             [(f"{self._word} {number}", what) for number, what in self._bad],
             total=numbers.size + len(self._bad),
             name=name,
@@ -95,7 +95,7 @@ class GatheredRows:
         )
 
 
-def refuse_or_say(bad: Sequence[tuple[str, str]], *, total: int, name: str) -> list[str]:
+def refuse_or_report(bad: Sequence[tuple[str, str]], *, total: int, name: str) -> list[str]:
     """Return a sentence about rows that are left out, where they are few.
 
     Raises `InputError` if they are many; the message has the first of them.

@@ -126,7 +126,7 @@ def _guarded(splits: Splits, *, known: bool, nominal_rate: float) -> list[dict[s
     """Return what our guard did on each fruit, given its kind or not."""
     rows: list[dict[str, Any]] = []
     for training, test in splits:
-        model = learn(training, tell_apart=known)
+        model = learn(training, by_kind=known)
         rows += [
             _row(closing, model=model, known=known, nominal_rate=nominal_rate) for closing in test
         ]
@@ -174,7 +174,7 @@ def _policies(splits: Splits) -> list[Policy]:
 
 def _ours(*, known: bool) -> Callable[[Sequence[FruitClosing]], Scorer]:
     def learned(training: Sequence[FruitClosing]) -> Scorer:
-        return partial(our_scores, model=learn(training, tell_apart=known), kind_known=known)
+        return partial(our_scores, model=learn(training, by_kind=known), kind_known=known)
 
     return learned
 

@@ -142,7 +142,7 @@ class Drift:
         """
         moved = self.at(grasp.taken_at)
         if self.force is not None:
-            moved += self.force.said_too_much(grasp)
+            moved += self.force.current_excess(grasp)
         if self.drive == "pressure":
             return firmness - moved
         read = math.exp(-firmness)
@@ -250,7 +250,7 @@ class ForceRead:
             return 0.0
         return self.warming_per_h * min(max(since_h, -self.reach_h), self.reach_h)
 
-    def said_too_much(self, grasp: Grasp) -> float:
+    def current_excess(self, grasp: Grasp) -> float:
         """Return the part of ln force, added by the servo's current, that is to be left out."""
         gain = log_gain(grasp)
         return 0.0 if gain is None else self.left_out * (gain - self.usual_gain)

@@ -12,56 +12,14 @@ from typing import Any
 from palpate.errors import needing
 from palpate.files import atomic_path
 from palpate.produce.records import MEASURED, Grasp, Item, Verdict
+from palpate.produce.store.engine import sa
+from palpate.produce.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
 
 _BATCH = 10_000
-_TEXT = {
-    "item_id",
-    "kind",
-    "batch",
-    "label",
-    "grasp_id",
-    "rig",
-    "drive",
-    "origin",
-    "outcome",
-    "calibration_id",
-    "recording",
-    "verdict_id",
-    "about",
-    "source",
-    "text",
-    "explanation",
-    "details",
-}
-_ITEM_COLUMNS = ("item_id", "kind", "batch", "label")
-_GRASP_COLUMNS = (
-    "grasp_id",
-    "taken_at",
-    "rig",
-    "drive",
-    "origin",
-    "outcome",
-    "decision_time_s",
-    "peak_force_n",
-    "angle_deg",
-    "height_mm",
-    "temperature_c",
-    "humidity_percent",
-    "calibration_id",
-    "recording",
-    "pixel_settled_percent",
-)
-_VERDICT_COLUMNS = (
-    "verdict_id",
-    "item_id",
-    "grasp_id",
-    "about",
-    "source",
-    "text",
-    "probability",
-    "explanation",
-    "given_at",
-)
+#: Details come last, as JSON text; measurements are columns of their own.
+_ITEM_COLUMNS = tuple(c.name for c in ITEMS.c if c.name != "first_seen")
+_GRASP_COLUMNS = tuple(c.name for c in GRASPS.c if c.name not in ("number", "item_id"))
+_VERDICT_COLUMNS = tuple(c.name for c in VERDICTS.c if c.name != "details")
 
 
 def export_grasps(
@@ -139,10 +97,13 @@ def _write(path: str | os.PathLike[str], rows: Iterable[dict[str, Any]], names: 
 
 
 def _kind(column: str, arrow: Any) -> Any:
-    if column in _TEXT or column.endswith("_status"):
-        return arrow.string()
-    if column in ("taken_at", "given_at"):
-        return arrow.timestamp("us", tz="UTC")
+    """Return the Arrow type of a column: that of its table; measurements are numbers."""
+    table = next((one for one in (ITEMS, GRASPS, VERDICTS) if column in one.c), None)
+    kept = None if table is None else table.c[column].type
     if column == "pixel_settled_percent":
         return arrow.list_(arrow.list_(arrow.float64()))
+    if column.endswith("_status") or isinstance(kept, sa.Text | sa.JSON):
+        return arrow.string()
+    if isinstance(kept, UtcTime):
+        return arrow.timestamp("us", tz="UTC")
     return arrow.float64()

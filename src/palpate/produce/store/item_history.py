@@ -1,13 +1,18 @@
-"""Everything that is known of one item, as a page to look at."""
+"""Everything that is known of one item, as a page to look at or as JSON.
+
+The JSON is `item.json` and `items.json` of `docs/schemas`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from typing import Any
 
 from palpate.estimate.measurement import Measurement
-from palpate.produce.records import About, Grasp, Item, Verdict
+from palpate.produce.records import MEASURED, About, Grasp, Item, Verdict
+from palpate.produce.records_json import record_as_dict
 from palpate.produce.store.database import Store
 
 
@@ -32,7 +37,7 @@ class ItemHistory:
         found = (grasp.measurements.get(name) for grasp in reversed(self.grasps))
         return next((measured for measured in found if measured is not None), None)
 
-    def said(self, about: About) -> Verdict | None:
+    def latest_verdict(self, about: About) -> Verdict | None:
         """Return the last verdict on a subject."""
         found = (verdict for verdict in reversed(self.verdicts) if verdict.about is about)
         return next(found, None)
@@ -61,3 +66,36 @@ def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
         ItemHistory(item=item, grasps=grasps, verdicts=verdicts)
         for item, (grasps, verdicts) in zip(items, histories, strict=True)
     )
+
+
+def items_document(pages: Sequence[ItemHistory]) -> dict[str, Any]:
+    """Return the document of a list of items."""
+    return {"items": [_line(page) for page in pages]}
+
+
+def item_document(page: ItemHistory) -> dict[str, Any]:
+    """Return the document of one item."""
+    return {
+        "item": record_as_dict(page.item),
+        "simulated": page.simulated,
+        "grasps": [record_as_dict(grasp) for grasp in page.grasps],
+        "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
+    }
+
+
+def _line(page: ItemHistory) -> dict[str, Any]:
+    latest = {name: page.latest(name) for name in MEASURED}
+    verdicts = {about: page.latest_verdict(about) for about in About}
+    return {
+        **record_as_dict(page.item),
+        "simulated": page.simulated,
+        "grasps": len(page.grasps),
+        "last_taken_at": page.grasps[-1].taken_at.isoformat() if page.grasps else None,
+        **{name: None if value is None else value.as_json() for name, value in latest.items()},
+        "verdicts": {
+            str(about): None
+            if one is None
+            else {"text": one.text, "probability": one.probability, "source": str(one.source)}
+            for about, one in verdicts.items()
+        },
+    }

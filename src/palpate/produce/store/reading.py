@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from datetime import datetime
 from typing import Any
 
 from palpate.errors import InputError
@@ -132,20 +132,13 @@ class StoreReader:
         *,
         kind: str | None = None,
         batch: str | None = None,
-        since: datetime | None = None,
-        until: datetime | None = None,
         limit: int | None = None,
     ) -> tuple[Item, ...]:
-        """Return items, the last met first.
-
-        `kind`, `batch`: only those.
-        `since`, `until`: only items first seen at or after `since`, and before `until`.
-        `limit`: at most this many.
-        """
+        """Return at most `limit` items of this kind and batch, the last met first."""
         query = narrowed(sa.select(ITEMS), kind=kind, batch=batch)
         query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
         with self._read() as connection:
-            return read_items(connection, _within(query, ITEMS.c.first_seen, since, until))
+            return read_items(connection, query)
 
     def items_named(self, item_ids: Sequence[str]) -> tuple[Item, ...]:
         """Return several items in the order of the names; those that are not known are left out."""
@@ -194,7 +187,11 @@ class StoreReader:
         `kind`, `batch`: only of such items.
         `since`, `until`: only grasps taken at or after `since`, and before `until`.
         """
-        query = _within(sa.select(GRASPS), GRASPS.c.taken_at, since, until)
+        query = sa.select(GRASPS)
+        if since is not None:
+            query = query.where(GRASPS.c.taken_at >= since)
+        if until is not None:
+            query = query.where(GRASPS.c.taken_at < until)
         if kind is not None or batch is not None:
             query = narrowed(query.join(ITEMS), kind=kind, batch=batch)
         query = query.order_by(GRASPS.c.number).limit(_BATCH)
@@ -232,16 +229,6 @@ class StoreReader:
         """Return the items of a batch, the first met first."""
         return self.items(batch=batch)[::-1]
 
-    def of_day(self, day: date, *, zone: tzinfo = UTC) -> tuple[Grasp, ...]:
-        """Return the grasps of one day of a time zone, oldest first."""
-        since, until = (
-            datetime.combine(midnight, time.min, tzinfo=zone)
-            for midnight in (day, day + timedelta(days=1))
-        )
-        query = _within(sa.select(GRASPS), GRASPS.c.taken_at, since, until)
-        with self._read() as connection:
-            return read_grasps(connection, query.order_by(*_IN_TIME))
-
     def _verdicts(
         self, query: sa.Select[tuple[object, ...]], source: Source | None
     ) -> tuple[Verdict, ...]:
@@ -254,17 +241,3 @@ class StoreReader:
     def _read(self) -> Iterator[sa.Connection]:
         with faults_of(self.name), self._reading.connect() as connection:
             yield connection
-
-
-def _within(
-    query: sa.Select[tuple[object, ...]],
-    column: sa.Column[datetime],
-    since: datetime | None,
-    until: datetime | None,
-) -> sa.Select[tuple[object, ...]]:
-    for moment in (since, until):
-        if moment is not None and moment.tzinfo is None:
-            raise InputError(f"{moment.isoformat()}: has no time zone; give one, as in 08:00Z")
-    if since is not None:
-        query = query.where(column >= since)
-    return query if until is None else query.where(column < until)

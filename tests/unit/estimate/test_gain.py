@@ -155,10 +155,10 @@ def test_slope_is_not_tilted_by_movements_that_differ() -> None:
 
 def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() -> None:
     measured = MeasuredForce(force_n=4.0, sd_n=0.05, log_sd=0.0)
-    from_sheet = Gain.unknown(law_sd=0.5).told(measured, sheet_n=2.0)
+    from_sheet = Gain.unknown(law_sd=0.5).updated(measured, sheet_n=2.0)
     assert np.exp(from_sheet.log_mean) == pytest.approx(2.0, rel=0.03)
     assert from_sheet.log_sd < 0.05
-    sure = Gain.unknown(law_sd=0.02).told(
+    sure = Gain.unknown(law_sd=0.02).updated(
         MeasuredForce(force_n=4.0, sd_n=3.0, log_sd=0.0), sheet_n=2.0
     )
     assert abs(sure.log_mean) < 0.01
@@ -168,7 +168,7 @@ def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() 
 def test_nothing_read_leaves_the_gain_as_it_was() -> None:
     gain = Gain.unknown(law_sd=0.1)
     measured = MeasuredForce(force_n=4.0, sd_n=0.1, log_sd=0.0)
-    assert gain.told(measured, sheet_n=0.0) == gain
+    assert gain.updated(measured, sheet_n=0.0) == gain
 
 
 def test_unknown_gain_leaves_what_the_law_says_and_more_doubt_widens_it() -> None:
