@@ -12,11 +12,11 @@ from palpate.commands.steps import SETTINGS, Steps, run_step
 __all__ = ["SETTINGS", "STEPS", "archive"]
 
 STEPS: Steps = {
-    "add": ("archive_add", "Put recordings and a store into it; what is there stays"),
-    "compact": ("archive_compact", "Join a day's small files into few"),
-    "settle": ("archive_settle", "Predict the settled value of every hold again"),
-    "recalibrate": ("archive_recalibrate", "Read the force of every frame again"),
-    "judge": ("archive_judge", "Decide again which bin each grasp alone would have chosen"),
+    "add": ("archive_add:add", "Put recordings and a store into it; what is there stays"),
+    "compact": ("archive_add:compact", "Join a day's small files into few"),
+    "settle": ("archive_work:settle", "Predict the settled value of every hold again"),
+    "recalibrate": ("archive_work:recalibrate", "Read the force of every frame again"),
+    "judge": ("archive_work:judge", "Decide again which bin each grasp alone would have chosen"),
 }
 
 

@@ -1,4 +1,4 @@
-"""`palpate archive add FILES --to DIR`."""
+"""`palpate archive add` and `compact`: what the archive holds, and in how many files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.commands.progress import progress
 from palpate.errors import InputError
 
 
-def command(
+def add(
     files: Annotated[
         list[Path] | None, typer.Argument(help="Recordings, or folders of them.")
     ] = None,
@@ -68,3 +68,21 @@ def command(
         f"{to}: {fresh} of {len(recordings)} recordings are new; added {counted or 'nothing'}",
         file=sys.stderr,
     )
+
+
+def compact(
+    archive: Annotated[Path, typer.Argument(help="The archive.", metavar="DIR")],
+) -> None:
+    """Join the files of each station and day, up to a million rows a file.
+
+    While it runs, a query may see some rows twice: run it when nobody reads.
+
+    Example: palpate archive compact archive
+    """
+    from palpate.archive.compacting import compact as join_files
+    from palpate.archive.layout import KINDS, Archive
+
+    opened = Archive(archive)
+    for kind in KINDS:
+        before, after = join_files(opened, kind)
+        print(f"{archive}: {kind}: {before} files became {after}", file=sys.stderr)

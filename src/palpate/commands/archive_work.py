@@ -1,4 +1,4 @@
-"""Shared by the steps that work on a whole archive: its place, the engine, the report."""
+"""`palpate archive settle`, `recalibrate` and `judge`: estimate all of an archive again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
+from palpate.commands import completion
+from palpate.commands.options import QuietOption
 from palpate.commands.progress import progress
+from palpate.commands.settle_options import HorizonOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,7 +47,85 @@ SchedulerOption: TypeAlias = Annotated[
 ]
 
 
-def work_on(
+def settle(
+    archive: ArchiveArgument,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="recorded, exponential, log_law, log_law_early or relaxation.",
+            metavar="NAME",
+            autocompletion=completion.methods,
+        ),
+    ] = "relaxation",
+    horizon: HorizonOption = 20.0,
+    to: ToOption = None,
+    engine: EngineOption = Engine.LOCAL,
+    scheduler: SchedulerOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Predict every hold's settled value from 1, 2.5 and 5 s, next to the value it reached.
+
+    Example: palpate archive settle archive --method exponential
+    """
+    from palpate.archive.jobs import Settle
+    from palpate.settling.predict import method_named
+
+    method_named(method)
+    job = Settle(method=method, horizon_s=horizon)
+    if not max(job.cutoffs_s) <= horizon < float("inf"):
+        raise InputError(
+            f"--horizon {horizon:g}: give seconds from {max(job.cutoffs_s):g} on, such as 20"
+        )
+    _work_on(archive, job, to=to, engine=engine, scheduler=scheduler, quiet=quiet)
+
+
+def recalibrate(
+    archive: ArchiveArgument,
+    calibration: Annotated[
+        Path, typer.Option(help="The sensor's calibration file.", metavar="FILE")
+    ],
+    to: ToOption = None,
+    engine: EngineOption = Engine.LOCAL,
+    scheduler: SchedulerOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Read the force of every frame again by one calibration; other sensors' frames stay empty.
+
+    Example: palpate archive recalibrate archive --calibration calibration.json
+    """
+    from palpate.archive.jobs import Recalibrate
+    from palpate.grasp.planning import laws_of
+    from palpate.sensor.calibration import Calibration
+
+    # Refused here, and not by every worker.
+    laws_of(Calibration.load(calibration).force)
+    job = Recalibrate(calibration=calibration.read_text())
+    _work_on(archive, job, to=to, engine=engine, scheduler=scheduler, quiet=quiet)
+
+
+def judge(
+    archive: ArchiveArgument,
+    rules: Annotated[Path, typer.Option(help="The rules, a TOML file.", metavar="FILE")],
+    to: ToOption = None,
+    engine: EngineOption = Engine.LOCAL,
+    scheduler: SchedulerOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Decide which bin each grasp alone would have sent its item to, by its kind and its size.
+
+    Ripeness and bruises take an item's history, which only a store has: `palpate sort`.
+
+    Example: palpate archive judge archive --rules rules.toml
+    """
+    from palpate.archive.jobs import Judge
+    from palpate.produce.sorting.rules_file import read_rules
+
+    read_rules(rules)
+    job = Judge(rules=rules.resolve(), text=rules.read_text())
+    _work_on(archive, job, to=to, engine=engine, scheduler=scheduler, quiet=quiet)
+
+
+def _work_on(
     archive: Path,
     job: Job,
     *,

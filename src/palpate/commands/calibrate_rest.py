@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.commands import completion
-from palpate.commands.board_options import (
-    BaudOption,
-    LayoutOption,
-    PortOption,
-    RateOption,
-    ReferenceOption,
-)
-from palpate.commands.options import JsonOption
+from palpate.commands import options as option
 from palpate.errors import CalibrationError
 from palpate.files import check_place
 
@@ -33,15 +25,8 @@ if TYPE_CHECKING:
 
 
 def command(
-    rig: Annotated[
-        str | None,
-        typer.Option(
-            help="Name of a rig, or a rig file.",
-            metavar="NAME_OR_TOML",
-            autocompletion=completion.rigs,
-        ),
-    ] = None,
-    port: PortOption = None,
+    rig: option.SensorOption = None,
+    port: option.PortOption = None,
     out: Annotated[
         Path | None,
         typer.Option(help="File to make or renew. By default the rig file's, or calibration.json."),
@@ -56,15 +41,15 @@ def command(
         ),
     ] = False,
     duration_s: Annotated[float, typer.Option("--duration", help="How long.", min=1.0)] = 5.0,
-    layout: LayoutOption = None,
-    reference_ohm: ReferenceOption = None,
-    rate_hz: RateOption = None,
-    baud: BaudOption = None,
+    layout: option.LayoutOption = None,
+    reference_ohm: option.ReferenceOption = None,
+    rate_hz: option.RateOption = None,
+    baud: option.BaudOption = None,
     temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
     humidity_percent: Annotated[
         float | None, typer.Option(help="Of the room, where known.")
     ] = None,
-    as_json: JsonOption = False,
+    as_json: option.JsonOption = False,
 ) -> None:
     """Take the rest values of every pixel; refused when something presses or moves.
 

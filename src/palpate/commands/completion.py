@@ -5,7 +5,8 @@ A completion must be quick and never fail: what can't be listed is not offered.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import importlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import typer
@@ -14,11 +15,37 @@ import typer
 _MOST_ITEMS = 200
 
 
-def objects(incomplete: str) -> list[str]:
-    """Return the simulated objects."""
-    from palpate.twin.objects import OBJECTS
+def _names_in(module: str, table: str) -> Callable[[str], list[str]]:
+    """Return the completion of the names in a table, which is loaded when the shell asks."""
 
-    return _matching(OBJECTS, incomplete)
+    def complete(incomplete: str) -> list[str]:
+        return _matching(getattr(importlib.import_module(module), table), incomplete)
+
+    return complete
+
+
+def _installed(group: str) -> Callable[[str], list[str]]:
+    """Return the completion of what packages offer in a group of entry points."""
+
+    def complete(incomplete: str) -> list[str]:
+        from palpate.commands.research import catalogue
+
+        return _matching(sorted(catalogue(group)), incomplete)
+
+    return complete
+
+
+def _matching(names: Iterable[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+objects = _names_in("palpate.twin.objects", "OBJECTS")
+methods = _names_in("palpate.settling.predict", "METHODS")
+steps = _names_in("palpate.commands.calibrate", "STEPS")
+archive_steps = _names_in("palpate.commands.archive", "STEPS")
+demos = _names_in("palpate.commands.demo", "NAMES")
+studies = _installed("palpate.studies")
+benchmarks = _installed("palpate.benchmarks")
 
 
 def rigs(incomplete: str) -> list[str]:
@@ -27,50 +54,6 @@ def rigs(incomplete: str) -> list[str]:
 
     files = sorted(str(path) for path in Path().glob("*.toml"))
     return _matching([*rig_names(), *files], incomplete)
-
-
-def methods(incomplete: str) -> list[str]:
-    """Return the predictors of the settled value."""
-    from palpate.settling.predict import METHODS
-
-    return _matching(METHODS, incomplete)
-
-
-def studies(incomplete: str) -> list[str]:
-    """Return the studies that are installed."""
-    from palpate.commands.research import catalogue
-    from palpate.commands.study import GROUP
-
-    return _matching(sorted(catalogue(GROUP)), incomplete)
-
-
-def benchmarks(incomplete: str) -> list[str]:
-    """Return the benchmarks that are installed."""
-    from palpate.commands.bench import GROUP
-    from palpate.commands.research import catalogue
-
-    return _matching(sorted(catalogue(GROUP)), incomplete)
-
-
-def steps(incomplete: str) -> list[str]:
-    """Return the steps of a calibration."""
-    from palpate.commands.calibrate import STEPS
-
-    return _matching(STEPS, incomplete)
-
-
-def archive_steps(incomplete: str) -> list[str]:
-    """Return what can be done with an archive."""
-    from palpate.commands.archive import STEPS
-
-    return _matching(STEPS, incomplete)
-
-
-def demos(incomplete: str) -> list[str]:
-    """Return the demonstrations."""
-    from palpate.commands.demo import NAMES
-
-    return _matching(NAMES, incomplete)
 
 
 def items(context: typer.Context, incomplete: str) -> list[str]:
@@ -84,7 +67,3 @@ def items(context: typer.Context, incomplete: str) -> list[str]:
     except PalpateError:
         return []
     return _matching(known, incomplete)[:_MOST_ITEMS]
-
-
-def _matching(names: Iterable[str], incomplete: str) -> list[str]:
-    return [name for name in names if name.startswith(incomplete)]

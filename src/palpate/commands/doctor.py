@@ -10,15 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.commands import completion
-from palpate.commands.board_options import (
-    BaudOption,
-    LayoutOption,
-    PortOption,
-    RateOption,
-    ReferenceOption,
-)
-from palpate.commands.options import JsonOption
+from palpate.commands import options as option
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,15 +24,8 @@ if TYPE_CHECKING:
 
 
 def doctor(
-    rig: Annotated[
-        str | None,
-        typer.Option(
-            help="Name of a rig, or a rig file.",
-            metavar="NAME_OR_TOML",
-            autocompletion=completion.rigs,
-        ),
-    ] = None,
-    port: PortOption = None,
+    rig: option.SensorOption = None,
+    port: option.PortOption = None,
     recording: Annotated[
         Path | None, typer.Option(help="Judge a recording instead; it must begin at rest.")
     ] = None,
@@ -50,11 +35,11 @@ def doctor(
     press: Annotated[
         bool, typer.Option("--press", help="Then press each pixel in turn: finds swapped wires.")
     ] = False,
-    layout: LayoutOption = None,
-    reference_ohm: ReferenceOption = None,
-    rate_hz: RateOption = None,
-    baud: BaudOption = None,
-    as_json: JsonOption = False,
+    layout: option.LayoutOption = None,
+    reference_ohm: option.ReferenceOption = None,
+    rate_hz: option.RateOption = None,
+    baud: option.BaudOption = None,
+    as_json: option.JsonOption = False,
 ) -> None:
     """Find dead, shorted, stuck, noisy, drifting and swapped pixels, losses and a wrong resistor.
 

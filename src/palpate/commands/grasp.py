@@ -13,7 +13,7 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.grasp_store import open_memory
-from palpate.commands.options import JsonOption, RigOption, StoreOption
+from palpate.commands.options import JsonOption, RigOption, SeedOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def grasp(
             autocompletion=completion.objects,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
+    seed: SeedOption = 0,
     target_force_n: Annotated[
         float | None, typer.Option(help="Grip force to reach; a gentle squeeze by default.")
     ] = None,

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.commands import completion
-from palpate.commands.board_options import (
-    BaudOption,
-    LayoutOption,
-    PortOption,
-    RateOption,
-    ReferenceOption,
-)
+from palpate.commands import options as option
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,15 +38,8 @@ def live(
             "--foxglove", help="Send all of it to Foxglove, too (docs: See it in Foxglove)."
         ),
     ] = False,
-    rig: Annotated[
-        str | None,
-        typer.Option(
-            help="Name of a rig, or a rig file.",
-            metavar="NAME_OR_TOML",
-            autocompletion=completion.rigs,
-        ),
-    ] = None,
-    port: PortOption = None,
+    rig: option.SensorOption = None,
+    port: option.PortOption = None,
     duration_s: Annotated[
         float,
         typer.Option(
@@ -66,10 +52,10 @@ def live(
     force: Annotated[
         bool, typer.Option("--force", help="Newtons now, by the rig's force calibration.")
     ] = False,
-    layout: LayoutOption = None,
-    reference_ohm: ReferenceOption = None,
-    rate_hz: RateOption = None,
-    baud: BaudOption = None,
+    layout: option.LayoutOption = None,
+    reference_ohm: option.ReferenceOption = None,
+    rate_hz: option.RateOption = None,
+    baud: option.BaudOption = None,
 ) -> None:
     """Show pixels, contact, rate and losses in the terminal. Leave the sensor alone at the start.
 

@@ -69,3 +69,38 @@ StoreOption: TypeAlias = Annotated[
         show_default=False,
     ),
 ]
+
+#: Give it the default 0.
+SeedOption: TypeAlias = Annotated[
+    int, typer.Option("--seed", help="Simulated rigs: decides what chance does.", min=0)
+]
+
+# Of every verb that reads a sensor: a rig, or a board on a port. Give them the default None.
+SensorOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--rig",
+        help="Name of a rig, or a rig file.",
+        metavar="NAME_OR_TOML",
+        autocompletion=completion.rigs,
+    ),
+]
+PortOption: TypeAlias = Annotated[
+    str | None, typer.Option(help="Serial port. [default: found by USB id, or by asking]")
+]
+LayoutOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        help="Of the board on --port: rigid-2x2, soft-3x2, or rows x columns "
+        "such as 4x4. [default: rigid-2x2]"
+    ),
+]
+ReferenceOption: TypeAlias = Annotated[
+    float | None, typer.Option(help="Its divider's resistor. [default: 4700]")
+]
+RateOption: TypeAlias = Annotated[
+    float | None, typer.Option(help="Its frames per second. [default: 250]")
+]
+BaudOption: TypeAlias = Annotated[
+    int | None, typer.Option(help="Speed of its firmware. [default: 1000000]")
+]

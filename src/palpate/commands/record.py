@@ -12,14 +12,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.commands.board_options import (
-    BaudOption,
-    LayoutOption,
-    PortOption,
-    RateOption,
-    ReferenceOption,
-)
-from palpate.commands.options import stated_rig
+from palpate.commands import options as option
 from palpate.errors import InputError
 
 
@@ -29,14 +22,14 @@ def record(
         str | None,
         typer.Option(help="Rig or rig file: array and gripper.", metavar="NAME_OR_TOML"),
     ] = None,
-    port: PortOption = None,
-    layout: LayoutOption = None,
-    reference_ohm: ReferenceOption = None,
-    rate_hz: RateOption = None,
+    port: option.PortOption = None,
+    layout: option.LayoutOption = None,
+    reference_ohm: option.ReferenceOption = None,
+    rate_hz: option.RateOption = None,
     oversampling: Annotated[
         int | None, typer.Option(help="Conversions per pixel. [default: 1]", min=1, max=64)
     ] = None,
-    baud: BaudOption = None,
+    baud: option.BaudOption = None,
     load_cells: Annotated[
         bool, typer.Option("--load-cells", help="Record the reference load cells too.")
     ] = False,
@@ -44,7 +37,7 @@ def record(
         float | None,
         typer.Option("--duration", help="How long. [default: until Ctrl-C]"),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
+    seed: option.SeedOption = 0,
 ) -> None:
     """Record a board, or a rig with its gripper. The file is readable at any moment.
 
@@ -71,7 +64,7 @@ def record(
     }
     given = {name: value for name, value in options.items() if value is not None}
     if rig is None and not given:
-        rig = stated_rig()
+        rig = option.stated_rig()
     with ExitStack() as stack:
         if rig is None:
             source = board_source(given, stack=stack)

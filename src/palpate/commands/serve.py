@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.commands import completion
-from palpate.commands.options import RigOption, StoreOption
+from palpate.commands.options import RigOption, SeedOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def serve(
             autocompletion=completion.objects,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
+    seed: SeedOption = 0,
     speed: Annotated[
         float, typer.Option(help="Simulated rigs: speed relative to real time.", min=0.1, max=20.0)
     ] = 1.0,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.commands.options import JsonOption, QuietOption, StoreOption
+from palpate.commands.options import JsonOption, QuietOption, SeedOption, StoreOption
 from palpate.commands.progress import progress
 from palpate.errors import InputError
 
@@ -43,7 +43,7 @@ def sort(
             help="Simulated items of each kind to teach, where the store is empty.", min=3
         ),
     ] = 6,
-    seed: Annotated[int, typer.Option(help="Simulated rigs: decides what chance does.", min=0)] = 0,
+    seed: SeedOption = 0,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:

@@ -1,9 +1,9 @@
-"""Verbs of several steps: each is a module of its own, loaded when it is asked for."""
+"""Verbs of several steps: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import typer
@@ -12,7 +12,8 @@ from palpate.commands.help_text import help_text, listed
 from palpate.commands.outcome import run
 from palpate.errors import InputError
 
-#: Step -> (module under `palpate.commands`, what it does). Each module holds a function `command`.
+#: Step -> (where it is, what it does): a module under `palpate.commands`, and after a colon the
+#: function in it; `command` without one.
 Steps = Mapping[str, tuple[str, str]]
 
 #: The step's own options are parsed by the step.
@@ -43,13 +44,21 @@ def run_step(
     run_module(steps[step][0], context.args, name=f"palpate {verb} {step}")
 
 
-def run_module(module_name: str, arguments: list[str], *, name: str) -> None:
-    """Run the command of a module under `palpate.commands`, or of one with a full name."""
-    # Loaded by name: none must pay for the others.
-    where = module_name if "." in module_name else f"palpate.commands.{module_name}"
-    module = importlib.import_module(where)
+def run_module(place: str, arguments: list[str], *, name: str) -> None:
+    """Run a step under `palpate.commands`, or the `command` of a module with a full name."""
+    function = function_at(place)
     app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
-    app.command(help=help_text(module.command))(module.command)
+    app.command(help=help_text(function))(function)
     status = run(app, arguments, name=name)
     if status:
         raise typer.Exit(status)
+
+
+def function_at(place: str) -> Callable[..., None]:
+    """Load what a step's place names: none must pay for the others."""
+    module_name, _, function_name = place.partition(":")
+    where = module_name if "." in module_name else f"palpate.commands.{module_name}"
+    function: Callable[..., None] = getattr(
+        importlib.import_module(where), function_name or "command"
+    )
+    return function

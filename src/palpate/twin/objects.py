@@ -9,15 +9,15 @@ is the paper's.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 
 from palpate.twin.ranges import Pair, log_uniform, uniform
 
 if TYPE_CHECKING:
-    from palpate.twin.apple_faces import Faces
-
+    from palpate.arrays import FloatArray
+    from palpate.twin.placement import PixelGrid
 
 Contact: TypeAlias = Literal["linear", "hertz"]
 
@@ -25,6 +25,16 @@ Contact: TypeAlias = Literal["linear", "hertz"]
 FRICTION: Pair = (0.35, 0.9)
 #: Damage begins at this share of the rupture force (in recorded grasps the curve bends just there).
 _YIELD_SHARE: Pair = (0.75, 0.95)
+
+
+class Faces(Protocol):
+    """The sides of an object that are neither flat nor round."""
+
+    def pixel_shares(
+        self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
+    ) -> FloatArray:
+        """Return the share of its finger's force that each pixel carries, shape (pixels,)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

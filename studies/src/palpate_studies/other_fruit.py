@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.twin.apple_faces import Face, Patch
+from palpate_studies.apple_faces import Face, Patch
 from palpate_studies.twin_apple import Apple
 from palpate_studies.twin_avocado import Avocado
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.twin.apple_faces import Face, Faces, Patch, first_touch
 from palpate.twin.objects import TwinObject, draw_object
 from palpate.twin.ranges import log_uniform, uniform
+from palpate_studies.apple_faces import Face, Faces, Patch, first_touch
 from palpate_studies.fruit_ranges import APPLES, AppleRanges, BruiseRanges
 
 #: Beyond this distance from a bruise no contact with a finger reaches it, mm.

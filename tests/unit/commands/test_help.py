@@ -14,6 +14,7 @@ import typer
 
 from palpate.cli import GROUPS, VERBS, build_app, run
 from palpate.commands import archive, calibrate
+from palpate.commands.steps import function_at
 
 #: Verbs with a list of names in place of options.
 LISTS = ("study", "bench", "calibrate", "archive")
@@ -46,10 +47,10 @@ def test_options_have_placeholders_in_words(
 def test_nothing_is_swallowed_or_cut_off(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module = importlib.import_module(
-        f"palpate.commands.{STEPS[words[0]][words[1]][0] if len(words) > 1 else words[0]}"
-    )
-    function = getattr(module, "command" if len(words) > 1 else words[0])
+    if len(words) > 1:
+        function = function_at(STEPS[words[0]][words[1]][0])
+    else:
+        function = getattr(importlib.import_module(f"palpate.commands.{words[0]}"), words[0])
     hints = get_type_hints(function, include_extras=True).values()
     helps = [meta.help for hint in hints for meta in getattr(hint, "__metadata__", ())]
     text = re.sub(r"[\s│]+", "", page(words, capsys))
