@@ -19,6 +19,7 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from palpate.commands.grasp_limit import Limit
     from palpate.grasp.plan import Plan
+    from palpate.grasp.result import GraspResult
     from palpate.grasp.runner import Subscriber, Watcher
     from palpate.rig import Rig
 
@@ -103,7 +104,7 @@ def grasp(
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
     from palpate.grasp.safety import FORCE_CEILING_N
-    from palpate.grasp.verdict import outcome_text, verdict
+    from palpate.grasp.verdict import verdict
     from palpate.rig import open_rig
 
     if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
@@ -130,17 +131,8 @@ def grasp(
             subscribers.append(memory.see)
             watchers.append(memory.watch(plan))
         if record is not None:
-            subscribers.append(
-                stack.enter_context(
-                    _recorder(
-                        record,
-                        rig=devices,
-                        seed=seed,
-                        plan=plan,
-                        limit=limit,
-                    )
-                )
-            )
+            recorder = _recorder(record, rig=devices, seed=seed, plan=plan, limit=limit)
+            subscribers.append(stack.enter_context(recorder))
         result = run_grasp(
             plan,
             array=devices.array,
@@ -170,6 +162,14 @@ def grasp(
             sys.stdout.flush()
         # After the answer: the store may not give one.
         unkept = memory is not None and not memory.keep()
+    if status := _exit_status(result, unkept=unkept):
+        raise typer.Exit(status)
+
+
+def _exit_status(result: GraspResult, *, unkept: bool) -> int:
+    """Return the exit status; print why, where equipment or a file failed."""
+    from palpate.grasp.verdict import outcome_text
+
     status = EXIT_STATUS[result.outcome]
     if status >= 3:
         why = f"{outcome_text(result.outcome)}. {' '.join(result.faults)}".strip()
@@ -177,10 +177,7 @@ def grasp(
     lost = next((fault for fault in result.faults if fault.startswith(RECORDER)), None)
     if lost is not None and status < _NOT_KEPT:
         print(f"palpate grasp: {lost}", file=sys.stderr)
-    if lost is not None or unkept:
-        status = max(status, _NOT_KEPT)
-    if status:
-        raise typer.Exit(status)
+    return max(status, _NOT_KEPT) if lost is not None or unkept else status
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -11,12 +10,12 @@ from typing import Any
 
 from palpate import __version__
 from palpate.clock import Clock, RealClock
-from palpate.commands.sensor_source import open_source
 from palpate.errors import InputError
 from palpate.gripper.interface import GripperState
 from palpate.recording import LoadCells, RecordingInfo
 from palpate.rig import open_rig
 from palpate.rig.recorded import clock_zero_unix_ns, firmware_version, recording_info
+from palpate.rig.sensor_only import names_no_gripper, open_sensor
 from palpate.sensor.array import PressureArray
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
@@ -85,48 +84,26 @@ def rig_source(
     """Open a rig with its gripper, where it has one; `stack` closes it.
 
     Raises `InputError` if there is no such rig, an option contradicts it, or simulated time would
-    never end; `DeviceError` if the equipment isn't there.
+    never end; `CalibrationError` if its calibration is of another sensor; `DeviceError` if the
+    equipment isn't there.
     """
     if given:
         option = next(iter(given)).replace("_", "-")
         raise InputError(f"--{option}: a rig states that itself; leave it out with --rig")
-    if _lacks_gripper(name):
-        return _array_source(name, stack=stack)
+    if name.endswith(".toml") and names_no_gripper(Path(name)):
+        sensor = open_sensor(Path(name))
+        stack.callback(sensor.close)
+        return RecordSource(
+            name=name, array=sensor.array, clock=sensor.clock, info=recording_info(sensor, seed=0)
+        )
     rig = open_rig(name, seed=seed)
     stack.callback(rig.close)
     if rig.simulated and endless:
         raise InputError(f"--rig {name} is simulated and would never end: give a --duration")
-    info = recording_info(rig, seed=seed)
-    label = f"{name} (simulated)" if rig.simulated else name
     return RecordSource(
-        name=label, array=rig.array, clock=rig.clock, info=info, gripper=rig.gripper.state
+        name=f"{name} (simulated)" if rig.simulated else name,
+        array=rig.array,
+        clock=rig.clock,
+        info=recording_info(rig, seed=seed),
+        gripper=rig.gripper.state,
     )
-
-
-def _lacks_gripper(name: str) -> bool:
-    """Whether a rig file has no gripper; any other fault in it is reported when it is opened."""
-    if not name.endswith(".toml"):
-        return False
-    try:
-        stated = tomllib.loads(Path(name).read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return not stated.keys() & {"use", "gripper"}
-
-
-def _array_source(path: str, *, stack: ExitStack) -> RecordSource:
-    """Open the array that a rig file names; its calibration goes along if it has been made."""
-    opened = open_source(rig=path)
-    stack.callback(opened.array.close)
-    calibration = opened.calibration_path
-    made = calibration is not None and calibration.exists()
-    info = RecordingInfo(
-        layout=opened.array.layout,
-        origin="hardware",
-        rig=path,
-        firmware_version=firmware_version(opened.array),
-        calibration=calibration.read_text() if calibration and made else None,
-        versions={"palpate": __version__},
-        clock_zero_unix_ns=clock_zero_unix_ns(),
-    )
-    return RecordSource(name=path, array=opened.array, clock=RealClock(), info=info)

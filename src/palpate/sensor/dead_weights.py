@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from palpate.signal.relative import (
     rest_baseline,
     total_excess,
 )
+from palpate.tables import read_table
 
 #: When the sheet counts as settled (paper, section 2.2), and how long a step is given at most.
 SETTLED_S, _PATIENCE_S = 20.0, 40.0
@@ -44,31 +44,13 @@ class Weighing:
 
 
 def read_loads(path: Path) -> list[float]:
-    """Return the loads of a CSV file with a column `load_n`, in the order of the file.
+    """Return the loads of a table with a column `load_n`, in the order of the file.
 
     Raises `InputError` if the file can't be read, has no such column, or holds what can't be loads
     in newtons.
     """
-    try:
-        with path.open(newline="") as stream:
-            reader = csv.DictReader(stream)
-            if "load_n" not in (reader.fieldnames or ()):
-                found = ", ".join(reader.fieldnames or ()) or "nothing"
-                raise InputError(f"{path}: needs a column load_n (newtons), found {found}")
-            rows = [(reader.line_num, row["load_n"]) for row in reader]
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not text; give a CSV file") from error
-    loads = [_load(path, line, text) for line, text in rows]
-    return checked_loads(loads, where=str(path))
-
-
-def _load(path: Path, line: int, text: str | None) -> float:
-    try:
-        return float(text or "")
-    except ValueError as error:
-        raise InputError(f"{path}, line {line}: load_n {text!r} is not a number") from error
+    loads = read_table(path, columns={"load_n": "number"})["load_n"]
+    return checked_loads(loads.tolist(), where=str(path))
 
 
 def checked_loads(loads_n: Sequence[float], *, where: str) -> list[float]:

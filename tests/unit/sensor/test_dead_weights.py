@@ -27,12 +27,12 @@ def written(path: Path, text: str) -> Path:
     [
         ("load_n\n1\n5\n", "2 loads, 2 of them different"),
         ("load_n\n2\n2\n2\n2\n2\n", "1 of them different"),
-        ("load_g\n100\n200\n", "needs a column load_n"),
+        ("load_g\n100\n200\n", "no column load_n"),
         ("load_n\n100\n200\n500\n1000\n", "in grams"),
-        ("load_n\n1\n2\nheavy\n4\n", "line 4: load_n 'heavy'"),
+        ("load_n\n1\n2\nheavy\n4\n", "line 4: load_n is 'heavy'"),
         ("load_n\n1\n2\n-3\n4\n", "0 or more"),
         ("load_n\n1\n2\n", "at least 4"),
-        ("", "found nothing"),
+        ("", "the file is empty"),
     ],
 )
 def test_bad_loads_are_refused(tmp_path: Path, text: str, message: str) -> None:
