@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.demo.packhouse import write_packhouse
-from palpate.produce.ripeness.items import drift_of, history_of, judge, learn_rule
+from palpate.produce.ripeness.items import drift_of, history_of, judge_ripeness, learn_rule
 from palpate.produce.ripeness.stages import RIPE, STAGES
 from palpate.produce.store import Store
 
@@ -35,7 +35,7 @@ def main(arguments: list[str]) -> None:
             )
             for item in store.of_batch(batch)
         ]
-    judged = [judge(fruit, rule=rule, ripe=RIPE) for fruit in fruits]
+    judged = [judge_ripeness(fruit, rule=rule, ripe=RIPE) for fruit in fruits]
     simulated = any(grasp.simulated for fruit in fruits for grasp in fruit.grasps)
     print(f"{batch}{' (simulated)' if simulated else ''}: {len(fruits)} fruits")
     for fruit, said in zip(fruits, judged, strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import PalpateError
-from palpate.estimate.damage_learning import FruitClosing, follow
+from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.protocol.parts import Fold, SeenBeforeError, choose, folds
 from palpate_studies.rupture import _policies
@@ -20,7 +20,7 @@ def pears(count: int, *, seed: int) -> list[FruitClosing]:
         stiffness = rng.uniform(2.0, 8.0)
         closure_mm = np.arange(0.0, 4.0, 0.02)
         found.append(
-            follow(
+            follow_closing(
                 f"p{number}",
                 fruit="pear",
                 rupture_force_n=float(2.0 * stiffness * np.exp(0.2 * rng.standard_normal())),

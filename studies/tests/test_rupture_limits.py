@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
-from palpate.estimate.damage_learning import FruitClosing, follow
+from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies import rupture_limits
 from palpate_studies.rupture_learners import features, learned_scores, learners
 
 
 def spring(name: str, *, stiffness: float, limit_n: float, size_mm: float = 0.0) -> FruitClosing:
     closure_mm = np.arange(0.0, 1.2 * limit_n / stiffness, 0.01)
-    return follow(
+    return follow_closing(
         name,
         fruit="spring",
         rupture_force_n=limit_n,
@@ -49,7 +49,7 @@ def test_a_spring_shows_its_stiffness_and_nothing_else() -> None:
 
 def test_what_comes_later_shows_nothing_of_itself_before() -> None:
     whole = spring("s", stiffness=3.0, limit_n=9.0)
-    bent = follow(
+    bent = follow_closing(
         "s",
         fruit="spring",
         rupture_force_n=9.0,

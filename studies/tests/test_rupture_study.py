@@ -10,7 +10,7 @@ import pytest
 
 from palpate.cli import run
 from palpate.errors import InputError
-from palpate.estimate.damage_learning import follow, read_closings
+from palpate.estimate.damage_learning import follow_closing, read_closings
 from palpate_studies import rupture
 from palpate_studies.catalogue import STUDIES
 from palpate_studies.rupture_published import published_scores
@@ -91,7 +91,7 @@ def test_fruit_without_published_constants_is_judged_without_them(
 
 def test_the_published_rule_reads_the_stiffness_of_its_window() -> None:
     closure_mm = np.arange(0.0, 2.0, 0.01)
-    closing = follow(
+    closing = follow_closing(
         "k", fruit="kiwi", rupture_force_n=50.0, closure_mm=closure_mm, force_n=3.0 * closure_mm
     )
     scored = published_scores(closing)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.estimate.damage_learning import FruitClosing, follow
+from palpate.estimate.damage_learning import FruitClosing, follow_closing
 from palpate_studies.rupture_told import told_half_load
 
 
@@ -17,7 +17,7 @@ def springs(*, scatter: float) -> list[FruitClosing]:
     for number in range(20):
         stiffness = float(rng.uniform(2.0, 8.0))
         made.append(
-            follow(
+            follow_closing(
                 f"s{number}",
                 fruit="spring",
                 rupture_force_n=2.0 * stiffness * float(np.exp(scatter * rng.standard_normal())),

@@ -249,7 +249,7 @@ def test_a_database_of_something_else_is_left_alone(url: str) -> None:
 def test_a_later_step_keeps_what_is_there(url: str, store: Store) -> None:
     taken = grasp()
     store.add_grasp(taken)
-    steps = (*store_migrations.STEPS, "ALTER TABLE items ADD COLUMN grower TEXT")
+    steps = (*store_migrations.MIGRATIONS, "ALTER TABLE items ADD COLUMN grower TEXT")
     engine = make_engine(store_url(url)).execution_options(writes=True)
     for missing in (1, 0):
         with engine.begin() as connection:
@@ -262,7 +262,10 @@ def test_a_later_step_keeps_what_is_there(url: str, store: Store) -> None:
 
 
 def test_a_step_that_fails_leaves_the_version_before(url: str, store: Store) -> None:
-    steps = (*store_migrations.STEPS, "ALTER TABLE items ADD COLUMN grower TEXT; CREATE NONSENSE")
+    steps = (
+        *store_migrations.MIGRATIONS,
+        "ALTER TABLE items ADD COLUMN grower TEXT; CREATE NONSENSE",
+    )
     engine = make_engine(store_url(url)).execution_options(writes=True)
     with pytest.raises(sa.exc.DBAPIError), engine.begin() as connection:
         store_migrations.migrate(connection, where="it", steps=steps)

@@ -14,7 +14,7 @@ import pytest
 
 from palpate.produce.records import About, Source
 from palpate.produce.store import Store
-from palpate.produce.store.schema import STEPS
+from palpate.produce.store.schema import MIGRATIONS
 from palpate.settling.result import Status
 
 FOLDER = Path(__file__).parent / "store"
@@ -49,7 +49,7 @@ def layout(path: Path) -> dict[str, list[object]]:
     return found
 
 
-@pytest.mark.parametrize("schema", range(1, len(STEPS) + 2))
+@pytest.mark.parametrize("schema", range(1, len(MIGRATIONS) + 2))
 def test_an_older_store_opens_with_all_it_held(schema: int, tmp_path: Path) -> None:
     with Store.open(restored(schema, tmp_path), create=False) as store:
         (item,) = store.items()
@@ -68,7 +68,7 @@ def test_an_older_store_opens_with_all_it_held(schema: int, tmp_path: Path) -> N
         assert (label.text, label.source) == ("overripe", Source.PERSON)
 
 
-@pytest.mark.parametrize("schema", range(1, len(STEPS) + 2))
+@pytest.mark.parametrize("schema", range(1, len(MIGRATIONS) + 2))
 def test_an_older_store_ends_up_like_a_new_one(schema: int, tmp_path: Path) -> None:
     old, new = restored(schema, tmp_path), tmp_path / "new.sqlite"
     Store.open(old).close()

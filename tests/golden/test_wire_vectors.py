@@ -43,7 +43,7 @@ class Core:
         self._library.host_bytes(self._host, data, ctypes.c_size_t(len(data)))
         return self.take()
 
-    def ask(self, command: wm.Command, *, tag: int = 1) -> wm.Message:
+    def ask(self, command: wm.Command, *, tag: int = 1) -> wm.BoardMessage:
         (answer,) = self.decoder.feed(self.give(encode_command(command, tag=tag)))
         return answer
 

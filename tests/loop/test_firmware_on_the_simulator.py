@@ -32,12 +32,12 @@ class Desk:
         self.decoder = Decoder()
         self.run(0.05)
 
-    def run(self, duration_s: float) -> list[wm.Message]:
+    def run(self, duration_s: float) -> list[wm.BoardMessage]:
         self.board.run_until(self.board.now_s() + duration_s)
         return self.decoder.feed(self.board.read_bytes())
 
-    def ask(self, *commands: wm.Command) -> list[wm.Message]:
-        answers: list[wm.Message] = []
+    def ask(self, *commands: wm.Command) -> list[wm.BoardMessage]:
+        answers: list[wm.BoardMessage] = []
         for command in commands:
             self.board.write_bytes(encode_command(command, tag=1))
             answers += [m for m in self.run(0.005) if not isinstance(m, wm.FrameMessage)]

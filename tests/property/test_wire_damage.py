@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.sensor.wire import MAX_STUFFED_BYTES, Decoder, stuff, unstuff
-from palpate.sensor.wire_messages import CellSample, FrameMessage, Message
+from palpate.sensor.wire_messages import BoardMessage, CellSample, FrameMessage
 from palpate_studies.board_bytes import encode_message
 
 FULL = os.environ.get("PALPATE_FULL") == "1"
@@ -39,7 +39,7 @@ def _sent(count: int, *, seed: int = 3, pixels: int = 1023) -> list[bytes]:
     ]
 
 
-def _key(message: Message) -> tuple[int, int, bytes]:
+def _key(message: BoardMessage) -> tuple[int, int, bytes]:
     assert isinstance(message, FrameMessage)
     return message.sequence, message.time_us, message.counts.tobytes()
 

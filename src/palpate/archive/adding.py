@@ -17,7 +17,7 @@ from palpate.holds import Hold
 from palpate.produce.records import Grasp, Item
 from palpate.produce.store.database import Store
 from palpate.produce.store.export import grasp_row, grasp_schema
-from palpate.recording.exporting import cut_holds, frame_tables
+from palpate.recording.exporting import frame_tables, recorded_holds
 from palpate.recording.reader import RecordingReader, load_recording
 
 _BATCH = 10_000
@@ -120,7 +120,7 @@ def _plain(stem: str) -> str:
 
 def _holds(path: Path, name: str) -> list[Hold]:
     try:
-        return cut_holds(load_recording(path), name=name)
+        return recorded_holds(load_recording(path), name=name)
     except RecordingError:
         # Frames without a hold are kept all the same.
         return []

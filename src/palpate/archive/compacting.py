@@ -13,7 +13,7 @@ from palpate.archive.layout import Archive, Part, arrow, sources_of
 MOST_ROWS = 1_000_000
 
 
-def compact(archive: Archive, kind: str) -> tuple[int, int]:
+def join_files(archive: Archive, kind: str) -> tuple[int, int]:
     """Join the parts of each station and day; return how many there were, and are.
 
     The joined part is whole before its pieces are deleted. If this is interrupted between, both are

@@ -79,7 +79,7 @@ def compact(
 
     Example: palpate archive compact archive
     """
-    from palpate.archive.compacting import compact as join_files
+    from palpate.archive.compacting import join_files as join_files
     from palpate.archive.layout import KINDS, Archive
 
     opened = Archive(archive)

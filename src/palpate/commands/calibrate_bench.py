@@ -159,7 +159,7 @@ def earlier_calibration(path: Path, *, layout: ArrayLayout, simulated: bool) -> 
     return earlier
 
 
-def begun(layout: ArrayLayout, *, rest: RestValues, simulated: bool) -> Calibration:
+def new_calibration(layout: ArrayLayout, *, rest: RestValues, simulated: bool) -> Calibration:
     """Return a calibration that knows the rest alone."""
     from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
 

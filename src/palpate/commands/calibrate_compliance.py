@@ -72,7 +72,7 @@ def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> C
     from palpate.grasp.calibrating import measure_block
     from palpate.grasp.calibrating_current import measure_current, measure_gears
     from palpate.grasp.planning import DWELL_S
-    from palpate.sensor.calibration import joined
+    from palpate.sensor.calibration import joined_currents
 
     bench = guided.bench
     limits = bench.gripper.limits
@@ -94,7 +94,7 @@ def _measured(guided: GuidedBench, *, block_mm: float, rig: str, out: Path) -> C
     if current is not None:
         guided.take_away()
         empty = measure_gears(bench)
-        current = current if empty is None else joined(current, empty)
+        current = current if empty is None else joined_currents(current, empty)
     return replace(earlier, block=block, current=current)
 
 

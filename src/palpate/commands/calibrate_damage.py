@@ -57,7 +57,7 @@ def command(
 def _learned(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> DamageFile:
     from palpate.commands.calibrate_bench import now_text
     from palpate.estimate.damage_file import DamageFile
-    from palpate.estimate.damage_learning import held_out, learn, unfit
+    from palpate.estimate.damage_learning import held_out, learn_damage, unfit
 
     left_out = unfit(closings)
     used = [closing for closing in closings if closing.grasp_id not in left_out]
@@ -69,7 +69,7 @@ def _learned(closings: list[FruitClosing], *, files: tuple[Path, ...]) -> Damage
         )
     kinds = sorted({closing.fruit for closing in used})
     return DamageFile(
-        model=learn(used),
+        model=learn_damage(used),
         closings={kind: sum(closing.fruit == kind for closing in used) for kind in kinds},
         learned_from={path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
         made_at=now_text(),

@@ -105,7 +105,12 @@ class _Shown:
 
 def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
     """Read settled holds on the load cell and fit the laws of a grasp to them."""
-    from palpate.commands.calibrate_bench import begun, earlier_calibration, now_text, open_bench
+    from palpate.commands.calibrate_bench import (
+        earlier_calibration,
+        new_calibration,
+        now_text,
+        open_bench,
+    )
     from palpate.grasp.calibrating import measure_force, measure_rest
     from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 
@@ -126,7 +131,7 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,
         )
-        begin = earlier or begun(layout, rest=rest, simulated=guided.simulated)
+        begin = earlier or new_calibration(layout, rest=rest, simulated=guided.simulated)
     made = with_force_law(replace(begin, rest=rest, force=pairs))
     return replace(made, made_at=now_text())
 

@@ -57,7 +57,7 @@ def command(
 
     Example: palpate calibrate rest --rig rig.toml
     """
-    from palpate.commands.calibrate_bench import DEFAULT_FILE, begun, earlier_calibration
+    from palpate.commands.calibrate_bench import DEFAULT_FILE, earlier_calibration, new_calibration
     from palpate.commands.sensor_source import open_source
 
     source = open_source(
@@ -77,7 +77,7 @@ def command(
             print(f"{source.name}: leave the sensor alone for {duration_s:g} s", file=sys.stderr)
         known_ohm = None if earlier is None or empty else earlier.rest_ohm
         rest = _rest_values(source.frames(duration_s), layout=pixels, known_ohm=known_ohm)
-    calibration = begun(pixels, rest=rest, simulated=simulated)
+    calibration = new_calibration(pixels, rest=rest, simulated=simulated)
     if earlier is not None:
         # The date is that of the force readings, where there are.
         made_at = earlier.made_at if earlier.force.force_n else calibration.made_at

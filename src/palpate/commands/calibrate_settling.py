@@ -31,7 +31,7 @@ def command(
     """
     from palpate.holds import Hold
     from palpate.recording import load_recording
-    from palpate.recording.exporting import cut_holds, hold_tables, write_tables
+    from palpate.recording.exporting import hold_tables, recorded_holds, write_export
 
     kinds = {".csv": "csv", ".parquet": "parquet"}
     if out.suffix not in kinds:
@@ -42,7 +42,7 @@ def command(
     kept: list[Hold] = []
     for path in recordings:
         try:
-            cut = cut_holds(load_recording(path), name=path.stem)
+            cut = recorded_holds(load_recording(path), name=path.stem)
         except RecordingError as error:
             where = "" if str(path) in str(error) else f"{path}: "
             raise RecordingError(f"{where}{error}") from error
@@ -54,5 +54,5 @@ def command(
         raise RecordingError(
             f"no hold lasts {shortest_s:g} s; hold for longer while recording, or give --shortest"
         )
-    rows = write_tables(out, hold_tables(kept), to="csv" if out.suffix == ".csv" else "parquet")
+    rows = write_export(out, hold_tables(kept), to="csv" if out.suffix == ".csv" else "parquet")
     print(f"{out}: {len({hold.hold_id for hold in kept})} holds, {rows} rows")

@@ -47,7 +47,7 @@ def doctor(
 
     Example: palpate doctor --port /dev/ttyACM0 --press
     """
-    from palpate.commands.doctor_report import as_document, print_report
+    from palpate.commands.doctor_report import as_document, print_health
     from palpate.commands.sensor_source import open_source
 
     if recording is not None:
@@ -68,7 +68,7 @@ def doctor(
     if as_json:
         print(json.dumps(as_document(examined), indent=1, allow_nan=False))
     else:
-        print_report(examined)
+        print_health(examined)
     if not examined.health.healthy:
         raise typer.Exit(1)
 

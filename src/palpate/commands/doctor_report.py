@@ -79,7 +79,7 @@ def as_document(examined: Examined) -> dict[str, Any]:
     }
 
 
-def print_report(examined: Examined) -> None:
+def print_health(examined: Examined) -> None:
     """Print the report on standard output."""
     health = examined.health
     color = "green" if health.healthy else "red"

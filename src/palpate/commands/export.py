@@ -82,7 +82,7 @@ def _export_table(
     file: Path, *, to: Target | None, holds: bool, unit: HoldUnit, out: Path | None
 ) -> None:
     from palpate.recording import RecordingReader, load_recording
-    from palpate.recording.exporting import cut_holds, frame_tables, hold_tables, write_tables
+    from palpate.recording.exporting import frame_tables, hold_tables, recorded_holds, write_export
 
     form = _form(to, out)
     target = out or file.parent / (file.stem + (f".holds.{form}" if holds else f".{form}"))
@@ -91,15 +91,15 @@ def _export_table(
         raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
     if holds:
         try:
-            cut = cut_holds(load_recording(file), unit=unit.value, name=file.stem)
+            cut = recorded_holds(load_recording(file), unit=unit.value, name=file.stem)
         except RecordingError as error:
             where = "" if str(file) in str(error) else f"{file}: "
             raise RecordingError(f"{where}{error}") from error
-        rows = write_tables(target, hold_tables(cut), to=form.value)
+        rows = write_export(target, hold_tables(cut), to=form.value)
         what = f"{len({hold.hold_id for hold in cut})} holds, "
     else:
         with RecordingReader(file) as reader:
-            rows = write_tables(target, frame_tables(reader), to=form.value)
+            rows = write_export(target, frame_tables(reader), to=form.value)
         what = ""
     print(f"{target}: {what}{rows} rows", file=sys.stderr)
 

@@ -30,7 +30,7 @@ def flash(
     from palpate.commands.avrdude import avrdude_path, write_image
     from palpate.firmware_image import image_path
     from palpate.sensor.byte_stream import SerialStream
-    from palpate.sensor.ports import identify
+    from palpate.sensor.ports import ask_identity
 
     avrdude_path()
     chosen = image or image_path(baud)
@@ -40,7 +40,7 @@ def flash(
     print(f"writing {chosen.name} to {device} ...", file=sys.stderr)
     write_image(chosen, port=device)
     try:
-        board = identify(SerialStream(device, baud=baud), clock=RealClock())
+        board = ask_identity(SerialStream(device, baud=baud), clock=RealClock())
     except DeviceError as error:
         raise DeviceError(
             f"written and verified, but the board does not answer: {error}"

@@ -34,7 +34,7 @@ def identify(
 
     Example: palpate identify A17
     """
-    from palpate.produce.identify.items import drive_of, identity_verdict, learn, touches_of
+    from palpate.produce.identify.items import drive_of, identity_verdict, learn_kinds, touches_of
     from palpate.produce.store import Store
 
     with Store.open(store, create=False) as kept:
@@ -47,7 +47,7 @@ def identify(
                 f"item {item!r}: no grasp of it measured size and stiffness; grasp it again with "
                 "fingers driven by width"
             )
-        known = learn(kept, drive=drive, false_reject=false_reject, without=item)
+        known = learn_kinds(kept, drive=drive, false_reject=false_reject, without=item)
         identity = known.identify(touches)
         verdict = identity_verdict(item, identity, given_at=datetime.now(UTC))
         kept.add_verdict(verdict)

@@ -97,10 +97,10 @@ def _port(port: str | None) -> str:
 
 def _pixels(layout: str | None, fingers: int | None) -> dict[str, str | float | bool]:
     """Return the matrix, and its number of fingers where its name does not give it."""
-    from palpate.sensor.board_array import PRESETS
+    from palpate.sensor.board_array import LAYOUTS
 
-    name = _ask(f"Layout ({', '.join(PRESETS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
-    if name in PRESETS and fingers is None:
+    name = _ask(f"Layout ({', '.join(LAYOUTS)}, or all rows x columns, e.g. 6x3)", layout, _LAYOUT)
+    if name in LAYOUTS and fingers is None:
         return {"layout": name}
     stated = _ask("Fingers that its rows are on", fingers, "1")
     if not stated.isdecimal():

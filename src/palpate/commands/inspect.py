@@ -25,14 +25,14 @@ def inspect(
     """Show what a recording holds, and whether it is complete. Example: palpate inspect run.mcap"""
     from palpate.plots.style import check_plot
     from palpate.recording import FileState, RecordingReader
-    from palpate.recording.reader import summarise
+    from palpate.recording.reader import summarise_recording
 
     check_plot(plot, dpi=dpi)
     if plot is not None:
         _draw(file, plot, dpi=dpi)
     state = FileState()
     with RecordingReader(file) as reader:
-        summary = summarise(reader, state=state)
+        summary = summarise_recording(reader, state=state)
         info = reader.info
     document: dict[str, Any] = {
         "path": str(file),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def pattern(
-    out: option.OutOption,
+    out: option.FolderOption,
     preset: option.PresetOption = "paper-2x2",
     name: option.NameOption = None,
     rows: option.RowsOption = None,

@@ -21,7 +21,7 @@ class Shape(StrEnum):
     CIRCLE = "circle"
 
 
-OutOption: TypeAlias = Annotated[
+FolderOption: TypeAlias = Annotated[
     Path, typer.Option(help="Folder for the files; made if absent.", metavar="DIR")
 ]
 PresetOption: TypeAlias = Annotated[

@@ -19,7 +19,7 @@ class Tile:
     below: str = ""
 
 
-def document(
+def html_page(
     *, title: str, chips: Iterable[str], simulated: bool, body: Iterable[str], foot: str
 ) -> str:
     """Return the whole page.

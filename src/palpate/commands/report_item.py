@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from palpate.commands.report_html import Tile, document, figures, table, tiles
+from palpate.commands.report_html import Tile, figures, html_page, table, tiles
 from palpate.estimate.measurement import Measurement
 from palpate.plots.inline_svg import inline_svg
 from palpate.plots.item_history import history_figure, pixels_figure
@@ -37,7 +37,7 @@ def item_report(page: ItemHistory, *, store: str) -> str:
         body.append(_verdicts(page))
     if page.grasps:
         body.append(_grasps(page))
-    return document(
+    return html_page(
         title=item.item_id,
         chips=chips,
         simulated=page.simulated,

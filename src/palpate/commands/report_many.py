@@ -8,7 +8,7 @@ from datetime import date
 
 import numpy as np
 
-from palpate.commands.report_html import Tile, document, figures, table, tiles
+from palpate.commands.report_html import Tile, figures, html_page, table, tiles
 from palpate.commands.report_item import number, when
 from palpate.grasp.result import Outcome
 from palpate.plots.inline_svg import inline_svg
@@ -39,7 +39,7 @@ def batch_report(name: str, pages: Sequence[ItemHistory], *, store: str) -> str:
         shown.insert(0, (caption, inline_svg(softening, label=caption)))
     body.append(figures(shown))
     body.append(_items(pages))
-    return document(
+    return html_page(
         title=f"Batch {name}",
         chips=_chips(pages, grasps),
         simulated=any(grasp.simulated for grasp in grasps),
@@ -53,7 +53,7 @@ def day_report(day: date, pages: Sequence[ItemHistory], *, store: str) -> str:
     grasps = [grasp for page in pages for grasp in page.grasps]
     caption = "Grasps over the day"
     hours = (caption, inline_svg(hours_figure(grasps), label=caption))
-    return document(
+    return html_page(
         title=f"{day:%A}, {day.day} {day:%B %Y}",
         chips=_chips(pages, grasps),
         simulated=any(grasp.simulated for grasp in grasps),

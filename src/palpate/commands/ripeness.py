@@ -58,7 +58,7 @@ def ripeness(
 
     Example: palpate ripeness A17 --reference ball --plot a17.png
     """
-    from palpate.commands.ripeness_report import document, print_report
+    from palpate.commands.ripeness_report import print_ripeness, ripeness_document
     from palpate.plots.style import check_plot
     from palpate.produce.ripeness.items import assumed, verdict_of
     from palpate.produce.store import Store
@@ -82,9 +82,9 @@ def ripeness(
         figure = item_figure(judged[0].history, judged[0].ripeness, rule=judged[0].rule)
         save_figure(figure, plot, dpi=dpi)
     if as_json:
-        print(json.dumps(document(judged), allow_nan=False, indent=1))
+        print(json.dumps(ripeness_document(judged), allow_nan=False, indent=1))
     else:
-        print_report(judged)
+        print_ripeness(judged)
 
 
 def _names(stages: str, *, ripe: str) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ class _Judge:
         """Judge one item by what it was taught on the same kind of fingers."""
         from palpate.commands.ripeness_report import Judged
         from palpate.produce.identify.items import drive_of
-        from palpate.produce.ripeness.items import history_of, judge
+        from palpate.produce.ripeness.items import history_of, judge_ripeness
 
         grasps = self._store.grasps_of(item.item_id)
         drive = drive_of(grasps, item_id=item.item_id)
@@ -133,7 +133,7 @@ class _Judge:
         return Judged(
             item=item,
             history=history,
-            ripeness=judge(history, rule=rule, ripe=self._ripe),
+            ripeness=judge_ripeness(history, rule=rule, ripe=self._ripe),
             rule=rule,
             drift=drift,
         )

@@ -29,7 +29,7 @@ class Judged:
     drift: Drift | None
 
 
-def document(judged: Sequence[Judged]) -> dict[str, object]:
+def ripeness_document(judged: Sequence[Judged]) -> dict[str, object]:
     """Return the JSON form; a time that never comes is null."""
     return {
         "items": [
@@ -55,7 +55,7 @@ def document(judged: Sequence[Judged]) -> dict[str, object]:
     }
 
 
-def print_report(judged: Sequence[Judged]) -> None:
+def print_ripeness(judged: Sequence[Judged]) -> None:
     """Print one line for each item, and the days of a single one."""
     from rich.console import Console
     from rich.table import Table

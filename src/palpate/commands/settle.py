@@ -41,7 +41,7 @@ def settle(
     value_column: option.ValueColumnOption = None,
     unit: option.UnitOption = None,
     adc_bits: option.AdcBitsOption = None,
-    reference_ohm: option.ReferenceOption = None,
+    reference_ohm: option.ReferenceOhmOption = None,
     sensor_leg: option.LegOption = None,
     cut: option.CutOption = "auto",
     plot: option.PlotOption = None,

@@ -101,7 +101,7 @@ UnitOption: TypeAlias = Annotated[
 AdcBitsOption: TypeAlias = Annotated[
     int | None, typer.Option(help="Resolution of the converter: counts become ohm.", metavar="N")
 ]
-ReferenceOption: TypeAlias = Annotated[
+ReferenceOhmOption: TypeAlias = Annotated[
     float | None, typer.Option(help="The divider's fixed resistor.", metavar="OHM")
 ]
 LegOption: TypeAlias = Annotated[

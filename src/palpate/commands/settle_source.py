@@ -197,7 +197,7 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
     import numpy as np
 
     from palpate.recording import load_recording
-    from palpate.recording.exporting import cut_holds
+    from palpate.recording.exporting import recorded_holds
 
     if not reading.is_about_units():
         raise InputError(
@@ -206,7 +206,7 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
         )
     unit: Literal["percent", "ohm"] = "ohm" if reading.unit == "ohm" else "percent"
     try:
-        holds = cut_holds(load_recording(file), unit=unit, name=file.stem)
+        holds = recorded_holds(load_recording(file), unit=unit, name=file.stem)
     except RecordingError as error:
         raise InputError(f"{file}: {error}") from error
     none = np.zeros(0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from palpate.produce.sorting.rules import RuleBook
-from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, Score, score
+from palpate.produce.sorting.score import CARRY_S, TURN_S, Placed, Score, score_sorting
 
 if TYPE_CHECKING:
     from palpate.produce.sorting.run import Sorted
@@ -44,7 +44,7 @@ class SortReport:
 
     def emit(self, *, as_json: bool) -> None:
         """Print all of it."""
-        found = score(self._placed, book=self.book) if self._placed else None
+        found = score_sorting(self._placed, book=self.book) if self._placed else None
         if as_json:
             print(json.dumps(self._document(found), allow_nan=False, indent=1))
         else:

@@ -124,12 +124,12 @@ def _learned(
     guess: bool = True,
 ) -> Identifier | None:
     """Learn from the store what the rules ask for, where there is anything to guess."""
-    from palpate.produce.identify.items import learn
+    from palpate.produce.identify.items import learn_kinds
     from palpate.produce.sorting.rules_file import check_kinds
 
     if all(rule.kinds is None for rule in book.rules):
         return None
-    identifier = learn(kept) if guess else None
+    identifier = learn_kinds(kept) if guess else None
     taught = () if identifier is None else identifier.kinds
     check_kinds(book, taught={*taught, *labelled}, path=rules)
     return identifier

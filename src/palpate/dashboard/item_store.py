@@ -80,7 +80,7 @@ class ItemStore:
         """
         if self._rules is None or self.trouble == MISSING:
             return None
-        from palpate.produce.identify.items import learn
+        from palpate.produce.identify.items import learn_kinds
         from palpate.produce.sorting.decide import decide
         from palpate.produce.sorting.run import evidence_of
         from palpate.produce.store import Store
@@ -90,7 +90,7 @@ class ItemStore:
             guess = kind is None and any(rule.kinds is not None for rule in self._rules.rules)
             evidence = evidence_of(
                 store.grasps_of(item_id),
-                identifier=learn(store, without=item_id) if guess else None,
+                identifier=learn_kinds(store, without=item_id) if guess else None,
                 kind=kind,
                 verdicts=store.verdicts_of(item_id),
             )

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.strength import FEWEST, ClosingCurve, ClosingState, Strength, fit_strength
+from palpate.estimate.strength import (
+    FEWEST_CLOSINGS,
+    ClosingCurve,
+    ClosingState,
+    Strength,
+    fit_strength,
+)
 
 Path: TypeAlias = Sequence[ClosingState]
 
@@ -161,7 +167,7 @@ def fit_damage_model(
     """
     limits_n = np.asarray(rupture_force_n, dtype=np.float64)
     counts = {kind: list(kinds).count(kind) for kind in sorted(set(kinds))}
-    known = [kind for kind, count in counts.items() if by_kind and count >= 2 * FEWEST]
+    known = [kind for kind, count in counts.items() if by_kind and count >= 2 * FEWEST_CLOSINGS]
     strengths, low_shares = {}, {}
     for kind in ("", *known):
         chosen = [i for i in range(len(paths)) if kind in ("", kinds[i])]

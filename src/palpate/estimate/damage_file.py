@@ -18,7 +18,7 @@ import numpy as np
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.damage_learning import HeldOut
-from palpate.estimate.strength import FEWEST, Strength
+from palpate.estimate.strength import FEWEST_CLOSINGS, Strength
 from palpate.files import atomic_path
 from palpate.structure import structured
 
@@ -175,8 +175,8 @@ def _read(document: Any) -> DamageFile:
         _Document, {k: v for k, v in document.items() if k not in ("format", "version")}
     )
     scores = np.array(read.critical_scores)
-    if len(scores) < FEWEST or np.any(np.diff(scores) < 0):
-        raise CalibrationError(f"critical_scores must be {FEWEST} numbers or more, rising")
+    if len(scores) < FEWEST_CLOSINGS or np.any(np.diff(scores) < 0):
+        raise CalibrationError(f"critical_scores must be {FEWEST_CLOSINGS} numbers or more, rising")
     kinds = {"": read.any_kind, **read.kinds}
     for kind, stored in kinds.items():
         _check(stored, where=f"kinds.{kind}" if kind else "any_kind")
@@ -201,8 +201,10 @@ def _check(kind: _StoredKind, *, where: str) -> None:
     for name in ("stiffness_log_sd", "log_sd", "low_share"):
         if not getattr(kind, name) > 0:
             raise CalibrationError(f"{where}.{name} is {getattr(kind, name):g}; it must be above 0")
-    if kind.objects < FEWEST:
-        raise CalibrationError(f"{where} rests on {kind.objects} closings; {FEWEST} are needed")
+    if kind.objects < FEWEST_CLOSINGS:
+        raise CalibrationError(
+            f"{where} rests on {kind.objects} closings; {FEWEST_CLOSINGS} are needed"
+        )
 
 
 def _rounded(numbers: Mapping[str, float]) -> dict[str, float]:

@@ -55,7 +55,7 @@ def _fault(closing: FruitClosing) -> str | None:
     return None
 
 
-def learn(closings: Sequence[FruitClosing], *, by_kind: bool = True) -> DamageModel:
+def learn_damage(closings: Sequence[FruitClosing], *, by_kind: bool = True) -> DamageModel:
     """Fit a damage model to recorded closings.
 
     Raises `InputError` if there are too few to learn from.
@@ -107,7 +107,7 @@ def held_out(closings: Sequence[FruitClosing]) -> dict[str, HeldOut]:
     """
     predictions: dict[str, list[tuple[float, float, float]]] = {}
     for training, test in split(closings):
-        model = learn(training)
+        model = learn_damage(training)
         for closing in test:
             for kind in {"", closing.fruit}:
                 limit = at_half_load(closing, model=model, kind=kind)
@@ -186,7 +186,7 @@ def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
             )
         part = slice(*where[name])
         closings.append(
-            follow(
+            follow_closing(
                 name,
                 fruit=fruit,
                 rupture_force_n=float(limit_n),
@@ -197,7 +197,7 @@ def read_closings(curves: Path, index: Path) -> list[FruitClosing]:
     return closings
 
 
-def follow(
+def follow_closing(
     grasp_id: str,
     *,
     fruit: str,

@@ -23,7 +23,7 @@ from palpate.estimate.measurement import Measurement
 #: Where the stiffness of objects is looked at, in its standard deviations.
 _GRID = np.linspace(-5.0, 5.0, 401)
 #: Fewest objects that a line may rest on.
-FEWEST = 6
+FEWEST_CLOSINGS = 6
 #: Weight of a flat line among the objects: with hardly any spread in stiffness there is no slope.
 RIDGE = 1e-3
 #: Scatter is at least this, ln: a handful of objects may lie on a line by chance.
@@ -109,15 +109,15 @@ def fit_strength(
     `paths`: the states of each closing; one that has none from half of its rupture force on is
         passed over.
     `rupture_force_n`: force at which each object ruptured.
-    Raises `ValueError` if fewer than `FEWEST` objects can be learned from.
+    Raises `ValueError` if fewer than `FEWEST_CLOSINGS` objects can be learned from.
     """
     rows = [
         (half.log_stiffness, np.log(limit_n))
         for path, limit_n in zip(paths, rupture_force_n, strict=True)
         if (half := _at_half(path, limit_n)) is not None
     ]
-    if len(rows) < FEWEST:
-        raise ValueError(f"{len(rows)} closings to learn from; {FEWEST} are needed")
+    if len(rows) < FEWEST_CLOSINGS:
+        raise ValueError(f"{len(rows)} closings to learn from; {FEWEST_CLOSINGS} are needed")
     stiffness, target = np.array(rows).T
     x, y = stiffness - stiffness.mean(), target - target.mean()
     slope = (x @ y) / (x @ x + RIDGE * len(rows))

@@ -166,7 +166,7 @@ class Grasp:
             known_measurement(name, measurement, units=MEASURED)
         for name in _NUMBERS:
             if (value := getattr(self, name)) is not None:
-                finite(value, what=name)
+                refuse_infinite(value, what=name)
                 object.__setattr__(self, name, float(value))
         if self.pixel_settled_percent is not None:
             pixels = even_rows(self.pixel_settled_percent, what="pixel_settled_percent")
@@ -266,7 +266,7 @@ def as_json_values(details: Mapping[str, object]) -> dict[str, object]:
     return found
 
 
-def finite(value: float, *, what: str) -> None:
+def refuse_infinite(value: float, *, what: str) -> None:
     """Refuse infinities and NaN."""
     if not math.isfinite(value):
         raise InputError(f"{what} is {value}: must be finite; leave it out if it is not known")
@@ -279,7 +279,7 @@ def known_measurement(name: str, measurement: Measurement, *, units: Mapping[str
     if measurement.unit != units[name]:
         raise InputError(f"{name} in {measurement.unit!r}: its unit is {units[name]!r}")
     for end in ("value", "low", "high"):
-        finite(getattr(measurement, end), what=f"{name}.{end}")
+        refuse_infinite(getattr(measurement, end), what=f"{name}.{end}")
 
 
 def even_rows(
@@ -291,5 +291,5 @@ def even_rows(
     for row in rows:
         for value in row:
             if value is not None:
-                finite(value, what=what)
+                refuse_infinite(value, what=what)
     return tuple(tuple(None if v is None else float(v) for v in row) for row in rows)

@@ -13,7 +13,7 @@ from palpate.readings.contacts import MOVED_WITHIN_S, ContactOutline, Stretch, h
 
 #: From contact to opening; a shorter touch is more often a step on the way than a hold. At
 #: least half of it is left after loading.
-SHORTEST_S = 1.0
+SHORTEST_HOLD_S = 1.0
 FEWEST_READINGS = 5
 #: Loading takes no longer than this after contact; what still moves then is settling.
 LOADING_S = 2.0
@@ -38,7 +38,7 @@ BRIEFEST_S = 0.3
 #: How much more the low levels scatter than the high ones where the recording begins loaded.
 SCATTER_RATIO = 2.0
 
-_TOO_BRIEF = f"none stays for {SHORTEST_S:g} s"
+_TOO_BRIEF = f"none stays for {SHORTEST_HOLD_S:g} s"
 _TOO_FEW = f"fewer than {FEWEST_READINGS} readings while it is held"
 
 
@@ -203,7 +203,7 @@ def _refusal(
     readings = int(np.searchsorted(time_s, stretch.end_s, side="right")) - int(
         np.searchsorted(time_s, start_s)
     )
-    if stretch.end_s - stretch.onset_s < SHORTEST_S or held_s < SHORTEST_S / 2:
+    if stretch.end_s - stretch.onset_s < SHORTEST_HOLD_S or held_s < SHORTEST_HOLD_S / 2:
         return _TOO_BRIEF
     if readings < FEWEST_READINGS:
         return _TOO_FEW

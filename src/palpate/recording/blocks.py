@@ -45,7 +45,7 @@ class RawMessage:
     data: bytes
 
 
-Record = Schema | Channel | Metadata | RawMessage
+McapRecord = Schema | Channel | Metadata | RawMessage
 
 
 @dataclass(slots=True, kw_only=True)
@@ -65,7 +65,7 @@ class FileState:
         return self.complete and self.damaged_chunks == 0 and self.unread_bytes == 0
 
 
-def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[Record]]:
+def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[McapRecord]]:
     """Yield the records of each block (a chunk, or one record outside chunks), in file order.
 
     `stream`: seekable, at its start.
@@ -100,7 +100,7 @@ def read_blocks(stream: IO[bytes], *, state: FileState) -> Iterator[list[Record]
         yield _block(opcode, stream.read(length), state)
 
 
-def _block(opcode: int, body: bytes, state: FileState) -> list[Record]:
+def _block(opcode: int, body: bytes, state: FileState) -> list[McapRecord]:
     try:
         if opcode == Opcode.CHUNK:
             return list(_split(_chunk_content(body)))
@@ -110,7 +110,7 @@ def _block(opcode: int, body: bytes, state: FileState) -> list[Record]:
         return []
 
 
-def _split(content: bytes) -> Iterator[Record]:
+def _split(content: bytes) -> Iterator[McapRecord]:
     at = 0
     while at < len(content):
         opcode, length = _HEAD.unpack_from(content, at)
@@ -122,7 +122,7 @@ def _split(content: bytes) -> Iterator[Record]:
         at += length
 
 
-def _record(opcode: int, body: bytes) -> Record:
+def _record(opcode: int, body: bytes) -> McapRecord:
     if opcode == Opcode.MESSAGE:
         channel_id, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(body)
         data = body[_MESSAGE_HEAD.size :]
@@ -132,7 +132,7 @@ def _record(opcode: int, body: bytes) -> Record:
         Opcode.SCHEMA: Schema,
         Opcode.METADATA: Metadata,
     }
-    record: Record = kinds[opcode].read(ReadDataStream(io.BytesIO(body)))
+    record: McapRecord = kinds[opcode].read(ReadDataStream(io.BytesIO(body)))
     return record
 
 

@@ -22,7 +22,7 @@ from palpate.structure import structured
 
 Message = Frame | GripperState | Event | LoadCells
 
-FORMAT = "1"
+RECORDING_FORMAT = "1"
 METADATA_NAME = "palpate"
 _ORIGINS: dict[str, Origin] = {origin: origin for origin in get_args(Origin)}
 NUMBER = {"type": "number"}
@@ -186,7 +186,7 @@ def _whole(value: Any) -> int:
 def encode_info(info: RecordingInfo) -> dict[str, str]:
     """Turn the recording's metadata into MCAP's form, text by text; None is left out."""
     texts = {
-        "format": FORMAT,
+        "format": RECORDING_FORMAT,
         "origin": info.origin,
         "layout": _compact(asdict(info.layout)),
         "versions": _compact(dict(info.versions)),
@@ -213,9 +213,9 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
 
     Raises `RecordingError` if it is of a newer format, or incomplete.
     """
-    if texts.get("format") != FORMAT:
+    if texts.get("format") != RECORDING_FORMAT:
         raise RecordingError(
-            f"its format is {texts.get('format')!r}, and this palpate reads {FORMAT!r}; "
+            f"its format is {texts.get('format')!r}, and this palpate reads {RECORDING_FORMAT!r}; "
             "upgrade palpate"
         )
     try:

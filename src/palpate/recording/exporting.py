@@ -30,11 +30,11 @@ from palpate.signal.relative import (
     rest_baseline,
 )
 
-Table = dict[str, list[Any]]
+Columns = dict[str, list[Any]]
 Format = Literal["csv", "parquet"]
 _BATCH = 20_000
 
-Unit = Literal["percent", "ohm"]
+HoldUnit = Literal["percent", "ohm"]
 #: Shorter stretches are steps of a closing staircase, not holds.
 SHORTEST_HOLD_S = 1.0
 #: How much of the recording's beginning is taken as rest where the gripper moves at once.
@@ -44,7 +44,7 @@ _FEWEST_FRAMES = 10
 _MOVED_MM, _MOVED_KPA = 0.08, 0.6
 
 
-def frame_tables(reader: RecordingReader) -> Iterator[Table]:
+def frame_tables(reader: RecordingReader) -> Iterator[Columns]:
     """Yield the recording as columns, a batch of frames at a time.
 
     One row per frame: time, number, oversampling, the gripper's state and the text of events up to
@@ -55,7 +55,7 @@ def frame_tables(reader: RecordingReader) -> Iterator[Table]:
         yield _columns(batch, reader.info.layout)
 
 
-def hold_tables(holds: Iterable[Hold]) -> Iterator[Table]:
+def hold_tables(holds: Iterable[Hold]) -> Iterator[Columns]:
     """Yield holds in the form that `palpate settle` reads, one channel at a time."""
     for hold in holds:
         count = len(hold.time_s)
@@ -68,7 +68,7 @@ def hold_tables(holds: Iterable[Hold]) -> Iterator[Table]:
         }
 
 
-def write_tables(path: str | os.PathLike[str], tables: Iterable[Table], *, to: Format) -> int:
+def write_export(path: str | os.PathLike[str], tables: Iterable[Columns], *, to: Format) -> int:
     """Write tables of the same columns below one another; return the number of rows.
 
     `path`: written whole or not at all.
@@ -95,10 +95,10 @@ def _rows(reader: RecordingReader) -> Iterator[tuple[Frame, GripperState | None,
             happened.clear()
 
 
-def _columns(batch: list[tuple[Frame, GripperState | None, str]], layout: ArrayLayout) -> Table:
+def _columns(batch: list[tuple[Frame, GripperState | None, str]], layout: ArrayLayout) -> Columns:
     frames = [frame for frame, _, _ in batch]
     states = [state for _, state, _ in batch]
-    table: Table = {
+    table: Columns = {
         "time_s": [frame.time_s for frame in frames],
         "sequence": [frame.sequence for frame in frames],
         "oversampling": [frame.oversampling for frame in frames],
@@ -129,7 +129,7 @@ def _resistances(frames: list[Frame], layout: ArrayLayout) -> NDArray[np.float64
     return ohm
 
 
-def _write_csv(path: Path, tables: Iterable[Table]) -> int:
+def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
     rows = 0
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
@@ -142,7 +142,7 @@ def _write_csv(path: Path, tables: Iterable[Table]) -> int:
     return rows
 
 
-def _write_parquet(path: Path, tables: Iterable[Table]) -> int:
+def _write_parquet(path: Path, tables: Iterable[Columns]) -> int:
     with needing("Parquet (unlike --to csv)", extra="data"):
         import pyarrow
         import pyarrow.parquet
@@ -186,7 +186,9 @@ def recorded_resistance_ohm(recording: Recording) -> FloatArray:
     return ohm
 
 
-def cut_holds(recording: Recording, *, unit: Unit = "percent", name: str = "hold") -> list[Hold]:
+def recorded_holds(
+    recording: Recording, *, unit: HoldUnit = "percent", name: str = "hold"
+) -> list[Hold]:
     """Cut out every hold of at least a second in which something was touched.
 
     A hold begins when the gripper's movement ends (time 0) and lasts until it moves again. Where
@@ -285,7 +287,9 @@ def _strictly_increasing(time_s: FloatArray, start_s: float, end_s: float) -> ND
     return inside[keep]
 
 
-def _channels(hold_id: str, time_s: FloatArray, values: FloatArray, *, unit: Unit) -> list[Hold]:
+def _channels(
+    hold_id: str, time_s: FloatArray, values: FloatArray, *, unit: HoldUnit
+) -> list[Hold]:
     columns = {
         f"r{row}c{col}": values[:, row, col]
         for row in range(values.shape[1])

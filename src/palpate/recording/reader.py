@@ -180,7 +180,7 @@ class Summary:
     load_cell_readings: int
 
 
-def summarise(reader: RecordingReader, *, state: FileState) -> Summary:
+def summarise_recording(reader: RecordingReader, *, state: FileState) -> Summary:
     """Count what a recording holds.
 
     `state`: filled in: whether the file is whole.

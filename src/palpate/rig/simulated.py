@@ -17,7 +17,7 @@ from palpate.grasp.planning import DWELL_S, HORIZON_S, pairs_at
 from palpate.recording.contents import Origin
 from palpate.rig import Rig
 from palpate.sensor.array import PressureArray
-from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, joined
+from palpate.sensor.calibration import BlockPairs, Calibration, CurrentPairs, joined_currents
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.firmware import open_firmware_array
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
@@ -232,7 +232,7 @@ def _current(bench: Bench, world: Workplace) -> CurrentPairs | None:
     on_block = measure_current(bench, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS)
     world.place(None)
     empty = measure_gears(bench)
-    return None if on_block is None or empty is None else joined(on_block, empty)
+    return None if on_block is None or empty is None else joined_currents(on_block, empty)
 
 
 def _joined(first: BlockPairs, second: BlockPairs) -> BlockPairs:

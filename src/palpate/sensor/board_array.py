@@ -13,13 +13,13 @@ from palpate.clock import RealClock
 from palpate.errors import InputError
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT, ArrayLayout, IdleLines
 from palpate.sensor.byte_stream import BAUD, SerialStream
-from palpate.sensor.ports import find_port, follow, serial_ports
+from palpate.sensor.ports import find_port, follow_port, serial_ports
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import Contents
 from palpate.signal.circuit import Divider
 
 #: The paper's arrays (section 2.1 and 4.2), by name.
-PRESETS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
+LAYOUTS = {layout.name: layout for layout in (RIGID_LAYOUT, SOFT_LAYOUT)}
 _MOST_LINES = 16
 
 
@@ -72,8 +72,8 @@ def layout_named(
         if not 0 < pitch_mm < math.inf:
             raise InputError(f"a pitch of {pitch_mm:g} mm: give millimetres between pixel centres")
         wiring["pitch_mm"] = pitch_mm
-    if name in PRESETS:
-        preset = PRESETS[name]
+    if name in LAYOUTS:
+        preset = LAYOUTS[name]
         if fingers not in (1, preset.fingers):
             raise InputError(f"layout {name} is on {preset.fingers} fingers, not on {fingers}")
         return _wired(preset, wiring)
@@ -81,7 +81,7 @@ def layout_named(
     sizes = [int(side) for side in (rows, cols) if side.isdecimal()]
     if len(sizes) != 2 or not all(1 <= size <= _MOST_LINES for size in sizes):
         raise InputError(
-            f"no layout {name!r}: give {', '.join(PRESETS)}, or rows x columns from 1x1 to 16x16"
+            f"no layout {name!r}: give {', '.join(LAYOUTS)}, or rows x columns from 1x1 to 16x16"
         )
     if fingers < 1 or sizes[0] % fingers:
         raise InputError(
@@ -171,7 +171,7 @@ def open_board(
         return SerialStream(name, baud=baud)
 
     device = port or find_port(serial_ports(), clock=clock, open_stream=open_stream)
-    where = follow(device)
+    where = follow_port(device)
     return SerialArray(
         open_stream(device),
         clock=clock,

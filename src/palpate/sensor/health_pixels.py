@@ -18,7 +18,7 @@ from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import relative_change_percent
 
 BoolArray: TypeAlias = NDArray[np.bool_]
-Verdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]
+PixelVerdict: TypeAlias = tuple[str, BoolArray, str, FloatArray]
 
 #: Within this many counts of an end of the range nothing is read but the converter's noise. A pixel
 #: that rests there is dead; one that goes there now and then has a loose joint.
@@ -108,7 +108,7 @@ def pixel_findings(
 
 def _verdicts(
     mean_counts: FloatArray, steps_per_count: int, readings: PixelReadings, layout: ArrayLayout
-) -> Iterator[Verdict]:
+) -> Iterator[PixelVerdict]:
     """Yield code, pixels, text and its number, the gravest fault first."""
     nothing = np.zeros((layout.rows, layout.cols))
     yield "open", np.isinf(readings.rest_ohm), "reads open: no current flows", nothing

@@ -86,7 +86,7 @@ def find_port(
     answering: list[str] = []
     for port in asked:
         try:
-            identify(open_stream(port.device), clock=clock)
+            ask_identity(open_stream(port.device), clock=clock)
             answering.append(port.device)
         except DeviceError as error:
             silence.append(str(error))
@@ -101,7 +101,7 @@ def find_port(
     raise DeviceNotFoundError(f"no board answers. {silence[0]}")
 
 
-def follow(
+def follow_port(
     device: str, *, list_ports: Callable[[], Sequence[Port]] = serial_ports
 ) -> Callable[[], str]:
     """Return a function that names the port of the board that is now at `device`.
@@ -112,7 +112,7 @@ def follow(
     >>> before = [Port(device="/dev/ttyACM0", description="Mega", serial_number="7543")]
     >>> after = [Port(device="/dev/ttyACM1", description="Mega", serial_number="7543")]
     >>> seen = iter([before, after])
-    >>> follow("/dev/ttyACM0", list_ports=lambda: next(seen))()
+    >>> follow_port("/dev/ttyACM0", list_ports=lambda: next(seen))()
     '/dev/ttyACM1'
     """
     numbers = {port.device: port.serial_number for port in list_ports()}
@@ -127,7 +127,7 @@ def follow(
     return where
 
 
-def identify(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
+def ask_identity(stream: ByteStream, *, clock: Clock) -> BoardIdentity:
     """Ask what is behind a port, and close it.
 
     Raises `DeviceError` if it does not answer as palpate's firmware does.

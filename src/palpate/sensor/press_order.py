@@ -17,7 +17,7 @@ from palpate.sensor.array import ArrayLayout
 from palpate.sensor.findings import Finding, Severity, pixel_name
 from palpate.signal.relative import relative_change_percent
 
-Pixel: TypeAlias = tuple[int, int]
+PixelPlace: TypeAlias = tuple[int, int]
 
 #: A press falls by twice the paper's contact threshold, with one pixel in the lead for a while.
 _PRESSED_PERCENT, _HELD_S = -20.0, 0.25
@@ -30,8 +30,8 @@ _RELEASED_SHARE, _CALM_S = 0.5, 0.5
 class Press:
     """One pixel that was to be pressed, and the one that fell most; None if none did in time."""
 
-    expected: Pixel
-    answered: Pixel | None
+    expected: PixelPlace
+    answered: PixelPlace | None
 
 
 class PressWatch:
@@ -51,18 +51,18 @@ class PressWatch:
 
     def __init__(self, rest_ohm: FloatArray, *, timeout_s: float = 20.0) -> None:
         usable = np.isfinite(rest_ohm) & (rest_ohm > 0)
-        self._wanted: list[Pixel] = [(int(r), int(c)) for r, c in np.argwhere(usable)]
+        self._wanted: list[PixelPlace] = [(int(r), int(c)) for r, c in np.argwhere(usable)]
         self._base_ohm = np.where(usable, rest_ohm, np.nan)
         self._timeout_s = timeout_s
         self._presses: list[Press] = []
         self._since_s: float | None = None
-        self._leader: Pixel | None = None
+        self._leader: PixelPlace | None = None
         self._leads_s = 0.0
         self._depth = 0.0
         self._calm_s: float | None = None
 
     @property
-    def expected(self) -> Pixel | None:
+    def expected(self) -> PixelPlace | None:
         """Which pixel to press now; None when done, or while the last is to be let go."""
         waiting = self._leader is None or self._depth == 0.0
         return self._wanted[0] if self._wanted and waiting else None
@@ -155,7 +155,7 @@ def order_findings(presses: Sequence[Press], *, layout: ArrayLayout) -> list[Fin
     return findings
 
 
-def _line_map(answers: dict[Pixel, Pixel], *, axis: int) -> dict[int, int]:
+def _line_map(answers: dict[PixelPlace, PixelPlace], *, axis: int) -> dict[int, int]:
     """Return which line answers for which, where all of a line's pixels agree."""
     seen: dict[int, set[int]] = {}
     for expected, answered in answers.items():

@@ -11,7 +11,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 
-from palpate.sensor.wire_messages import Ack, Command, Message, MessageType
+from palpate.sensor.wire_messages import Ack, BoardMessage, Command, MessageType
 from palpate.sensor.wire_payloads import (
     pack_command,
     unpack_ack,
@@ -161,9 +161,9 @@ class Decoder:
             rejected_bytes=self._rejected_bytes,
         )
 
-    def feed(self, data: bytes) -> list[Message]:
+    def feed(self, data: bytes) -> list[BoardMessage]:
         """Take more bytes; return the messages that they complete, oldest first."""
-        messages: list[Message] = []
+        messages: list[BoardMessage] = []
         *complete, rest = bytes(data).split(b"\0")
         for piece in complete:
             self._keep(piece)
@@ -181,7 +181,7 @@ class Decoder:
         else:
             self._pending += piece
 
-    def _finish(self, messages: list[Message]) -> None:
+    def _finish(self, messages: list[BoardMessage]) -> None:
         packet = unpack(self._pending)  # nothing is kept of an overlong one
         message = None if packet is None else self._read(*packet)
         if message is not None:
@@ -194,7 +194,7 @@ class Decoder:
         self._pending.clear()
         self._overlong = False
 
-    def _read(self, kind: int, payload: bytes) -> Message | None:
+    def _read(self, kind: int, payload: bytes) -> BoardMessage | None:
         if kind == _FRAME:
             return unpack_frame(payload, place=self._place)
         if kind == MessageType.ACK:

@@ -183,7 +183,7 @@ class BoardIdentity:
     board: str
 
 
-Message = FrameMessage | Ack | BoardIdentity
+BoardMessage = FrameMessage | Ack | BoardIdentity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,9 +10,9 @@ from palpate.errors import InputError
 from palpate.tables.table import Table
 from palpate.tables.text import SAMPLE_BYTES, read_text
 
-Form: TypeAlias = Literal["text", "parquet", "spreadsheet"]
+FileForm: TypeAlias = Literal["text", "parquet", "spreadsheet"]
 
-_FORMS: dict[bytes, Form] = {b"PAR1": "parquet", b"PK\x03\x04": "spreadsheet"}
+_FORMS: dict[bytes, FileForm] = {b"PAR1": "parquet", b"PK\x03\x04": "spreadsheet"}
 _OLD_EXCEL_MAGIC = b"\xd0\xcf\x11\xe0"
 _MCAP_MAGIC = b"\x89MCA"
 
@@ -33,7 +33,7 @@ def open_table(path: Path) -> BufferedReader:
         raise InputError(f"{path}: {error.strerror or error}; {wanted}") from error
 
 
-def form_of(file: BufferedReader, *, name: str) -> Form:
+def form_of(file: BufferedReader, *, name: str) -> FileForm:
     """Return the form of a file's table; nothing is read from the file.
 
     Raises `InputError` if the file is empty, or of a form that holds no table.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from palpate.arrays import FloatArray
     from palpate.twin.placement import PixelGrid
 
-Contact: TypeAlias = Literal["linear", "hertz"]
+ContactShape: TypeAlias = Literal["linear", "hertz"]
 
 #: Coefficient of tape or silicone on skins dry and damp; plausible, not measured.
 FRICTION: Pair = (0.35, 0.9)
@@ -51,7 +51,7 @@ class TwinObject:
     #: Extent along the closing axis before contact.
     size_mm: float
     #: Shape of the force-closure curve.
-    contact: Contact
+    contact: ContactShape
     #: Elastic force at 1 mm of deformation.
     force_at_1mm_n: float
     #: Shares of the force that relax away, and their time constants.
@@ -84,7 +84,7 @@ class ObjectRange:
 
     size_mm: Pair
     force_at_1mm_n: Pair
-    contact: Contact = "linear"
+    contact: ContactShape = "linear"
     relaxing: Pair = (0.01, 0.03)
     flat: bool = False
     rupture_n: Pair | None = None

@@ -12,15 +12,15 @@ from palpate.sensor.wire_messages import (
     MAX_SIDE,
     Ack,
     BoardIdentity,
+    BoardMessage,
     Contents,
     FrameMessage,
-    Message,
     MessageType,
 )
 from palpate.sensor.wire_payloads import ACK, FRAME_HEAD, IDENTITY, LOADS, PRESSURE
 
 
-def encode_message(message: Message) -> bytes:
+def encode_message(message: BoardMessage) -> bytes:
     """Return the bytes by which a board sends `message`."""
     if isinstance(message, FrameMessage):
         return pack(MessageType.FRAME, pack_frame(message))

@@ -20,8 +20,8 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import needing
-from palpate.produce.bruise.learning import learn
-from palpate.produce.bruise.model import Example, usable
+from palpate.produce.bruise.learning import learn_bruises
+from palpate.produce.bruise.model import Example, usable_references
 from palpate.produce.bruise.shape import LoadShape, contrast, middle_of, shape_of
 from palpate.twin.mechanics import HandCompliance, series_force_n
 from palpate.twin.objects import TwinObject
@@ -188,7 +188,7 @@ def areas_of(learned: Sequence[Example], tested: Sequence[Example]) -> dict[str,
     """Return the area under the ROC curve of each judge, first met and with an earlier record."""
     with needing("bruise-limits", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingClassifier
-    ours = learn(learned, learned_on="loads straight from the mechanics")
+    ours = learn_bruises(learned, learned_on="loads straight from the mechanics")
     truth = np.array([one.bruised for one in tested])
     found: dict[str, dict[str, float]] = {"ours": {}, "boosted trees": {}}
     for label, names in (("first_met", FIRST_MET), ("with_earlier_record", EARLIER)):
@@ -204,7 +204,7 @@ def areas_of(learned: Sequence[Example], tested: Sequence[Example]) -> dict[str,
 
 def _values(examples: Sequence[Example], names: str) -> FloatArray:
     """Return the numbers that are judged against some references, shape (sides, numbers)."""
-    chosen = [name for name in usable(examples[0].against) if name in names.split("+")]
+    chosen = [name for name in usable_references(examples[0].against) if name in names.split("+")]
     return np.array(
         [
             np.concatenate([contrast(one.shape, one.against[name]) for name in chosen])

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from palpate.arrays import FloatArray
-from palpate.produce.bruise.learning import learn
+from palpate.produce.bruise.learning import learn_bruises
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, at_share
 from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
 from palpate_studies.bootstrap import bootstrap_interval
@@ -89,7 +89,7 @@ def models_of(learned: Sequence[Examined], *, level: str) -> dict[float, BruiseM
     sensors = len({one.sensor for one in learned})
     source = f"{len(learned)} simulated apples on {sensors} simulated sensors, level {level}"
     return {
-        cutoff_s: learn([one.example(cutoff_s) for one in learned], learned_on=source)
+        cutoff_s: learn_bruises([one.example(cutoff_s) for one in learned], learned_on=source)
         for cutoff_s in CUTOFFS_S
     }
 

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from palpate.commands.options import JsonOption
-from palpate.estimate.damage_learning import FruitClosing, learn, read_closings
+from palpate.estimate.damage_learning import FruitClosing, learn_damage, read_closings
 from palpate_studies.hybrid_data import read_curves, read_sheets
 from palpate_studies.hybrid_grasps import (
     FRICTION,
@@ -111,7 +111,7 @@ def _grasps(
 ) -> Iterator[Hybrid]:
     rng = np.random.default_rng(SEED)
     halves = [{c.name for c in curves[k::2]} for k in (0, 1)]
-    models = [learn([c for c in closings if c.grasp_id not in half]) for half in halves]
+    models = [learn_damage([c for c in closings if c.grasp_id not in half]) for half in halves]
     drawn = [curves[k] for k in rng.permutation(len(curves))]
     for number in range(grasps):
         if number % _PER_SENSOR == 0:

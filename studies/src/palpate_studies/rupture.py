@@ -13,7 +13,7 @@ import typer
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel, half_load
-from palpate.estimate.damage_learning import FruitClosing, learn, read_closings, split
+from palpate.estimate.damage_learning import FruitClosing, learn_damage, read_closings, split
 from palpate_studies import rupture_told
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
@@ -126,7 +126,7 @@ def _guarded(splits: Splits, *, known: bool, nominal_rate: float) -> list[dict[s
     """Return what our guard did on each fruit, given its kind or not."""
     rows: list[dict[str, Any]] = []
     for training, test in splits:
-        model = learn(training, by_kind=known)
+        model = learn_damage(training, by_kind=known)
         rows += [
             _row(closing, model=model, known=known, nominal_rate=nominal_rate) for closing in test
         ]
@@ -174,7 +174,7 @@ def _policies(splits: Splits) -> list[Policy]:
 
 def _ours(*, known: bool) -> Callable[[Sequence[FruitClosing]], Scorer]:
     def learned(training: Sequence[FruitClosing]) -> Scorer:
-        return partial(our_scores, model=learn(training, by_kind=known), kind_known=known)
+        return partial(our_scores, model=learn_damage(training, by_kind=known), kind_known=known)
 
     return learned
 

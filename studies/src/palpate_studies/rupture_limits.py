@@ -16,7 +16,7 @@ from palpate.estimate.damage_learning import (
     FruitClosing,
     at_half_load,
     copies,
-    learn,
+    learn_damage,
     read_closings,
     split,
 )
@@ -56,7 +56,7 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
     errors: dict[str, dict[str, float]] = {_OURS: _our_errors(splits)}
     errors[f"{_OURS}, whole stretches of the file left out"] = _our_errors(_stretches(closings))
     for training, test in splits:
-        model = learn(training)
+        model = learn_damage(training)
         scores.setdefault(_OURS, []).extend(
             our_scores(closing, model=model, kind_known=True) for closing in test
         )
@@ -128,7 +128,7 @@ def _stretches(closings: Sequence[FruitClosing]) -> Splits:
 def _our_errors(splits: Splits) -> dict[str, float]:
     tested, missed = list[FruitClosing](), list[float]()
     for training, test in splits:
-        model = learn(training)
+        model = learn_damage(training)
         for closing in test:
             limit = at_half_load(closing, model=model, kind=closing.fruit)
             tested.append(closing)

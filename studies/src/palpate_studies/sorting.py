@@ -22,7 +22,7 @@ from palpate.produce.sorting.score import (
     TURN_S,
     Placed,
     Score,
-    score,
+    score_sorting,
     where_it_belongs,
 )
 from palpate_studies.identify import (
@@ -107,7 +107,7 @@ def runs(crates: Sequence[CrateItemGrasps], *, book: RuleBook) -> list[Run]:
             for method, done in _sorted_by_all(mine, book=book).items():
                 placed.setdefault(method, []).extend(done)
         found += [
-            Run(level=level, method=method, score=score(done, book=book))
+            Run(level=level, method=method, score=score_sorting(done, book=book))
             for method, done in placed.items()
         ]
     return found

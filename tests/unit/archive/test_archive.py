@@ -15,7 +15,7 @@ from tests.archive_jobs import Killing, Threads
 from threadpoolctl import threadpool_limits
 
 from palpate.archive.adding import add_recordings, add_store
-from palpate.archive.compacting import compact
+from palpate.archive.compacting import join_files
 from palpate.archive.jobs import Judge, Recalibrate, Settle
 from palpate.archive.layout import KINDS, Archive, Part
 from palpate.archive.running import forget_others, perform, run_here, tasks_of
@@ -111,8 +111,8 @@ def test_compacting_keeps_rows_and_sources(archive: Archive, recorded: Path) -> 
     before = {kind: pd.concat(contents(archive.root / kind).values()) for kind in KINDS[:2]}
     sources = {kind: set(archive.sources(kind)) for kind in KINDS}
     for kind in KINDS[:2]:
-        assert compact(archive, kind) == (2, 1)
-        assert compact(archive, kind) == (1, 1)
+        assert join_files(archive, kind) == (2, 1)
+        assert join_files(archive, kind) == (1, 1)
         [after] = contents(archive.root / kind).values()
         pd.testing.assert_frame_equal(after, before[kind].reset_index(drop=True))
     assert {kind: set(archive.sources(kind)) for kind in KINDS} == sources
@@ -123,9 +123,9 @@ def test_an_interrupted_compacting_is_finished(archive: Archive) -> None:
     """The joined part is there, and one of its pieces still is."""
     piece = archive.parts("holds")[0]
     kept = archive.path(piece).read_bytes()
-    compact(archive, "holds")
+    join_files(archive, "holds")
     archive.path(piece).write_bytes(kept)
-    assert compact(archive, "holds") == (2, 1)
+    assert join_files(archive, "holds") == (2, 1)
     assert len(archive.sources("holds")) == 2
 
 
@@ -199,7 +199,7 @@ def test_results_of_parts_that_were_joined_go(archive: Archive, tmp_path: Path) 
     job = Settle(horizon_s=5.0)
     before = tasks_of(job, archive, to=tmp_path / "out")
     list(map(perform, before))
-    compact(archive, "holds")
+    join_files(archive, "holds")
     after = tasks_of(job, archive, to=tmp_path / "out")
     list(map(perform, after))
     forget_others(tmp_path / "out" / job.name, after)

@@ -15,7 +15,7 @@ from palpate.commands import (
     calibrate_rest,
     calibrate_settling,
 )
-from palpate.commands.calibrate_bench import begun, calibration_file
+from palpate.commands.calibrate_bench import calibration_file, new_calibration
 from palpate.commands.outcome import run
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
@@ -85,7 +85,7 @@ def test_compliance_refusals(
 
 def of_other_sensor(path: Path) -> None:
     rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
-    begun(RIGID_LAYOUT, rest=rest, simulated=False).save(path)
+    new_calibration(RIGID_LAYOUT, rest=rest, simulated=False).save(path)
 
 
 def cut_in_half(path: Path) -> None:

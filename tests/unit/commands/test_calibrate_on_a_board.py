@@ -14,7 +14,7 @@ import typer
 from tests.unit.rig.test_board_cell import Desk
 
 from palpate.commands import calibrate_cell, calibrate_compliance
-from palpate.commands.calibrate_bench import begun, has_load_cell
+from palpate.commands.calibrate_bench import has_load_cell, new_calibration
 from palpate.commands.outcome import run
 from palpate.sensor.array import RIGID_LAYOUT
 from palpate.sensor.calibration import Calibration, RestValues
@@ -131,7 +131,7 @@ def test_compliance_on_a_board_with_two_cells(
     bench.rig.write_text(TABLES + "[load_cells]\nnewtons_per_count = [5e-6, -4e-6]\n")
     out = tmp_path / "pad.json"
     rest = RestValues(ohm=((9e3, 8e3),) * 4, spread_percent=((0.1, 0.2),) * 4, frames=30)
-    begun(RIGID_LAYOUT, rest=rest, simulated=False).save(out)
+    new_calibration(RIGID_LAYOUT, rest=rest, simulated=False).save(out)
     cell = TwinLoadCell(bench.world)
     zeros = [30_000, -70_000]
 

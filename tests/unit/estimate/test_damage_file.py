@@ -18,9 +18,9 @@ from palpate.estimate.damage_learning import (
     FruitClosing,
     at_half_load,
     copies,
-    follow,
+    follow_closing,
     held_out,
-    learn,
+    learn_damage,
     read_closings,
     split,
     unfit,
@@ -31,7 +31,7 @@ from palpate.estimate.measurement import Measurement
 def squeezed(name: str, *, fruit: str, stiffness: float, limit_n: float) -> FruitClosing:
     """Squeeze a spring until it ruptures."""
     closure_mm = np.arange(0.05, 1.2 * limit_n / stiffness, 0.02)
-    return follow(
+    return follow_closing(
         name,
         fruit=fruit,
         rupture_force_n=limit_n,
@@ -55,7 +55,7 @@ def crate(*, plums: int, pears: int) -> list[FruitClosing]:
 
 def made_of(closings: list[FruitClosing]) -> DamageFile:
     return DamageFile(
-        model=learn(closings),
+        model=learn_damage(closings),
         closings={"pear": 25, "plum": 30},
         learned_from={"curves.csv": "ab"},
         made_at="2026-05-04T08:00:00+00:00",
@@ -180,7 +180,7 @@ def test_nothing_is_said_of_a_closing_by_a_model_that_knows_it() -> None:
     closings = crate(plums=20, pears=0)
     missed = []
     for training, test in split(closings):
-        model = learn(training)
+        model = learn_damage(training)
         for closing in test:
             limit = at_half_load(closing, model=model, kind="plum")
             assert limit is not None
@@ -204,13 +204,13 @@ def test_copies_of_one_recording_are_found_and_stay_together() -> None:
 
 def test_closings_that_tell_nothing_are_named_with_the_reason() -> None:
     closure_mm = np.arange(0.05, 2.0, 0.02)
-    cut = follow(
+    cut = follow_closing(
         "cut", fruit="plum", rupture_force_n=9.0, closure_mm=closure_mm, force_n=2 * closure_mm
     )
-    late = follow(
+    late = follow_closing(
         "late", fruit="plum", rupture_force_n=5.0, closure_mm=closure_mm, force_n=4.9 + closure_mm
     )
-    width = follow(
+    width = follow_closing(
         "width", fruit="plum", rupture_force_n=3.0, closure_mm=-closure_mm, force_n=2 * closure_mm
     )
     found = unfit([cut, late, width, *crate(plums=3, pears=0)])

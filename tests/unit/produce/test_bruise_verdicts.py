@@ -22,7 +22,7 @@ from palpate.produce.bruise.items import (
     learn_from,
     telling,
 )
-from palpate.produce.bruise.learning import learn
+from palpate.produce.bruise.learning import learn_bruises
 from palpate.produce.bruise.model import BruiseModel, Example, Place, default_model
 from palpate.produce.bruise.shape import shape_of
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
@@ -224,7 +224,9 @@ def test_places_are_learned_where_they_are_known() -> None:
         examples.append(Example(shape=soft, against={"class": even}, bruised=True, place=place))
         sound = shape_of(pixels(), width_mm=66.0)
         examples.append(Example(shape=sound, against={"class": even}, bruised=False))
-    along_mm, across_mm = learn(examples, learned_on="a test").locators["class"].mm_per_slope
+    along_mm, across_mm = (
+        learn_bruises(examples, learned_on="a test").locators["class"].mm_per_slope
+    )
     assert along_mm < -1
     # Columns of the second finger run the other way round the fruit, not on the finger.
     assert across_mm < -1

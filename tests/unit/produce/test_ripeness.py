@@ -17,7 +17,13 @@ from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
 from palpate.produce.ripeness.course import Course
 from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
-from palpate.produce.ripeness.items import drift_of, history_of, judge, learn_rule, verdict_of
+from palpate.produce.ripeness.items import (
+    drift_of,
+    history_of,
+    judge_ripeness,
+    learn_rule,
+    verdict_of,
+)
 from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import RipenessRule, judge_by_first_day
 from palpate.produce.ripeness.stages import STAGES, Boundaries
@@ -467,7 +473,7 @@ def store() -> Store:
 def test_the_store_teaches_and_remembers(store: Store) -> None:
     learned = learn_rule(store, kind="avocado", drive="width", stages=STAGES)
     history = history_of(store.grasps_of("A17"), item_id="A17", drive="width")
-    said = judge(history, rule=learned, ripe="ripe")
+    said = judge_ripeness(history, rule=learned, ripe="ripe")
     assert said.stage == stage(firmness(1.0, 2.0))
     verdict = verdict_of(said, history)
     assert store.add_verdict(verdict)
@@ -485,4 +491,4 @@ def test_what_the_store_lacks_is_said(store: Store) -> None:
         drift_of(store, "ball", drive="width")
     nothing = history_of((), item_id="A18", drive="width")
     with pytest.raises(InputError, match="no grasp measured its firmness"):
-        judge(nothing, rule=None, ripe="ripe")
+        judge_ripeness(nothing, rule=None, ripe="ripe")

@@ -16,7 +16,7 @@ from palpate.produce.sorting.decide import decide
 from palpate.produce.sorting.hand import TimedGrasp
 from palpate.produce.sorting.rules import Evidence, Rule, RuleBook, Span
 from palpate.produce.sorting.run import bin_verdict, evidence_of, sort_item
-from palpate.produce.sorting.score import Placed, score, where_it_belongs
+from palpate.produce.sorting.score import Placed, score_sorting, where_it_belongs
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 KIWI = Rule(bin="kiwi", kinds=frozenset({"kiwi"}), line=3)
@@ -213,14 +213,14 @@ def test_purity_counts_what_rules_placed_and_time_what_hands_do() -> None:
         Placed(bin="kiwi", belongs="lime", grasps=3, grasping_s=30.0),
         Placed(bin="by hand", belongs="lime", grasps=1, grasping_s=10.0),
     ]
-    found = score(placed, book=BOOK)
+    found = score_sorting(placed, book=BOOK)
     assert found.purity == 0.5
     assert found.left_over == pytest.approx(1 / 3)
     assert found.bins == {"kiwi": (2, 1), "by hand": (1, 0)}
     assert found.items_per_hour == pytest.approx(3600 * 3 / (50 + 3 * 4 + 2 * 1.5))
-    assert score(placed[2:], book=BOOK).purity is None
+    assert score_sorting(placed[2:], book=BOOK).purity is None
     with pytest.raises(ValueError, match="no sorted item"):
-        score([], book=BOOK)
+        score_sorting([], book=BOOK)
 
 
 def test_where_things_belong() -> None:

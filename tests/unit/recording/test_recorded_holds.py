@@ -20,7 +20,7 @@ from palpate.recording import (
     load_recording,
 )
 from palpate.recording.channels import Message
-from palpate.recording.exporting import cut_holds, frame_tables, hold_tables, write_tables
+from palpate.recording.exporting import frame_tables, hold_tables, recorded_holds, write_export
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.signal.circuit import resistance_ohm
 
@@ -53,7 +53,7 @@ def write(path: Path, messages: list[Message]) -> Path:
 
 def test_a_hold_lasts_from_the_stop_to_the_next_movement(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp()))
-    holds = {hold.channel: hold for hold in cut_holds(recording, name="run")}
+    holds = {hold.channel: hold for hold in recorded_holds(recording, name="run")}
     assert list(holds) == ["mean", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1", "r3c0", "r3c1"]
     mean = holds["mean"]
     assert mean.hold_id == "run-1"
@@ -65,7 +65,7 @@ def test_a_hold_lasts_from_the_stop_to_the_next_movement(tmp_path: Path) -> None
 
 def test_holds_in_ohm_have_no_mean(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp()))
-    holds = cut_holds(recording, unit="ohm")
+    holds = recorded_holds(recording, unit="ohm")
     assert holds[0].channel == "r0c1"
     expected = resistance_ohm([[600]], divider=RIGID_LAYOUT.divider).item()
     assert holds[0].values == pytest.approx(expected)
@@ -76,13 +76,13 @@ def test_steps_between_two_states_are_movements(tmp_path: Path) -> None:
         replace(message, moving=False) if isinstance(message, GripperState) else message
         for message in grasp()
     ]
-    (hold, *_) = cut_holds(load_recording(write(tmp_path / "run.mcap", messages)))
+    (hold, *_) = recorded_holds(load_recording(write(tmp_path / "run.mcap", messages)))
     assert hold.time_s[-1] == pytest.approx(2.96)
 
 
 def test_without_a_gripper_holds_begin_at_actuation_spikes(tmp_path: Path) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", grasp(gripper=False)))
-    (hold, *_) = cut_holds(recording)
+    (hold, *_) = recorded_holds(recording)
     assert hold.channel == "mean"
     assert 3.0 < hold.time_s[-1] < 3.6
 
@@ -101,14 +101,14 @@ def test_recordings_without_holds_say_why(
 ) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", messages))
     with pytest.raises(RecordingError, match=fault):
-        cut_holds(recording)
+        recorded_holds(recording)
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])
 def test_holds_files_are_read_by_settle(tmp_path: Path, to: str) -> None:
-    holds = cut_holds(load_recording(write(tmp_path / "run.mcap", grasp())))
+    holds = recorded_holds(load_recording(write(tmp_path / "run.mcap", grasp())))
     target = tmp_path / f"holds.{to}"
-    rows = write_tables(target, hold_tables(holds), to=to)  # type: ignore[arg-type]
+    rows = write_export(target, hold_tables(holds), to=to)  # type: ignore[arg-type]
     back = list(read_holds(target))
     assert rows == sum(len(hold.time_s) for hold in holds)
     assert [hold.channel for hold in back] == [hold.channel for hold in holds]
@@ -120,7 +120,7 @@ def test_the_table_has_one_row_per_frame(tmp_path: Path) -> None:
     messages = [Event(time_s=0.0, name="note", text="ripe"), *grasp()]
     path = write(tmp_path / "run.mcap", messages)
     with RecordingReader(path) as reader:
-        rows = write_tables(tmp_path / "run.csv", frame_tables(reader), to="csv")
+        rows = write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
     with (tmp_path / "run.csv").open(newline="") as stream:
         table = list(csv.DictReader(stream))
     assert rows == len(table) == 325
@@ -134,7 +134,7 @@ def test_parquet_keeps_types_without_any_value(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = write(tmp_path / "run.mcap", grasp(gripper=False))
     with RecordingReader(path) as reader:
-        write_tables(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
+        write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
     schema = parquet.read_schema(tmp_path / "run.parquet")
     kinds = {name: str(schema.field(name).type) for name in ("width_mm", "moving", "r0c0_counts")}
     assert kinds == {"width_mm": "double", "moving": "bool", "r0c0_counts": "int64"}

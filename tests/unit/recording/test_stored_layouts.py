@@ -14,7 +14,7 @@ from palpate.errors import InputError, RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo, RecordingReader, RecordingWriter
 from palpate.recording.channels import decode_info, encode_info
-from palpate.recording.exporting import cut_holds, frame_tables, write_tables
+from palpate.recording.exporting import frame_tables, recorded_holds, write_export
 from palpate.recording.reader import load_recording
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
 from palpate.sensor.board_array import layout_named
@@ -80,7 +80,7 @@ def test_exported_resistances_are_the_pixels_own(
     path, layout, ohm = pressed
     out = path.with_suffix(".csv")
     with RecordingReader(path) as reader:
-        write_tables(out, frame_tables(reader), to="csv")
+        write_export(out, frame_tables(reader), to="csv")
     with out.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     for row in range(layout.rows):
@@ -93,7 +93,9 @@ def test_holds_show_the_pressed_pixel_alone(
     pressed: tuple[Path, ArrayLayout, np.ndarray],
 ) -> None:
     path, _, _ = pressed
-    settled = {hold.channel: float(hold.values[-1]) for hold in cut_holds(load_recording(path))}
+    settled = {
+        hold.channel: float(hold.values[-1]) for hold in recorded_holds(load_recording(path))
+    }
     assert settled.pop("r1c1") == pytest.approx(100 * (700 / 3000 - 1), abs=0.5)
     assert settled.pop("mean") == pytest.approx(100 * (700 / 3000 - 1) / 8, abs=0.2)
     assert max(map(abs, settled.values())) < 0.5

@@ -23,9 +23,9 @@ from palpate.sensor.wire import (
 )
 from palpate.sensor.wire_messages import (
     Ack,
+    BoardMessage,
     CommandType,
     FrameMessage,
-    Message,
     MessageType,
     Ping,
     Result,
@@ -61,7 +61,7 @@ def ack(next_sequence: int, *, stream: int = 9) -> bytes:
     return encode_message(answer)
 
 
-def frames_in(messages: list[Message]) -> list[FrameMessage]:
+def frames_in(messages: list[BoardMessage]) -> list[FrameMessage]:
     return [message for message in messages if isinstance(message, FrameMessage)]
 
 

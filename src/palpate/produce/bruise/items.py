@@ -18,9 +18,9 @@ from palpate.produce.bruise.judge import (
     FeltSide,
     SideVerdict,
     apart_deg,
-    judge,
+    judge_sides,
 )
-from palpate.produce.bruise.learning import learn
+from palpate.produce.bruise.learning import learn_bruises
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, Example
 from palpate.produce.bruise.shape import LoadShape, middle_of, shape_of
 from palpate.produce.records import About, Grasp, Source, Verdict
@@ -125,7 +125,9 @@ def examine_item(
             "(--angle-deg 90), or have an earlier record of this side, or state its kind and label "
             f"sound items of it: palpate items NAME --set kind=apple --say bruise={SOUND}"
         )
-    sides = judge([one for one in felt if one.against], model=model, bruised_share=bruised_share)
+    sides = judge_sides(
+        [one for one in felt if one.against], model=model, bruised_share=bruised_share
+    )
     before = _record_of(sides[0].angle_deg, visits=visits)
     found = ItemBruise(
         sides=sides,
@@ -164,7 +166,7 @@ def learn_from(store: Store, *, kind: str) -> BruiseModel:
             bruised = label.text == BRUISED
             examples.append(Example(shape=felt.shape, against=felt.against, bruised=bruised))
     source = f"{len(labels)} labelled items of kind {kind} of the store"
-    return learn(examples, learned_on=source)
+    return learn_bruises(examples, learned_on=source)
 
 
 def telling(grasps: Sequence[Grasp]) -> tuple[Grasp, ...]:

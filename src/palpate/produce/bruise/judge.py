@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.produce.bruise.model import BruiseModel, Locator, at_share, usable
+from palpate.produce.bruise.model import BruiseModel, Locator, at_share, usable_references
 from palpate.produce.bruise.shape import LoadShape, finger_contrast, pixel_contrast, slopes
 
 #: Sides closer than this are one side, placed again; and sides that face other flesh are at least
@@ -101,7 +101,7 @@ class SideVerdict:
         }
 
 
-def judge(
+def judge_sides(
     felt: Sequence[FeltSide], *, model: BruiseModel, bruised_share: float = 0.5
 ) -> tuple[SideVerdict, ...]:
     """Judge every side that was felt, the most suspicious first.
@@ -140,13 +140,13 @@ def _judge_side(
 ) -> SideVerdict:
     log_odds = float(np.mean([model.log_odds(one.shape, one.against) for one in side]))
     last = side[-1]
-    name = next((name for name in usable(last.against) if name in model.locators), None)
+    name = next((name for name in usable_references(last.against) if name in model.locators), None)
     spots = () if name is None else _spots(side, model.locators[name], name)
     return SideVerdict(
         angle_deg=last.angle_deg,
         probability=at_share(log_odds, bruised_share=bruised_share),
         grasps=len(side),
-        against=usable(last.against),
+        against=usable_references(last.against),
         mean_percent=float(np.nanmean([one.change_percent for one in side])),
         spots=spots,
     )

@@ -17,7 +17,7 @@ from palpate.produce.bruise.shape import LoadShape, contrast, finger_contrast, s
 _RIDGE, _FEWEST, _FOLDS = 0.1, 10, 5
 
 
-def learn(examples: Sequence[Example], *, learned_on: str) -> BruiseModel:
+def learn_bruises(examples: Sequence[Example], *, learned_on: str) -> BruiseModel:
     """Learn from known sides.
 
     `examples`: at least ten bruised and ten sound. Each set of references that as many have is

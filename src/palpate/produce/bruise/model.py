@@ -94,7 +94,7 @@ class BruiseModel:
 
         Raises `InputError` if there is no reference, or the model knows no such set of them.
         """
-        names = usable(against)
+        names = usable_references(against)
         judge = self.judges.get("+".join(names))
         if judge is None:
             raise InputError(
@@ -143,6 +143,6 @@ def at_share(log_odds: float, *, bruised_share: float) -> float:
     return 1.0 / (1.0 + math.exp(-min(max(moved, -500.0), 500.0)))
 
 
-def usable(against: Mapping[str, LoadShape]) -> tuple[str, ...]:
+def usable_references(against: Mapping[str, LoadShape]) -> tuple[str, ...]:
     """Return the names of the references that there are, in their order."""
     return tuple(name for name in REFERENCES if name in against)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _MOST_ITEMS, _MOST_OF_A_KIND = 5000, 200
 
 
-def learn(
+def learn_kinds(
     store: Store,
     *,
     drive: Drive = "width",

@@ -108,7 +108,7 @@ def learn_rule(
     return RipenessRule.learn(days, labels=labels, stages=stages)
 
 
-def judge(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
+def judge_ripeness(history: FirmnessHistory, *, rule: RipenessRule | None, ripe: str) -> Ripeness:
     """Judge an item by a rule, or by its own first day where there is no rule.
 
     Raises `InputError` if it was never felt, or there is no rule and the gripper is driven by

@@ -46,7 +46,7 @@ class Score:
     items_per_hour: float
 
 
-def score(placed: Sequence[Placed], *, book: RuleBook) -> Score:
+def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     """Return how well a crate was sorted.
 
     Raises `ValueError` if there is no item.
@@ -54,7 +54,7 @@ def score(placed: Sequence[Placed], *, book: RuleBook) -> Score:
     >>> from palpate.produce.sorting.rules import Rule
     >>> book = RuleBook(rules=(Rule(bin="kiwi"),), default_bin="by hand")
     >>> done = [Placed(bin="kiwi", belongs=b, grasps=1, grasping_s=14.0) for b in ("kiwi", "egg")]
-    >>> found = score(done, book=book)
+    >>> found = score_sorting(done, book=book)
     >>> found.purity, found.items_per_hour
     (0.5, 200.0)
     """

@@ -14,7 +14,7 @@ from palpate.errors import StoreError
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.store.engine import faults_of, make_engine, sa, shown, store_url, url_to_read
 from palpate.produce.store.reading import StoreReader
-from palpate.produce.store.schema import STEPS, found_version, migrate
+from palpate.produce.store.schema import MIGRATIONS, found_version, migrate
 from palpate.produce.store.writing import (
     write_calibration,
     write_grasps,
@@ -69,7 +69,7 @@ class Store(StoreReader):
         with self._reading.connect() as connection:
             before = found_version(connection, where=self.name)
         # One that needs nothing is not locked for it, and may be read-only.
-        if before < 1 + len(STEPS):
+        if before < 1 + len(MIGRATIONS):
             with self._writing.begin() as connection:
                 migrate(connection, where=self.name)
 

@@ -15,7 +15,7 @@ from palpate.errors import StoreError
 from palpate.produce.store.engine import postgresql, sa, sqlite
 
 #: SQL that leads from version n to version n + 1; the first leads from version 1.
-STEPS: tuple[str, ...] = ()
+MIGRATIONS: tuple[str, ...] = ()
 #: One at a time, whichever process comes first: the key of PostgreSQL's advisory lock.
 _LOCK = 0x70616C70
 
@@ -135,11 +135,11 @@ def insert(table: sa.Table, *, dialect: str) -> sqlite.Insert | postgresql.Inser
     return postgresql.insert(table) if dialect == "postgresql" else sqlite.insert(table)
 
 
-def migrate(connection: sa.Connection, *, where: str, steps: Sequence[str] = STEPS) -> int:
+def migrate(connection: sa.Connection, *, where: str, steps: Sequence[str] = MIGRATIONS) -> int:
     """Make the tables, or bring them to the newest version; return how many steps were missing.
 
     `where`: what the user calls the store.
-    `steps`: SQL of each step, see `STEPS`.
+    `steps`: SQL of each step, see `MIGRATIONS`.
     Raises `StoreError` if the database was written by a newer palpate, or belongs to something
     else.
     """
@@ -160,7 +160,9 @@ def migrate(connection: sa.Connection, *, where: str, steps: Sequence[str] = STE
     return newest - version
 
 
-def found_version(connection: sa.Connection, *, where: str, newest: int = 1 + len(STEPS)) -> int:
+def found_version(
+    connection: sa.Connection, *, where: str, newest: int = 1 + len(MIGRATIONS)
+) -> int:
     """Return the schema version that a database is at; 0 for an empty one.
 
     Raises `StoreError` if it was written by a newer palpate, or belongs to something else.

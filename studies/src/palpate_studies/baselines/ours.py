@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.estimate.damage_learning import FruitClosing, follow, learn
+from palpate.estimate.damage_learning import FruitClosing, follow_closing, learn_damage
 from palpate.estimate.strength import ClosingCurve
 from palpate.settling.predict import predict_settled
 from palpate_studies.force_model import ForceModel
@@ -63,7 +63,7 @@ class OurDamageLimit:
 
     def fit(self, training: Sequence[Case], *, choosing: Sequence[Case]) -> Answer:
         """Fit the model to whole curves with their rupture forces."""
-        model = learn([_closing(case) for case in (*training, *choosing)])
+        model = learn_damage([_closing(case) for case in (*training, *choosing)])
 
         def answer(asked: Question) -> float:
             curve, predicted_n = ClosingCurve(), asked.scale
@@ -78,7 +78,7 @@ class OurDamageLimit:
 
 def _closing(case: Case) -> FruitClosing:
     closure_mm, force_n = case.whole.T
-    return follow(
+    return follow_closing(
         case.name,
         fruit=case.question.kind,
         rupture_force_n=case.truth,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.gripper.interface import GripperState
 from palpate.recording import FileState, RecordingInfo, RecordingReader, RecordingWriter
-from palpate.recording.reader import load_recording, summarise
+from palpate.recording.reader import load_recording, summarise_recording
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.tables.files import read_table_file
 from palpate_studies.benchmarks.protocol import Measured, Ratio, side_by_side_s
@@ -117,4 +117,4 @@ def _write_csv(path: Path, counts: NDArray[np.int64]) -> None:
 
 def _count(path: Path) -> None:
     with RecordingReader(path) as reader:
-        summarise(reader, state=FileState())
+        summarise_recording(reader, state=FileState())

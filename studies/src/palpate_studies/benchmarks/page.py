@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from palpate.commands.report_html import Tile, document, figures, table, tiles
+from palpate.commands.report_html import Tile, figures, html_page, table, tiles
 from palpate.files import atomic_path
 from palpate.plots.inline_svg import inline_svg, page_figure
 from palpate.plots.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, log_axis
@@ -28,7 +28,7 @@ def write_page(path: Path, measured: Mapping[str, Measured], *, full: bool) -> N
     for name, one in measured.items():
         body.append(table(f"{name}: {BENCHMARKS[name][1]}", columns, map(row, one.ratios)))
         body += [f"<p>{escape(note)}</p>" for note in one.notes]
-    text = document(
+    text = html_page(
         title="palpate next to its peers",
         chips=[machine(), "full sizes" if full else "quick sizes"],
         simulated=False,
