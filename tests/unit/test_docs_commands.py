@@ -19,8 +19,7 @@ import typer
 from palpate.cli import VERBS, build_app
 from palpate.commands import archive, calibrate
 from palpate.commands.outcome import run
-from palpate.commands.research import catalogue
-from palpate.commands.study import GROUP
+from palpate.commands.research import STUDIES, catalogue
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Pages whose `sh` and `python` blocks are run.
@@ -96,7 +95,7 @@ def shown_commands() -> list[tuple[str, str]]:
 
 def study_options(name: str) -> set[str]:
     app = typer.Typer(add_completion=False)
-    app.command()(importlib.import_module(catalogue(GROUP)[name][0]).command)
+    app.command()(importlib.import_module(catalogue(STUDIES)[name][0]).command)
     return {
         option
         for parameter in typer.main.get_command(app).params

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
@@ -19,13 +18,7 @@ if TYPE_CHECKING:
     from palpate.archive.jobs import Job
 
 
-class Engine(StrEnum):
-    """Where the work is done."""
-
-    LOCAL = "local"
-    DASK = "dask"
-
-
+Engine: TypeAlias = Literal["local", "dask"]
 ArchiveArgument: TypeAlias = Annotated[Path, typer.Argument(help="The archive.", metavar="DIR")]
 ToOption: TypeAlias = Annotated[
     Path | None,
@@ -59,7 +52,7 @@ def settle(
     ] = "relaxation",
     horizon: HorizonOption = 20.0,
     to: ToOption = None,
-    engine: EngineOption = Engine.LOCAL,
+    engine: EngineOption = "local",
     scheduler: SchedulerOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -85,7 +78,7 @@ def recalibrate(
         Path, typer.Option(help="The sensor's calibration file.", metavar="FILE")
     ],
     to: ToOption = None,
-    engine: EngineOption = Engine.LOCAL,
+    engine: EngineOption = "local",
     scheduler: SchedulerOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -107,7 +100,7 @@ def judge(
     archive: ArchiveArgument,
     rules: Annotated[Path, typer.Option(help="The rules, a TOML file.", metavar="FILE")],
     to: ToOption = None,
-    engine: EngineOption = Engine.LOCAL,
+    engine: EngineOption = "local",
     scheduler: SchedulerOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -138,7 +131,7 @@ def _work_on(
     from palpate.archive.layout import Archive
     from palpate.archive.running import forget_others, run_here, run_on_dask, tasks_of
 
-    if scheduler is not None and engine is not Engine.DASK:
+    if scheduler is not None and engine != "dask":
         raise InputError(f"--scheduler {scheduler}: goes with --engine dask")
     results = to or archive / "results"
     tasks = tasks_of(job, Archive(archive), to=results)
@@ -148,7 +141,7 @@ def _work_on(
     with progress(job.name, total=len(left), quiet=quiet) as show:
         if not left:
             rows = 0
-        elif engine is Engine.DASK:
+        elif engine == "dask":
             rows = run_on_dask(left, scheduler=scheduler, show=show)
         else:
             rows = run_here(left, show=show)

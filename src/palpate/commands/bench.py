@@ -8,13 +8,11 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.options import QuietOption
-from palpate.commands.research import run_named
+from palpate.commands.research import BENCHMARKS, run_named
 from palpate.commands.steps import SETTINGS
 
 __all__ = ["SETTINGS", "bench"]
 
-#: Entry points through which packages offer benchmarks.
-GROUP = "palpate.benchmarks"
 #: The one that runs without a name.
 ALL = "all"
 
@@ -40,7 +38,7 @@ def bench(
         name = None
     run_named(
         name or ALL,
-        group=GROUP,
+        group=BENCHMARKS,
         verb="bench",
         noun="benchmark",
         options="[--full] [--json] [--page FILE]",

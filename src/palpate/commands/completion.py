@@ -11,6 +11,8 @@ from pathlib import Path
 
 import typer
 
+from palpate.commands.research import BENCHMARKS, STUDIES, catalogue
+
 #: Items offered at most: a shell lists them all at once.
 _MOST_ITEMS = 200
 
@@ -28,8 +30,6 @@ def _installed(group: str) -> Callable[[str], list[str]]:
     """Return the completion of what packages offer in a group of entry points."""
 
     def complete(incomplete: str) -> list[str]:
-        from palpate.commands.research import catalogue
-
         return _matching(sorted(catalogue(group)), incomplete)
 
     return complete
@@ -44,8 +44,8 @@ methods = _names_in("palpate.settling.predict", "METHODS")
 steps = _names_in("palpate.commands.calibrate", "STEPS")
 archive_steps = _names_in("palpate.commands.archive", "STEPS")
 demos = _names_in("palpate.commands.demo", "NAMES")
-studies = _installed("palpate.studies")
-benchmarks = _installed("palpate.benchmarks")
+studies = _installed(STUDIES)
+benchmarks = _installed(BENCHMARKS)
 
 
 def rigs(incomplete: str) -> list[str]:

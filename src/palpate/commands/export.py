@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, TypeAlias
 
 import typer
 
 from palpate.errors import InputError, RecordingError
 from palpate.files import check_place
 
-
-class Target(StrEnum):
-    """Forms of the file."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-
-
-class HoldUnit(StrEnum):
-    """Units of the holds' values."""
-
-    PERCENT = "percent"
-    OHM = "ohm"
+Form: TypeAlias = Literal["csv", "parquet"]
+HoldUnit: TypeAlias = Literal["percent", "ohm"]
 
 
 def export(
@@ -32,14 +20,14 @@ def export(
         list[Path], typer.Argument(help="An .mcap recording; with --lerobot any number of grasps.")
     ],
     to: Annotated[
-        Target | None, typer.Option(help="Form of the file. [default: by --out's ending, or csv]")
+        Form | None, typer.Option(help="Form of the file. [default: by --out's ending, or csv]")
     ] = None,
     holds: Annotated[
         bool, typer.Option("--holds", help="Cut out the holds, for `palpate settle`.")
     ] = False,
     unit: Annotated[
         HoldUnit, typer.Option(help="Holds as relative change or as resistance.")
-    ] = HoldUnit.PERCENT,
+    ] = "percent",
     out: Annotated[
         Path | None, typer.Option(help="File to write. [default: next to FILE]", metavar="FILE")
     ] = None,
@@ -79,7 +67,7 @@ def export(
 
 
 def _export_table(
-    file: Path, *, to: Target | None, holds: bool, unit: HoldUnit, out: Path | None
+    file: Path, *, to: Form | None, holds: bool, unit: HoldUnit, out: Path | None
 ) -> None:
     from palpate.recording import RecordingReader, load_recording
     from palpate.recording.exporting import frame_tables, hold_tables, recorded_holds, write_export
@@ -91,25 +79,26 @@ def _export_table(
         raise InputError(f"{target}: exists already and is not overwritten; choose another --out")
     if holds:
         try:
-            cut = recorded_holds(load_recording(file), unit=unit.value, name=file.stem)
+            cut = recorded_holds(load_recording(file), unit=unit, name=file.stem)
         except RecordingError as error:
             where = "" if str(file) in str(error) else f"{file}: "
             raise RecordingError(f"{where}{error}") from error
-        rows = write_export(target, hold_tables(cut), to=form.value)
+        rows = write_export(target, hold_tables(cut), to=form)
         what = f"{len({hold.hold_id for hold in cut})} holds, "
     else:
         with RecordingReader(file) as reader:
-            rows = write_export(target, frame_tables(reader), to=form.value)
+            rows = write_export(target, frame_tables(reader), to=form)
         what = ""
     print(f"{target}: {what}{rows} rows", file=sys.stderr)
 
 
-def _form(to: Target | None, out: Path | None) -> Target:
+def _form(to: Form | None, out: Path | None) -> Form:
     """Return the form that option and ending agree on: a recording is never written over."""
     if out is None:
-        return to or Target.CSV
-    ending = out.suffix.lower().removeprefix(".")
-    if ending not in list(Target) or to not in (None, ending):
-        wanted = f".{to}" if to else ".csv or .parquet"
-        raise InputError(f"--out {out}: name a file that ends in {wanted}")
-    return Target(ending)
+        return to or "csv"
+    forms: dict[str, Form] = {".csv": "csv", ".parquet": "parquet"}
+    form = forms.get(out.suffix.lower())
+    if form is not None and to in (None, form):
+        return form
+    wanted = f".{to}" if to else ".csv or .parquet"
+    raise InputError(f"--out {out}: name a file that ends in {wanted}")

@@ -7,9 +7,8 @@ import re
 import shutil
 import textwrap
 from collections.abc import Callable, Mapping
-from enum import Enum
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 import typer
 
@@ -97,8 +96,9 @@ def _placeholder(option: Any) -> str | None:
         for ending, unit in _UNITS.items():
             if option.name.endswith(ending):
                 return unit
-    if isinstance(element, type) and issubclass(element, Enum):
-        return "|".join(element)
+    for choice in (annotation, element):
+        if get_origin(choice) is Literal:
+            return "|".join(get_args(choice))
     return _PLACEHOLDERS.get(element)
 
 

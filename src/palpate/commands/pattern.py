@@ -25,7 +25,7 @@ def pattern(
     rows: option.RowsOption = None,
     cols: option.ColsOption = None,
     pixel: option.PixelOption = None,
-    shape: option.ShapeOption = Shape.RECTANGLE,
+    shape: option.ShapeOption = "rectangle",
     corner: option.CornerOption = 1.5,
     gap: option.GapOption = None,
     overhang: option.OverhangOption = None,
@@ -109,9 +109,9 @@ def _design(preset: str, *, changes: dict[str, Any]) -> SensorDesign:
 
 
 def _corner_mm(design: SensorDesign, *, shape: Shape, corner_mm: float) -> float:
-    if shape is Shape.RECTANGLE:
+    if shape == "rectangle":
         return 0.0
-    if shape is Shape.ROUNDED:
+    if shape == "rounded":
         return corner_mm
     if design.pixel_width_mm != design.pixel_height_mm:
         raise InputError(

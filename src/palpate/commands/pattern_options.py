@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import typer
 
@@ -13,14 +12,7 @@ _TAIL = "Copper and tape"
 _CUTTER = "What can be cut"
 
 
-class Shape(StrEnum):
-    """Shape of the pixels."""
-
-    RECTANGLE = "rectangle"
-    ROUNDED = "rounded"
-    CIRCLE = "circle"
-
-
+Shape: TypeAlias = Literal["rectangle", "rounded", "circle"]
 FolderOption: TypeAlias = Annotated[
     Path, typer.Option(help="Folder for the files; made if absent.", metavar="DIR")
 ]

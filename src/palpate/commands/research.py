@@ -10,6 +10,8 @@ from palpate.commands.progress import progress
 from palpate.commands.steps import run_module
 from palpate.errors import InputError
 
+#: Entry points through which packages offer studies, and benchmarks.
+STUDIES, BENCHMARKS = "palpate.studies", "palpate.benchmarks"
 #: What an entry point of such a group leads to: name -> (module with a `command`, summary).
 Catalogue = dict[str, tuple[str, str]]
 

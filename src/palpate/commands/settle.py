@@ -66,9 +66,9 @@ def settle(
         paths=holds,
         reading=ReadingOptions(
             time_column=time_column,
-            time_unit=time_unit.value if time_unit else None,
+            time_unit=time_unit,
             value_columns=tuple(value_column or ()),
-            unit=unit.value if unit else None,
+            unit=unit,
             divider=_divider(adc_bits, reference_ohm, sensor_leg, unit=unit),
             cut=_cut_at(cut),
         ),
@@ -83,7 +83,7 @@ def settle(
         fit_on=fit_on or [],
         learn_from=learn_from or [],
         horizon_s=horizon,
-        percent=unit is option.Unit.PERCENT,
+        percent=unit == "percent",
     )
     if until_half_width and not fit_on:
         _warn_without_interval(chosen)
@@ -152,7 +152,7 @@ def _divider(
         )
     if unit not in (None, "counts"):
         raise InputError(f"--unit {unit}: --adc-bits is for counts; leave one of them out")
-    return Divider(adc_bits=adc_bits, reference_ohm=reference_ohm, taxel_leg=leg.value)
+    return Divider(adc_bits=adc_bits, reference_ohm=reference_ohm, taxel_leg=leg)
 
 
 def _cut_at(text: str) -> CutAt:

@@ -2,39 +2,15 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import typer
 
 from palpate.commands import completion
 
-
-class TimeUnit(StrEnum):
-    """Units of times."""
-
-    S = "s"
-    MS = "ms"
-    US = "us"
-    UNIX = "unix"
-
-
-class Unit(StrEnum):
-    """Units of readings."""
-
-    OHM = "ohm"
-    PERCENT = "percent"
-    COUNTS = "counts"
-    VOLT = "volt"
-
-
-class Leg(StrEnum):
-    """Places of the sensor in its divider."""
-
-    UPPER = "upper"
-    LOWER = "lower"
-
+#: Place of the sensor in its divider.
+Leg: TypeAlias = Literal["upper", "lower"]
 
 HoldsArgument: TypeAlias = Annotated[
     list[Path],
@@ -85,7 +61,7 @@ TimeColumnOption: TypeAlias = Annotated[
     typer.Option(help="Column of times. [default: by usual names]", metavar="NAME"),
 ]
 TimeUnitOption: TypeAlias = Annotated[
-    TimeUnit | None,
+    Literal["s", "ms", "us", "unix"] | None,
     typer.Option(help="s, ms, us or unix. [default: by name and values]", metavar="UNIT"),
 ]
 ValueColumnOption: TypeAlias = Annotated[
@@ -95,7 +71,7 @@ ValueColumnOption: TypeAlias = Annotated[
     ),
 ]
 UnitOption: TypeAlias = Annotated[
-    Unit | None,
+    Literal["ohm", "percent", "counts", "volt"] | None,
     typer.Option(help="ohm, percent, counts or volt. [default: by their names]", metavar="UNIT"),
 ]
 AdcBitsOption: TypeAlias = Annotated[

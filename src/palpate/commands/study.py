@@ -8,13 +8,10 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.options import QuietOption
-from palpate.commands.research import run_named
+from palpate.commands.research import STUDIES, run_named
 from palpate.commands.steps import SETTINGS
 
 __all__ = ["SETTINGS", "study"]
-
-#: Entry points through which packages offer studies.
-GROUP = "palpate.studies"
 
 
 def study(
@@ -29,7 +26,7 @@ def study(
     """Regenerate a table or figure next to the published one. Example: palpate study table1."""
     run_named(
         name,
-        group=GROUP,
+        group=STUDIES,
         verb="study",
         noun="study",
         options="[--json] [--out DIR]",
