@@ -93,10 +93,7 @@ class DynamixelGripper:
     def state(self) -> GripperState:
         """Read width, motion and current; current is NaN where the servo measures none.
 
-        Raises
-        ------
-        DeviceError
-            If it does not answer, or a hardware error has switched its torque off.
+        Raises `DeviceError` if it does not answer, or a hardware error has switched its torque off.
         """
         run = self._line.read_run(x.STATE_BEGIN, x.STATE_END - x.STATE_BEGIN)
         self._refuse_errors()
@@ -114,10 +111,7 @@ class DynamixelGripper:
 
         The rate returned is the mean over the way: the servo turns evenly, the fingers don't.
 
-        Raises
-        ------
-        DeviceError
-            If it does not answer, or a hardware error has switched its torque off.
+        Raises `DeviceError` if it does not answer, or a hardware error has switched its torque off.
         """
         limits = self.limits
         target_mm = min(max(wanted.target, limits.lowest), limits.highest)
@@ -139,11 +133,8 @@ class DynamixelGripper:
     def stop(self) -> None:
         """Stop where it is, if it moves: a new goal would only loosen a grip that holds.
 
-        Raises
-        ------
-        DeviceError
-            If no reading confirms that it stands still. A servo that does not answer is left to its
-            watchdog, which is set to its shortest.
+        Raises `DeviceError` if no reading confirms that it stands still. A servo that does not
+        answer is left to its watchdog, which is set to its shortest.
         """
         until_s = self._clock.now_s() + _STOPPED_S
         try:
@@ -188,10 +179,7 @@ class DynamixelGripper:
     def clear_errors(self) -> None:
         """Reboot the servo and set it up again: for the user to ask, once the cause is gone.
 
-        Raises
-        ------
-        DeviceError
-            If the error comes back at once, or the servo does not.
+        Raises `DeviceError` if the error comes back at once, or the servo does not.
         """
         self._line.reboot()
         until_s = self._clock.now_s() + _REBOOT_S

@@ -85,10 +85,7 @@ class FeetechGripper:
     def state(self) -> GripperState:
         """Read width, motion and current; while it closes a long way, let it go on.
 
-        Raises
-        ------
-        DeviceError
-            If it does not answer, or protects itself.
+        Raises `DeviceError` if it does not answer, or protects itself.
         """
         run = self._read()
         tick = _position(run)
@@ -112,10 +109,7 @@ class FeetechGripper:
     def command(self, wanted: GripperCommand) -> GripperCommand:
         """Send the jaw to a width; return what was sent, in whole steps of the servo.
 
-        Raises
-        ------
-        DeviceError
-            If it does not answer, or protects itself.
+        Raises `DeviceError` if it does not answer, or protects itself.
         """
         limits = self.limits
         target_mm = min(max(wanted.target, limits.lowest), limits.highest)
@@ -137,10 +131,7 @@ class FeetechGripper:
     def stop(self) -> None:
         """Stop where it is, if it moves: a new goal would only loosen a grip that holds.
 
-        Raises
-        ------
-        DeviceError
-            If no reading confirms that it stands still.
+        Raises `DeviceError` if no reading confirms that it stands still.
         """
         self._target = self._sent
         until_s = self._clock.now_s() + _STOPPED_S

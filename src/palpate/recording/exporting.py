@@ -194,25 +194,12 @@ def recorded_holds(
     A hold begins when the gripper's movement ends (time 0) and lasts until it moves again. Where
     no movement was recorded, it begins at an actuation spike and lasts until the next one.
 
-    Parameters
-    ----------
-    recording : Recording
-        With about a second of rest before the first contact.
-    unit : {"percent", "ohm"}
-        Relative change against the rest at the beginning, or resistance.
-    name : str
-        Beginning of the holds' names.
-
-    Returns
-    -------
-    list of Hold
-        For each hold the channel ``mean`` (percent only: the paper's aggregate) and one per pixel,
-        ``r0c0`` and so on; open pixels are left out.
-
-    Raises
-    ------
-    RecordingError
-        If there is no rest to compare with, or no hold.
+    `recording`: with about a second of rest before the first contact.
+    `unit` ("percent" or "ohm"): relative change against the rest at the beginning, or resistance.
+    `name`: beginning of the holds' names.
+    Returns for each hold the channel ``mean`` (percent only: the paper's aggregate) and one per
+    pixel, ``r0c0`` and so on; open pixels are left out. Raises `RecordingError` if there is no rest
+    to compare with, or no hold.
     """
     if len(recording.time_s) < _FEWEST_FRAMES:
         raise RecordingError(f"only {len(recording.time_s)} frames: too few to cut holds from")
