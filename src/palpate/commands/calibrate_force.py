@@ -17,9 +17,6 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration
 
-#: Settled holds of the guided steps, newtons, one list for each placement of the cell.
-_HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
-
 
 def command(
     rig: RigOption = "",
@@ -111,11 +108,11 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
         now_text,
         open_bench,
     )
-    from palpate.grasp.calibrating import measure_force, measure_rest
+    from palpate.grasp.calibrating import HOLDS_N, measure_force, measure_rest
     from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 
-    shown = _Shown(len(_HOLDS_N))
-    with open_bench(rig, seed=seed, ask=shown.ask, placements=len(_HOLDS_N)) as guided, shown:
+    shown = _Shown(len(HOLDS_N))
+    with open_bench(rig, seed=seed, ask=shown.ask, placements=len(HOLDS_N)) as guided, shown:
         bench, layout = guided.bench, guided.bench.array.layout
         earlier = earlier_calibration(out, layout=layout, simulated=guided.simulated)
 
@@ -126,7 +123,7 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
         rest = measure_rest(bench)
         pairs = measure_force(
             bench,
-            holds_n=_HOLDS_N,
+            holds_n=HOLDS_N,
             reseat=placed,
             dwell_s=DWELL_S,
             horizon_s=HORIZON_S,

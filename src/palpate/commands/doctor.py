@@ -75,7 +75,7 @@ def doctor(
 
 def _live(source: SensorSource, *, duration_s: float, press: bool) -> Examined:
     from palpate.commands.doctor_report import Examined
-    from palpate.commands.sensor_source import FRAME_TIMEOUT_S
+    from palpate.sensor.array import FRAME_TIMEOUT_S
     from palpate.sensor.health import examine
     from palpate.sensor.health_link import LinkEvents
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.commands.options import stated_rig
 from palpate.errors import CalibrationError, DeviceTimeoutError, InputError
-from palpate.sensor.array import PressureArray
+from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.health import FrameColumns
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
     from palpate.gripper.interface import Gripper
     from palpate.sensor.calibration import Calibration
-
-#: The sensor counts as silent after this long without a frame.
-FRAME_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,12 +14,11 @@ from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
 from palpate.readings.columns import TimeUnit, Unit
 from palpate.readings.holds import CutAt
 from palpate.signal.circuit import Divider
-from palpate.tables.files import form_of, open_table
+from palpate.tables.files import MCAP_MAGIC, form_of, open_table
 from palpate.tables.text import lines_of, open_text
 
 #: Endings that a recording in a folder may have; other files of it are skipped.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
-_MCAP_MAGIC = b"\x89MCA"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +104,7 @@ class HoldSource:
 
         Raises `InputError` if it can't be read, or no sensor has a hold.
         """
-        if _starts_with(file, _MCAP_MAGIC):
+        if _starts_with(file, MCAP_MAGIC):
             return [_from_mcap(file, self.reading)]
         options = self.reading
         found: list[CutColumn] = []

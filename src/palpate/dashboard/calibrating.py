@@ -8,23 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.dashboard.job_context import FRAME_TIMEOUT_S, CellBench, JobContext
+from palpate.dashboard.job_context import CellBench, JobContext
 from palpate.dashboard.language import Message
 from palpate.dashboard.messages import Calibrated
 from palpate.dashboard.orders import CalibrateForce, CalibrateRest
 from palpate.errors import DeviceError
-from palpate.grasp.calibrating import Bench, measure_force, measure_rest
+from palpate.grasp.calibrating import HOLDS_N, Bench, measure_force, measure_rest
 from palpate.grasp.planning import DWELL_S, HORIZON_S, with_force_law
 from palpate.rig import Rig
 from palpate.rig.sensor_only import SensorRig
-from palpate.sensor.array import ArrayLayout, Frame
+from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs, RestValues
 from palpate.sensor.dead_weights import checked_loads, weigh
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import rest_baseline
-
-#: Settled holds on the load cell, newtons, one list for each placement: small and large mixed.
-_HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
 
 #: The rest values are the mean over this time.
 _REST_S = 3.0
@@ -136,15 +133,15 @@ def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
     bench = replace(on.bench, array=context.watched(on.bench.array))
 
     def reseat(run: int) -> None:
-        share = run / len(_HOLDS_N)
+        share = run / len(HOLDS_N)
         text = Message(
-            "Placing the load cell again: {run} of {runs}", run=run + 1, runs=len(_HOLDS_N)
+            "Placing the load cell again: {run} of {runs}", run=run + 1, runs=len(HOLDS_N)
         )
         context.guide(text, share=share)
         on.reseat(run)
 
     return measure_force(
-        bench, holds_n=_HOLDS_N, reseat=reseat, dwell_s=DWELL_S, horizon_s=HORIZON_S
+        bench, holds_n=HOLDS_N, reseat=reseat, dwell_s=DWELL_S, horizon_s=HORIZON_S
     )
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from palpate.dashboard.job_context import FRAME_TIMEOUT_S, JobContext
+from palpate.dashboard.job_context import JobContext
 from palpate.dashboard.language import Message
 from palpate.dashboard.orders import Examine
 from palpate.errors import DeviceTimeoutError
+from palpate.sensor.array import FRAME_TIMEOUT_S
 from palpate.sensor.health import FrameColumns, Health, examine
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-from palpate.dashboard.job_context import FRAME_TIMEOUT_S, JobContext
+from palpate.dashboard.job_context import JobContext
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.orders import GraspOrder, OpenHand
 from palpate.errors import DeviceError
@@ -15,6 +15,7 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.produce.ripeness.closing import ClosingWatch
 from palpate.rig.recorded import open_grasp_recording
+from palpate.sensor.array import FRAME_TIMEOUT_S
 
 #: The object is held until its release is asked for, but not for longer than this: sheet, object
 #: and servo suffer. Approach and squeeze have their own time.

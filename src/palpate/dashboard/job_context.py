@@ -18,12 +18,11 @@ from palpate.grasp.requests import Requests
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.rig import Rig
 from palpate.rig.sensor_only import SensorRig
-from palpate.sensor.array import ArrayLayout, Frame, PressureArray
+from palpate.sensor.array import FRAME_TIMEOUT_S, ArrayLayout, Frame, PressureArray
 from palpate.sensor.health_link import LinkEvents
 from palpate.sensor.serial_array import SerialArray
 
 NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
-FRAME_TIMEOUT_S = 2.0
 #: A stop takes effect within this time while the sensor is silent.
 _PATIENCE_S = 0.1
 #: A frame older than this waited in a buffer.

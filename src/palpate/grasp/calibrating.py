@@ -13,7 +13,7 @@ from palpate.arrays import FloatArray
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, DeviceError
 from palpate.gripper.interface import Gripper, GripperCommand
-from palpate.sensor.array import PressureArray
+from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import BlockPairs, ForcePairs, RestValues
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
@@ -30,7 +30,9 @@ _TOUCH_N = 0.05
 _POLL_S = 0.02
 #: Readings are means over this time: of the last frames of a dwell, and of a settled hold.
 _EARLY_MEAN_S, _SETTLED_MEAN_S = 0.2, 0.5
-_FRAME_TIMEOUT_S = 2.0
+#: Settled holds of the guided steps, newtons, one list for each placement of the load cell: small
+#: and large mixed.
+HOLDS_N = ((0.4, 3.0), (0.8, 6.0), (0.3, 2.0), (1.5, 12.0), (0.6, 4.0), (2.5, 15.0))
 #: Where frames are skipped, the last ones of a wait are read all the same.
 _FRESH_S = 0.2
 #: Pause with the hand open before a placement's rest is taken.
@@ -281,7 +283,7 @@ def _wait(bench: Bench, until_s: float) -> None:
     """Read and drop frames until a time, so that the next one is fresh."""
     if bench.skip_until is not None:
         bench.skip_until(until_s - _FRESH_S)
-    while bench.array.read(timeout_s=_FRAME_TIMEOUT_S).time_s < until_s:
+    while bench.array.read(timeout_s=FRAME_TIMEOUT_S).time_s < until_s:
         pass
 
 
@@ -332,7 +334,7 @@ def _ohm(bench: Bench, until_s: float, *, mean_s: float) -> FloatArray:
     if bench.skip_until is not None:
         bench.skip_until(until_s - mean_s)
     while True:
-        frame = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
+        frame = bench.array.read(timeout_s=FRAME_TIMEOUT_S)
         if frame.time_s > until_s - mean_s:
             found.append(
                 pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)

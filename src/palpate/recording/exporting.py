@@ -17,6 +17,7 @@ from palpate.errors import CalibrationError, RecordingError, needing
 from palpate.files import atomic_path
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
+from palpate.readings.cut import SHORTEST_HOLD_S
 from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
@@ -35,8 +36,6 @@ Format = Literal["csv", "parquet"]
 _BATCH = 20_000
 
 HoldUnit = Literal["percent", "ohm"]
-#: Shorter stretches are steps of a closing staircase, not holds.
-SHORTEST_HOLD_S = 1.0
 #: How much of the recording's beginning is taken as rest where the gripper moves at once.
 REST_S = 1.0
 _FEWEST_FRAMES = 10

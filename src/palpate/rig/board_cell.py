@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, InputError
-from palpate.sensor.array import PressureArray
+from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.board_link import POLL_S
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING, CellSample
@@ -23,7 +23,6 @@ _OLD_S = 0.2
 _LEAST_HZ = 40.0
 #: 24 bits with a sign.
 _LOWEST, _HIGHEST = -(2**23), 2**23 - 1
-_FRAME_TIMEOUT_S = 2.0
 
 
 class BoardLoadCell:
@@ -105,7 +104,7 @@ def mean_counts(
     """
     begin_s = clock.now_s()
     raw, samples = list[list[int]](), list[list[int]]()
-    while array.read(timeout_s=_FRAME_TIMEOUT_S).time_s < begin_s + duration_s:
+    while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < begin_s + duration_s:
         found = array.load_cells
         if array.newest_s < begin_s:
             continue

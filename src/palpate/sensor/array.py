@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from palpate.signal.circuit import Divider
 
+#: A sensor counts as silent after this long without a frame.
+FRAME_TIMEOUT_S = 2.0
 #: What the lines that are not selected do: see `ArrayLayout`.
 IdleLines: TypeAlias = Literal["isolated", "floating", "held"]
 

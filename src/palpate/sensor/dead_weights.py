@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
-from palpate.sensor.array import PressureArray
+from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import (
@@ -30,7 +30,7 @@ _STRETCH_S, _SETTLED_SHARE = 2.0, 0.03
 _FAINT_EXCESS = 0.1
 #: A pixel that reads less than this is at the end of its converter.
 _SATURATED_OHM = 1.0
-_REST_S, _FRAME_TIMEOUT_S = 2.0, 2.0
+_REST_S = 2.0
 #: Heavier than anything this sensor is made for: grams taken for newtons.
 _HEAVIEST_N = 200.0
 
@@ -153,12 +153,12 @@ def _excess(array: PressureArray, rest_ohm: np.ndarray) -> tuple[float, float, f
 
 
 def _drop_until(array: PressureArray, time_s: float) -> None:
-    while array.read(timeout_s=_FRAME_TIMEOUT_S).time_s < time_s:
+    while array.read(timeout_s=FRAME_TIMEOUT_S).time_s < time_s:
         pass
 
 
 def _ohm(array: PressureArray, duration_s: float) -> np.ndarray:
-    frame = array.read(timeout_s=_FRAME_TIMEOUT_S)
+    frame = array.read(timeout_s=FRAME_TIMEOUT_S)
     until_s, found = frame.time_s + duration_s, []
     while True:
         found.append(
@@ -166,4 +166,4 @@ def _ohm(array: PressureArray, duration_s: float) -> np.ndarray:
         )
         if frame.time_s >= until_s:
             return np.array(found)
-        frame = array.read(timeout_s=_FRAME_TIMEOUT_S)
+        frame = array.read(timeout_s=FRAME_TIMEOUT_S)

@@ -14,7 +14,7 @@ FileForm: TypeAlias = Literal["text", "parquet", "spreadsheet"]
 
 _FORMS: dict[bytes, FileForm] = {b"PAR1": "parquet", b"PK\x03\x04": "spreadsheet"}
 _OLD_EXCEL_MAGIC = b"\xd0\xcf\x11\xe0"
-_MCAP_MAGIC = b"\x89MCA"
+MCAP_MAGIC = b"\x89MCA"
 
 
 def open_table(path: Path) -> BufferedReader:
@@ -43,7 +43,7 @@ def form_of(file: BufferedReader, *, name: str) -> FileForm:
         raise InputError(f"{name}: the file is empty; it needs a header and rows")
     if start == _OLD_EXCEL_MAGIC:
         raise InputError(f"{name}: an old Excel file; save it as .xlsx or CSV")
-    if start == _MCAP_MAGIC:
+    if start == MCAP_MAGIC:
         raise InputError(
             f"{name}: a recording of palpate's own; `palpate export {name} --holds` cuts its "
             "holds out"

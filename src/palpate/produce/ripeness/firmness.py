@@ -25,7 +25,7 @@ from palpate.produce.records import Grasp
 RIPENESS_N = 5.0
 #: A pixel that lost less than this share of its resistance carries nothing that can be counted.
 _LEAST_PERCENT = 1.0
-_DAY_S = 86_400.0
+DAY_S = 86_400.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +117,7 @@ def by_day(felt: Iterable[tuple[datetime, float]]) -> tuple[DayFelt, ...]:
     ordered = sorted(felt)
     if not ordered:
         return ()
-    since = [(at - ordered[0][0]).total_seconds() / _DAY_S for at, _ in ordered]
+    since = [(at - ordered[0][0]).total_seconds() / DAY_S for at, _ in ordered]
     # Mornings differ by an hour or two; grasps of one morning must not fall on two days.
     number = np.floor(np.array(since) + 0.25).astype(int)
     days = []

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.compliance import Compliance
 from palpate.produce.records import About, Drive, Grasp, Source, Verdict
-from palpate.produce.ripeness.firmness import DayFelt, by_day, firmness_of
+from palpate.produce.ripeness.firmness import DAY_S, DayFelt, by_day, firmness_of
 from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import Ripeness, RipenessRule, judge_by_first_day
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from palpate.produce.store import Store
 
 
-_DAY_S = 86_400.0
 #: A label is of a day on which the item was felt if it was given this close to it, days.
 _SAME_DAY = 0.5
 #: At most this many labelled items, the last ones labelled, are learned from.
@@ -44,7 +43,7 @@ class FirmnessHistory:
 
     def day_of(self, when: datetime) -> float:
         """Return a time in days since the first grasp."""
-        return (when - self.grasps[0].taken_at).total_seconds() / _DAY_S
+        return (when - self.grasps[0].taken_at).total_seconds() / DAY_S
 
     def nearest_day(self, when: datetime) -> int:
         """Return the number of the day felt nearest to a time."""

@@ -38,7 +38,7 @@ from palpate.estimate.compliance import Compliance
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import Drive, Grasp
 from palpate.produce.ripeness.closing import log_gain
-from palpate.produce.ripeness.firmness import RIPENESS_N, by_day, firmness_of
+from palpate.produce.ripeness.firmness import DAY_S, RIPENESS_N, by_day, firmness_of
 
 #: Drift is taken to wander by this much in the root of a day (sheets that break in lose 10 to 40 %
 #: of their conductance in a few days) and to jump by this much from day to day with the weather; or
@@ -49,7 +49,6 @@ _SHARES = np.geomspace(1 / 16, 2.0, 11)
 #: Least share of the deformation read that is taken to be the fruit's.
 _LEAST_SHARE = 0.2
 
-_DAY_S = 86_400.0
 #: Beyond this, wear is more than a correction should carry, as in `palpate_studies.wear`.
 _ADVISED = 0.3
 
@@ -128,7 +127,7 @@ class Drift:
 
         Within a morning on which the reference was felt, what warms up is in it.
         """
-        day = (when - self.first_at).total_seconds() / _DAY_S
+        day = (when - self.first_at).total_seconds() / DAY_S
         moved = float(np.interp(day, self.days, self.moved))
         since_h = 24.0 * min((day - one for one in self.days), key=abs)
         return moved if self.force is None else moved + self.force.warmed(since_h)
