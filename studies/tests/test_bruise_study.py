@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_all_fonts
 
 from palpate.produce.bruise.model import BruiseModel
 from palpate_studies import bruise, bruise_data
@@ -78,6 +79,7 @@ def test_the_report_holds_every_way_and_writes_its_models(
     found.write(tmp_path)
     assert (tmp_path / "figure17.png").stat().st_size > 10_000
     assert (tmp_path / "bruise-reliability.png").stat().st_size > 10_000
+    check_all_fonts(tmp_path)
     models["paper"][2.5].save(tmp_path / "model.json")
     assert BruiseModel.load(tmp_path / "model.json") == models["paper"][2.5]
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
+from tests.pdf_fonts import check_all_fonts
 
 from palpate.commands.outcome import run
 from palpate.errors import InputError
@@ -193,6 +194,7 @@ def test_the_command_writes_tables_and_figures(
     pictures = sorted((tmp_path / "out").glob("*.png"))
     assert pictures
     assert all(picture.stat().st_size > 10_000 for picture in pictures)
+    check_all_fonts(tmp_path / "out")
     assert (tmp_path / "out" / "crates.json").is_file()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_all_fonts
 
 from palpate_studies import table1
 from palpate_studies.report import StudyReport
@@ -58,6 +59,7 @@ def test_calibration_inputs_are_named(payload: dict[str, Any]) -> None:
 
 def test_report_is_written_with_both_figures(report: StudyReport, tmp_path: Path) -> None:
     report.write(tmp_path)
+    check_all_fonts(tmp_path)
     written = {path.name for path in tmp_path.iterdir()}
     assert written == {
         "table1.json",

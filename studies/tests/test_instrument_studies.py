@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_fonts
 
+from palpate.plots.style import PAGE_WIDTH_IN, letter_panels, save_figure
 from palpate_studies import (
     detection_limit,
     environment,
@@ -25,6 +28,8 @@ from palpate_studies.report import StudyReport
 from palpate_studies.twin_session import Session, drawn
 
 NOISE_CHAINS = ("250 Hz, no filter", "250 Hz, median of 5", "250 Hz, notch 50 and 60 Hz")
+#: A unit in brackets, or a ratio that has none.
+UNIT = re.compile(r"\((%|N|ohm|mm|kPa|mV)\)|G/G₀")
 REPORTS: dict[str, Callable[[], StudyReport]] = {
     "table2": lambda: table2.report(sensors=1, repeats=2),
     "table3": lambda: table3.report(sensors=1, repeats=2, free_repeats=2),
@@ -70,6 +75,23 @@ def test_a_study_is_written_with_its_figures(made: dict[str, StudyReport], tmp_p
         "figure10b.svg",
         "figure10b.pdf",
     }
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_figures_fit_a_page_and_have_letters_units_and_editable_fonts(
+    made: dict[str, StudyReport], name: str, tmp_path: Path
+) -> None:
+    assert made[name].figures
+    for draw in made[name].figures.values():
+        figure = draw()
+        assert figure.get_figwidth() <= PAGE_WIDTH_IN
+        letter_panels(figure)
+        letters = [text.get_text() for axis in figure.axes for text in axis.texts]
+        assert letters[: len(figure.axes)] == list("abcdef")[: len(figure.axes)] or not letters
+        for axis in figure.axes:
+            assert UNIT.search(axis.get_ylabel()), axis.get_ylabel()
+        save_figure(figure, tmp_path / "figure.pdf")
+        check_fonts(tmp_path / "figure.pdf")
 
 
 def test_published_entries_stand_as_printed() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from tests.pdf_fonts import check_fonts
 
 from palpate.cli import run
 from palpate.commands.study import SETTINGS, study
@@ -80,6 +81,7 @@ def test_report_says_what_is_real_and_shows_every_baseline(report: tuple[dict, P
         assert f"| {method} |" in text
     for stem in ("errors_1", "worst_1"):
         assert (report[1] / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
+        check_fonts(report[1] / f"{stem}.pdf")
 
 
 def test_few_specimens_are_held_out_hold_by_hold(

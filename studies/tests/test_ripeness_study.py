@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_fonts
 
 from palpate.cli import build_app
 from palpate.commands.outcome import run
@@ -182,6 +183,7 @@ def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_pa
     assert "paper, rigid, not aging: true stage" not in text
     for stem in ("figure16", "ripeness"):
         assert (tmp_path / f"{stem}.png").stat().st_size > 10_000
+        check_fonts(tmp_path / f"{stem}.pdf")
 
 
 def test_any_condition_is_reported_alone(station: Felt, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_all_fonts
 
 from palpate.cli import run
 from palpate.errors import InputError
@@ -87,6 +88,7 @@ def test_fruit_without_published_constants_is_judged_without_them(
     methods = {entry["method"] for entry in result["tradeoff"]}
     assert methods == {"ours", "ours, fruit unknown", "cap per fruit", "stiffness rule"}
     assert (tmp_path / "report" / "rupture.png").stat().st_size > 10_000
+    check_all_fonts(tmp_path / "report")
 
 
 def test_the_published_rule_reads_the_stiffness_of_its_window() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_all_fonts
 
 from palpate.estimate.damage_learning import read_closings
 from palpate.estimate.measurement import Measurement
@@ -52,6 +53,7 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
     assert all(row["rms_mm"] < 1.0 for row in ours)
     assert "Simulated" in (tmp_path / "size.md").read_text()
     assert (tmp_path / "figure14.png").stat().st_size > 10_000
+    check_all_fonts(tmp_path)
 
 
 def test_slip_study_sees_and_stays_quiet(tmp_path: Path) -> None:
@@ -63,6 +65,7 @@ def test_slip_study_sees_and_stays_quiet(tmp_path: Path) -> None:
     for row in report.payload["quiet"]:
         assert row["called"] == 0
     assert (tmp_path / "slip.png").stat().st_size > 10_000
+    check_all_fonts(tmp_path)
 
 
 # -- the hybrid ------------------------------------------------------------------------------------
@@ -132,3 +135,4 @@ def test_hybrid_on_the_recordings(real_data: Path, tmp_path: Path) -> None:
     assert not ours["damaged"]
     assert not told["damaged"]
     assert (tmp_path / "hybrid.png").stat().st_size > 10_000
+    check_all_fonts(tmp_path)

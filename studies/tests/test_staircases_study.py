@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_all_fonts
 
 from palpate_studies import staircases, stiffness, table5
 from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed
@@ -49,6 +50,7 @@ def test_table5_report(tmp_path: Path) -> None:
     }
     report = table5._report(errors, sensors=1, repeats=1)
     report.write(tmp_path)
+    check_all_fonts(tmp_path)
     document = json.loads((tmp_path / "table5.json").read_text())
     rows = {(row["level"], row["technique"]): row for row in document["rows"]}
     assert rows["paper", "exponential, 2.5 s"]["published_n"] == 0.14
@@ -76,6 +78,7 @@ def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
     none = replace(given, truth=9.0, value=nan, low=nan, high=nan, status="none")
     report = stiffness._report([given, none])
     report.write(tmp_path)
+    check_all_fonts(tmp_path)
     document = json.loads((tmp_path / "stiffness.json").read_text())
     overall = document["summary"][0]
     assert (overall["grasps"], overall["answered"]) == (2, 1)

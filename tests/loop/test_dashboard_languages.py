@@ -15,7 +15,8 @@ __all__ = ["browser"]
 
 #: What is shown or read out, without names, numbers, and what is English on purpose.
 TEXTS = """() => {
-    const found = new Set(), spared = 'script, style, [lang=en], [lang=en-US] #trouble, .q-icon';
+    const found = new Set();
+    const spared = 'script, style, #language, [lang=en], [lang=en-US] #trouble, .q-icon';
     const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
     while (walker.nextNode()) {
         const around = walker.currentNode.parentElement;
@@ -67,7 +68,7 @@ def test_no_page_shows_a_text_that_was_not_translated(browser: Browser, address:
         english.get_by_role("tab", name="Calibrate").click()
         can_press(english, "#calibrate-rest")
         english.locator("#calibrate-rest").click()
-        expect(german.locator("#guide")).to_contain_text("Den Sensor in Ruhe lassen")
+        expect(german.locator("#guide")).to_contain_text("Den Sensor nicht berühren")
         english.get_by_role("tab", name="Recordings").click()
         can_press(english, "#grasp")
         english.locator("#grasp").click()
@@ -109,6 +110,24 @@ def test_the_browser_or_the_address_chooses_and_links_keep_it(
         assert page.locator("html").get_attribute("lang") == "en-US"
 
 
+def test_the_choice_in_the_head_of_the_page_is_kept_in_this_browser(
+    browser: Browser, address: str
+) -> None:
+    german = re.compile("de-DE")
+    with at(browser, f"{address}operate?lang=en", SIZES["phone"], locale="en-US") as page:
+        page.get_by_label("Language").select_option("de")
+        expect(page).to_have_url(f"{address}operate")
+        expect(page.locator("html")).to_have_attribute("lang", german)
+        page.goto(f"{address}run")
+        expect(page.locator("html")).to_have_attribute("lang", german)
+        expect(page.get_by_label("Sprache")).to_have_value("de")
+        page.goto(f"{address}?lang=en")
+        expect(page.locator("html")).to_have_attribute("lang", "en-US")
+    # Of another browser, that one decides.
+    with at(browser, address, SIZES["phone"], locale="en-US") as page:
+        expect(page.locator("html")).to_have_attribute("lang", "en-US")
+
+
 def test_whoever_types_the_token_arrives_where_they_wanted_to(
     browser: Browser, tmp_path: Path
 ) -> None:
@@ -118,7 +137,7 @@ def test_whoever_types_the_token_arrives_where_they_wanted_to(
         page.goto(f"{address}operate?lang=de")
         assert page.locator("html").get_attribute("lang") == "de-DE"
         page.get_by_label("Kennwort").fill("correct-horse")
-        page.get_by_role("button", name="Eintreten").click()
+        page.get_by_role("button", name="Anmelden").click()
         expect(page).to_have_url(f"{address}operate?lang=de")
         expect(page.locator("#grasp")).to_have_text("Greifen")
         context.close()

@@ -38,7 +38,7 @@ def page(browser: Browser, folder: Path) -> Iterator[Page]:
         page.set_default_timeout(PATIENCE_MS)
         page.goto(address)
         fresh(page)
-        page.get_by_label("Item (empty: not remembered)").fill("berry-7")
+        page.get_by_label("Item (empty: not stored)").fill("berry-7")
         grasp(page)
         # It holds for long enough to be found on the timeline.
         page.wait_for_function("+document.querySelector('#band')?.dataset.count > 15")
@@ -148,7 +148,9 @@ def test_whoever_only_watches_moves_nothing(page: Page, browser: Browser) -> Non
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     page.locator("#play").click()
+    before = page.locator("#played").inner_text()
     seek(page, 0.8)
+    expect(page.locator("#played")).not_to_have_text(before)
     verdict(page, "holding")
     at = page.locator("#played").inner_text()
     context = browser.new_context(viewport=WIDE)

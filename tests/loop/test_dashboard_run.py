@@ -43,7 +43,7 @@ def test_grasps_are_listed_counted_and_sorted(browser: Browser, tmp_path: Path) 
         page.goto(address)
         fresh(page)
         for name in ("berry-7", ""):
-            page.get_by_label("Item (empty: not remembered)").fill(name)
+            page.get_by_label("Item (empty: not stored)").fill(name)
             grasp(page)
             release(page)
         tab(page, "Run")

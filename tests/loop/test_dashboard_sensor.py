@@ -97,7 +97,10 @@ def test_rest_values_are_taken_while_nothing_moves(page: Page) -> None:
     page.locator("#calibrate-rest").click()
     # The simulated board's readings wander: that is no rest.
     expect(page.locator("#trouble-text")).to_contain_text("during the rest stretch")
-    verdict(page, "watching")
+    verdict(page, "calibration failed")
+    expect(page.locator("#calibrated .result")).to_have_text("Calibration failed")
+    expect(page.locator("#calibrated .finding")).to_contain_text("during the rest stretch")
+    expect(page.locator("#calibrated")).to_contain_text("At this step: Leave the sensor alone")
 
 
 def test_the_doctor_examines_it(page: Page) -> None:

@@ -157,7 +157,7 @@ def test_the_operator_view_shows_the_force_and_no_button_that_moves(
     context = browser.new_context(viewport=WIDE, locale="en-US")
     page = context.new_page()
     page.goto(f"{address}operate")
-    expect(page.locator("#verdict-text")).to_have_text("Watching")
+    expect(page.locator("#verdict-text")).to_have_text("Contact")
     expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\d*\.\d$"))
     for grasping in ("#grasp", "#release", ".item"):
         expect(page.locator(grasping)).to_be_hidden()
@@ -169,3 +169,18 @@ def test_the_doctor_examines_the_firmware_at_its_own_rate(page: Page, board: Pre
     page.locator("#examine").click()
     expect(page.locator("#health")).to_contain_text("frames in 10")
     expect(page.locator("#health")).to_contain_text("0 corrupt")
+
+
+def test_a_stopped_force_calibration_keeps_the_one_before(page: Page) -> None:
+    tab(page, "Calibrate")
+    page.get_by_label("Loads in newtons").fill("1 2 4 8")
+    page.locator("#calibrate-force").click()
+    expect(page.locator("#guide")).to_contain_text("Lay 1 N on the pad")
+    page.locator("#stop").click()
+    verdict(page, "calibration stopped")
+    expect(page.locator("#verdict")).to_have_attribute("data-kind", "warn")
+    expect(page.locator("#verdict-why")).to_contain_text("the previous calibration stays in use")
+    expect(page.locator("#calibrated .result")).to_have_text("Calibration stopped")
+    expect(page.locator("#calibrated")).to_contain_text("At this step: Lay 1 N on the pad")
+    expect(page.locator("#guide")).to_be_hidden()
+    expect(page.locator("#force-at")).to_contain_text(" N ")

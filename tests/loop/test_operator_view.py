@@ -172,16 +172,16 @@ def test_what_is_wanted_outlives_a_reload_and_is_the_same_for_all(
 ) -> None:
     with at(browser, address, SIZES["wide"]) as page:
         page.get_by_label("Target force, N (empty: a gentle squeeze)").fill("3")
-        page.get_by_label("Item (empty: not remembered)").fill("berry-9")
+        page.get_by_label("Item (empty: not stored)").fill("berry-9")
         with at(browser, f"{address}operate", SIZES["tablet"]) as other:
             expect(other.get_by_label("Next item")).to_have_value("berry-9")
             expect(other.locator("#force-target")).to_have_text("target: 3 N")
             other.get_by_label("Next item").fill("berry-10")
         page.reload()
-        expect(page.get_by_label("Item (empty: not remembered)")).to_have_value("berry-10")
+        expect(page.get_by_label("Item (empty: not stored)")).to_have_value("berry-10")
         field = page.get_by_label("Target force, N (empty: a gentle squeeze)")
         expect(field).to_have_value("3")
-        for name in ("Target force, N (empty: a gentle squeeze)", "Item (empty: not remembered)"):
+        for name in ("Target force, N (empty: a gentle squeeze)", "Item (empty: not stored)"):
             page.get_by_label(name).fill("")
         page.wait_for_function(
             "fetch('/live').then((r) => r.json()).then("

@@ -202,7 +202,7 @@ def test_a_second_finger_stops(one: Viewer) -> None:
 def test_keys_stop(one: Viewer, key: str) -> None:
     asked = len(one.asked)
     if key == "Escape":
-        one.page.get_by_label("Item (empty: not remembered)").focus()
+        one.page.get_by_label("Item (empty: not stored)").focus()
     else:
         one.page.locator("#stop").focus()
     one.page.keyboard.press(key)

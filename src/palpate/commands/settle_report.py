@@ -225,4 +225,7 @@ def _key(row: Prediction) -> tuple[str, str, str | None]:
 
 def _off(row: Prediction) -> str:
     error = float(score_predictions([row]).error_percent[0])
-    return f": {row.method} {error:+.2g} %" if np.isfinite(error) else ""
+    if not np.isfinite(error):
+        return ""
+    percent = f"{error:+.2g}".replace("-", "\N{MINUS SIGN}")
+    return f": {row.method} {percent} %"

@@ -15,6 +15,7 @@ from starlette.requests import Request, cookie_parser
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from palpate.dashboard.language import COOKIE as LANGUAGE_COOKIE
 from palpate.dashboard.language import Language, Message, language_for
 from palpate.errors import InputError
 
@@ -187,7 +188,8 @@ class WrongTries:
 
 def _language(scope: Scope, headers: Headers) -> Language:
     asked = _fields(scope.get("query_string", b"")).get("lang", [""])[0]
-    return language_for(asked, headers.get("accept-language", ""))
+    chosen = asked or cookie_parser(headers.get("cookie", "")).get(LANGUAGE_COOKIE)
+    return language_for(chosen, headers.get("accept-language", ""))
 
 
 def _without_token(scope: Scope) -> str:

@@ -161,7 +161,7 @@ def _weighed(loads_n: list[float], context: JobContext) -> ForcePairs:
         settles = Message("{load_n:g} N settles: leave it alone for 20 s", load_n=load_n)
         context.guide(settles, share=share)
 
-    context.guide(Message("The rest is read. Leave the sensor alone"))
+    context.guide(Message("Reading the rest values. Leave the sensor alone"))
     return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate.dashboard.activity import ACTIVITIES, Activity
@@ -25,8 +25,28 @@ from palpate.dashboard.messages import (
     Trouble,
     Update,
 )
-from palpate.dashboard.orders import GraspOrder, OpenRig, Order, Play, Record
+from palpate.dashboard.orders import (
+    CalibrateForce,
+    CalibrateRest,
+    GraspOrder,
+    OpenRig,
+    Order,
+    Play,
+    Record,
+)
 from palpate.sensor.health import Health
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationFailure:
+    """A calibration that made nothing; the one before it stays in use."""
+
+    #: Whether a user stopped it.
+    stopped: bool
+    #: Why it failed, and what to do.
+    reason: str
+    #: What it last asked for or did; empty if it did not come to that.
+    step: str
 
 
 class DeviceState:
@@ -49,6 +69,8 @@ class DeviceState:
         The last problem; empty once something went well.
     grasped, calibrated, health
         Result of the last grasp or replay, calibration and examination.
+    calibration_failure : CalibrationFailure or None
+        The last order, if it was a calibration that was stopped or failed.
     stopped_after_s : float or None
         Duration of the last stop, on the rig's clock.
     stops_confirmed : int
@@ -67,6 +89,7 @@ class DeviceState:
         self.trouble = ""
         self.grasped: Grasped | None = None
         self.calibrated: Calibrated | None = None
+        self.calibration_failure: CalibrationFailure | None = None
         self.health: Health | None = None
         self.stopped_after_s: float | None = None
         self.stops_confirmed = 0
@@ -136,6 +159,7 @@ class DeviceState:
     def _begin(self, order: Order) -> None:
         self.activity = ACTIVITIES[type(order)]
         self.guide, self.trouble, self.stopped_after_s = None, "", None
+        self.calibration_failure = None
         if isinstance(order, OpenRig):
             self.rig_open = False
         if isinstance(order, OpenRig | GraspOrder | Play):
@@ -144,6 +168,15 @@ class DeviceState:
 
     def _end(self, note: Ended) -> None:
         self.activity = Activity.WATCHING if self.rig_open else Activity.IDLE
+        if isinstance(note.order, CalibrateRest | CalibrateForce) and note.trouble:
+            self.calibrated, self.calibration_failure = (
+                None,
+                CalibrationFailure(
+                    stopped=note.stopped_after_s is not None,
+                    reason=note.trouble,
+                    step="" if self.guide is None else self.guide.text,
+                ),
+            )
         self.guide, self.trouble = None, note.trouble
         self.stopped_after_s = note.stopped_after_s
         self._file = None

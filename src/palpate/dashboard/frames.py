@@ -15,7 +15,7 @@ from palpate.sensor.array import ArrayLayout
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameSource:
-    """Where the frames come from, from now on."""
+    """Where the frames arrive from, from now on."""
 
     #: Name of the rig, or of the recording.
     name: str

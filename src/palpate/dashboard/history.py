@@ -49,6 +49,8 @@ class Entry:
     firmness: str | None
     #: ``"good"``, ``"warn"`` or ``"bad"``, as the page colours it.
     kind: str
+    #: Whether the object was damaged, as simulated rigs know; None on real ones.
+    damaged: bool | None = None
     #: Where the rules put it, and why; None where no rules were given.
     bin: str | None = None
     why: str | None = None
@@ -143,7 +145,7 @@ class History:
 
     def as_csv(self) -> str:
         """Return every grasp of the folder as a table; the names of columns end in their units."""
-        columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "bin", "why"]
+        columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged", "bin", "why"]
         columns += [name + end for name in _MEASURED for end in ("", "_low", "_high")]
         columns += ["decision_time_s", "recording", "simulated"]
         text = io.StringIO()
@@ -192,6 +194,7 @@ def entry_of(
         item_id=item_id,
         outcome=str(result.outcome),
         verdict=str(words["text"]),
+        damaged=None if grasped.truth is None else bool(grasped.truth.get("damaged")),
         firmness=None if firmness is None else str(firmness),
         kind=kind,
         measured=measured,

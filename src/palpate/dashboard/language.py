@@ -28,7 +28,7 @@ class Message(str):
     >>> text
     'Lay 0.5 N on the pad'
     >>> language_for("de", "")(text)
-    '0,5 N auf das Polster legen'
+    '0,5 N auf das Pad legen'
     """
 
     template: str
@@ -126,13 +126,17 @@ def _language(code: str) -> Language:
 ENGLISH = _language("en")
 
 
+#: Remembers in a browser which language was chosen on the page.
+COOKIE = "palpate-language"
+
+
 def language_for(asked: str | None, accepted: str) -> Language:
     """Return the language that a visitor asked for, else prefers, else English.
 
     Parameters
     ----------
     asked : str or None
-        Value of ``lang`` in the address: ``?lang=de``.
+        Value of ``lang`` in the address (``?lang=de``), else of the `COOKIE`.
     accepted : str
         The header ``Accept-Language``.
 

@@ -71,10 +71,12 @@ def operator_view(
     headline : mapping
         The verdict as the whole page shows it.
     target_force_n : float or None
-        What the next grasp reaches for; None is a gentle squeeze.
+        What the next grasp is to reach, if none runs; None is a gentle squeeze.
     tr : Language
         What the operator reads.
     """
+    if session.devices.activity is Activity.GRASPING:
+        target_force_n = session.target_force_n
     gentle = target_force_n is None
     return {
         "word": _capital(tr(_word(session, headline))),
@@ -86,6 +88,8 @@ def operator_view(
 def _word(session: Session, headline: Mapping[str, object]) -> str:
     grasped, progress = session.devices.grasped, session.devices.live.progress
     if session.devices.activity is Activity.GONE or (headline["kind"] == "bad" and grasped is None):
+        return _text(headline["text"])
+    if session.devices.calibration_failure is not None:
         return _text(headline["text"])
     if session.devices.activity not in (Activity.WATCHING, Activity.GRASPING, Activity.REPLAYING):
         return str(session.devices.activity)
@@ -99,7 +103,7 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
     if progress is None and session.devices.activity is Activity.GRASPING:
         return Message("Closing")
     if session.devices.sensor_alone:
-        return Message("Watching")
+        return Message("contact") if session.devices.live.touching else _READY
     if progress is None:
         return _READY if session.devices.live.open_hand is not False else Message("Hand closed")
     known = progress.decided and progress.phase == "hold" and headline["on_target"] is not False
@@ -122,6 +126,8 @@ def _next(session: Session, headline: Mapping[str, object]) -> str:
         return Message("Keep your hands away")
     if session.devices.activity is not Activity.WATCHING:
         return Message("Wait")
+    if session.devices.calibration_failure is not None:
+        return Message("Repeat it on the page Calibrate, or go on without")
     if headline["kind"] == "bad" and grasped is None:
         return _text(headline.get("why", ""))
     if session.devices.sensor_alone:

@@ -16,7 +16,7 @@ from palpate.dashboard.activity import Action
 from palpate.dashboard.address import qr_svg
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.html_parts import heading, paragraph
-from palpate.dashboard.language import Language, Message, language_for
+from palpate.dashboard.language import COOKIE, LANGUAGES, Language, Message, language_for
 from palpate.dashboard.panel_calibrate import calibrate_panel
 from palpate.dashboard.panel_doctor import doctor_panel
 from palpate.dashboard.panel_grasp import grasp_buttons, item_field, set_up_panel
@@ -90,7 +90,8 @@ def build_operator_page(app_state: AppState, client: Client, *, kiosk: bool) -> 
 def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     """Add what every view has, and let the viewer in."""
     asked = client.request.query_params.get("lang")
-    tr = language_for(asked, client.request.headers.get("accept-language", ""))
+    chosen = asked or client.request.cookies.get(COOKIE)
+    tr = language_for(chosen, client.request.headers.get("accept-language", ""))
     # The page is shared by all who visit it, but not its language.
     client.page = copy(client.page)
     client.page.language = cast(Any, tr.tag)
@@ -141,6 +142,7 @@ def _header(
         take.classes("btn plain small").props("flat no-caps id=take-over")
         if other is not None:
             ui.link(tr(other[1]), other[0] + viewer.query).classes("pill")
+            _language_choice(tr)
         if sound:
             ui.html(_translated(_SOUND, tr), sanitize=False).classes("contents")
         if other is not None and app_state.address is not None:
@@ -158,6 +160,21 @@ def _header(
         take.set_visibility(not mine)
 
     viewer.on_refresh(drives)
+
+
+def _language_choice(tr: Language) -> None:
+    """Add the choice of a language; a script keeps it in this browser and loads the page again."""
+    options = "".join(
+        f'<option value="{code}" lang="{facts.tag}"{" selected" if code == tr.code else ""}>'
+        f"{code.upper()}</option>"
+        for code, facts in LANGUAGES.items()
+    )
+    label = html.escape(tr("Language"))
+    ui.html(
+        f'<select id="language" class="pill" data-cookie="{COOKIE}" aria-label="{label}">'
+        f"{options}</select>",
+        sanitize=False,
+    ).classes("contents")
 
 
 def _phone_button(address: str, viewer: Viewer) -> None:

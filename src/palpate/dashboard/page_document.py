@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from palpate.dashboard.activity import Activity
+from palpate.dashboard.device_state import CalibrationFailure
 from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.language import ENGLISH, Language, Message
@@ -214,12 +215,18 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     ):
         text, why = broken
         return {**_WORDLESS, "text": text, "why": why, "kind": "bad"}
+    failure = session.devices.calibration_failure
+    if session.devices.activity is Activity.WATCHING and failure is not None:
+        return {**_WORDLESS, **_uncalibrated(failure, session.devices.live)}
     if session.devices.activity in _OF_THEIR_OWN:
         # Not the verdict of the grasp before.
         return {**_WORDLESS, "text": session.devices.activity.value, "kind": "busy"}
     grasped, progress = session.devices.grasped, session.devices.live.progress
     if grasped is not None:
         headline = verdict(grasped.result, target_force_n=session.target_force_n)
+        if (grasped.truth or {}).get("damaged"):
+            damaged = Message("the object was damaged")
+            headline |= {"text": damaged, "why": headline["text"], "firmness": None}
         return {**headline, "kind": kind_of(grasped, target_force_n=session.target_force_n)}
     if progress is None:
         text = session.devices.activity.value
@@ -251,6 +258,20 @@ def kind_of(grasped: Grasped, *, target_force_n: float | None) -> str:
     return "warn" if on_target is False or result.faults else "good"
 
 
+def _uncalibrated(failure: CalibrationFailure, live: Live) -> dict[str, str]:
+    """Return the headline of a calibration that was stopped or failed."""
+    kept = live.source is not None and live.source.rest_ohm is not None
+    return {
+        "text": Message("calibration stopped")
+        if failure.stopped
+        else Message("calibration failed"),
+        "why": Message("the previous calibration stays in use")
+        if kept
+        else Message("no calibration is in use"),
+        "kind": "warn" if failure.stopped else "bad",
+    }
+
+
 def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
     """Return what is wrong with the sensor that is watched, and what to do; None while it reads."""
     if stale and live.link.frames:
@@ -265,11 +286,11 @@ def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
 
 
 _PHASES = {
-    "wait": Message("waiting for the sheet to forget a touch"),
+    "wait": Message("waiting until the sheet has recovered"),
     "sweep": Message("closing in"),
-    "felt": Message("touched?"),
-    "approach": Message("touching finely"),
-    "contact": Message("something is there"),
+    "felt": Message("possible contact"),
+    "approach": Message("approaching slowly"),
+    "contact": Message("contact found"),
     "squeeze": Message("squeezing gently"),
     "settle": Message("waiting for the sheet"),
     "adjust": Message("adjusting"),

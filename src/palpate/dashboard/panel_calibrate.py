@@ -8,8 +8,9 @@ from nicegui import ui
 
 from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
+from palpate.dashboard.device_state import CalibrationFailure
 from palpate.dashboard.html_parts import heading, paragraph
-from palpate.dashboard.language import Language, Message
+from palpate.dashboard.language import ENGLISH, Language, Message
 from palpate.dashboard.messages import Calibrated
 from palpate.dashboard.orders import CalibrateForce, CalibrateRest
 from palpate.dashboard.viewer import Viewer
@@ -99,22 +100,43 @@ def _numbers(text: str) -> list[float]:
 
 def _result(app_state: AppState, viewer: Viewer) -> None:
     box = ui.html("", sanitize=False).props("id=calibrated")
-    shown: list[Calibrated | None] = [None]
+    shown: list[Calibrated | CalibrationFailure | None] = [None]
 
     def show() -> None:
-        made = app_state.session.devices.calibrated
-        if made is shown[0] or made is None:
+        devices = app_state.session.devices
+        ended = devices.calibration_failure or devices.calibrated
+        if ended is shown[0]:
             return
-        shown[0] = made
-        box.set_content(_table(made, viewer.tr))
+        shown[0] = ended
+        match ended:
+            case Calibrated():
+                box.set_content(_table(ended, viewer.tr))
+            case CalibrationFailure():
+                box.set_content(_failure(ended, viewer.tr))
 
     viewer.on_refresh(show)
+
+
+def _failure(failure: CalibrationFailure, tr: Language) -> str:
+    kind, title = "bad", tr("Calibration failed")
+    if failure.stopped:
+        kind, title = "warn", tr("Calibration stopped")
+    step = html.escape(tr("At this step: {step}", step=failure.step)) if failure.step else ""
+    reason = html.escape(tr(failure.reason))
+    lang = tr.tag if tr.knows(failure.reason) else ENGLISH.tag
+    kept = tr("Nothing was written: the previous calibration stays in use, if there is one.")
+    return (
+        f"<p class='result {kind}'>{title}</p>"
+        + ("" if failure.stopped else f"<p class='finding fault' lang='{lang}'>{reason}</p>")
+        + (f"<p>{step}</p>" if step else "")
+        + f"<p>{kept}</p>"
+    )
 
 
 def _table(made: Calibrated, tr: Language) -> str:
     rows = "".join(
         f"<tr><td>{pixel_name(row, col)}</td><td class='r num'>{made.rest_ohm[row, col]:.0f}</td>"
-        f"<td class='r num'>{tr.number(made.change_percent[row, col], '+.1f')} %</td></tr>"
+        f"<td class='r num'>{tr.number(made.change_percent[row, col], '+z.1f')} %</td></tr>"
         for row in range(made.rest_ohm.shape[0])
         for col in range(made.rest_ohm.shape[1])
     )
@@ -129,8 +151,8 @@ def _table(made: Calibrated, tr: Language) -> str:
     )
     return (
         f"<p class='result good'>{tr('Calibrated')}</p>"
-        f"<p class='muted'>{tr('{file} is renewed.', file=html.escape(made.file.name))}</p>"
+        f"<p class='muted'>{tr('{file} was updated.', file=html.escape(made.file.name))}</p>"
         + (force if errors else "")
         + f"<table class='plain'><tr><th>{tr('pixel')}</th><th class='r'>{tr('rest, ohm')}</th>"
-        + f"<th class='r'>{tr('since before')}</th></tr>{rows}</table>"
+        + f"<th class='r'>{tr('change')}</th></tr>{rows}</table>"
     )

@@ -22,7 +22,7 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
     tr = viewer.tr
     with ui.element("div").classes("form"):
-        heading(tr("Is the sensor well?"))
+        heading(tr("Check of the sensor"))
         paragraph(
             tr(
                 "Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference "

@@ -47,7 +47,7 @@ def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
         force.set_value(form.target_force_n)
 
     viewer.on_refresh(show)
-    item_field(app_state, viewer, label=tr("Item (empty: not remembered)"))
+    item_field(app_state, viewer, label=tr("Item (empty: not stored)"))
     hint = tr("Grasps of an item are kept in the store; the page Items shows them.")
     ui.label(hint).classes("muted")
     if app_state.settings.damage is not None:
@@ -131,7 +131,7 @@ def _recording(app_state: AppState, viewer: Viewer) -> None:
 
     viewer.on_refresh(show)
     hint = tr("Every grasp is recorded anyway. It holds until Release, for 60 s at most.")
-    ui.label(hint).classes("muted")
+    viewer.show_with_gripper(ui.label(hint).classes("muted"))
 
 
 def _rig(app_state: AppState, viewer: Viewer) -> None:

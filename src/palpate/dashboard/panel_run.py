@@ -78,7 +78,8 @@ def entry_html(entry: Entry, tr: Language = ENGLISH, *, query: str = "") -> str:
     item, name = html.escape(entry.item_id), quote(entry.item_id, safe="")
     link = f"<a href='/items/{name}{query}' data-item='{item}'>{item}</a>"
     called = link if item else tr("no name")
-    ended = tr(_WORDS[Outcome(entry.outcome)]), tr(entry.firmness or "")
+    found_to_be = tr("the object was damaged") if entry.damaged else tr(entry.firmness or "")
+    ended = tr(_WORDS[Outcome(entry.outcome)]), found_to_be
     words = html.escape(": ".join(filter(None, ended)))
     found = f"<b>{html.escape(entry.bin)}</b>" if entry.bin else ""
     badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if entry.simulated else ""

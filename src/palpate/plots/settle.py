@@ -23,6 +23,8 @@ FORECAST_POINTS = 15
 #: Recordings drawn whole, points of each at most, and the ratio from which its axis is logarithmic.
 MOST_OVERVIEWS, OVERVIEW_POINTS, LOGARITHMIC_FROM = 3, 20_000, 10.0
 
+VALUE_LABEL = "value (unit of the file)"
+
 #: The forecast is drawn from this long after the cut-off: nearer, there is nothing to predict.
 SOONEST_S = 0.5
 
@@ -92,7 +94,7 @@ def settle_figure(
         for axis in axes.flat[len(panels) :]:
             axis.set_visible(False)
         for axis in axes[:, 0]:
-            axis.set_ylabel("value (unit of the file)")
+            axis.set_ylabel(VALUE_LABEL)
         for axis in axes.flat[max(0, len(panels) - columns) : len(panels)]:
             axis.set_xlabel("time (s)")
         legend_below(figure, axes)
@@ -114,6 +116,7 @@ def _draw_overview(figure: Figure, row: Any, overview: Overview) -> None:
         axis.annotate(str(number), (begin_s, 0.97), xycoords=("data", "axes fraction"), va="top")
     axis.set_title(overview.title, loc="left")
     axis.set_xlabel("time of the recording (s)")
+    axis.set_ylabel(VALUE_LABEL)
 
 
 def _draw_panel(

@@ -32,15 +32,20 @@ SPARE_LOOKS = ((SKY, "P"), (AMBER, "X"), (INK, "*"))
 PLOT_ENDINGS = (".png", ".svg", ".pdf")
 #: Dots per inch of PNG files: sharp in print.
 DPI = 300
+#: Width of the text of a journal's page: a wider figure would be shrunk, and its letters with it.
+PAGE_WIDTH_IN = 7.2
 #: Between two powers of ten these are labelled, so that an axis within one decade has numbers too.
 _LABELLED_DIGITS = "125"
 
+#: matplotlib's own label of the axes of a colour bar, which is no panel.
+COLORBAR = "<colorbar>"
 #: Width of a legend's entry, with its handle, at our size of letters.
 _ENTRY_IN = 1.75
 
 _STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9,
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "figure.titlesize": 9,
     "axes.edgecolor": INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -78,6 +83,8 @@ def new_figure(
 ) -> Iterator[tuple[Figure, Any]]:
     """Yield a figure and its axes, shape (rows, columns); what the block draws is in our style.
 
+    A figure wider than a page is made as wide as that.
+
     Raises
     ------
     MissingExtraError
@@ -89,7 +96,7 @@ def new_figure(
 
     with mpl.rc_context(_STYLE):
         # Not pyplot: it keeps every figure alive and looks for a display.
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        figure = Figure(figsize=(min(width_in, PAGE_WIDTH_IN), height_in), layout="constrained")
         yield figure, figure.subplots(rows, columns, squeeze=False)
 
 
@@ -101,6 +108,24 @@ def legend_below(figure: Figure, axes: Any) -> None:
             entries.setdefault(label, handle)
     columns = min(len(entries), max(1, int(figure.get_figwidth() / _ENTRY_IN)))
     figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns)
+
+
+def letter_panels(figure: Figure) -> None:
+    """Put a, b, c... at the panels of a figure, row by row; a single panel gets none."""
+    panels = [axis for axis in figure.axes if axis.get_visible() and axis.get_label() != COLORBAR]
+    if len(panels) < 2:
+        return
+    for number, axis in enumerate(panels):
+        letter = "abcdefghijklmnopqrstuvwxyz"[number]
+        axis.annotate(
+            letter,
+            (0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(-26, 5),
+            textcoords="offset points",
+            weight="bold",
+            fontsize=10,
+        )
 
 
 def log_axis(axis: Axis) -> None:

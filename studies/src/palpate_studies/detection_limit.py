@@ -181,7 +181,9 @@ def draw(ranges: dict[str, list[tuple[FloatArray, FloatArray, FloatArray]]]) -> 
                 axes[0, 1].loglog(force_n, excess, ".-", color=colour, lw=0.8)
         axes[0, 0].set(xlabel="force (N)", ylabel="mean relative change (%)")
         axes[0, 0].legend()
-        axes[0, 1].set(xlabel="force (N)", ylabel="summed excess conductance")
+        axes[0, 1].set(
+            xlabel="force (N)", ylabel="summed excess conductance, G/G₀ \N{MINUS SIGN} 1"
+        )
         for axis in (axes[0, 1].xaxis, axes[0, 1].yaxis):
             log_axis(axis)
         figure.suptitle("One line per sensor")

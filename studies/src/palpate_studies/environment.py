@@ -184,6 +184,7 @@ def draw(found: dict[str, list[dict[str, FloatArray]]]) -> Figure:
             for axis, name in zip(row, shown, strict=True):
                 _draw_panel(axis, [one[name] for one in found[level]], (GREY, BLUE, ORANGE))
                 unit = "ohm" if name == "absolute resistance" else "%"
+                axis.xaxis.get_major_locator().set_params(integer=True)
                 axis.set(xlabel="sensor", ylabel=f"{name} ({unit})", title=f"simulated, {level}")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
@@ -199,7 +200,11 @@ def _draw_panel(axis: Any, sensors: list[FloatArray], colours: tuple[str, ...]) 
             ]
         )
         axis.plot(
-            x, np.concatenate([one[climate] for one in sensors]), ".", color=colour, label=name
+            x,
+            np.concatenate([one[climate] for one in sensors]),
+            ".",
+            color=colour,
+            label=name.replace(" C", " °C"),
         )
 
 

@@ -181,6 +181,8 @@ class LineStudy:
         Of each object.
     rated : str
         What the rating is, with its unit.
+    published_values : sequence of float
+        The reading of each object, percent; empty if the paper prints none.
     """
 
     name: str
@@ -190,6 +192,7 @@ class LineStudy:
     published_r_squared: float
     ratings: Sequence[float]
     rated: str
+    published_values: Sequence[float] = ()
 
     def report(
         self,
@@ -245,26 +248,19 @@ class LineStudy:
             figures={
                 **(figures or {}),
                 self.figure: lambda: draw_lines(
-                    shown,
-                    self.ratings,
-                    readings=(self.reading, "summed excess"),
-                    xlabel=self.rated,
+                    shown, study=self, readings=(self.reading, "summed excess")
                 ),
             },
         )
 
 
 def draw_lines(
-    found: Mapping[str, Settled],
-    ratings: Sequence[float],
-    *,
-    readings: Sequence[str],
-    xlabel: str,
+    found: Mapping[str, Settled], *, study: LineStudy, readings: Sequence[str]
 ) -> Figure:
     """Draw every grasp against the rating, level by level, with each sensor's line."""
-    from palpate.plots.style import AMBER, BLUE, GREEN, ORANGE, PURPLE, new_figure
+    from palpate.plots.style import AMBER, BLUE, GREEN, INK, ORANGE, PURPLE, new_figure
 
-    rating, colours = np.asarray(ratings, dtype=float), (BLUE, ORANGE, GREEN, PURPLE, AMBER)
+    rating, colours = np.asarray(study.ratings, dtype=float), (BLUE, ORANGE, GREEN, PURPLE, AMBER)
     with new_figure(rows=len(readings), columns=2, width_in=9.0, height_in=3.4 * len(readings)) as (
         figure,
         axes,
@@ -280,7 +276,13 @@ def draw_lines(
                     fit = r_squared(rating, points.mean(axis=1))
                     label = f"sensor {sensor}: R² {fit:.2f}"
                     axis.plot(rating, np.polyval(line, rating), color=colour, lw=1, label=label)
-                unit = "" if reading == "summed excess" else " (%)"
-                axis.set(xlabel=xlabel, ylabel=f"{reading}{unit}", title=f"simulated, {level}")
+                unit = " conductance, G/G₀ \N{MINUS SIGN} 1" if "excess" in reading else " (%)"
+                axis.set(xlabel=study.rated, ylabel=f"{reading}{unit}", title=f"simulated, {level}")
+                if reading == study.reading:
+                    # Without printed points the entry alone gives the line's R².
+                    label = f"published: R² {study.published_r_squared:.2f}"
+                    marker = "D" if study.published_values else ""
+                    shown = rating[: len(study.published_values)]
+                    axis.plot(shown, study.published_values, marker, c=INK, mfc="none", label=label)
                 axis.legend(fontsize=7)
     return figure

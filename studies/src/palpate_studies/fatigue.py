@@ -196,7 +196,7 @@ def draw(found: dict[str, list[Wearing]]) -> Figure:
             for axis in row:
                 axis.set_xlabel("cycle")
         handles, labels = axes[0, 2].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=5)
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
 
 

@@ -220,7 +220,7 @@ def draw(counted: Counted, broken: Broken) -> Figure:
                     dead = [_median(broken[level, face, count][:, index]) for count in DEAD]
                     row[1].plot(DEAD, dead, line, color=colour, label=f"{face}, {REMEDIES[index]}")
             row[0].set(xlabel="pixels per finger", title=f"simulated, {level}", ylim=(0, None))
-            row[1].set(xlabel="dead pixels of eight", ylim=(0, None))
+            row[1].set(xlabel="dead pixels of eight", ylim=(0, None), xticks=DEAD)
             for axis in row:
                 axis.set_ylabel("median |error| of force (%)")
         axes[0, 0].legend()

@@ -115,10 +115,11 @@ class StudyReport:
         body = [f"# {self.title}", *self.provenance, *(t.as_markdown() for t in self.tables)]
         with atomic_path(out / f"{self.name}.md") as path:
             path.write_text("\n\n".join(body) + "\n")
-        from palpate.plots.style import PLOT_ENDINGS, save_figure
+        from palpate.plots.style import PLOT_ENDINGS, letter_panels, save_figure
 
         for stem, draw in self.figures.items():
             with needing("a figure", extra="plots"):
                 figure = draw()
+            letter_panels(figure)
             for ending in PLOT_ENDINGS:
                 save_figure(figure, out / f"{stem}{ending}")

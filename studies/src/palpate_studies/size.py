@@ -164,4 +164,4 @@ def _table(summary: Sequence[Mapping[str, Any]]) -> Table:
 def _figure(found: Mapping[str, Sequence[Sized]], *, berries: int) -> Figure:
     from palpate_studies.plots.size import size_figure
 
-    return size_figure(found, shown=berries)
+    return size_figure(found, shown=berries, published_rms_mm=PUBLISHED["rms_mm"])

@@ -199,12 +199,12 @@ def draw(curves: dict[tuple[str, float], FloatArray]) -> Figure:
             for speed, colour in zip(SPEEDS_MM_PER_S, colours, strict=True):
                 values = curves[level, speed]
                 axis.plot(_times(values), values[0], color=colour, label=f"{speed:g} mm/s")
-            axis.axvline(CUTOFF_S, color=INK, ls="--", lw=1)
+            axis.axvline(CUTOFF_S, color=INK, ls="--", lw=1, label="the paper's 2.5 s")
             axis.set(
                 xlim=(0, 8),
                 xlabel="time from actuation (s)",
                 ylabel="mean relative change (%)",
-                title=f"simulated, {level}, one sensor; dashed: the paper's 2.5 s",
+                title=f"simulated, {level}, one sensor",
             )
         axes[0, 0].legend()
     return figure

@@ -182,7 +182,7 @@ def figure_5(holds: Sequence[Hold]) -> Figure:
             axis.set(xlabel="time from actuation (s)", xlim=(0, HORIZON_S))
         axes[0, 0].set(
             ylabel="mean relative change (%)",
-            title=f"Figure 5, simulated: the hold with the median error ({error:.1f} %)",
+            title=f"Figure 5, simulated, median error ({error:.1f} %)",
         )
         axes[0, 1].set(ylim=_around(curve[0], settled), title="the same, enlarged")
         axes[0, 0].legend(loc="upper right")

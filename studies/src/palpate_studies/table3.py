@@ -35,6 +35,7 @@ STUDY = LineStudy(
     published_r_squared=0.92,
     ratings=tuple(rating for rating, _, _ in PUBLISHED.values()),
     rated="grip strength (lbs)",
+    published_values=tuple(mean for _, mean, _ in PUBLISHED.values()),
 )
 #: Balls of one make have one size.
 SIZE_MM, REPEATS, FREE_REPEATS = 49.5, 30, 10
@@ -93,7 +94,11 @@ def report(
         },
         figures={
             "figure9b": lambda: draw_curves(
-                balls, width_mm=width_mm, title="Figure 9b", fixture=True
+                balls,
+                width_mm=width_mm,
+                title="Figure 9b",
+                published={name: (mean, sd) for name, (_, mean, sd) in PUBLISHED.items()},
+                fixture=True,
             )
         },
     )

@@ -163,7 +163,7 @@ def _provenance(sensors: int, repeats: int, found: dict[str, list[dict[str, Pair
 
 def draw(found: dict[str, list[dict[str, Pairs]]]) -> Figure:
     """Draw force against change with lines (left), and against summed excess (right)."""
-    from palpate.plots.style import AMBER, BLUE, GREEN, ORANGE, PURPLE, new_figure
+    from palpate.plots.style import AMBER, BLUE, GREEN, ORANGE, PURPLE, log_axis, new_figure
 
     looks = zip((*PUBLISHED, ROUND), (BLUE, ORANGE, GREEN, PURPLE, AMBER), strict=True)
     colours = dict(looks)
@@ -175,16 +175,17 @@ def draw(found: dict[str, list[dict[str, Pairs]]]) -> Figure:
                 line = np.polyfit(one.mean_percent, one.force_n, 1)
                 ends = np.array([one.mean_percent.min(), one.mean_percent.max()])
                 row[0].plot(ends, np.polyval(line, ends), color=colour, lw=1)
-                row[1].loglog(one.excess, one.force_n, ".", color=colour, alpha=0.6, label=name)
+                row[1].plot(one.excess, one.force_n, ".", color=colour, alpha=0.6, label=name)
             row[0].set(
                 xlabel="mean relative change (%)",
                 ylabel="force (N)",
                 title=f"Figure 11c, simulated, level {level}, one sensor",
             )
-            row[1].set(xlabel="excess conductance, summed", ylabel="force (N)")
+            row[1].set(
+                xlabel="summed excess conductance, G/G₀ \N{MINUS SIGN} 1", ylabel="force (N)"
+            )
             row[1].set_title("the same grasps")
-            for axis in (row[1].xaxis, row[1].yaxis):
-                axis.set_major_formatter("{x:g}")
-                axis.set_minor_formatter("")
+            log_axis(row[1].xaxis)
+            log_axis(row[1].yaxis)
         axes[0, 1].legend()
     return figure

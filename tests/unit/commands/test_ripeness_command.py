@@ -7,6 +7,7 @@ import runpy
 from pathlib import Path
 
 import pytest
+from tests.pdf_fonts import check_fonts
 
 from palpate.cli import build_app, run
 from palpate.demo.packhouse import write_packhouse
@@ -63,11 +64,11 @@ def test_who_is_unsure_is_named(made: Path, capsys: pytest.CaptureFixture[str]) 
 def test_one_item_is_explained_drawn_and_remembered(
     made: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert palpate("fruit-1", "--store", str(made), "--plot", "fruit.png") == 0
+    assert palpate("fruit-1", "--store", str(made), "--plot", "fruit.pdf") == 0
     said = capsys.readouterr().out
     assert "felt 12 times on 4 days" in said
     assert "SIMULATED" in said
-    assert (folder / "fruit.png").stat().st_size > 10_000
+    check_fonts(folder / "fruit.pdf")
     with Store.open(made, create=False) as store:
         kept = store.verdicts_of("fruit-1", about=About.RIPENESS, source=Source.PALPATE)
     assert kept

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import typer
+from tests.pdf_fonts import check_fonts
 
 from palpate.cli import run
 from palpate.commands.settle import settle
@@ -223,6 +224,8 @@ def test_plot_is_drawn(holds_csv: Path, tmp_path: Path, ending: str) -> None:
     assert ran(holds_csv, "--method", "relaxation", "--method", "recorded", "--plot", plot) == 0
     magic = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending]
     assert plot.read_bytes().startswith(magic)
+    if ending == "pdf":
+        check_fonts(plot)
 
 
 def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -109,6 +109,15 @@ def test_what_people_typed_is_shown_and_not_run(tmp_path: Path) -> None:
     assert "<script>" not in counts_html(history, rules=True)
 
 
+def test_a_grasp_that_damaged_its_object_is_listed_as_such(tmp_path: Path) -> None:
+    grasped = Grasped(result=GraspResult(outcome=Outcome.HELD), truth={"damaged": True})
+    entry = entry_of(grasped, kind="bad", item_id="", target_force_n=None, simulated=True, curve=())
+    assert "held: the object was damaged" in entry_html(entry)
+    history = History(tmp_path)
+    history.add(entry)
+    assert next(csv.DictReader(history.as_csv().splitlines()))["damaged"] == "True"
+
+
 @pytest.mark.parametrize("name", ["", "  ", "..", "a/b", "..\\a", ".hidden", "a\0b", "x" * 81, "~"])
 def test_names_that_lead_out_of_the_folder_are_refused(name: str) -> None:
     with pytest.raises(InputError):

@@ -165,7 +165,7 @@ def test_without_a_gripper_it_is_watched_and_not_grasped_with() -> None:
     assert session.refusal(Action.RELEASE, viewer="a") == "this rig has no gripper"
     assert session.refusal(Action.EXAMINE, viewer="a") == ""
     doc = document(session, GraspForm(), generation=-1, after_s=0.0)
-    assert (doc["verdict"]["text"], doc["operator"]["word"]) == ("watching", "Watching")
+    assert (doc["verdict"]["text"], doc["operator"]["word"]) == ("watching", "Ready")
     assert doc["hand"] is None
 
 
@@ -233,6 +233,24 @@ def test_only_what_went_well_ends_on_a_green_card(
     session.target_force_n = target_n
     session.devices.grasped = Grasped(result=result, truth=ended.get("truth"))
     assert document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]["kind"] == kind
+
+
+def test_a_damaged_object_is_the_headline_and_not_how_the_grasp_ended() -> None:
+    session = Session(send=lambda message: None)
+    result = GraspResult(outcome=Outcome.HELD, force_n=FORCE)
+    session.devices.grasped = Grasped(result=result, truth={"damaged": True})
+    card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
+    assert (card["text"], card["why"]) == ("the object was damaged", "held and given back")
+
+
+def test_the_operator_reads_the_target_of_the_grasp_that_runs_and_then_of_the_next() -> None:
+    session, form = Session(send=lambda message: None), GraspForm(target_force_n=None)
+    session.target_force_n, session.devices.activity = 3.0, Activity.GRASPING
+    shown = document(session, form, generation=-1, after_s=0.0)["operator"]
+    assert shown["target"] == "3 N"
+    session.devices.activity = Activity.WATCHING
+    shown = document(session, form, generation=-1, after_s=0.0)["operator"]
+    assert shown["target"] == "gentle squeeze"
 
 
 def test_a_missed_target_is_not_green_while_it_holds_either() -> None:

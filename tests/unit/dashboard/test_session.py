@@ -13,6 +13,7 @@ from palpate.dashboard.activity import Action, Activity
 from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.messages import (
     Began,
+    Calibrated,
     DevicesLost,
     Ended,
     Grasped,
@@ -21,6 +22,7 @@ from palpate.dashboard.messages import (
     Update,
 )
 from palpate.dashboard.orders import (
+    CalibrateForce,
     Confirm,
     Examine,
     GraspOrder,
@@ -40,6 +42,11 @@ from palpate.sensor.array import RIGID_LAYOUT
 LIMITS = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
 FRESH = LinkStatus(frames=10, rate_hz=15.0, age_s=0.02, stale=False)
 GRASP = GraspOrder(target_force_n=2.0, recording=Path("new.mcap"))
+
+
+CALIBRATED = Calibrated(
+    file=Path("pad.json"), rest_ohm=np.ones((4, 2)), change_percent=np.zeros((4, 2))
+)
 
 
 def source(*, replayed: bool = False) -> FrameSource:
@@ -237,3 +244,24 @@ def test_devices_that_are_gone_refuse_everything(rehearsal: Rehearsal) -> None:
         assert "gone" in rehearsal.session.refusal(action, viewer="a")
     assert rehearsal.session.devices.trouble == "the process with the devices has ended"
     assert rehearsal.session.devices.live.link.stale
+
+
+def test_a_stopped_calibration_is_known_with_its_step_until_the_next_order(
+    rehearsal: Rehearsal,
+) -> None:
+    order = CalibrateForce(file=Path("pad.json"), loads_n=(1.0, 2.0))
+    rehearsal.tell(Began(order=order), Guide(text="Lay 2 N on the pad", asks=True))
+    rehearsal.tell(Ended(order=order, trouble="stopped on request", stopped_after_s=0.1))
+    failure = rehearsal.session.devices.calibration_failure
+    assert failure is not None
+    assert (failure.stopped, failure.step) == (True, "Lay 2 N on the pad")
+    rehearsal.tell(Began(order=order))
+    assert rehearsal.session.devices.calibration_failure is None
+    rehearsal.tell(Ended(order=order, trouble="no frame in 2 s"))
+    failure = rehearsal.session.devices.calibration_failure
+    assert failure is not None
+    assert (failure.stopped, failure.step, failure.reason) == (False, "", "no frame in 2 s")
+    rehearsal.tell(Began(order=order))
+    rehearsal.tell(Ended(order=order, found=CALIBRATED))
+    assert rehearsal.session.devices.calibration_failure is None
+    assert rehearsal.session.devices.calibrated is CALIBRATED

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.pdf_fonts import check_fonts
 
 from palpate.plots.recording import recording_figure
 from palpate.plots.style import save_figure
@@ -67,7 +68,8 @@ def test_a_silence_after_the_last_frame_is_in_the_picture(recording, tmp_path):
     first_s = float(recording.time_s[0])
     assert figure.axes[0].get_xlim()[1] == pytest.approx(silent.time_s - first_s)
     # Warnings are errors here: outside the axes, its name would leave no room for them.
-    save_figure(figure, tmp_path / "run.png")
+    save_figure(figure, tmp_path / "run.pdf")
+    check_fonts(tmp_path / "run.pdf")
 
 
 def test_a_large_matrix_has_no_legend_that_nobody_reads(recording):

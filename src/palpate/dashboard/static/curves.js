@@ -65,9 +65,10 @@ function happened(c, view) {
     }
     if (!NAMES[name]) continue;
     out += `<line class="mark" data-name="${name}" x1="${at}" x2="${at}" y1="${BOX.t}" y2="${c.height - BOX.b}"/>`;
-    const fits = at > free, left = at > c.width - 60;
-    if (fits) out += `<text class="soft" x="${at + (left ? -2 : 0)}" y="${BOX.t - 5}" font-size="11" text-anchor="${left ? "end" : at < BOX.l + 20 ? "start" : "middle"}">${NAMES[name]}</text>`;
-    if (fits) free = at + 54;
+    const width = 6.4 * NAMES[name].length, left = at > c.width - 60, right = at < BOX.l + 20;
+    const from = left ? at - width : right ? at : at - width / 2, fits = from > free;
+    if (fits) out += `<text class="soft" x="${at + (left ? -2 : 0)}" y="${BOX.t - 5}" font-size="11" text-anchor="${left ? "end" : right ? "start" : "middle"}">${NAMES[name]}</text>`;
+    if (fits) free = from + width + 6;
   }
   return out;
 }
@@ -78,12 +79,12 @@ function forecast(c, view, id, [low, value, high], digits, unit) {
   // It speaks of the hold: a movement after the last forecast ends it.
   const last = band[band.length - 1], after = view.moves.find(([from]) => from > last[0]), until = Math.max(after ? after[0] : view.last, last[0]);
   const now = band.filter((b) => b[0] <= view.now).pop() ?? band[0];
-  const shown = [...band, Object.assign([...last], { 0: until })], right = c.x(until) > c.width - 190;
+  const shown = [...band, Object.assign([...last], { 0: until })], words = `${t("settles at")} ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}`, right = c.x(until) + 10 + 7.4 * words.length > c.width;
   const outline = [...shown.map((b) => [b[0], b[high]]), ...[...shown].reverse().map((b) => [b[0], b[low]])];
   const top = Math.max(BOX.t + 14, Math.min(...shown.map((b) => c.y(b[high]))) - 8);
   return `<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${seen.band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
     <polyline points="${c.line(shown.map((b) => [b[0], b[value]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/></g>
-    <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">${t("settles at")} ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}</text>`;
+    <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">${words}</text>`;
 }
 
 // Of another recording, under the one that is shown.

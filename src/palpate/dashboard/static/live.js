@@ -1,5 +1,5 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
-import { $, follow, say, whys } from "/static/poll.js";
+import { $, follow, say, seen, whys } from "/static/poll.js";
 import { fixed, range, t } from "/static/words.js";
 import { begin as beginCurves, drawCurves } from "/static/curves.js";
 import { begin as beginHand, drawFingers } from "/static/pads.js";
@@ -67,7 +67,7 @@ function drawVerdict(doc) {
   if (doc.grasp && said.kind === "busy" && now && now.value >= 0.05) parts.push(t("about {force} N", { force: fixed(now.value, 1) }));
   say($("verdict-text"), said.text);
   say($("verdict-firm"), said.firmness ?? "");
-  say($("verdict-why"), parts.join(" · "));
+  say($("verdict-why"), parts.join("\u00a0· "));
 }
 
 // A link to an item turns to its tab; opened in another window it is a page of its own.
@@ -77,8 +77,14 @@ document.addEventListener("click", (event) => {
   event.preventDefault();
   window.emitEvent("item", link.dataset.item);
 });
+
+// On a narrow screen the panel lies below the stage: an address of a tab leads to it.
+function lookAtPanel() {
+  if (seen.drawn === 0 && location.pathname !== "/" && innerWidth <= 1040) document.querySelector(".panel").scrollIntoView();
+}
+
 beginHand();
 beginCurves();
 beginTimeline();
 beginKept();
-follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); hideUnmeasured(doc); });
+follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); hideUnmeasured(doc); lookAtPanel(); });

@@ -9,7 +9,7 @@ function draw(doc) {
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
   headline(card, $("verdict-text"), operator.word);
-  say($("verdict-why"), [verdict.text, ...whys(doc)].filter((part) => part.toLowerCase() !== operator.word.toLowerCase()).join(" · "));
+  say($("verdict-why"), [verdict.text, ...whys(doc)].filter((part) => part.toLowerCase() !== operator.word.toLowerCase()).join("\u00a0· "));
   say($("next-text"), operator.next);
   // An open hand presses nothing; without a hand the pads are pressed by whatever lies on them.
   const pressed = doc.hand === null || ["grasping", "replaying"].includes(doc.activity), now = pressed ? measured.force_now : null;

@@ -19,7 +19,7 @@ function build(svg, doc) {
     const rows = of.flatMap((f, row) => (f === finger ? [row] : []));
     return { finger, rows, ...shape(rows.length, cols) };
   });
-  svg.innerHTML = `<g id="hand"><rect class="metal" id="rail" y="4" height="10" rx="5"/></g><g id="object"></g>${pads.map((pad, i) => padSvg(pad, i, cols)).join("")}<text class="soft" id="opening" text-anchor="middle" font-size="13" y="222"/>`;
+  svg.innerHTML = `<g id="hand"><rect class="metal" id="rail" y="4" height="10" rx="5"/></g><g id="object"></g>${pads.map((pad, i) => padSvg(pad, i, cols)).join("")}<text class="soft" id="opening" text-anchor="middle" />`;
 }
 
 function padSvg(pad, index, cols) {
@@ -35,7 +35,7 @@ function padSvg(pad, index, cols) {
         <path class="found" d="M${x + side - 12} ${y + 3}h9v9z"/></g>`;
     }
   });
-  return `${out}<text class="name" x="${pad.width / 2}" y="${PAD.top + pad.height + 21}" text-anchor="middle" font-size="14"></text></g>`;
+  return `${out}<text class="name" x="${pad.width / 2}" y="${PAD.top + pad.height + 21}" text-anchor="middle"></text></g>`;
 }
 
 function drawCells(svg, doc) {
@@ -55,26 +55,36 @@ function drawCells(svg, doc) {
   }
 }
 
+const isSmall = (svg) => svg.clientWidth < 560;
+
+// The picture shrinks to a phone, its captions don't.
+function view(svg, left, top, width, height) {
+  svg.setAttribute("viewBox", `${left} ${top} ${width} ${height}`);
+  svg.style.setProperty("--caption", `${Math.max(14, Math.min(20, (13 * width) / svg.clientWidth))}px`);
+}
+
 // Finger pads at their places; returns how far apart they are drawn.
 function place(svg, doc) {
   const hand = doc.hand, between = hand !== null && pads.length === 2;
-  const small = svg.clientWidth < 560, width = small ? 500 : 700, middle = width / 2;
+  const small = isSmall(svg), width = small ? 500 : 700, middle = width / 2;
+
   svg.querySelectorAll(".metal").forEach((part) => part.classList.toggle("hidden", !between));
   if (!between) {
     const whole = pads.reduce((sum, pad) => sum + pad.width + SIDE_GAP, -SIDE_GAP);
-    const rows = whole > 1.6 * width ? 2 : 1, perRow = Math.ceil(pads.length / rows), tall = Math.max(...pads.map((pad) => pad.height)) + 62;
+    const rows = whole > 1.6 * width ? 2 : 1, perRow = Math.ceil(pads.length / rows), tall = Math.max(...pads.map((pad) => pad.height)) + (small ? 80 : 62);
     pads.forEach((pad, i) => {
       const line = Math.floor(i / perRow), mates = pads.slice(line * perRow, (line + 1) * perRow);
       const left = -mates.reduce((sum, mate) => sum + mate.width + SIDE_GAP, -SIDE_GAP) / 2;
       $(`pad-${i}`).setAttribute("transform", `translate(${left + (i - line * perRow) * (pad.width + SIDE_GAP)}, ${line * tall})`);
     });
     const span = Math.max(width * 0.6, ...[0, 1].map((line) => pads.slice(line * perRow, (line + 1) * perRow).reduce((sum, pad) => sum + pad.width + SIDE_GAP, 0)));
-    svg.setAttribute("viewBox", `${-span / 2} ${PAD.top - 8} ${span} ${rows * tall - 20}`);
+    view(svg, -span / 2, PAD.top - 8, span, rows * tall - 20);
     return null;
   }
   const scale = hand.drive === "width" ? (small ? 2.2 : 4.1) : 0;
   const gap = hand.value === null ? 220 : scale ? hand.value * scale : (small ? 170 : 300) * (1 - 0.75 * hand.closed);
-  svg.setAttribute("viewBox", `0 0 ${width} 240`);
+  view(svg, 0, 0, width, small ? 270 : 240);
+  $("opening").setAttribute("y", small ? 262 : 222);
   const rail = $("rail");
   rail.setAttribute("x", 10);
   rail.setAttribute("width", width - 20);
@@ -94,12 +104,12 @@ function object({ gap, scale, middle }, doc) {
     <text class="soft" x="${middle}" y="136" text-anchor="middle" font-size="${name.length > 14 ? 11 : 13}">${esc(name)}</text>` : ""}`;
 }
 
-function namePads(doc) {
+function namePads(svg, doc) {
   const touching = doc.grasp ? doc.grasp.fingers : doc.pixels.touching;
   pads.forEach((pad, i) => {
     const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = touching.includes(i);
     group.classList.toggle("touching", touches);
-    group.lastElementChild.innerHTML = `${t("finger {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${touches ? ` · ${t("contact")}` : ""}`;
+    group.lastElementChild.innerHTML = `${t("finger {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${!touches ? "" : isSmall(svg) ? `<tspan x="${pad.width / 2}" dy="1.15em">${t("contact")}</tspan>` : ` · ${t("contact")}`}`;
   });
 }
 
@@ -174,7 +184,7 @@ export function drawFingers(doc) {
   const opening = $("opening");
   opening.setAttribute("x", between ? between.middle : 0);
   opening.textContent = !between || hand.value === null ? "" : [between.scale ? t("{width} mm apart", { width: fixed(hand.value, 1) }) : `${fixed(hand.value, 1)} kPa`, ...(hand.moving ? [t("moving")] : [])].join(", ");
-  namePads(doc);
+  namePads(svg, doc);
   drawCells(svg, doc);
   remember(doc);
   drawChosen(doc);

@@ -28,7 +28,6 @@ export function whys(doc) {
   if (doc.stopped_after_s !== null) parts.push(t("stopped {time} ms after the request", { time: fixed(1000 * doc.stopped_after_s, 0) }));
   if (doc.measured.limited) parts.push(t("the damage limit keeps it below its target"));
   parts.push(...doc.measured.faults);
-  if (doc.measured.damaged) parts.unshift(t("the object was damaged"));
   return parts;
 }
 
@@ -42,7 +41,7 @@ function drawHead(doc) {
   $("link-text").textContent = counts ? counted : replayed ? t("replay") : t(doc.activity);
   $("link-age").textContent = counts ? age : "";
   pill.title = t("{frames} frames, {lost} lost, {corrupt} corrupt, {late} late; 99 % within {p99} ms of the one before", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
-  say($("link-state"), replayed ? t("replay") : link.stale ? t("no frames") : link.waiting ? t(doc.activity) : t("frames come"));
+  say($("link-state"), replayed ? t("replay") : link.stale ? t("no frames") : link.waiting ? t(doc.activity) : t("frames arrive"));
   $("rig-name").textContent = !doc.source ? t("no rig") : replayed ? t("replay of {name}", { name: doc.source.name }) : doc.source.name;
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
   $("trouble").classList.toggle("hidden", !doc.trouble.text);
@@ -62,7 +61,7 @@ function drawLoss(onLost) {
   if (!lost) return;
   const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
   headline(box, $("lost-title"), server ? t("No connection") : t("The devices are silent"));
-  $("lost-why").textContent = [`${ago}.`, server ? t("palpate serve does not answer.") : "", t("What is shown is old; the hand may still move or hold.")].filter(Boolean).join(" ");
+  $("lost-why").textContent = [`${ago}.`, server ? t("palpate serve does not answer.") : "", t("The values shown are old; the hand may still move or hold.")].filter(Boolean).join(" ");
   pill.dataset.state = "stale";
   $("link-age").textContent = "";
   $("link-text").textContent = `${server ? t("NO CONNECTION") : t("DEVICES SILENT")} · ${ago}`;

@@ -7,3 +7,12 @@ export const t = (text, values = {}) => (WORDS[text] ?? text).replace(/\{(\w+)\}
 export const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−").replace(".", MARK));
 export const whole = (value) => Math.round(value).toLocaleString(LANG);
 export const range = (low, high, digits) => `[${fixed(low, digits)}${MARK === "," ? ";" : ","} ${fixed(high, digits)}]`;
+
+// The choice in the head of the page: kept in this browser, instead of what an address asked for.
+document.addEventListener("change", ({ target }) => {
+  if (target.id !== "language") return;
+  document.cookie = `${target.dataset.cookie}=${target.value}; path=/; max-age=31536000; samesite=lax`;
+  const address = new URL(location);
+  address.searchParams.delete("lang");
+  location.assign(address);
+});

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.plots.style import BLUE, GREY, INK, look_of, new_figure
+from palpate.plots.style import BLUE, GREY, INK, log_axis, look_of, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +28,7 @@ def confusion_figure(
     by_level : mapping of str to (true kinds, named kinds, counts)
         Counts of shape (true kinds, named kinds).
     """
-    with new_figure(columns=len(by_level), width_in=5.2 * len(by_level), height_in=4.8) as (
+    with new_figure(columns=len(by_level), width_in=5.2 * len(by_level), height_in=3.8) as (
         figure,
         axes,
     ):
@@ -76,7 +76,8 @@ def kinds_figure(by_level: Mapping[str, Sequence[tuple[str, bool, float, float]]
             strangers = [(size, k) for _, taught, size, k in points if not taught]
             if strangers:
                 axis.plot(*zip(*strangers, strict=True), "x", color=GREY, label="strangers")
-            axis.set(yscale="log", xlabel="size measured (mm)")
+            axis.set_xlabel("size measured (mm)")
+            log_axis(axis.yaxis)
             axis.set_title(f"simulated, level {level}: first grasp of each item")
         axes[0][0].set_ylabel("stiffness measured (N/mm)")
         handles, labels = axes[0][0].get_legend_handles_labels()

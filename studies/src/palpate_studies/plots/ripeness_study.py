@@ -57,7 +57,7 @@ def study_figure(
             axis.set(xlabel="true days to ripe", title=f"{name}, simulated", xlim=(0, _LONGEST))
             axis.set_ylim(0, _LONGEST)
         if waits:
-            axes[0][1].set_ylabel("predicted, with 90 % interval")
+            axes[0][1].set_ylabel("predicted days to ripe, 90 % interval")
     return figure
 
 
@@ -78,4 +78,4 @@ def _draw_accuracy(axis: Any, accuracy: Mapping[str, Mapping[str, float | None]]
     axis.set(xlabel="exact stage (% of fruit days)", title="stage of four, simulated")
     axis.invert_yaxis()
     axis.grid(visible=False, axis="y")
-    axis.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)
+    axis.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=1)

@@ -37,7 +37,10 @@ def delay_figure(delays_s: Mapping[str, Mapping[str, Sequence[float | None]]]) -
                     label=f"{kind} ({len(delays)})",
                 )
             axis.set(
-                xlabel="since it began (s)", title=f"twin, {level}", xlim=(0, 1), ylim=(0, 104)
+                xlabel="time since the beginning (s)",
+                title=f"simulated, {level}",
+                xlim=(0, 1),
+                ylim=(0, 104),
             )
             axis.legend(loc="lower right", fontsize=8)
         axes[0][0].set_ylabel("seen (%)")

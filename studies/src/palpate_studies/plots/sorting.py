@@ -20,10 +20,10 @@ def purity_figure(summary: Sequence[Mapping[str, Any]]) -> Figure:
         Entries with `level`, `method`, `purity`, `left_over` and `items_per_hour`.
     """
     levels = list(dict.fromkeys(entry["level"] for entry in summary))
-    with new_figure(columns=len(levels), width_in=5.2 * len(levels), height_in=3.0) as (
-        figure,
-        axes,
-    ):
+    ways = len({entry["method"] for entry in summary})
+    with new_figure(
+        columns=len(levels), width_in=5.2 * len(levels), height_in=1.2 + 0.26 * ways
+    ) as (figure, axes):
         for axis, level in zip(axes[0], levels, strict=True):
             mine = [entry for entry in summary if entry["level"] == level][::-1]
             placed = [100 * (1 - entry["left_over"]) for entry in mine]
@@ -32,10 +32,16 @@ def purity_figure(summary: Sequence[Mapping[str, Any]]) -> Figure:
             ]
             wrong = [share - good for share, good in zip(placed, right, strict=True)]
             left = [100 - share for share in placed]
-            names = [f"{e['method']}\n{e['items_per_hour']:.0f} items/h" for e in mine]
-            axis.barh(names, right, color=BLUE, label="right bin")
-            axis.barh(names, wrong, left=right, color=ORANGE, label="wrong bin")
-            axis.barh(names, left, left=placed, color=GREY, alpha=0.45, label="left for hand")
+            at = range(len(mine))
+            axis.barh(at, right, color=BLUE, label="right bin")
+            axis.barh(at, wrong, left=right, color=ORANGE, label="wrong bin")
+            axis.barh(at, left, left=placed, color=GREY, alpha=0.45, label="left for hand")
+            for place, entry in zip(at, mine, strict=True):
+                hourly = f"{entry['items_per_hour']:.0f} items/h"
+                axis.text(3, place, hourly, color="white", va="center", fontsize=7)
+            # The ways are the same at every level: named once, they leave the bars their room.
+            names = [entry["method"] for entry in mine]
+            axis.set_yticks(at, names if axis is axes[0][0] else [])
             axis.set(xlim=(0, 100), xlabel="share of the crate (%)")
             axis.set_title(f"simulated, level {level}")
             axis.grid(visible=False, axis="y")
