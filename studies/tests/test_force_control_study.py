@@ -14,7 +14,7 @@ from palpate_studies.baselines.paper_loop import EXPONENTIAL, paper_loop
 from palpate_studies.force_control import compare, scores
 from palpate_studies.force_control import report as force_report
 from palpate_studies.force_control_baselines import best_fixed, chosen_extra
-from palpate_studies.force_control_grasps import Gripped, ours
+from palpate_studies.force_control_grasps import UNLIMITED, Gripped, ours
 from palpate_studies.force_control_world import (
     TARGETS_N,
     chance_of_damage,
@@ -150,6 +150,14 @@ def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
     (row,) = compare([near, rival, other])
     assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
     assert row["difference"] == -1.0
+
+
+def test_ours_without_its_limit_is_compared_with_rivals_alone() -> None:
+    near, far = made(force_share=1.0), made(force_share=1.5)
+    found = [far, replace(near, method=UNLIMITED), replace(far, method="rival")]
+    assert [row["rival"] for row in compare(found)] == ["rival"]
+    (row,) = compare(found, method=UNLIMITED)
+    assert (row["method"], row["ours_near"], row["rival_near"]) == (UNLIMITED, 1.0, 0.0)
 
 
 def test_presence_counts_what_was_missed_and_imagined() -> None:

@@ -26,6 +26,8 @@ from palpate_studies.stoppable import uninterrupted
 
 #: Near enough to the target.
 NEAR = 0.1
+#: Name of the method that knows no damage limit.
+UNLIMITED = "ours, no damage limit"
 #: Held this long in the air before it is given back, seconds.
 LIFTED_S = 3.0
 
@@ -87,6 +89,11 @@ def ours(task: Task, *, damage: DamageModel) -> Gripped:
     return _controlled(task, lambda plan: plan, method="ours", damage=damage)
 
 
+def unlimited(task: Task) -> Gripped:
+    """Grip with the controller as shipped where no damage limit was learned, as its rivals do."""
+    return _controlled(task, lambda plan: plan, method=UNLIMITED, damage=None)
+
+
 def waiting(task: Task, *, damage: DamageModel) -> Gripped:
     """Grip with the same controller, but wait for the settled value after each movement."""
     until_s = HORIZON_S - 0.5
@@ -104,7 +111,7 @@ def waiting(task: Task, *, damage: DamageModel) -> Gripped:
 
 
 def _controlled(
-    task: Task, change: Callable[[Plan], Plan], *, method: str, damage: DamageModel
+    task: Task, change: Callable[[Plan], Plan], *, method: str, damage: DamageModel | None
 ) -> Gripped:
     world = task.world()
     gripper, lifted, touched_n = TwinGripper(world), list[float](), list[float]()
