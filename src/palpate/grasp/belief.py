@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +36,7 @@ _OPEN = (Phase.WAIT,)
 #: What is read as "now" is the mean of this many frames, or of all within this time if that is
 #: more.
 _NOW_FRAMES, _NOW_S = 3, 0.14
+_TIME_S = attrgetter("time_s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,8 +213,9 @@ class Belief:
     def now(self) -> Touch:
         """Mean of the last few frames since the last movement."""
         since_s = self.touches[-1].time_s - _NOW_S
-        many = max(_NOW_FRAMES, sum(touch.time_s > since_s for touch in self.touches))
-        last = self.touches[-many:]
+        # Times rise; a long hold has thousands, and this is asked at every frame.
+        recent = len(self.touches) - bisect_right(self.touches, since_s, key=_TIME_S)
+        last = self.touches[-max(_NOW_FRAMES, recent) :]
         return Touch(
             time_s=self.now_s,
             finger_percent=tuple(np.mean([t.finger_percent for t in last], axis=0).tolist()),
@@ -243,8 +248,9 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     elif still_since is None:
         still_since = frame.time_s
     closure = _closure(belief, gripper, plan)
-    belief = replace(
-        counted(belief, frame),
+    belief = counted(
+        belief,
+        frame,
         closure=closure,
         behind=max(closure - plan.gripper.closure(gripper), 0.0),
         still_since_s=still_since,
@@ -260,11 +266,12 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     return noticed(replace(belief, touches=(*belief.touches, touch)))
 
 
-def counted(belief: Belief, frame: Frame) -> Belief:
-    """Count a frame and note its time; what it shows is not taken in."""
+def counted(belief: Belief, frame: Frame, **noted: Any) -> Belief:
+    """Count a frame and note its time, and other fields; what it shows is not taken in."""
     gap = 0 if belief.last_sequence is None else frame.sequence - belief.last_sequence - 1
     return replace(
         belief,
+        **noted,
         began_s=frame.time_s if belief.began_s is None else belief.began_s,
         now_s=frame.time_s,
         frames=belief.frames + 1,
@@ -310,10 +317,15 @@ def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) 
     excess = excess_conductance(readable_ohm, rest_ohm=belief.rest_ohm)
     return Touch(
         time_s=time_s,
-        finger_percent=tuple(np.nan_to_num(fingers).tolist()),
-        relative_percent=float(np.nan_to_num(mean_change(change))),
+        finger_percent=tuple(_finite(fingers).tolist()),
+        relative_percent=float(_finite(mean_change(change))),
         reading=float(plan.reading.reading(excess)),
     )
+
+
+def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `nan_to_num` of values; what is finite already needs none of its many steps."""
+    return values if np.isfinite(values).all() else np.nan_to_num(values)
 
 
 def _unremembered(touch: Touch, belief: Belief) -> Touch:
@@ -348,6 +360,8 @@ def noticed(belief: Belief) -> Belief:
         fingers.append(state)
         if kind is not None:
             belief = belief.noted(_event_name(belief, kind), finger=finger)
+    if belief.fingers == tuple(fingers):
+        return belief
     return replace(belief, fingers=tuple(fingers))
 
 

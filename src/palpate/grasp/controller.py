@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -45,6 +46,7 @@ _FALLS = (
 )
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
+_READING = attrgetter("reading")
 
 
 def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
@@ -336,7 +338,7 @@ def _grip_lost(belief: Belief) -> bool:
     """Whether the sheet no longer feels what it felt since the last movement, or in the squeeze."""
     if belief.still_s < 0.3 or len(belief.touches) < 6:
         return False
-    strongest = max(t.reading for t in belief.touches)
+    strongest: float = max(map(_READING, belief.touches))
     came_back = not math.isnan(belief.again)
     if belief.staircase and not came_back:
         strongest = max(strongest, belief.staircase[-1].touch.reading)

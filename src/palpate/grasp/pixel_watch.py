@@ -199,6 +199,8 @@ class PixelWatch:
     def _asleep(self, moves: int, *, others: int) -> NDArray[np.bool_]:
         """Return which pixels slept through `moves` movements, where the others were awake."""
         asleep = self._known & (self._slept >= moves)
+        if not asleep.any():
+            return np.asarray(asleep)
         rest = self._slept[self._known & ~asleep]
         quiet = rest.size == 0 or rest.max() > others
         return np.zeros_like(asleep) if quiet else asleep

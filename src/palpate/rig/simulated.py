@@ -185,7 +185,8 @@ def calibrated_on(world: Workplace, *, seed: int, apart_from: str, sensor_id: st
         return draw_object(rng, faces[run % len(faces)])
 
     protocol = _PROTOCOLS[world.gripper]
-    bench = twin_bench(world, start=protocol.start)
+    array = TwinArray(world)
+    bench = _bench(world, array, start=protocol.start)
     rest = measure_rest(bench)
     force = measure_force(
         bench,
@@ -194,6 +195,8 @@ def calibrated_on(world: Workplace, *, seed: int, apart_from: str, sensor_id: st
         dwell_s=DWELL_S,
         horizon_s=HORIZON_S,
     )
+    # What follows reads the load cell, the width and the current.
+    array.look_away()
     world.place(draw_object(rng, "rigid-block"))
     block = measure_block(
         bench, block_mm=_BLOCK_MM, up_to_n=_BLOCK_N, repeats=_BLOCK_REPEATS, dwell_s=DWELL_S
@@ -280,7 +283,10 @@ def twin_bench(world: Stage, *, start: float) -> Bench:
     >>> twin_bench(World(None, seed=1), start=51.0).cell.read_n() < 0.1
     True
     """
-    array = TwinArray(world)
+    return _bench(world, TwinArray(world), start=start)
+
+
+def _bench(world: Stage, array: TwinArray, *, start: float) -> Bench:
     return Bench(
         array=array,
         gripper=TwinGripper(world),

@@ -157,10 +157,10 @@ def wrong_counts(frame: Frame, *, layout: ArrayLayout) -> str | None:
             f"({layout.rows} x {layout.cols}); check the board's configuration"
         )
     top = frame.oversampling * (divider.full_scale - 1)
-    wrong = np.argwhere((counts < 0) | (counts > top))
-    if not wrong.size:
+    wrong = (counts < 0) | (counts > top)
+    if not wrong.any():
         return None
-    row, col = wrong[0].tolist()
+    row, col = np.argwhere(wrong)[0].tolist()
     return (
         f"pixel R{row} C{col} reads {counts[row, col]}, and {frame.oversampling} conversion(s) of "
         f"{divider.adc_bits} bit give 0 to {top}; check the layout"

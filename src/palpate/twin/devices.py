@@ -20,6 +20,7 @@ import math
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.errors import DeviceTimeoutError
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
@@ -55,6 +56,7 @@ class TwinArray:
         self._queue: deque[Frame] = deque()
         self._start_s = world.clock.now_s()
         self._scanned = 0
+        self._unseen: NDArray[np.int32] | None = None
         world.watchers.append(self._scan_until)
 
     @property
@@ -85,6 +87,10 @@ class TwinArray:
         self._scanned = max(self._scanned, passed)
         clock.sleep_s(max(time_s - clock.now_s(), 0.0))
 
+    def look_away(self) -> None:
+        """From now on frames come in time, but their counts are 0: nobody will look at them."""
+        self._unseen = np.zeros((self.layout.rows, self.layout.cols), dtype=np.int32)
+
     def close(self) -> None:
         """Stop scanning."""
         if self._scan_until in self._world.watchers:
@@ -100,7 +106,7 @@ class TwinArray:
 
     def _scan_next(self) -> None:
         time_s = self._frame_time_s(self._scanned)
-        counts = self._world.scan(time_s)
+        counts = self._world.scan(time_s) if self._unseen is None else self._unseen
         frame = Frame(
             time_s=time_s,
             sequence=self._scanned,

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -50,26 +52,44 @@ def object_force_n(
     obj: TwinObject, deformation_mm: float, *, ruptured: bool
 ) -> tuple[float, float]:
     """Return an object's elastic force and its slope (N/mm) at a deformation."""
-    scale = _RUPTURED_FORCE if ruptured else 1.0
-    force_n, slope = _elastic(obj, max(deformation_mm, 0.0))
-    force_n, slope = scale * force_n, scale * slope
-    if force_n <= obj.yield_n:
-        return force_n, slope
-    yield_mm = _deformation_mm(obj, obj.yield_n / scale)
-    flatter = _YIELDED_SLOPE * scale * _elastic(obj, yield_mm)[1]
-    return obj.yield_n + flatter * (deformation_mm - yield_mm), flatter
+    return _law(obj, ruptured=ruptured)(deformation_mm)
 
 
-def _elastic(obj: TwinObject, deformation_mm: float) -> tuple[float, float]:
-    """Return force and slope of an object that nothing has hurt."""
+def _law(obj: TwinObject, *, ruptured: bool) -> Callable[[float], tuple[float, float]]:
+    """Return what gives force and slope at a deformation: it is asked many times for one object."""
+    scale, yield_n, unhurt = _RUPTURED_FORCE if ruptured else 1.0, obj.yield_n, _elastic(obj)
+
+    def law(deformation_mm: float) -> tuple[float, float]:
+        force_n, slope = unhurt(max(deformation_mm, 0.0))
+        force_n, slope = scale * force_n, scale * slope
+        if force_n <= yield_n:
+            return force_n, slope
+        yield_mm = _deformation_mm(obj, yield_n / scale)
+        flatter = _YIELDED_SLOPE * scale * unhurt(yield_mm)[1]
+        return yield_n + flatter * (deformation_mm - yield_mm), flatter
+
+    return law
+
+
+def _elastic(obj: TwinObject) -> Callable[[float], tuple[float, float]]:
+    """Return what gives force and slope of an object that nothing has hurt."""
     if obj.curve is not None:
-        (x0, f0), (x1, f1) = _piece(obj.curve, deformation_mm, by=0)
-        slope = (f1 - f0) / (x1 - x0)
-        return f0 + slope * (deformation_mm - x0), slope
-    if deformation_mm == 0.0:
-        return 0.0, obj.force_at_1mm_n if obj.exponent == 1.0 else 0.0
-    force_n = obj.force_at_1mm_n * deformation_mm**obj.exponent
-    return force_n, obj.exponent * force_n / deformation_mm
+        return partial(_on_curve, obj.curve)
+    at_1mm_n, exponent = obj.force_at_1mm_n, obj.exponent
+
+    def power(deformation_mm: float) -> tuple[float, float]:
+        if deformation_mm == 0.0:
+            return 0.0, at_1mm_n if exponent == 1.0 else 0.0
+        force_n = at_1mm_n * deformation_mm**exponent
+        return force_n, exponent * force_n / deformation_mm
+
+    return power
+
+
+def _on_curve(curve: tuple[tuple[float, float], ...], deformation_mm: float) -> tuple[float, float]:
+    (x0, f0), (x1, f1) = _piece(curve, deformation_mm, by=0)
+    slope = (f1 - f0) / (x1 - x0)
+    return f0 + slope * (deformation_mm - x0), slope
 
 
 def _deformation_mm(obj: TwinObject, force_n: float) -> float:
@@ -106,19 +126,19 @@ def series_force_n(
     if closure_mm <= 0:
         return 0.0
     low, high = 0.0, closure_mm
-    deformation = 0.5 * closure_mm
+    deformation, law = 0.5 * closure_mm, _law(obj, ruptured=ruptured)
     for _ in range(60):
-        elastic_n, slope = object_force_n(obj, deformation, ruptured=ruptured)
+        elastic_n, slope = law(deformation)
         felt_n = max(kept * elastic_n + carried_n, 0.0)
         excess = deformation + compliance.deflection_mm(felt_n) - closure_mm
         if abs(excess) < 1e-10:
-            break
+            return elastic_n
         low, high = (low, deformation) if excess > 0 else (deformation, high)
         felt_slope = kept * slope if felt_n > 0 else 0.0
         step = excess / (1.0 + compliance.slope_mm_per_n(felt_n) * felt_slope)
         newton = deformation - step
         deformation = newton if low < newton < high else 0.5 * (low + high)
-    return object_force_n(obj, deformation, ruptured=ruptured)[0]
+    return law(deformation)[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,13 +157,9 @@ class Motion:
 
     def width_mm(self, time_s: float) -> float:
         """Return the opening at a time."""
-        way = min(max(time_s - self.start_s, 0.0) * self.rate_mm_per_s, self.length_mm)
-        return self.from_mm + math.copysign(way, self.to_mm - self.from_mm)
-
-    @property
-    def length_mm(self) -> float:
-        """Distance to go, without sign."""
-        return abs(self.to_mm - self.from_mm)
+        length_mm = self.to_mm - self.from_mm
+        way = min(max(time_s - self.start_s, 0.0) * self.rate_mm_per_s, abs(length_mm))
+        return self.from_mm + math.copysign(way, length_mm)
 
 
 def pixel_shares(
@@ -205,11 +221,11 @@ class RelaxingForce:
         ruptured: bool = False,
     ) -> RelaxingForce:
         """Return the squeeze after a step that ends at a closure; 0 and below is no contact."""
-        if closure_mm <= 0:
-            return self.changed(obj, elastic_n=0.0, step_s=step_s, touching=False)
         parts = _fading(obj, step_s)
-        fresh = sum(share * mean for share, _, mean in parts)
-        carried_n = sum(n * decay for n, (_, decay, _) in zip(self.relaxing_n, parts, strict=True))
+        if closure_mm <= 0:
+            return self._changed(obj, parts, elastic_n=0.0, touching=False)
+        fresh = sum([share * mean for share, _, mean in parts])
+        carried_n = sum([n * part[1] for n, part in zip(self.relaxing_n, parts, strict=True)])
         elastic_n = series_force_n(
             obj,
             closure_mm,
@@ -218,17 +234,28 @@ class RelaxingForce:
             kept=1.0 - sum(obj.relaxing_share) + fresh,
             carried_n=carried_n - self.elastic_n * fresh,
         )
-        return self.changed(obj, elastic_n=elastic_n, step_s=step_s)
+        return self._changed(obj, parts, elastic_n=elastic_n, touching=True)
 
     def changed(
         self, obj: TwinObject, *, elastic_n: float, step_s: float, touching: bool = True
     ) -> RelaxingForce:
         """Return the squeeze after a step over which the elastic force went in a line."""
+        return self._changed(obj, _fading(obj, step_s), elastic_n=elastic_n, touching=touching)
+
+    def _changed(
+        self,
+        obj: TwinObject,
+        parts: list[tuple[float, float, float]],
+        *,
+        elastic_n: float,
+        touching: bool,
+    ) -> RelaxingForce:
+        rise_n = elastic_n - self.elastic_n
         relaxing_n = tuple(
-            before * decay + share * (elastic_n - self.elastic_n) * mean
-            for before, (share, decay, mean) in zip(
-                self.relaxing_n, _fading(obj, step_s), strict=True
-            )
+            [
+                before * decay + share * rise_n * mean
+                for before, (share, decay, mean) in zip(self.relaxing_n, parts, strict=True)
+            ]
         )
         force_n = elastic_n * (1.0 - sum(obj.relaxing_share)) + sum(relaxing_n)
         return RelaxingForce(elastic_n, relaxing_n, max(force_n, 0.0) if touching else 0.0)

@@ -8,7 +8,9 @@ depend on which other times were read.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -44,7 +46,8 @@ class PlantState:
     contacts: int
     closure_mm: float
     squeeze: RelaxingForce
-    pixels: SheetState
+    #: The sheet, worked out when first asked for: who polls the force does not look at it.
+    sheet: Callable[[], SheetState]
     peak_force_n: float
     ruptured: bool
     finger_mm: float
@@ -56,6 +59,25 @@ class PlantState:
     def force_n(self) -> float:
         """Grip force."""
         return self.squeeze.force_n
+
+    @property
+    def pixels(self) -> SheetState:
+        """State of the sheet."""
+        return self.sheet()
+
+
+class _Once:
+    """What an act returns, worked out at the first call."""
+
+    def __init__(self, act: Callable[[], SheetState]) -> None:
+        self._act = act
+
+    @cached_property
+    def _found(self) -> SheetState:
+        return self._act()
+
+    def __call__(self) -> SheetState:
+        return self._found
 
 
 class Plant:
@@ -84,11 +106,14 @@ class Plant:
         self.sheet, self.compliance, self.grid = sheet, compliance, grid
         self.environment = environment
         self._lock_force_n = lock_force_n
+        self._unloaded_n = np.zeros(sheet.rest_ohm.size)
         self.placements = Placements(sheet=sheet, grid=grid, ranges=ranges, seed=seed)
 
     def at_rest(self, *, time_s: float, width_mm: float, obj: TwinObject | None) -> PlantState:
         """Return the state of an open gripper that has been still for long."""
         motion = Motion(start_s=time_s, from_mm=width_mm, to_mm=width_mm, rate_mm_per_s=1.0)
+        creep = self.placement(0, 0).creep
+        pixels = SheetState.unloaded(self.sheet.rest_ohm.size, creep=creep)
         return PlantState(
             time_s=time_s,
             motion=motion,
@@ -98,7 +123,7 @@ class Plant:
             closure_mm=self._closure_mm(obj, width_mm + self._backlash_mm, error_mm=0.0),
             finger_mm=width_mm + self._backlash_mm,
             squeeze=RelaxingForce.none(obj),
-            pixels=SheetState.unloaded(self.sheet.rest_ohm.size, creep=self.placement(0, 0).creep),
+            sheet=lambda: pixels,
             peak_force_n=0.0,
             ruptured=False,
         )
@@ -140,18 +165,22 @@ class Plant:
         if force_n > self._lock_force_n and motion.to_mm < width_mm:
             motion = replace(motion, to_mm=width_mm)
         bursts = state.obj is not None and squeeze.elastic_n >= state.obj.rupture_n
-        following = replace(
-            state,
+        # Every field by name: `replace` takes several times as long.
+        following = PlantState(
             time_s=time_s,
-            pixels=pixels,
             motion=motion,
+            obj=state.obj,
+            placed=state.placed,
             contacts=contacts,
             closure_mm=closure_mm,
             squeeze=squeeze,
+            sheet=lambda: pixels,
             peak_force_n=max(state.peak_force_n, force_n),
             ruptured=state.ruptured or bursts,
             finger_mm=finger_mm,
+            pull_n=state.pull_n,
             slide=slide,
+            touch_n=state.touch_n,
         )
         return self._without_object(following) if slide.lost else following
 
@@ -168,7 +197,8 @@ class Plant:
         width_mm = state.motion.width_mm(time_s)
         closure_mm = state.closure_mm + share * (following.closure_mm - state.closure_mm)
         squeeze = self._squeeze_between(state, following, share, touching=closure_mm > 0)
-        pixels = state.pixels.towards(
+        towards = partial(
+            state.pixels.towards,
             following.pixels,
             share,
             step_s=time_s - state.time_s,
@@ -179,7 +209,7 @@ class Plant:
         return replace(
             state,
             time_s=time_s,
-            pixels=pixels,
+            sheet=_Once(towards),
             closure_mm=closure_mm,
             squeeze=squeeze,
             peak_force_n=max(state.peak_force_n, squeeze.force_n),
@@ -282,10 +312,9 @@ class Plant:
         self, state: PlantState, closure_mm: float, force_n: float, placement: Placement
     ) -> FloatArray:
         """Return the load of every pixel: of the object, and of a hand that touches a finger."""
-        load_n = np.zeros(self.sheet.rest_ohm.size)
-        for finger, touch_n in enumerate(state.touch_n):
-            mine = self.grid.finger == finger
-            load_n[mine] += touch_n / mine.sum()
+        load_n = self._unloaded_n
+        if state.touch_n:
+            load_n = self._touched_n(state.touch_n)
         pushed_n = self._pushed_n(state, closure_mm, placement)
         if state.obj is None or max(force_n, pushed_n) <= 0:
             return load_n
@@ -301,6 +330,14 @@ class Plant:
                 self.grid.finger == placement.first_finger, pushed_n * share, 0.0
             )
         return load_n + force_n * share
+
+    def _touched_n(self, touch_n: tuple[float, ...]) -> FloatArray:
+        """Return the load of every pixel of a hand that touches the fingers."""
+        load_n = self._unloaded_n.copy()
+        for finger, force_n in enumerate(touch_n):
+            mine = self.grid.finger == finger
+            load_n[mine] += force_n / mine.sum()
+        return load_n
 
     def _pushed_n(self, state: PlantState, closure_mm: float, placement: Placement) -> float:
         """Return what the first finger feels of an object that it pushes to the middle."""
