@@ -1,7 +1,8 @@
 """Screenshots of the dashboard for docs/images: `python docs/generate_dashboard.py`.
 
 A simulated strawberry is grasped and held; the whole page and the operator view are pictured,
-light and dark. Needs Chromium (`apt-get install chromium`) and `pip install 'palpate[dev]'`.
+light and dark, then the page after a force calibration that was stopped. Needs Chromium
+(`apt-get install chromium`) and `pip install 'palpate[dev]'`.
 """
 
 from __future__ import annotations
@@ -68,6 +69,25 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
         page.screenshot(path=out / f"{name}.png")
     driver.locator("#release").click()
     expect(driver.locator("#verdict-text")).to_contain_text("held", timeout=60_000)
+    calibrate_and_stop(driver)
+    for shade in ("light", "dark"):
+        page = pages[f"dashboard-wide-{shade}"]
+        page.get_by_role("tab", name="Calibrate").click()
+        expect(page.locator("#calibrated .result")).to_be_visible()
+        page.evaluate("document.activeElement.blur()")
+        page.mouse.move(640, 20)
+        page.screenshot(path=out / f"calibration-stopped-{shade}.png")
+
+
+def calibrate_and_stop(driver: Page) -> None:
+    """Begin a force calibration by the simulated load cell, and stop it at the second placement."""
+    driver.get_by_role("tab", name="Calibrate").click()
+    button = driver.locator("#calibrate-force")
+    expect(button).to_be_enabled(timeout=60_000)
+    button.click()
+    expect(driver.locator("#guide")).to_contain_text("2 of 6", timeout=60_000)
+    driver.locator("#stop").click()
+    expect(driver.locator("#verdict-text")).to_have_text("calibration stopped", timeout=60_000)
 
 
 def main() -> None:

@@ -168,16 +168,10 @@ class DeviceState:
 
     def _end(self, note: Ended) -> None:
         self.activity = Activity.WATCHING if self.rig_open else Activity.IDLE
-        if isinstance(note.order, CalibrateRest | CalibrateForce) and note.trouble:
-            self.calibrated, self.calibration_failure = (
-                None,
-                CalibrationFailure(
-                    stopped=note.stopped_after_s is not None,
-                    reason=note.trouble,
-                    step="" if self.guide is None else self.guide.text,
-                ),
-            )
-        self.guide, self.trouble = None, note.trouble
+        failure = self.calibration_failure = self._failure(note)
+        # A stop is a wish, and no trouble.
+        self.trouble = "" if failure is not None and failure.stopped else note.trouble
+        self.guide = None
         self.stopped_after_s = note.stopped_after_s
         self._file = None
         if isinstance(note.order, Play):
@@ -191,6 +185,16 @@ class DeviceState:
                 self.calibrated = note.found
             case Health():
                 self.health = note.found
+
+    def _failure(self, note: Ended) -> CalibrationFailure | None:
+        if not (isinstance(note.order, CalibrateRest | CalibrateForce) and note.trouble):
+            return None
+        self.calibrated = None
+        return CalibrationFailure(
+            stopped=note.stopped_after_s is not None,
+            reason=note.trouble,
+            step="" if self.guide is None else self.guide.text,
+        )
 
 
 def _file_of(order: Order) -> Path | None:
