@@ -23,6 +23,7 @@ from palpate.grasp.result import GraspResult, Outcome
 from palpate.gripper.interface import GripperCommand, GripperState
 from palpate.recording import RecordingInfo, RecordingReader, Replay, ReplayGripper
 from palpate.recording.replay import observations
+from palpate.sensor.array import ArrayLayout
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance, relative_change_percent
@@ -72,16 +73,14 @@ class GraspTrack:
     @property
     def state_names(self) -> list[str]:
         """Names of the columns of `state`."""
-        layout = self.info.layout
-        cells = ((row, col) for row in range(layout.rows) for col in range(layout.cols))
-        pixels = [f"r{row}c{col}_change_percent" for row, col in cells]
-        return [self.action_names[0], "force_n", "force_low_n", "force_high_n", *pixels]
+        assert self.info.gripper is not None
+        return state_names(self.info.layout, self.info.gripper.drive)
 
     @property
     def action_names(self) -> list[str]:
         """Names of the columns of `action`."""
         assert self.info.gripper is not None
-        return list(_POSITION[self.info.gripper.drive])
+        return action_names(self.info.gripper.drive)
 
     def at_rate(self, fps: int) -> NDArray[np.intp]:
         """Return which frame is nearest to each tick of a raster that begins with the first.
@@ -99,6 +98,31 @@ class GraspTrack:
         ticks_s = np.arange(math.floor(from_start_s[-1] * fps + 0.5) + 1) / fps
         middles_s = (from_start_s[1:] + from_start_s[:-1]) / 2
         return np.searchsorted(middles_s, ticks_s)
+
+
+def state_names(layout: ArrayLayout, drive: str) -> list[str]:
+    """Return the names of what is observed with a sensor on a gripper of one drive.
+
+    Examples
+    --------
+    >>> from palpate.sensor.array import RIGID_LAYOUT
+    >>> state_names(RIGID_LAYOUT, "width")[:5]
+    ['width_mm', 'force_n', 'force_low_n', 'force_high_n', 'r0c0_change_percent']
+    """
+    cells = ((row, col) for row in range(layout.rows) for col in range(layout.cols))
+    pixels = [f"r{row}c{col}_change_percent" for row, col in cells]
+    return [_POSITION[drive][0], "force_n", "force_low_n", "force_high_n", *pixels]
+
+
+def action_names(drive: str) -> list[str]:
+    """Return the names of what is commanded.
+
+    Examples
+    --------
+    >>> action_names("pressure")
+    ['pressure_kpa', 'rate_kpa_per_s']
+    """
+    return list(_POSITION[drive])
 
 
 def read_grasp(path: Path) -> GraspTrack:

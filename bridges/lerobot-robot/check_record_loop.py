@@ -1,0 +1,101 @@
+"""Whether LeRobot's own recording runs with palpate's robot and camera, on the twin.
+
+Run `python bridges/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4, palpate,
+`lerobot_robot_palpate` and `lerobot_camera_palpate`. `lerobot-record`'s own function records two
+episodes in which the hand is told to close all the way, with 3 N as the limit. Ends with status 1
+where something is not as it should be.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ["HF_HUB_OFFLINE"] = "1"
+
+import av
+import numpy as np
+from lerobot.cameras import CameraConfig
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.robots import RobotConfig
+from lerobot.scripts.lerobot_record import DatasetRecordConfig, RecordConfig, record
+from lerobot.teleoperators import Teleoperator, TeleoperatorConfig
+from lerobot.utils.import_utils import register_third_party_plugins
+
+LIMIT_N, FPS, EPISODES, EPISODE_S = 3.0, 15, 2, 30.0
+
+
+@TeleoperatorConfig.register_subclass("closing")
+@dataclass(kw_only=True)
+class ClosingConfig(TeleoperatorConfig):
+    """Always says the same."""
+
+
+class Closing(Teleoperator):
+    """Closes all the way, whatever is in between."""
+
+    config_class = ClosingConfig
+    name = "closing"
+    is_connected = is_calibrated = True
+    action_features = {"width_mm": float, "rate_mm_per_s": float}  # noqa: RUF012
+    feedback_features: dict[str, type] = {}  # noqa: RUF012
+
+    def connect(self, calibrate: bool = True) -> None: ...
+    def calibrate(self) -> None: ...
+    def configure(self) -> None: ...
+    def send_feedback(self, feedback: dict[str, Any]) -> None: ...
+    def disconnect(self) -> None: ...
+    def get_action(self) -> dict[str, float]:
+        """Return the wish."""
+        return {"width_mm": 5.0, "rate_mm_per_s": 20.0}
+
+
+def check(holds: bool, what: str) -> None:
+    print(("ok  " if holds else "BAD ") + what)
+    if not holds:
+        sys.exit(1)
+
+
+def main() -> None:
+    register_third_party_plugins()
+    camera = CameraConfig.get_choice_class("palpate")(
+        rig="sim-rigid", width=64, height=128, fps=FPS
+    )
+    robot = RobotConfig.get_choice_class("palpate")(
+        id="twin", rig="sim-rigid", limit_n=LIMIT_N, cameras={"touch": camera}
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "recorded"
+        dataset = DatasetRecordConfig(
+            repo_id="palpate/check",
+            single_task="squeeze",
+            root=root,
+            fps=FPS,
+            episode_time_s=EPISODE_S,
+            reset_time_s=0,
+            num_episodes=EPISODES,
+            vcodec="h264",
+            push_to_hub=False,
+        )
+        record(
+            RecordConfig(robot=robot, teleop=ClosingConfig(), dataset=dataset, play_sounds=False)
+        )
+        data = LeRobotDataset("palpate/check", root=root)
+        names = data.meta.names["observation.state"]
+        state = np.stack([np.asarray(row) for row in data.hf_dataset["observation.state"][:]])
+        with av.open(next(root.glob("videos/observation.images.touch/*/*.mp4"))) as film:
+            images = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    check(data.num_episodes == EPISODES, f"{EPISODES} episodes, {len(data)} frames")
+    check(names[:4] == ["width_mm", "force_n", "force_low_n", "force_high_n"], "newtons")
+    force_n = state[:, names.index("force_n")]
+    check(1.0 < force_n.max() <= 1.1 * LIMIT_N, f"pressed, and never over {force_n.max():.2f} N")
+    check(len(images) == len(data), "an image of the pixels for each frame")
+    check({image.shape for image in images} == {(128, 64, 3)}, "of the size that was asked for")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,227 @@
+"""A calibrated hand as a learned policy drives it: newtons out, openings in, never too much force.
+
+Its names are those of the data sets that `palpate export --lerobot` writes, so that what was
+learned from recorded grasps can drive it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import DeviceError, DeviceTimeoutError, InputError
+from palpate.estimate.damage_file import DamageFile
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import force_now, plan_grasp
+from palpate.grasp.safety import DAMAGE_RATE, FORCE_CEILING_N, largest_step
+from palpate.gripper.interface import Gripper, GripperCommand, GripperState
+from palpate.lerobot.episode import action_names, state_names
+from palpate.sensor.array import Frame, PressureArray
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import excess_conductance, relative_change_percent, rest_baseline
+
+_FRAME_S = 2.0
+#: For this long the spike of a movement may hide a touch.
+_HIDDEN_S = 0.15
+#: A stiffness of which nothing is known.
+_ANY = Measurement(value=1e3, low=1e-6, high=1e9, unit="n_per_mm", level=0.9)
+
+
+def learned_limit_n(path: Path, *, kind: str = "") -> float:
+    """Return what any object of a kind bears by a damage file, at most the ceiling, N.
+
+    Nothing is known of the one object yet: the limit is that of soft and stiff ones together.
+
+    Raises
+    ------
+    CalibrationError, InputError
+        If the file can't be read, or does not know the kind.
+    """
+    file = DamageFile.load(path)
+    known = file.known_kind(kind, where=str(path)) if kind else ""
+    return min(file.model.bound_n(_ANY, kind=known, rate=DAMAGE_RATE), FORCE_CEILING_N)
+
+
+class PolicyHand:
+    """A hand with its sensor: observations in newtons, and closing that keeps below a limit.
+
+    A policy's action is cut so that upper force + upper stiffness x way stays below the limit,
+    whatever is between the fingers (`palpate.grasp.safety.largest_step`). A sheet lags while it is
+    pressed, so once something is felt that force is the one read last at rest: a policy that
+    presses on has to wait for the next reading. Where the force passes the limit, the hand opens.
+    Opening is never cut.
+
+    Parameters
+    ----------
+    array, gripper
+        The devices, open; the fingers apart.
+    calibration : Calibration
+        Of this sensor on this gripper.
+    limit_n : float
+        What the object bears; `learned_limit_n` takes it from a damage file.
+
+    Raises
+    ------
+    InputError
+        If the limit is not above 0, or above the ceiling of every grasp.
+    CalibrationError
+        If the calibration has no force, or the sheet is not at rest.
+    DeviceError
+        If the sensor is silent.
+
+    Examples
+    --------
+    >>> from palpate.rig import open_rig
+    >>> rig = open_rig("sim-rigid", object_name="strawberry", seed=1)
+    >>> hand = PolicyHand(rig.array, rig.gripper, calibration=rig.calibration, limit_n=2.0)
+    >>> felt = hand.observe()
+    >>> felt["width_mm"], felt["force_low_n"] <= felt["force_n"] <= felt["force_high_n"]
+    (74.0, True)
+    >>> sent = hand.send({"width_mm": 5.0, "rate_mm_per_s": 20.0})
+    >>> 73.0 < sent["width_mm"] < 74.0
+    True
+    """
+
+    def __init__(
+        self,
+        array: PressureArray,
+        gripper: Gripper,
+        *,
+        calibration: Calibration,
+        limit_n: float = FORCE_CEILING_N,
+    ) -> None:
+        if not 0 < limit_n <= FORCE_CEILING_N:
+            raise InputError(f"limit_n {limit_n:g}: must be above 0 and at most {FORCE_CEILING_N}")
+        self._array, self._gripper, self._limit_n = array, gripper, limit_n
+        self._plan: Plan = plan_grasp(calibration, gripper=gripper)
+        self._force = force_now(calibration.force)
+        self.state_names = state_names(array.layout, gripper.limits.drive)
+        self.action_names = action_names(gripper.limits.drive)
+        self._rest_ohm = self._rest()
+        self._closure, self._moved_s = 0.0, -math.inf
+        self._felt_n, self._known_n, self._known_closure = 0.0, math.inf, 0.0
+        #: Times and closures, back to what a moving hand may not have felt yet.
+        self._way: deque[tuple[float, float]] = deque()
+        self._sent: GripperCommand | None = None
+        self.observe()
+
+    def observe(self) -> dict[str, float]:
+        """Take the newest frame, waiting for one if need be, and return what it shows.
+
+        Raises
+        ------
+        DeviceError
+            If the sensor or the gripper is gone; the hand was stopped.
+        """
+        try:
+            frame, state = self._newest(), self._gripper.state()
+        except DeviceError:
+            self._gripper.stop()
+            raise
+        ohm = self._ohm(frame)
+        force = self._force.step(frame.time_s, excess_conductance(ohm, rest_ohm=self._rest_ohm))
+        change = relative_change_percent(ohm, rest_ohm=self._rest_ohm)
+        position = self._gripper.limits.reported(state)
+        touched = bool(np.nanmin(change) <= self._plan.hint_percent)
+        self._note(frame.time_s, state, force, touched=touched)
+        values = [position, force.value, force.low, force.high, *change.ravel().tolist()]
+        return dict(zip(self.state_names, values, strict=True))
+
+    def send(self, action: Mapping[str, float]) -> dict[str, float]:
+        """Send the hand where a policy wants it, as far as is safe; return what was sent.
+
+        Parameters
+        ----------
+        action : mapping
+            By `action_names`: where to, and how fast.
+
+        Raises
+        ------
+        InputError
+            If a number is missing or not finite.
+        DeviceError
+            If the gripper is gone.
+        """
+        wanted = [action.get(name, np.nan) for name in self.action_names]
+        if not np.isfinite(wanted).all():
+            raise InputError(f"an action has {', '.join(self.action_names)}, finite; got {action}")
+        safe = self._within(GripperCommand(target=wanted[0], rate=wanted[1]))
+        if safe != self._sent:
+            self._sent = safe = self._gripper.command(safe)
+            self._moved_s = self._way[-1][0]
+        return dict(zip(self.action_names, (safe.target, safe.rate), strict=True))
+
+    def stop(self) -> None:
+        """Stop the fingers where they are."""
+        self._gripper.stop()
+
+    def close(self) -> None:
+        """Stop the fingers, and let go of the devices."""
+        try:
+            self._gripper.stop()
+        finally:
+            self._array.close()
+            self._gripper.close()
+
+    def _note(
+        self, time_s: float, state: GripperState, force: Measurement, *, touched: bool
+    ) -> None:
+        """Note where the hand is, and the upper force there if it can be known."""
+        closure, self._closure = self._closure, self._gripper.limits.closure(state)
+        self._felt_n = force.value
+        if state.moving or abs(self._closure - closure) > self._plan.resolution:
+            self._moved_s = time_s
+        self._way.append((time_s, self._closure))
+        if time_s - self._moved_s >= self._plan.dwell_s:
+            self._known_n, self._known_closure = force.high, self._closure
+        elif not touched:
+            while len(self._way) > 1 and time_s - self._way[1][0] >= _HIDDEN_S:
+                self._way.popleft()
+            self._known_n, self._known_closure = force.high, min(c for _, c in self._way)
+
+    def _within(self, wanted: GripperCommand) -> GripperCommand:
+        """Return a command as far as it is safe after what was felt last."""
+        limits, plan = self._gripper.limits, self._plan
+        if self._felt_n > self._limit_n:
+            return GripperCommand(target=limits.target(0.0), rate=limits.fastest)
+        furthest = self._known_closure + largest_step(
+            force_high_n=self._known_n,
+            steepest_n=plan.steepest_n,
+            rate=0.0,
+            damage_low_n=self._limit_n,
+            limits=plan.safety,
+        )
+        closure = abs(wanted.target - limits.target(0.0))
+        if closure <= furthest:
+            return wanted
+        if furthest - self._closure >= plan.smallest_step:
+            return GripperCommand(target=limits.target(furthest), rate=wanted.rate)
+        # Not worth a movement, which would put off the next reading.
+        return self._sent or GripperCommand(target=limits.target(self._closure), rate=wanted.rate)
+
+    def _newest(self) -> Frame:
+        """Return the newest frame: one that waits is old already where policies are slow."""
+        frame = self._array.read(timeout_s=_FRAME_S)
+        while True:
+            try:
+                frame = self._array.read(timeout_s=0.0)
+            except DeviceTimeoutError:
+                return frame
+
+    def _rest(self) -> np.ndarray:
+        """Take the rest of the open hand, as a grasp does."""
+        frames = [self._array.read(timeout_s=_FRAME_S)]
+        while frames[-1].time_s - frames[0].time_s < self._plan.rest_s:
+            frames.append(self._array.read(timeout_s=_FRAME_S))
+        ohm = np.array([self._ohm(frame) for frame in frames])
+        return rest_baseline(ohm, known_ohm=self._plan.rest_ohm).rest_ohm
+
+    def _ohm(self, frame: Frame) -> np.ndarray:
+        layout = self._array.layout
+        return pixel_resistance_ohm(frame.counts, layout=layout, oversampling=frame.oversampling)

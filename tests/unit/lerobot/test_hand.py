@@ -1,0 +1,121 @@
+"""A policy's hand on the twin: what it observes, and that no policy presses too hard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import DeviceTimeoutError, InputError
+from palpate.estimate.damage import fit_damage_model
+from palpate.estimate.damage_file import DamageFile
+from palpate.estimate.strength import ClosingCurve
+from palpate.lerobot.hand import PolicyHand, learned_limit_n
+from palpate.rig import Rig, open_rig
+from palpate.sensor.array import Frame
+
+CLOSED = {"width_mm": 5.0, "rate_mm_per_s": 60.0}
+OPEN = {"width_mm": 74.0, "rate_mm_per_s": 60.0}
+
+
+def rig_with(name: str) -> Rig:
+    return open_rig("sim-rigid", object_name=name, seed=1)
+
+
+def hand_of(rig: Rig, *, limit_n: float) -> PolicyHand:
+    return PolicyHand(rig.array, rig.gripper, calibration=rig.calibration, limit_n=limit_n)
+
+
+@pytest.fixture(scope="module")
+def ball() -> Rig:
+    return rig_with("ball-44lbs")
+
+
+@pytest.mark.parametrize("name", ["strawberry", "ball-44lbs", "rigid-block"])
+def test_a_policy_that_only_closes_keeps_the_limit(name: str) -> None:
+    rig = rig_with(name)
+    hand = hand_of(rig, limit_n=3.0)
+    strongest_n = 0.0
+    for _ in range(500):
+        strongest_n = max(strongest_n, hand.observe()["force_n"])
+        sent = hand.send(CLOSED)
+        assert sent["width_mm"] > CLOSED["width_mm"]
+    assert rig.truth is not None
+    truth = rig.truth()
+    assert not truth["damaged"]
+    # The limit is kept by the calibration's interval; of these three none passes it by a tenth.
+    assert 1.0 < truth["peak_force_n"] < 3.3
+    assert strongest_n < 3.3
+
+
+def test_opening_is_never_cut_and_closing_again_starts_from_there() -> None:
+    hand = hand_of(rig_with("ball-44lbs"), limit_n=6.0)
+    for wanted in (CLOSED, OPEN):
+        for _ in range(200):
+            felt = hand.observe()
+            sent = hand.send(wanted)
+        assert (felt["force_n"] > 2.0) is (wanted is CLOSED)
+    assert sent == OPEN
+    assert hand.observe()["width_mm"] == pytest.approx(74.0)
+    assert hand.send(CLOSED)["width_mm"] > 70.0
+
+
+def test_an_action_without_a_number_is_refused(ball: Rig) -> None:
+    hand = hand_of(ball, limit_n=6.0)
+    for action in ({"width_mm": 40.0}, {"width_mm": float("nan"), "rate_mm_per_s": 5.0}):
+        with pytest.raises(InputError, match="width_mm, rate_mm_per_s, finite"):
+            hand.send(action)
+
+
+@pytest.mark.parametrize("limit_n", [0.0, 15.1, float("nan")])
+def test_a_limit_above_the_ceiling_is_refused(ball: Rig, limit_n: float) -> None:
+    with pytest.raises(InputError, match="limit_n"):
+        hand_of(ball, limit_n=limit_n)
+
+
+def test_a_silent_sensor_stops_the_fingers() -> None:
+    rig = rig_with("ball-44lbs")
+    hand = hand_of(rig, limit_n=6.0)
+    hand.send({"width_mm": 60.0, "rate_mm_per_s": 1.0})
+    assert rig.gripper.state().moving
+
+    class Silent:
+        layout = rig.array.layout
+
+        def read(self, *, timeout_s: float) -> Frame:
+            raise DeviceTimeoutError(f"no frame within {timeout_s:g} s")
+
+        def close(self) -> None: ...
+
+    hand._array = Silent()
+    with pytest.raises(DeviceTimeoutError):
+        hand.observe()
+    assert not rig.gripper.state().moving
+
+
+def damage_file(path: Path, *, n: Callable[[float], float]) -> Path:
+    """Write what springs of 2 to 12 N/mm teach that yield at a force by their stiffness."""
+    rng, paths, limits_n = np.random.default_rng(3), [], []
+    for stiffness in np.geomspace(2.0, 12.0, 24):
+        limits_n.append(float(n(stiffness) * np.exp(0.1 * rng.standard_normal())))
+        curve, steps = ClosingCurve(), []
+        for x_mm in np.arange(0.05, limits_n[-1] / stiffness, 0.05):
+            steps += curve.push(float(x_mm), force_n=float(stiffness * x_mm))
+        paths.append(steps)
+    model = fit_damage_model(paths, rupture_force_n=limits_n, kinds=["spring"] * len(paths))
+    file = DamageFile(model=model, closings={"spring": 24}, learned_from={}, made_at="2026-01-01")
+    path.write_text(file.as_text())
+    return path
+
+
+def test_the_limit_of_a_damage_file_is_below_what_all_of_them_bear(tmp_path: Path) -> None:
+    weak = learned_limit_n(damage_file(tmp_path / "weak.json", n=lambda _: 4.0))
+    by_stiffness = damage_file(tmp_path / "stiff.json", n=lambda stiffness: stiffness)
+    assert 1.0 < weak < 4.0
+    assert learned_limit_n(by_stiffness, kind="spring") < 2.0
+    strong = damage_file(tmp_path / "strong.json", n=lambda _: 80.0)
+    assert learned_limit_n(strong) == 15.0
+    with pytest.raises(InputError, match="pear"):
+        learned_limit_n(strong, kind="pear")
