@@ -17,16 +17,16 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 _SIMULATED = "simulated with palpate's physical twin; no sensor was read"
+_SEED = 1
 #: How far the fingers close beyond the touch, mm, touch by touch.
 _CLOSURES_MM = (2.0, 3.0, 2.5, 3.5)
 _GAP_MM, _SPEED_MM_PER_S, _REST_S, _HOLD_S, _PAUSE_S = 6.0, 40.0, 2.0, 22.0, 8.0
 
 
-def write_recordings(folder: Path, *, seed: int = 1) -> list[Path]:
+def write_recordings(folder: Path) -> list[Path]:
     """Write three recordings of a pad that is touched four times, 22 s each.
 
     `folder`: made where it does not exist.
-    `seed`: of the simulated sensors.
     Writes `ohm.csv`: seconds and ohms. `counts.csv`: milliseconds and the counts of a 10-bit
     converter whose divider has a resistor of 4700 ohm. `two-pads.csv`: two pixels, Unix time.
     """
@@ -39,8 +39,8 @@ def write_recordings(folder: Path, *, seed: int = 1) -> list[Path]:
             ("two-pads.csv", ("timestamp", "left_ohm", "right_ohm"), _pair_rows),
         )
     ):
-        obj = draw_object(np.random.default_rng([seed, number]), "ecoflex-10")
-        world = World(obj, seed=seed + number, level="paper")
+        obj = draw_object(np.random.default_rng([_SEED, number]), "ecoflex-10")
+        world = World(obj, seed=_SEED + number, level="paper")
         time_s, counts = _recorded(world, touch_mm=obj.size_mm)
         path = folder / name
         with atomic_path(path) as temporary:

@@ -90,45 +90,39 @@ _PROTOCOLS: dict[GripperKind, _Protocol] = {
 }
 
 
-def open_rigid(
-    *,
-    object_name: str | None,
-    seed: int,
-    level: str = "paper",
-    name: str = "sim-rigid",
-    origin: Origin = "twin",
-    read_through: Callable[[World], PressureArray] = TwinArray,
-) -> Rig:
+#: How much the sheets and hands of the built-in rigs scatter.
+_LEVEL = "paper"
+
+
+def open_rigid(*, object_name: str | None, seed: int) -> Rig:
     """Open rigid fingers on the twin, with an object between them.
 
-    `read_through` makes the array that reads the twin's pixels, and `origin` names what that is.
+    Raises `InputError` if there is no such object.
+    """
+    return _opened("rigid", object_name, seed=seed, name="sim-rigid")
+
+
+def open_soft(*, object_name: str | None, seed: int) -> Rig:
+    """Open soft fingers, driven by pressure, on the twin, with an object between them.
 
     Raises `InputError` if there is no such object.
+    """
+    return _opened("soft", object_name, seed=seed, name="sim-soft")
+
+
+def open_firmware(*, object_name: str | None, seed: int) -> Rig:
+    """Open rigid fingers on the twin, read by the firmware on the AVR simulator.
+
+    Raises `InputError` if there is no such object; `DeviceNotFoundError` if firmware or simulator
+    have not been built.
     """
     return _opened(
         "rigid",
         object_name,
         seed=seed,
-        level=level,
-        name=name,
-        origin=origin,
-        read_through=read_through,
-    )
-
-
-def open_soft(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
-    """Open soft fingers, driven by pressure, on the twin, with an object between them.
-
-    Raises `InputError` if there is no such object.
-    """
-    return _opened(
-        "soft",
-        object_name,
-        seed=seed,
-        level=level,
-        name="sim-soft",
-        origin="twin",
-        read_through=TwinArray,
+        name="sim-firmware",
+        origin="firmware-simulated",
+        read_through=_read_through_firmware,
     )
 
 
@@ -137,21 +131,20 @@ def _opened(
     object_name: str | None,
     *,
     seed: int,
-    level: str,
     name: str,
-    origin: Origin,
-    read_through: Callable[[World], PressureArray],
+    origin: Origin = "twin",
+    read_through: Callable[[World], PressureArray] = TwinArray,
 ) -> Rig:
     if object_name is not None and object_name not in OBJECTS:
         raise InputError(f"no simulated object {object_name!r}; there are: {', '.join(OBJECTS)}")
     obj = draw_object(np.random.default_rng([seed, 10]), object_name)
-    world = World(obj, seed=seed, sheet_seed=seed, level=level, gripper=kind)
+    world = World(obj, seed=seed, sheet_seed=seed, level=_LEVEL, gripper=kind)
     return Rig(
         name=name,
         array=read_through(world),
         gripper=TwinGripper(world),
         clock=world.clock,
-        calibration=calibrated(seed=seed, level=level, apart_from=obj.name, kind=kind),
+        calibration=calibrated(seed=seed, level=_LEVEL, apart_from=obj.name, kind=kind),
         origin=origin,
         subject=obj.name,
         truth=partial(_truth, world),
@@ -250,21 +243,6 @@ def _joined(first: BlockPairs, second: BlockPairs) -> BlockPairs:
 
 def _truth(world: World) -> Mapping[str, object]:
     return world.truth().as_json()
-
-
-def open_firmware(*, object_name: str | None, seed: int) -> Rig:
-    """Open rigid fingers on the twin, read by the firmware on the AVR simulator.
-
-    Raises `InputError` if there is no such object; `DeviceNotFoundError` if firmware or simulator
-    have not been built.
-    """
-    return open_rigid(
-        object_name=object_name,
-        seed=seed,
-        name="sim-firmware",
-        origin="firmware-simulated",
-        read_through=_read_through_firmware,
-    )
 
 
 def _read_through_firmware(world: World) -> PressureArray:

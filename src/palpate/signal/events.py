@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 
 from palpate.signal.relative import CONTACT_PERCENT
 
+#: Height and steepness that make a spike; the height is several times the noise.
+_RISE_PERCENT, _WITHIN_S = 3.0, 0.3
 #: Share by which the change held follows a signal that rises, per sample.
 _FORGET = 0.02
 
@@ -40,22 +42,14 @@ class SignalEvent:
     finger: int | None = None
 
 
-def actuation_spikes(
-    time_s: ArrayLike,
-    change_percent: ArrayLike,
-    *,
-    rise_percent: float = 3.0,
-    within_s: float = 0.3,
-) -> list[SignalEvent]:
+def actuation_spikes(time_s: ArrayLike, change_percent: ArrayLike) -> list[SignalEvent]:
     """Find the spikes upward in resistance that each movement of the fingers makes.
 
-    A spike begins where the signal is more than `rise_percent` above its lowest value of the
-    last `within_s`, and ends when it falls back below half of that. Opening makes a spike as well
-    as closing; a release, which also rises but stays up, counts as one.
+    A spike begins where the signal is more than 3 % above its lowest value of the last 0.3 s, and
+    ends when it falls back below half of that. Opening makes a spike as well as closing; a release,
+    which also rises but stays up, counts as one.
 
     `time_s`, `change_percent`, shape (n_times,): times and mean relative change.
-    `rise_percent`, `within_s`: height and steepness that make a spike; the height should be several
-        times the noise.
     Returns them in order of time.
 
     >>> events = actuation_spikes([0.0, 0.1, 0.2, 0.3], [0.0, 0.0, 8.0, 1.0])
@@ -66,12 +60,12 @@ def actuation_spikes(
     events: list[SignalEvent] = []
     rising, first = False, 0
     for index, now_s in enumerate(time):
-        while time[first] < now_s - within_s:
+        while time[first] < now_s - _WITHIN_S:
             first += 1
         rise = signal[index] - np.min(signal[first : index + 1])
-        if not rising and rise > rise_percent:
+        if not rising and rise > _RISE_PERCENT:
             events.append(SignalEvent(kind=EventKind.SPIKE, time_s=float(now_s)))
-        rising = rise > rise_percent or (rising and rise > 0.5 * rise_percent)
+        rising = rise > _RISE_PERCENT or (rising and rise > 0.5 * _RISE_PERCENT)
     return events
 
 

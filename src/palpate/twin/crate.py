@@ -22,7 +22,7 @@ from palpate.twin.crate_kinds import (
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.ranges import log_uniform, uniform
-from palpate.twin.world import GripperKind, World
+from palpate.twin.world import World
 
 #: Damage begins at this share of the rupture force, as for other fruit of the twin.
 _YIELD_SHARE = (0.75, 0.95)
@@ -142,13 +142,10 @@ class CrateTable:
 
     `sensor`: seed of the sensor and the gripper, as for calibration.
     `seed`: seed of the session.
-    `gripper` ("rigid" or "soft"): kind of hand.
     """
 
-    def __init__(
-        self, *, sensor: int, seed: int, level: str = "paper", gripper: GripperKind = "rigid"
-    ) -> None:
-        self._world = World(None, seed=seed, sheet_seed=sensor, level=level, gripper=gripper)
+    def __init__(self, *, sensor: int, seed: int, level: str = "paper") -> None:
+        self._world = World(None, seed=seed, sheet_seed=sensor, level=level)
         self.array, self.gripper = TwinArray(self._world), TwinGripper(self._world)
 
     @property
