@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.errors import InputError, needing
+from palpate.errors import InputError
 from palpate.files import atomic_path
+from palpate.tables.binary import pyarrow_for
 
 #: Version of the columns; a newer one is refused.
 SCHEMA = 1
@@ -121,10 +122,7 @@ def arrow() -> Any:
 
     Raises `MissingExtraError` if it is not installed.
     """
-    with needing("an archive", extra="archive"):
-        import pyarrow
-        import pyarrow.parquet
-    return pyarrow
+    return pyarrow_for("an archive", extra="archive")
 
 
 def sources_of(path: Path) -> list[str]:

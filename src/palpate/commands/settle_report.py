@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.commands.settle_source import HoldSource
-from palpate.errors import InputError, needing
+from palpate.errors import InputError
 from palpate.files import atomic_path, keep_inputs
 from palpate.settling.evaluate import Prediction, score_predictions
 from palpate.settling.result import SettlingMethod
 from palpate.settling.scoring import Scores, median, summarise
+from palpate.tables.binary import pyarrow_for
 
 if TYPE_CHECKING:
     from palpate.plots.settle import Overview
@@ -100,13 +101,7 @@ def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]
             raise InputError(f"--out {out}: name a file in a folder that exists")
         keep_inputs(out, inputs=inputs)
         if out.suffix.lower() == ".parquet":
-            _pyarrow()
-
-
-def _pyarrow() -> Any:
-    with needing("--out FILE.parquet", extra="data"):
-        import pyarrow as pa
-    return pa
+            pyarrow_for("--out FILE.parquet")
 
 
 def write(document: Document, out: Path) -> None:
@@ -122,9 +117,8 @@ def write(document: Document, out: Path) -> None:
                 writer.writeheader()
                 writer.writerows(rows)
         else:
-            import pyarrow.parquet as pq
-
-            pq.write_table(_pyarrow().Table.from_pylist(list(document.rows())), partial)
+            arrow = pyarrow_for("--out FILE.parquet")
+            arrow.parquet.write_table(arrow.Table.from_pylist(list(document.rows())), partial)
 
 
 def print_json(document: Document) -> None:

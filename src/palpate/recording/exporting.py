@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.errors import CalibrationError, RecordingError, needing
+from palpate.errors import CalibrationError, RecordingError
 from palpate.files import atomic_path
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
@@ -30,6 +30,7 @@ from palpate.signal.relative import (
     relative_change_percent,
     rest_baseline,
 )
+from palpate.tables.binary import pyarrow_for
 
 Columns = dict[str, list[Any]]
 Format = Literal["csv", "parquet"]
@@ -142,9 +143,7 @@ def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
 
 
 def _write_parquet(path: Path, tables: Iterable[Columns]) -> int:
-    with needing("Parquet (unlike --to csv)", extra="data"):
-        import pyarrow
-        import pyarrow.parquet
+    pyarrow = pyarrow_for("Parquet (unlike --to csv)")
     rows = 0
     writer = None
     try:

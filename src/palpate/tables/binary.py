@@ -20,6 +20,17 @@ from palpate.tables.table import Table, usable
 _SAMPLE_ROWS = 400
 
 
+def pyarrow_for(what: str, *, extra: str = "data") -> Any:
+    """Return pyarrow with its Parquet part, for what needs it.
+
+    Raises `MissingExtraError` if it is not installed.
+    """
+    with needing(what, extra=extra):
+        import pyarrow
+        import pyarrow.parquet
+    return pyarrow
+
+
 @contextmanager
 def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
     """Open a Parquet file as a `pyarrow.parquet.ParquetFile`.
@@ -27,11 +38,9 @@ def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
     Raises `InputError` if it is no whole Parquet file, also where that shows only while it is read;
     `MissingExtraError` if pyarrow is not installed.
     """
-    with needing(f"{name}: Parquet", extra="data"):
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+    pa = pyarrow_for(f"{name}: Parquet")
     try:
-        yield pq.ParquetFile(file, pre_buffer=False)
+        yield pa.parquet.ParquetFile(file, pre_buffer=False)
     except InputError:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:

@@ -9,11 +9,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from palpate.errors import needing
 from palpate.files import atomic_path
 from palpate.produce.records import MEASURED, Grasp, Item, Verdict
 from palpate.produce.store.engine import sa
 from palpate.produce.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
+from palpate.tables.binary import pyarrow_for
 
 _BATCH = 10_000
 #: Details come last, as JSON text; measurements are columns of their own.
@@ -56,10 +56,7 @@ def require_parquet() -> Any:
 
     Raises `MissingExtraError` if it is not installed.
     """
-    with needing("Parquet (unlike --json)", extra="data"):
-        import pyarrow
-        import pyarrow.parquet
-    return pyarrow
+    return pyarrow_for("Parquet (unlike --json)")
 
 
 def grasp_schema() -> Any:
