@@ -79,11 +79,17 @@ def look_of(method: str) -> tuple[str, str]:
 
 @contextmanager
 def new_figure(
-    *, rows: int = 1, columns: int = 1, width_in: float = 7.0, height_in: float = 4.0
+    *,
+    rows: int = 1,
+    columns: int = 1,
+    width_in: float = 7.0,
+    height_in: float = 4.0,
+    shared: bool = False,
 ) -> Iterator[tuple[Figure, Any]]:
     """Yield a figure and its axes, shape (rows, columns); what the block draws is in our style.
 
-    A figure wider than a page is made as wide as that.
+    A figure wider than a page is made as wide as that. `shared` axes have one scale, and numbers
+    at the outer ones alone.
 
     Raises
     ------
@@ -97,7 +103,7 @@ def new_figure(
     with mpl.rc_context(_STYLE):
         # Not pyplot: it keeps every figure alive and looks for a display.
         figure = Figure(figsize=(min(width_in, PAGE_WIDTH_IN), height_in), layout="constrained")
-        yield figure, figure.subplots(rows, columns, squeeze=False)
+        yield figure, figure.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared)
 
 
 def legend_below(figure: Figure, axes: Any) -> None:

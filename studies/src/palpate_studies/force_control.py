@@ -295,38 +295,40 @@ def _table(
 
 
 def _figure(found: Sequence[Gripped], methods: Sequence[str]) -> Figure:
-    from matplotlib.figure import Figure
+    from palpate.plots.style import AMBER, BLUE, ORANGE, new_figure
 
-    figure = Figure(figsize=(2.6 * len(methods), 5.2), layout="constrained")
-    panels = figure.subplots(2, len(methods), sharex=True, sharey=True, squeeze=False)
-    ends = np.array([0.8 * TARGETS_N[0], 1.25 * TARGETS_N[1]])
-    for row, level in enumerate(LEVELS):
-        for column, method in enumerate(methods):
-            panel = panels[row, column]
-            mine = [one for one in found if (one.task.level, one.method) == (level, method)]
-            size = 6.0 if len(mine) < 200 else 3.0
-            panel.fill_between(ends, (1 - NEAR) * ends, (1 + NEAR) * ends, color="#DDDDDD", lw=0)
-            for name, colour, chosen in (
-                ("as aimed", "#0072B2", [one for one in mine if not _bad(one) and not one.limited]),
-                ("damage limit", "#E69F00", [one for one in mine if one.limited]),
-                ("dropped or damaged", "#D55E00", [one for one in mine if _bad(one)]),
-            ):
-                target_n = [one.task.target_n for one in chosen]
-                force_n = [max(one.force_n, 0.3) for one in chosen]
-                panel.plot(target_n, force_n, ".", ms=size, color=colour, label=name)
-            panel.set(xscale="log", yscale="log", ylim=(0.25, 40.0))
-            for axis in (panel.xaxis, panel.yaxis):
-                axis.set_major_formatter("{x:g}")
-                axis.set_minor_formatter("")
-            panel.set_xticks([2, 4, 8])
-            panel.spines[["top", "right"]].set_visible(False)
-            if row == 0:
-                panel.set_title(method, fontsize=9)
-            if column == 0:
-                panel.set_ylabel(f"twin, {level}\nsettled force, N")
-            if row == 1:
-                panel.set_xlabel("target, N")
-    panels[0, -1].legend(fontsize=7, frameon=False, loc="upper left")
+    with new_figure(
+        rows=2, columns=len(methods), width_in=2.6 * len(methods), height_in=5.2, shared=True
+    ) as (figure, panels):
+        ends = np.array([0.8 * TARGETS_N[0], 1.25 * TARGETS_N[1]])
+        for row, level in enumerate(LEVELS):
+            for column, method in enumerate(methods):
+                panel = panels[row, column]
+                mine = [one for one in found if (one.task.level, one.method) == (level, method)]
+                size = 6.0 if len(mine) < 200 else 3.0
+                panel.fill_between(
+                    ends, (1 - NEAR) * ends, (1 + NEAR) * ends, color="#DDDDDD", lw=0
+                )
+                for name, colour, chosen in (
+                    ("as aimed", BLUE, [one for one in mine if not _bad(one) and not one.limited]),
+                    ("damage limit", AMBER, [one for one in mine if one.limited]),
+                    ("dropped or damaged", ORANGE, [one for one in mine if _bad(one)]),
+                ):
+                    target_n = [one.task.target_n for one in chosen]
+                    force_n = [max(one.force_n, 0.3) for one in chosen]
+                    panel.plot(target_n, force_n, ".", ms=size, color=colour, label=name)
+                panel.set(xscale="log", yscale="log", ylim=(0.25, 40.0))
+                for axis in (panel.xaxis, panel.yaxis):
+                    axis.set_major_formatter("{x:g}")
+                    axis.set_minor_formatter("")
+                panel.set_xticks([2, 4, 8])
+                if row == 0:
+                    panel.set_title(method)
+                if column == 0:
+                    panel.set_ylabel(f"simulated, {level}\nsettled force (N)")
+                if row == 1:
+                    panel.set_xlabel("target (N)")
+        panels[0, -1].legend(fontsize=7, loc="upper left")
     return figure
 
 

@@ -219,21 +219,24 @@ LOOKS: Mapping[str, tuple[str, str]] = {
 
 def draw(rows: Rows) -> Figure:
     """Draw prediction against load, one panel per ladder, our interval as bars."""
-    from matplotlib.figure import Figure
+    from palpate.plots.style import new_figure
 
     names = list(dict.fromkeys(row["ladder"] for row in rows))
     shown, columns = names[:9], min(len(names), 3)
     lines = -(-len(shown) // columns)
-    figure = Figure(figsize=(3.4 * columns, 3.2 * lines), layout="constrained")
-    panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
-    for panel in panels.flat[len(shown) :]:
-        panel.set_visible(False)
-    for name, panel in zip(shown, panels.flat, strict=False):
-        _draw_ladder(panel, [row for row in rows if row["ladder"] == name])
-        panel.set_title(name, fontsize=9)
-    figure.supxlabel("load, N")
-    figure.supylabel("predicted, N")
-    panels[0, 0].legend(frameon=False, fontsize=8)
+    with new_figure(
+        rows=lines, columns=columns, width_in=3.4 * columns, height_in=2.8 * lines, shared=True
+    ) as (figure, panels):
+        for panel in panels.flat[len(shown) :]:
+            panel.set_visible(False)
+        for name, panel in zip(shown, panels.flat, strict=False):
+            _draw_ladder(panel, [row for row in rows if row["ladder"] == name])
+            panel.set_title(name)
+        for panel in panels[-1]:
+            panel.set_xlabel("load (N)")
+        for panel in panels[:, 0]:
+            panel.set_ylabel("predicted (N)")
+        panels[0, 0].legend()
     return figure
 
 

@@ -20,21 +20,20 @@ def draw_followed(
 
     What is stretched loses some percent of its force: shown large, not from 0 on.
     """
-    from matplotlib.figure import Figure
+    from palpate.plots.style import new_figure
 
     order = np.argsort([np.median(np.abs(one.log_error)) for one in observed])
     places = {"best": order[0], "median": order[len(order) // 2], "worst": order[-1]}
-    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
-    for panel, (name, place) in zip(figure.subplots(1, 3), places.items(), strict=True):
-        _draw_press(panel, observed[place], static[place])
-        press = observed[place].press
-        which = "" if stretched else f", press {press.press}"
-        panel.set_title(f"{name}: {press.recording_id}{which}", fontsize=8)
-        panel.set(xlabel="time since the force was given, s", ylabel="force, N")
-        if not stretched:
-            panel.set_ylim(0, None)
-        panel.spines[["top", "right"]].set_visible(False)
-    figure.axes[0].legend(frameon=False, fontsize=8, loc="best")
+    with new_figure(columns=3, width_in=10.5, height_in=2.8) as (figure, panels):
+        for panel, (name, place) in zip(panels[0], places.items(), strict=True):
+            _draw_press(panel, observed[place], static[place])
+            press = observed[place].press
+            which = "" if stretched else f", press {press.press}"
+            panel.set_title(f"{name}: {press.recording_id}{which}", fontsize=7)
+            panel.set(xlabel="time since the force was given (s)", ylabel="force (N)")
+            if not stretched:
+                panel.set_ylim(0, None)
+        panels[0, 0].legend(fontsize=7)
     return figure
 
 

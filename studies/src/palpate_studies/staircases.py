@@ -120,30 +120,30 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
 
 
 def _figure(runs: Runs) -> Figure:
-    from matplotlib.figure import Figure
+    from palpate.plots.style import BLUE, INK, ORANGE, new_figure
 
-    figure = Figure(figsize=(10.5, 6.4), layout="constrained")
-    panels = figure.subplots(len(LEVELS), 2, sharex=True)
-    for row, level in zip(panels, LEVELS, strict=True):
-        each = runs[level]
-        size = [float(np.sqrt(np.mean((o.value_n - o.force_n) ** 2))) for o in each["now"]]
-        order = np.argsort(size)
-        places = {"median": order[len(order) // 2], "worst": order[-1]}
-        for panel, (name, place) in zip(row, places.items(), strict=True):
-            observed, settled = each["now"][place], each["settled"][place]
-            clock = observed.time_s - observed.time_s[0]
-            # Where the force was too faint to be scored, lines break.
-            clock = np.where(np.diff(clock, prepend=0.0) > _GAP_S, np.nan, clock)
-            panel.fill_between(
-                clock, observed.low_n, observed.high_n, color="#0072B2", alpha=0.15, lw=0
-            )
-            panel.plot(clock, observed.force_n, color="#222222", lw=1.8, label="load cell")
-            panel.plot(clock, settled.value_n, color="#D55E00", lw=1, ls="--", label="settled law")
-            panel.plot(clock, observed.value_n, color="#0072B2", lw=1.2, label="force now")
-            top = 1.6 * float(observed.force_n.max())
-            panel.set(title=f"{level}, {name} staircase", ylabel="force, N", ylim=(0, top))
-            panel.spines[["top", "right"]].set_visible(False)
-    for panel in panels[-1]:
-        panel.set_xlabel("time since contact, s")
-    figure.axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper left")
+    with new_figure(rows=len(LEVELS), columns=2, width_in=10.5, height_in=5.4) as (figure, panels):
+        for row, level in zip(panels, LEVELS, strict=True):
+            each = runs[level]
+            size = [float(np.sqrt(np.mean((o.value_n - o.force_n) ** 2))) for o in each["now"]]
+            order = np.argsort(size)
+            places = {"median": order[len(order) // 2], "worst": order[-1]}
+            for panel, (name, place) in zip(row, places.items(), strict=True):
+                observed, settled = each["now"][place], each["settled"][place]
+                clock = observed.time_s - observed.time_s[0]
+                # Where the force was too faint to be scored, lines break.
+                clock = np.where(np.diff(clock, prepend=0.0) > _GAP_S, np.nan, clock)
+                panel.fill_between(
+                    clock, observed.low_n, observed.high_n, color=BLUE, alpha=0.15, lw=0
+                )
+                panel.plot(clock, observed.force_n, color=INK, lw=1.8, label="load cell")
+                panel.plot(clock, settled.value_n, color=ORANGE, lw=1, ls="--", label="settled law")
+                panel.plot(clock, observed.value_n, color=BLUE, lw=1.2, label="force now")
+                top = 1.6 * float(observed.force_n.max())
+                panel.set(
+                    title=f"simulated, {level}, {name} staircase", ylabel="force (N)", ylim=(0, top)
+                )
+        for panel in panels[-1]:
+            panel.set_xlabel("time since contact (s)")
+        panels[0, 0].legend(ncols=2, loc="upper left")
     return figure

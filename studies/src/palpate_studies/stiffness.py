@@ -243,26 +243,30 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
 
 
 def _figure(answers: Sequence[Answer]) -> Figure:
-    from matplotlib.figure import Figure
+    from palpate.plots.style import new_figure
 
     rows = list(dict.fromkeys((one.gripper, one.squeeze) for one in answers))
-    figure = Figure(figsize=(8.8, 3.6 * len(rows)), layout="constrained")
-    panels = figure.subplots(len(rows), len(LEVELS), sharex=True, sharey=True, squeeze=False)
-    for row, (gripper, squeeze) in zip(panels, rows, strict=True):
-        for panel, level in zip(row, LEVELS, strict=True):
-            mine = [
-                one
-                for one in answers
-                if _kind(one) == (gripper, level, squeeze) and np.isfinite(one.value)
-            ]
-            _draw(panel, mine)
-            panel.set_title(f"twin, {level}, {gripper} fingers, {squeeze}")
-    figure.supxlabel("true stiffness, N/mm")
-    figure.supylabel("reported stiffness, with its interval, N/mm (grey: no upper end)")
+    with new_figure(
+        rows=len(rows), columns=len(LEVELS), width_in=8.8, height_in=3.2 * len(rows), shared=True
+    ) as (figure, panels):
+        for row, (gripper, squeeze) in zip(panels, rows, strict=True):
+            for panel, level in zip(row, LEVELS, strict=True):
+                mine = [
+                    one
+                    for one in answers
+                    if _kind(one) == (gripper, level, squeeze) and np.isfinite(one.value)
+                ]
+                _draw(panel, mine)
+                panel.set_title(f"simulated, {level}, {gripper} fingers, {squeeze}")
+            row[0].set_ylabel("reported stiffness (N/mm)\ngrey: no upper end")
+        for panel in panels[-1]:
+            panel.set_xlabel("true stiffness (N/mm)")
     return figure
 
 
 def _draw(panel: Axes, answers: Sequence[Answer]) -> None:
+    from palpate.plots.style import log_axis
+
     for open_above, colour, pale in ((False, "#0072B2", "#88B8DA"), (True, "#777777", "#CCCCCC")):
         mine = [one for one in answers if (one.status == Status.SATURATED) == open_above]
         ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
@@ -277,6 +281,6 @@ def _draw(panel: Axes, answers: Sequence[Answer]) -> None:
             ecolor=pale,
         )
     panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#222222", lw=1)
-    panel.set(xscale="log", yscale="log")
+    log_axis(panel.xaxis)
+    log_axis(panel.yaxis)
     panel.set_ylim(RANGE_N_PER_MM[0] / 4, RANGE_N_PER_MM[1] * 12)
-    panel.spines[["top", "right"]].set_visible(False)

@@ -300,26 +300,34 @@ def _report(errors: dict[str, dict[str, Errors]], *, sensors: int, repeats: int)
 
 
 def _figure(rows: Sequence[dict[str, Any]]) -> Figure:
-    from matplotlib.figure import Figure
+    from palpate.plots.style import BLUE, GREY, ORANGE, log_axis, new_figure
 
-    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
-    panel = figure.subplots()
-    place = np.arange(len(ALL_ROWS))
-    series = {level: [r for r in rows if r["level"] == level] for level in LEVELS}
-    colours = {"paper": "#0072B2", "field": "#D55E00"}
-    for shift, (level, mine) in zip((-0.2, 0.0), series.items(), strict=True):
-        values = [row["mean_abs_error_n"] for row in mine]
-        panel.bar(place + shift, values, 0.2, color=colours[level], label=f"twin, {level}")
-    printed = [(k, PUBLISHED_N[name]) for k, name in enumerate(ALL_ROWS) if name in PUBLISHED_N]
-    panel.bar(
-        [k + 0.2 for k, _ in printed],
-        [v for _, v in printed],
-        0.2,
-        color="#999999",
-        label="published",
-    )
-    panel.set_xticks(place, [name.replace(", ", "\n") for name in ALL_ROWS], fontsize=7)
-    panel.set(ylabel="mean |error|, N", yscale="log")
-    panel.legend(frameon=False, fontsize=8)
-    panel.spines[["top", "right"]].set_visible(False)
+    with new_figure(width_in=9.6, height_in=3.6) as (figure, axes):
+        panel = axes[0, 0]
+        place = np.arange(len(ALL_ROWS))
+        series = {level: [r for r in rows if r["level"] == level] for level in LEVELS}
+        colours = {"paper": BLUE, "field": ORANGE}
+        for shift, (level, mine) in zip((-0.2, 0.0), series.items(), strict=True):
+            values = [row["mean_abs_error_n"] for row in mine]
+            panel.bar(place + shift, values, 0.2, color=colours[level], label=f"simulated, {level}")
+        printed = [(k, PUBLISHED_N[name]) for k, name in enumerate(ALL_ROWS) if name in PUBLISHED_N]
+        panel.bar(
+            [k + 0.2 for k, _ in printed],
+            [v for _, v in printed],
+            0.2,
+            color=GREY,
+            label="published",
+        )
+        panel.set_xticks(
+            place,
+            [
+                name.replace(", ", "\n").replace("sheets' holds", "sheets'\nholds")
+                for name in ALL_ROWS
+            ],
+            fontsize=6,
+        )
+        panel.set_ylabel("mean |error| (N)")
+        log_axis(panel.yaxis)
+        panel.grid(visible=False, axis="x")
+        panel.legend()
     return figure

@@ -35,7 +35,7 @@ def errors_by_cutoff(summary: Sequence[Mapping[str, Any]], *, title: str, level:
                 _draw_line(axis, [e for e in summary if e["method"] == method], figure_name)
             axis.set_xscale("log")
             cutoffs_s = sorted({entry["cutoff_s"] for entry in summary})
-            axis.set_xticks(cutoffs_s, [f"{cutoff_s:g}" for cutoff_s in cutoffs_s])
+            axis.set_xticks(cutoffs_s, _apart(cutoffs_s))
             axis.minorticks_off()
             axis.set_xlabel("cut-off (s)")
             axis.set_ylabel(label)
@@ -45,6 +45,16 @@ def errors_by_cutoff(summary: Sequence[Mapping[str, Any]], *, title: str, level:
         legend_below(figure, axes)
         figure.suptitle(title)
     return figure
+
+
+def _apart(cutoffs_s: Sequence[float]) -> list[str]:
+    """Return the labels of a logarithmic axis; none where it would lie over the one before."""
+    labels, last_s = [], 0.0
+    for cutoff_s in cutoffs_s:
+        written = cutoff_s >= 1.4 * last_s
+        labels.append(f"{cutoff_s:g}" if written else "")
+        last_s = cutoff_s if written else last_s
+    return labels
 
 
 def _draw_line(axis: Any, entries: Sequence[Mapping[str, Any]], name: str) -> None:
