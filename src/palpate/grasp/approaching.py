@@ -124,7 +124,7 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     estimate = plan.early_law.force_n(now.reading, level=plan.level)
     belief = pressed(belief, force_n=float(estimate.value), force_high_n=float(estimate.high))
     belief = replace(belief, felt_s=belief.moved_s, released_s=belief.now_s, memory=None)
-    if now.shared_percent <= plan.epsilon_percent or belief.force_n > 0.5 * plan.gentle_force_n:
+    if now.shared_percent <= plan.epsilon_percent or belief.force_n > plan.no_push_n:
         belief = belief.noted("contact")
     back = approach_step(plan) + 0.5 * plan.step + plan.play
     target = whole(max(belief.closure - back, 0.0), plan)

@@ -323,7 +323,7 @@ def _pressed(belief: Belief, plan: Plan) -> bool:
 
     One finger alone may only push the object to the middle; with that much force it does not.
     """
-    return belief.force_n > 0.5 * plan.gentle_force_n
+    return belief.force_n > plan.no_push_n
 
 
 def _nothing_there(belief: Belief, plan: Plan) -> Move:

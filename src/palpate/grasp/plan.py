@@ -172,3 +172,8 @@ class Plan:
     hold_s: float = HOLD_S
     longest_s: float = LONGEST_S
     level: float = 0.9
+
+    @property
+    def no_push_n(self) -> float:
+        """Force that one finger alone does not reach while it pushes an object to the middle, N."""
+        return 0.5 * self.gentle_force_n

@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from palpate.estimate.closing_stiffness import FELT
 from palpate.estimate.measurement import Measurement
-from palpate.grasp.answer import floor_n, measured_stiffness
+from palpate.grasp.answer import FELT_PERCENT, floor_n, measured_stiffness
 from palpate.grasp.belief import Belief, Closing
 from palpate.grasp.plan import Plan
 from palpate.grasp.safety import DAMAGE_RATE, largest_step
@@ -191,10 +191,14 @@ def _unknown_step(belief: Belief, plan: Plan) -> float:
     """Return how far closing may go on while nothing is known of the damage limit.
 
     Counted from the first force that can't be drift: below it no step teaches anything of a limit.
+    One finger that feels a little alone only pushes the object to the middle: that is no squeeze.
     """
     if plan.damage is None or not math.isinf(belief.damage_low_n):
         return math.inf
-    felt = _forces_n(belief.staircase, belief, plan) > FELT * floor_n(plan)
+    force_n = _forces_n(belief.staircase, belief, plan)
+    shared = np.array([stair.touch.shared_percent for stair in belief.staircase])
+    both = (shared <= FELT_PERCENT) | (force_n > plan.no_push_n)
+    felt = both & (force_n > FELT * floor_n(plan))
     if not felt.any():
         return math.inf
     mm_per_unit = 1.0 if plan.bend is None else plan.bend.mm_per_kpa

@@ -10,7 +10,9 @@ import pytest
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.estimate.compliance import Compliance
+from palpate.estimate.damage import DamageModel, fit_damage_model
 from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.plan import Plan
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.sensor.array import RIGID_LAYOUT, ArrayLayout, Frame
@@ -99,3 +101,17 @@ def plan() -> Plan:
         gripper=Bench.limits,
         settling=Relaxation(),
     )
+
+
+@pytest.fixture(scope="session")
+def damage() -> DamageModel:
+    """Springs that yield after 1.5 mm, more or less."""
+    rng = np.random.default_rng(3)
+    paths, limits_n = [], []
+    for stiffness in np.geomspace(0.5, 8.0, 24):
+        limits_n.append(float(stiffness * 1.5 * np.exp(0.1 * rng.standard_normal())))
+        curve, path = ClosingCurve(), []
+        for x_mm in np.arange(0.05, limits_n[-1] / stiffness, 0.05):
+            path += curve.push(float(x_mm), force_n=float(stiffness * x_mm))
+        paths.append(path)
+    return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["spring"] * len(paths))

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.estimate.damage import DamageModel, fit_damage_model
+from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import PowerForceLaw
-from palpate.estimate.strength import ClosingCurve
 from palpate.grasp.belief import Belief
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -25,20 +24,6 @@ def run(plan: Plan, bench: Any, *, watch: Any = None) -> GraspResult:
 
 def names(result: GraspResult) -> list[str]:
     return [moment.name for moment in result.moments if moment.finger is None]
-
-
-@pytest.fixture(scope="module")
-def damage() -> DamageModel:
-    """Springs that yield after 1.5 mm, more or less."""
-    rng = np.random.default_rng(3)
-    paths, limits_n = [], []
-    for stiffness in np.geomspace(0.5, 8.0, 24):
-        limits_n.append(float(stiffness * 1.5 * np.exp(0.1 * rng.standard_normal())))
-        curve, path = ClosingCurve(), []
-        for x_mm in np.arange(0.05, limits_n[-1] / stiffness, 0.05):
-            path += curve.push(float(x_mm), force_n=float(stiffness * x_mm))
-        paths.append(path)
-    return fit_damage_model(paths, rupture_force_n=limits_n, kinds=["spring"] * len(paths))
 
 
 def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:

@@ -1,0 +1,40 @@
+"""How far the hand closes on while it does not know yet what the object bears."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from palpate.estimate.damage import DamageModel
+from palpate.grasp.belief import Belief, Closing, Touch
+from palpate.grasp.plan import Plan
+from palpate.grasp.step_size import closed_by
+
+
+def felt(*, first: float, second: float, force_n: float) -> Belief:
+    """Return the belief of a hand that has closed by a millimetre while its fingers felt this."""
+    touch = Touch(
+        time_s=1.0,
+        finger_percent=(first, second),
+        relative_percent=(first + second) / 2,
+        reading=2.0 * force_n,
+    )
+    stairs = tuple(Closing(closure=20.0 + 0.25 * each, touch=touch) for each in range(5))
+    return Belief(closure=21.0, sent=21.0, staircase=stairs, force_high_n=1.5 * force_n)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "force_n", "goes_on"),
+    [
+        (-5.0, -0.2, 0.9, True),  # one finger alone pushes the object to the middle
+        (-5.0, -2.0, 0.9, False),  # both feel it: it is squeezed
+        (-5.0, -0.2, 1.2, False),  # so much that no push takes it
+    ],
+)
+def test_one_finger_alone_does_not_squeeze(
+    plan: Plan, damage: DamageModel, first: float, second: float, force_n: float, goes_on: bool
+) -> None:
+    careful = replace(plan, damage=damage, target_force_n=4.0)
+    belief = felt(first=first, second=second, force_n=force_n)
+    assert (closed_by(belief, 0.25, careful) is not None) == goes_on
