@@ -34,7 +34,7 @@ def command_of(name: str) -> Callable[..., None]:
 
     def command(
         full: Annotated[
-            bool, typer.Option("--full/--quick", help="Full sizes: minutes, and 3 GB of memory.")
+            bool, typer.Option("--full/--quick", help="Full sizes: minutes, and 6 GB of memory.")
         ] = False,
         as_json: JsonOption = False,
         page: Annotated[
