@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,7 +16,6 @@ from palpate.dashboard.device_client import DeviceClient
 from palpate.dashboard.folder import (
     delete_recording,
     new_recording,
-    recordings_in,
     rename_recording,
 )
 from palpate.dashboard.grasp_form import GraspForm
@@ -149,10 +147,6 @@ class AppState:
             damage=None if damage is None else damage.as_text(),
             kind=kind,
         )
-
-    def recordings(self) -> list[tuple[Path, os.stat_result]]:
-        """Return the recordings in the folder, newest first, with their size and date."""
-        return recordings_in(self.settings.folder)
 
     def new_recording(self, what: str) -> Path:
         """Return the name of a recording that does not exist yet."""

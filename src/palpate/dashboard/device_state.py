@@ -56,43 +56,27 @@ class DeviceState:
     ----------
     on_grasped : callable
         Called with each finished grasp (not with replays), and its order.
-
-    Attributes
-    ----------
-    activity : Activity
-        What runs.
-    live : Live
-        Data to draw.
-    guide : Guide or None
-        What the user is to do now.
-    trouble : str
-        The last problem; empty once something went well.
-    grasped, calibrated, health
-        Result of the last grasp or replay, calibration and examination.
-    calibration_failure : CalibrationFailure or None
-        The last order, if it was a calibration that was stopped or failed.
-    stopped_after_s : float or None
-        Duration of the last stop, on the rig's clock.
-    stops_confirmed : int
-        Number of the newest stop that the devices' process confirmed.
-    recording : Path or None
-        File to which the watched frames go.
-    rig_open : bool
-        Whether a rig is open.
     """
 
     def __init__(self, *, on_grasped: Callable[[Grasped, GraspOrder], None]) -> None:
         self._on_grasped = on_grasped
         self.activity = Activity.IDLE
         self.live = Live()
+        #: What the user is to do now.
         self.guide: Guide | None = None
+        #: The last problem; empty once something went well.
         self.trouble = ""
+        #: Results of the last grasp or replay, calibration and examination.
         self.grasped: Grasped | None = None
         self.calibrated: Calibrated | None = None
-        self.calibration_failure: CalibrationFailure | None = None
         self.health: Health | None = None
+        #: Of the last order, if it was a calibration that was stopped or failed.
+        self.calibration_failure: CalibrationFailure | None = None
+        #: Duration of the last stop, on the rig's clock.
         self.stopped_after_s: float | None = None
+        #: Number of the newest stop that the devices' process confirmed.
         self.stops_confirmed = 0
+        #: File to which the watched frames go.
         self.recording: Path | None = None
         self.rig_open = False
         self._file: Path | None = None
@@ -172,7 +156,8 @@ class DeviceState:
         # A stop is a wish, and no trouble.
         self.trouble = "" if failure is not None and failure.stopped else note.trouble
         self.guide = None
-        self.stopped_after_s = note.stopped_after_s
+        # A calibration may run on the clock of a bench of its own.
+        self.stopped_after_s = None if failure is not None else note.stopped_after_s
         self._file = None
         if isinstance(note.order, Play):
             self.grasped = None

@@ -165,23 +165,7 @@ def entry_of(
     simulated: bool,
     curve: Sequence[Point],
 ) -> Entry:
-    """Return the entry of a grasp that has just ended.
-
-    Parameters
-    ----------
-    grasped : Grasped
-        Its result.
-    kind : str
-        How the page colours it.
-    item_id : str
-        What it was, or empty.
-    target_force_n : float or None
-        What was asked for.
-    simulated : bool
-        Whether any of it was.
-    curve : sequence of Point
-        The grasp as it was drawn.
-    """
+    """Return the entry of a grasp that has just ended; `curve` as it was drawn."""
     result, words = grasped.result, verdict(grasped.result, target_force_n=target_force_n)
     measured: dict[str, float | None] = {"decision_time_s": result.decision_time_s}
     for name in _MEASURED:

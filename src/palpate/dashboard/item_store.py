@@ -35,15 +35,11 @@ class ItemStore:
         As `palpate.produce.store.Store.open` takes it.
     rules : RuleBook or None
         Sorting rules, which give each item its bin.
-
-    Attributes
-    ----------
-    trouble : str
-        Why the last record did not reach the store; empty if it did.
     """
 
     def __init__(self, where: str | None, *, rules: RuleBook | None = None) -> None:
         self._where, self._rules = where, rules
+        #: Why the last record did not reach the store; empty if it did.
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
     def keep(

@@ -55,25 +55,10 @@ class Band:
 
 
 class Live:
-    """Takes what the devices send; keeps what a page needs to draw.
-
-    Attributes
-    ----------
-    generation : int
-        Grows when the curve restarts: another source, another grasp.
-    curve, band : deque
-        Aggregate, and the band of its forecast, oldest first.
-    moves : deque of [start, end]
-        When the fingers moved; the end is None while they do.
-    percent, ohm : ndarray or None, shape (rows, cols)
-        The newest frame.
-    reported, moving
-        What the gripper last reported: width in mm or pressure in kPa, and whether it moves.
-    progress : GraspProgress or None
-        State of the grasp that runs, or ran last.
-    """
+    """Takes what the devices send; keeps what a page needs to draw."""
 
     def __init__(self) -> None:
+        #: Grows when the curve restarts: another source, another grasp.
         self.generation = 0
         self.timeline: Timeline | None = None
         self.playing: Playing | None = None
@@ -84,9 +69,11 @@ class Live:
     def open_source(self, source: FrameSource | None) -> None:
         """Frames are another source's from now on."""
         self.source = source
+        #: The newest frame, shape (rows, cols).
         self.percent: FloatArray | None = None
         self.ohm: FloatArray | None = None
         self.time_s = math.nan
+        #: The gripper's last report: width in mm or pressure in kPa, and whether it moves.
         self.reported, self.moving = math.nan, False
         self.link = LinkStatus()
         fingers = 0 if source is None else source.layout.fingers
@@ -114,6 +101,7 @@ class Live:
         self.timeline = self.playing = None
         self.generation += 1
         self.curve: deque[Point] = deque(maxlen=int(POINTS_PER_S * CURVE_S))
+        #: Beginnings and ends of the fingers' movements; the end is None while they move.
         self.moves: deque[list[float | None]] = deque(maxlen=_MOST_MOVES)
         self.band: deque[Band] = deque(maxlen=_MOST_BANDS)
         self.progress: GraspProgress | None = None

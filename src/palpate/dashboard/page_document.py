@@ -261,15 +261,11 @@ def kind_of(grasped: Grasped, *, target_force_n: float | None) -> str:
 def _uncalibrated(failure: CalibrationFailure, live: Live) -> dict[str, str]:
     """Return the headline of a calibration that was stopped or failed."""
     kept = live.source is not None and live.source.rest_ohm is not None
-    return {
-        "text": Message("calibration stopped")
-        if failure.stopped
-        else Message("calibration failed"),
-        "why": Message("the previous calibration stays in use")
-        if kept
-        else Message("no calibration is in use"),
-        "kind": "warn" if failure.stopped else "bad",
-    }
+    text = Message("calibration stopped") if failure.stopped else Message("calibration failed")
+    why = Message("no calibration is in use")
+    if kept:
+        why = Message("the previous calibration stays in use")
+    return {"text": text, "why": why, "kind": "warn" if failure.stopped else "bad"}
 
 
 def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
@@ -325,23 +321,11 @@ def _measured(session: Session, tr: Language) -> dict[str, Any]:
 def _one(measured: Measurement | None, true: object, tr: Language) -> dict[str, Any] | None:
     if measured is None:
         return None
-    value, low, high = finite([measured.value, measured.low, measured.high])
+    known = {"status": str(measured.status), "truth": true}
     if not measured.number:
-        return {
-            "value": None,
-            "low": None,
-            "high": None,
-            "status": str(measured.status),
-            "text": _bound(measured, tr),
-            "truth": true,
-        }
-    return {
-        "value": value,
-        "low": low,
-        "high": high,
-        "status": str(measured.status),
-        "truth": true,
-    }
+        return known | {"value": None, "low": None, "high": None, "text": _bound(measured, tr)}
+    value, low, high = finite([measured.value, measured.low, measured.high])
+    return known | {"value": value, "low": low, "high": high}
 
 
 def _bound(measured: Measurement, tr: Language) -> str:

@@ -13,7 +13,7 @@ from nicegui import ui
 
 from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import is_simulated
+from palpate.dashboard.folder import is_simulated, recordings_in
 from palpate.dashboard.history import Entry
 from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.orders import Play
@@ -43,7 +43,7 @@ def recordings_panel(app_state: AppState, viewer: Viewer) -> None:
 
     def show() -> None:
         """Bring the list up to date, and leave every row that stays where a finger may be on it."""
-        files = dict(app_state.recordings()[:_MOST])
+        files = dict(recordings_in(app_state.settings.folder)[:_MOST])
         for gone in shown.keys() - files.keys():
             shown.pop(gone).delete()
         with rows:

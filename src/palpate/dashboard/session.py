@@ -46,19 +46,6 @@ class Session:
     silent_s : callable, optional
         Returns the time since the devices' process last sent anything, seconds.
 
-    Attributes
-    ----------
-    devices : DeviceState
-        What the devices do and last reported.
-    viewers : set of str
-        Who looks.
-    driver : str or None
-        Who drives.
-    target_force_n : float or None
-        Of the last grasp that was ordered.
-    rig : OpenRig or None
-        The rig asked for last.
-
     Examples
     --------
     >>> session = Session(send=print)
@@ -80,7 +67,9 @@ class Session:
         self.devices = DeviceState(on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self.driver: str | None = None
+        #: Of the last grasp that was ordered.
         self.target_force_n: float | None = None
+        #: The rig asked for last.
         self.rig: OpenRig | None = None
         self._stops = 0
 

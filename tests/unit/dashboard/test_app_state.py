@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path, PosixPath
 from typing import Any
 
-from palpate.dashboard.app_state import AppState, Settings
+from palpate.dashboard.app_state import Settings
+from palpate.dashboard.folder import recordings_in
 
 
 def names_in(folder: Path) -> list[str]:
@@ -21,7 +22,7 @@ def names_in(folder: Path) -> list[str]:
         speed=1.0,
         benches={},
     )
-    return [file.name for file, _ in AppState(settings).recordings()]
+    return [file.name for file, _ in recordings_in(settings.folder)]
 
 
 def test_recordings_are_listed_with_the_newest_first(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ export function whys(doc) {
   if (said.why) parts.push(said.why);
   if (said.on_target === true) parts.push(t("target {force} N within the interval", { force: number(said.target_force_n) }));
   if (said.on_target === false) parts.push(t("off the target of {force} N", { force: number(said.target_force_n) }));
-  if (doc.stopped_after_s) parts.push(t("stopped {time} ms after the request", { time: fixed(1000 * doc.stopped_after_s, 0) }));
+  if (doc.stopped_after_s !== null) parts.push(t("stopped {time} ms after the request", { time: fixed(1000 * doc.stopped_after_s, 0) }));
   // The rest is of a grasp: other headlines, such as a calibration's, are not.
   if (!("target_force_n" in said)) return parts;
   if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(t("answer {time} s after contact", { time: fixed(doc.measured.decision_time_s, 1) }));
