@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,6 +26,9 @@ from palpate.clock import ManualClock
 from palpate.twin.world import World
 
 GRASP, STANDARD = "/palpate_gripper/grasp", "/palpate_gripper/gripper_cmd"
+EXAMPLE = Path(__file__).parents[2] / "examples/moveit_gripper.py"
+#: A grasp, on a busy machine.
+PATIENCE_S = 120.0
 STOP, RELEASE = "/palpate_gripper/stop", "/palpate_gripper/release"
 
 
@@ -112,6 +116,21 @@ def test_standard_command_closes_and_opens(
     assert found.status == GoalStatus.STATUS_SUCCEEDED
     assert found.result.reached_goal
     assert found.result.position > 0.073
+
+
+def test_moveits_goals_close_on_the_object_and_open(launch: Any) -> None:
+    """`ros2/examples/moveit_gripper.py` sends what MoveIt's controller manager would."""
+    launch("gripper_node", rig="bench", speed=4.0, object="strawberry")
+    for position, expected in (("0.0", "stalled True"), ("0.074", "reached True")):
+        done = subprocess.run(
+            [sys.executable, str(EXAMPLE), position],
+            env={**os.environ},
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+        )
+        assert done.returncode == 0, done.stderr
+        assert expected in done.stdout
 
 
 def test_killed_client_leaves_a_bounded_grasp(

@@ -1,0 +1,58 @@
+"""Drive palpate's hand as MoveIt's controller manager does, without MoveIt.
+
+    python ros2/examples/moveit_gripper.py 0.0      # close: ends at the object
+    python ros2/examples/moveit_gripper.py 0.074    # open
+
+Reads `moveit_controllers.yaml` next to it and sends the goal that MoveIt 2's
+`GripperCommandControllerHandle` makes of a trajectory's last point: the joint's position, and
+`max_effort` where the point has no effort. Like there, an action that is aborted has failed.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import rclpy
+import yaml
+from action_msgs.msg import GoalStatus
+from control_msgs.action import GripperCommand
+from rclpy.action import ActionClient
+
+CONTROLLERS = Path(__file__).with_name("moveit_controllers.yaml")
+
+
+def main() -> int:
+    """Send one position, and print how it ended; 0 where MoveIt would go on."""
+    manager = yaml.safe_load(CONTROLLERS.read_text())["moveit_simple_controller_manager"]
+    name = manager["controller_names"][0]
+    controller = manager[name]
+    goal = GripperCommand.Goal()
+    goal.command.position = float(sys.argv[1])
+    goal.command.max_effort = controller["max_effort"]
+
+    rclpy.init()
+    node = rclpy.create_node("moveit_gripper")
+    client = ActionClient(node, GripperCommand, f"/{name}/{controller['action_ns']}")
+    if not client.wait_for_server(timeout_sec=60.0):
+        print(f"no action server at /{name}/{controller['action_ns']}", file=sys.stderr)
+        return 3
+    sent = client.send_goal_async(goal)
+    rclpy.spin_until_future_complete(node, sent)
+    if not sent.result().accepted:
+        print("the goal was rejected", file=sys.stderr)
+        return 1
+    ended = sent.result().get_result_async()
+    rclpy.spin_until_future_complete(node, ended)
+    status, result = ended.result().status, ended.result().result
+    print(
+        f"opening {result.position:.4f} m, effort {result.effort:.2f} N, "
+        f"stalled {result.stalled}, reached {result.reached_goal}"
+    )
+    node.destroy_node()
+    rclpy.shutdown()
+    return 0 if status == GoalStatus.STATUS_SUCCEEDED else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
