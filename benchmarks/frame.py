@@ -2,7 +2,7 @@
 
     python benchmarks/frame.py --rate 250
 
-Every frame of the twin's sheet  is packed as the firmware packs it and decoded from its
+Every frame of the twin's sheet is packed as the firmware packs it and decoded from its
 bytes; the runner then does all that it does in a grasp: resistance, force with its interval, the
 watches, the controller. The twin's own physics, sheet and hand, are timed apart.
 """
@@ -114,13 +114,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rate", type=float, default=250.0)
     parser.add_argument("--grasps", type=int, default=10)
+    parser.add_argument("--hand", choices=("rigid", "soft"), default="rigid")
     told = parser.parse_args()
-    calibration = calibrated(seed=SEED, level=LEVEL, apart_from="strawberry", kind="rigid")
+    calibration = calibrated(seed=SEED, level=LEVEL, apart_from="strawberry", kind=told.hand)
     ours_s, twin_s, simulated_s = list[float](), 0.0, 0.0
     for number in range(told.grasps):
         thing = draw_object(np.random.default_rng(SEED + number), "strawberry")
         world = World(
-            thing, seed=SEED + number, level=LEVEL, gripper="rigid", frame_rate_hz=told.rate
+            thing, seed=SEED + number, level=LEVEL, gripper=told.hand, frame_rate_hz=told.rate
         )
         watch = Stopwatch()
         gripper = TimedGripper(TwinGripper(world), watch)
