@@ -116,7 +116,7 @@ font-size:13px}
 .tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:12px}
 .tile,figure,.table{background:var(--card);border:1px solid var(--grid);border-radius:10px}
 .tile{padding:12px 14px}
-.tile p{margin:0}
+.tile p{margin:0;overflow-wrap:anywhere}
 .name{color:var(--grey);font-size:13px}
 .value{font-size:22px;font-weight:650;line-height:1.3;overflow-wrap:anywhere;
 font-variant-numeric:tabular-nums}

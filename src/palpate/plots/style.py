@@ -36,6 +36,8 @@ DPI = 300
 PAGE_WIDTH_IN = 7.2
 #: Between two powers of ten these are labelled, so that an axis within one decade has numbers too.
 _LABELLED_DIGITS = "125"
+#: Beyond this ratio of its ends an axis has room for powers of ten alone.
+_CROWDED = 3e3
 
 #: matplotlib's own label of the axes of a colour bar, which is no panel.
 COLORBAR = "<colorbar>"
@@ -135,13 +137,17 @@ def letter_panels(figure: Figure) -> None:
 
 
 def log_axis(axis: Axis) -> None:
-    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of each decade."""
+    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of each of a few decades."""
+
+    def between_decades(value: float, _: object) -> str:
+        low, high = axis.get_view_interval()
+        crowded = high > _CROWDED * low
+        return "" if crowded or f"{value:e}"[0] not in _LABELLED_DIGITS else plain_number(value)
+
     scale = axis.axes.set_xscale if axis is axis.axes.xaxis else axis.axes.set_yscale
     scale("log")
     axis.set_major_formatter(lambda value, _: plain_number(value))
-    axis.set_minor_formatter(
-        lambda value, _: plain_number(value) if f"{value:e}"[0] in _LABELLED_DIGITS else ""
-    )
+    axis.set_minor_formatter(between_decades)
 
 
 def plain_number(value: float) -> str:
