@@ -2,7 +2,7 @@
 
 Run `python bridges/lerobot-robot/check_record_loop.py` in an environment with LeRobot 0.4, palpate,
 `lerobot_robot_palpate` and `lerobot_camera_palpate`. `lerobot-record`'s own function records two
-episodes in which the hand is told to close all the way, with 3 N as the limit. Ends with status 1
+episodes in which the hand is sent to close all the way, with 3 N as the limit. Ends with status 1
 where something is not as it should be.
 """
 
@@ -32,7 +32,7 @@ LIMIT_N, FPS, EPISODES, EPISODE_S = 3.0, 15, 2, 30.0
 @TeleoperatorConfig.register_subclass("closing")
 @dataclass(kw_only=True)
 class ClosingConfig(TeleoperatorConfig):
-    """Always says the same."""
+    """Always gives the same action."""
 
 
 class Closing(Teleoperator):
@@ -92,7 +92,7 @@ def main() -> None:
     check(data.num_episodes == EPISODES, f"{EPISODES} episodes, {len(data)} frames")
     check(names[:4] == ["width_mm", "force_n", "force_low_n", "force_high_n"], "newtons")
     force_n = state[:, names.index("force_n")]
-    check(1.0 < force_n.max() <= 1.1 * LIMIT_N, f"pressed, and never over {force_n.max():.2f} N")
+    check(1.0 < force_n.max() <= 1.1 * LIMIT_N, f"pressed, and felt {force_n.max():.2f} N at most")
     check(len(images) == len(data), "an image of the pixels for each frame")
     check({image.shape for image in images} == {(128, 64, 3)}, "of the size that was asked for")
 

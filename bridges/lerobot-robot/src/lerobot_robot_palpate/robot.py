@@ -98,10 +98,13 @@ class PalpateHand(Robot):
     def disconnect(self) -> None:
         """Stop the fingers where they are, and let go of the devices."""
         hand, self._hand = self._connected(), None
-        hand.close()
-        del self._rig
-        for camera in self.cameras.values():
-            camera.disconnect()
+        try:
+            hand.close()
+        finally:
+            # A hand that does not answer leaves no camera open, and may be connected again.
+            del self._rig
+            for camera in self.cameras.values():
+                camera.disconnect()
 
     def _connected(self) -> PolicyHand:
         if self._hand is None:
