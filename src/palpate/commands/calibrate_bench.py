@@ -62,7 +62,7 @@ def open_bench(
     """Open the bench of a rig: the twin's, or a board's with a gripper, which is left open.
 
     `rig`: name of a rig, or a rig file with `[load_cells]`.
-    `ask`: tells the user of a real rig what to do, and returns when it is done.
+    `ask`: shows the user of a real rig what to do, and returns when it is done.
     `placements`: how often the load cell will be placed, all steps together.
     Raises `InputError` if the rig file is at fault, or its fingers are driven by pressure;
     `DeviceError` if the rig has no load cell, equipment is missing, or a load cell does not read

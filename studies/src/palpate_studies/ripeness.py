@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 import typer
@@ -11,7 +11,6 @@ import typer
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.produce.ripeness.rule import SURE
-from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies.report import OutOption, StudyReport
 from palpate_studies.ripeness_felt import Felt, drift_of
@@ -47,6 +46,8 @@ from palpate_studies.ripeness_tables import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Levels of the twin that the study has conditions at.
+StudiedLevel: TypeAlias = Literal["paper", "field"]
 CONDITIONS: tuple[Condition, ...] = (
     ("paper", "rigid", True),
     ("paper", "soft", True),
@@ -67,7 +68,9 @@ def command(
             help="Fruits that each sensor judges, besides two dozen labelled ones.", min=2
         ),
     ] = 10,
-    level: Annotated[Level | None, typer.Option(help="Only at this level of the twin.")] = None,
+    level: Annotated[
+        StudiedLevel | None, typer.Option(help="Only at this level of the twin.")
+    ] = None,
     gripper: Annotated[GripperKind | None, typer.Option(help="Only with this gripper.")] = None,
     aging: Annotated[
         bool | None,
@@ -102,7 +105,10 @@ def command(
 
 
 def chosen(
-    *, level: Level | None = None, gripper: GripperKind | None = None, aging: bool | None = None
+    *,
+    level: StudiedLevel | None = None,
+    gripper: GripperKind | None = None,
+    aging: bool | None = None,
 ) -> list[Condition]:
     """Return the conditions that agree with all that was asked for.
 
