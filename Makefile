@@ -5,16 +5,17 @@ BIN := $(VENV)/bin
 
 .PHONY: demo test test-ros test-lerobot lint docs wheel wheel-test clean
 
-# The base environment has every extra, so that the README's paths work in it; the development one
+# The base environment has every extra, the archive and the LeRobot export, so that the README's
+# paths work in it; the development one
 # adds the tests' tools.
-$(VENV)/.base: pyproject.toml
+$(VENV)/.base: pyproject.toml archive/pyproject.toml bridges/lerobot-dataset/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./archive --editable ./bridges/lerobot-dataset
 	touch $@
 
-$(VENV)/.dev: pyproject.toml studies/pyproject.toml bridges/mujoco/pyproject.toml
+$(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.toml)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies --editable './bridges/mujoco[gym]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable ./studies --editable './bridges/mujoco[gym]' --editable ./archive --editable ./bridges/lerobot-dataset
 	touch $@ $(VENV)/.base
 
 demo: $(VENV)/.base

@@ -22,10 +22,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
-from palpate.archive.jobs import Settle
-from palpate.archive.layout import Archive, Part, arrow
-from palpate.archive.running import run_here, tasks_of
+from palpate_archive.jobs import Settle
+from palpate_archive.layout import Archive, Part
+from palpate_archive.running import run_here, tasks_of
 
 PER_HOLD, HOLDS_PER_FILE = 2000, 500
 
@@ -49,7 +50,7 @@ def draw(root: Path, *, samples: int) -> None:
             "unit": np.full(values.size, "ohm"),
         }
         part = Part(kind="holds", station="drawn", date="2026-01-01", name=f"p{number:04}")
-        archive.write(part, [arrow().table(columns)], sources=[f"s{number}"])
+        archive.write(part, [pa.table(columns)], sources=[f"s{number}"])
 
 
 def settle(root: Path, results: Path, *, engine: str, workers: int) -> dict[str, float]:
@@ -72,7 +73,7 @@ def on_dask(tasks: list, *, workers: int) -> float:
     """Run tasks on a cluster of so many processes that stands already; return the seconds."""
     from distributed import LocalCluster
 
-    from palpate.archive.running import run_on_dask
+    from palpate_archive.running import run_on_dask
 
     with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
         started_s = time.perf_counter()

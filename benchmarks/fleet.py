@@ -15,8 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.archive.adding import add_recordings
-from palpate.archive.layout import Archive
 from palpate.grasp.planning import force_now
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.rig.simulated import calibrated
@@ -26,6 +24,8 @@ from palpate.signal.relative import excess_conductance
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
+from palpate_archive.adding import add_recordings
+from palpate_archive.layout import Archive
 from palpate_studies.board_bytes import encode_message
 
 RATE_HZ, LEVEL, SEED = 250.0, "field", 5

@@ -27,6 +27,8 @@ BASE = (
     ("init rig.toml --port auto --layout soft-3x2 --gripper none", 0, "written"),
     ("study table1", 2, "pip install ./studies"),
     ("bench settling", 2, "pip install ./studies"),
+    ("archive settle archive", 2, "pip install ./archive"),
+    ("export g.mcap --lerobot grasps", 2, "pip install ./bridges/lerobot-dataset"),
     ("flash --port /dev/not-there", 3, ""),
     ("grasp --rig sim-firmware", 3, "make -C firmware"),
     ("settle demo-recordings/ohm.csv --plot settled.png", 2, "palpate[plots]"),

@@ -17,9 +17,9 @@ import pytest
 import typer
 
 from palpate.cli import VERBS, build_app
-from palpate.commands import archive, calibrate
+from palpate.commands import calibrate
 from palpate.commands.outcome import run
-from palpate.commands.research import STUDIES, catalogue
+from palpate.commands.packages import ARCHIVE, STUDIES, catalogue
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Pages whose `sh` and `python` blocks are run.
@@ -38,9 +38,7 @@ EXECUTED = (
     "bruise",
     "sort",
     "grasp-produce",
-    "archive",
     "foxglove",
-    "lerobot",
 )
 #: A comment before a block says that its commands exit otherwise than with 0.
 BLOCK = re.compile(
@@ -108,7 +106,7 @@ def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line
     _, verb, *arguments = shlex.split(line, comments=True)
     assert verb in VERBS
     if verb in ("archive", "calibrate"):
-        assert arguments[0] in (archive if verb == "archive" else calibrate).STEPS
+        assert arguments[0] in (catalogue(ARCHIVE) if verb == "archive" else calibrate.STEPS)
         return
     command = typer.main.get_command(build_app()).commands[verb]
     known = {name for parameter in command.params for name in parameter.opts}

@@ -1,4 +1,4 @@
-"""`palpate archive WHAT`: many stations' grasps, holds and frames as Parquet, and work on them."""
+"""`palpate archive STEP`: many stations' grasps, holds and frames as Parquet, and work on them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,10 @@ from typing import Annotated
 import typer
 
 from palpate.commands import completion
-from palpate.commands.steps import SETTINGS, Steps, run_step
+from palpate.commands.packages import ARCHIVE, needed
+from palpate.commands.steps import SETTINGS, run_step
 
-__all__ = ["SETTINGS", "STEPS", "archive"]
-
-STEPS: Steps = {
-    "add": ("archive_add:add", "Put recordings and a store into it; what is there stays"),
-    "compact": ("archive_add:compact", "Join a day's small files into few"),
-    "settle": ("archive_work:settle", "Predict the settled value of every hold again"),
-    "recalibrate": ("archive_work:recalibrate", "Read the force of every frame again"),
-    "judge": ("archive_work:judge", "Decide again which bin each grasp alone would have chosen"),
-}
+__all__ = ["SETTINGS", "archive"]
 
 
 def archive(
@@ -33,7 +26,7 @@ def archive(
     run_step(
         context,
         step,
-        STEPS,
+        needed(ARCHIVE),
         what="step",
         example="palpate archive add recordings --to archive",
     )

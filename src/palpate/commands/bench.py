@@ -8,7 +8,8 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.options import QuietOption
-from palpate.commands.research import BENCHMARKS, run_named
+from palpate.commands.packages import BENCHMARKS
+from palpate.commands.research import run_named
 from palpate.commands.steps import SETTINGS
 
 __all__ = ["SETTINGS", "bench"]
@@ -38,8 +39,7 @@ def bench(
         name = None
     run_named(
         name or ALL,
-        group=BENCHMARKS,
-        verb="bench",
+        offer=BENCHMARKS,
         noun="benchmark",
         options="[--full] [--json] [--page FILE]",
         listing=list_all,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import typer
 
-from palpate.commands.research import BENCHMARKS, STUDIES, catalogue
+from palpate.commands.packages import ARCHIVE, BENCHMARKS, STUDIES, Offer, catalogue
 
 #: Items offered at most: a shell lists them all at once.
 _MOST_ITEMS = 200
@@ -26,11 +26,11 @@ def _names_in(module: str, table: str) -> Callable[[str], list[str]]:
     return complete
 
 
-def _installed(group: str) -> Callable[[str], list[str]]:
-    """Return the completion of what packages offer in a group of entry points."""
+def _installed(offer: Offer) -> Callable[[str], list[str]]:
+    """Return the completion of what installed packages offer."""
 
     def complete(incomplete: str) -> list[str]:
-        return _matching(sorted(catalogue(group)), incomplete)
+        return _matching(sorted(catalogue(offer)), incomplete)
 
     return complete
 
@@ -42,7 +42,7 @@ def _matching(names: Iterable[str], incomplete: str) -> list[str]:
 objects = _names_in("palpate.twin.objects", "OBJECTS")
 methods = _names_in("palpate.settling.predict", "METHODS")
 steps = _names_in("palpate.commands.calibrate", "STEPS")
-archive_steps = _names_in("palpate.commands.archive", "STEPS")
+archive_steps = _installed(ARCHIVE)
 demos = _names_in("palpate.commands.demo", "NAMES")
 studies = _installed(STUDIES)
 benchmarks = _installed(BENCHMARKS)

@@ -53,11 +53,11 @@ def export(
     Example: palpate export run.mcap --holds && palpate settle run.holds.csv
     """
     if lerobot is not None:
-        from palpate.commands.export_lerobot import export_lerobot
+        from palpate.commands.packages import LEROBOT, function_of
 
         if to is not None or holds or out is not None:
             raise InputError("--lerobot writes a folder of its own: leave out --to, --holds, --out")
-        export_lerobot(files, folder=lerobot, task=task, fps=fps)
+        function_of(LEROBOT)(files, folder=lerobot, task=task, fps=fps)
         return
     if task is not None or fps is not None:
         raise InputError("--task and --fps are for --lerobot; name its folder, or leave them out")

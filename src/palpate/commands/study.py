@@ -8,7 +8,8 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.options import QuietOption
-from palpate.commands.research import STUDIES, run_named
+from palpate.commands.packages import STUDIES
+from palpate.commands.research import run_named
 from palpate.commands.steps import SETTINGS
 
 __all__ = ["SETTINGS", "study"]
@@ -26,8 +27,7 @@ def study(
     """Regenerate a table or figure next to the published one. Example: palpate study table1."""
     run_named(
         name,
-        group=STUDIES,
-        verb="study",
+        offer=STUDIES,
         noun="study",
         options="[--json] [--out DIR]",
         listing=list_studies,

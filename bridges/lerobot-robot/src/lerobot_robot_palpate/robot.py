@@ -12,9 +12,9 @@ from lerobot.robots import Robot
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from lerobot_robot_palpate.config import PalpateHandConfig
-from palpate.lerobot.episode import action_names, state_names
-from palpate.lerobot.hand import PolicyHand, learned_limit_n
 from palpate.rig import Rig, open_rig
+from palpate_lerobot.episode import action_names, state_names
+from palpate_lerobot.hand import PolicyHand, learned_limit_n
 
 
 class PalpateHand(Robot):

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy.linalg  # noqa: F401 - its library is what has threads
+import pyarrow as pa
+import pyarrow.parquet
 from threadpoolctl import threadpool_info
-
-from palpate.archive.layout import arrow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ class Killing:
         if killed < self.times:
             (self.folder / f"killed-{killed}").touch()
             os.kill(self.pid or os.getpid(), signal.SIGKILL)
-        yield arrow().parquet.read_table(path, columns=["time_s"], partitioning=None)
+        yield pa.parquet.read_table(path, columns=["time_s"], partitioning=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,4 +62,4 @@ class Threads:
 
     def tables(self, path: Path) -> Iterator[Any]:
         found = [pool["num_threads"] for pool in threadpool_info()]
-        yield arrow().table({"threads": found})
+        yield pa.table({"threads": found})

@@ -20,11 +20,11 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.planning import force_now, plan_grasp
 from palpate.grasp.safety import DAMAGE_RATE, FORCE_CEILING_N, largest_step
 from palpate.gripper.interface import Gripper, GripperCommand, GripperState
-from palpate.lerobot.episode import action_names, state_names
 from palpate.sensor.array import Frame, PressureArray
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance, relative_change_percent, rest_baseline
+from palpate_lerobot.episode import action_names, state_names
 
 _FRAME_S = 2.0
 #: For this long the spike of a movement may hide a touch.

@@ -15,7 +15,7 @@ from palpate.commands.settle_options import HorizonOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.archive.jobs import Job
+    from palpate_archive.jobs import Job
 
 
 Engine: TypeAlias = Literal["local", "dask"]
@@ -60,8 +60,8 @@ def settle(
 
     Example: palpate archive settle archive --method exponential
     """
-    from palpate.archive.jobs import Settle
     from palpate.settling.predict import method_named
+    from palpate_archive.jobs import Settle
 
     method_named(method)
     job = Settle(method=method, horizon_s=horizon)
@@ -86,9 +86,9 @@ def recalibrate(
 
     Example: palpate archive recalibrate archive --calibration calibration.json
     """
-    from palpate.archive.jobs import Recalibrate
     from palpate.grasp.planning import laws_of
     from palpate.sensor.calibration import Calibration
+    from palpate_archive.jobs import Recalibrate
 
     # Refused here, and not by every worker.
     laws_of(Calibration.load(calibration).force)
@@ -110,8 +110,8 @@ def judge(
 
     Example: palpate archive judge archive --rules rules.toml
     """
-    from palpate.archive.jobs import Judge
     from palpate.produce.sorting.rules_file import read_rules
+    from palpate_archive.jobs import Judge
 
     read_rules(rules)
     job = Judge(rules=rules.resolve(), text=rules.read_text())
@@ -128,8 +128,8 @@ def _work_on(
     quiet: bool,
 ) -> None:
     """Run a job over the archive and print where the results are."""
-    from palpate.archive.layout import Archive
-    from palpate.archive.running import forget_others, run_here, run_on_dask, tasks_of
+    from palpate_archive.layout import Archive
+    from palpate_archive.running import forget_others, run_here, run_on_dask, tasks_of
 
     if scheduler is not None and engine != "dask":
         raise InputError(f"--scheduler {scheduler}: goes with --engine dask")

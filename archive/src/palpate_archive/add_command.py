@@ -35,9 +35,9 @@ def add(
 
     Example: palpate archive add recordings --to archive --station north
     """
-    from palpate.archive.adding import add_recordings, add_store, found_recordings
-    from palpate.archive.layout import Archive, check_name
     from palpate.produce.store.database import Store
+    from palpate_archive.adding import add_recordings, add_store, found_recordings
+    from palpate_archive.layout import Archive, check_name
 
     for path in files or []:
         if not path.exists():
@@ -79,8 +79,8 @@ def compact(
 
     Example: palpate archive compact archive
     """
-    from palpate.archive.compacting import join_files as join_files
-    from palpate.archive.layout import KINDS, Archive
+    from palpate_archive.compacting import join_files as join_files
+    from palpate_archive.layout import KINDS, Archive
 
     opened = Archive(archive)
     for kind in KINDS:

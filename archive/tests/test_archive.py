@@ -11,14 +11,9 @@ import pandas as pd
 import polars as pl
 import pyarrow.parquet as pq
 import pytest
-from tests.archive_jobs import Killing, Threads
+from archive.tests.archive_jobs import Killing, Threads
 from threadpoolctl import threadpool_limits
 
-from palpate.archive.adding import add_recordings, add_store
-from palpate.archive.compacting import join_files
-from palpate.archive.jobs import Judge, Recalibrate, Settle
-from palpate.archive.layout import KINDS, Archive, Part
-from palpate.archive.running import forget_others, perform, run_here, tasks_of
 from palpate.cli import build_app
 from palpate.commands.outcome import run as run_command
 from palpate.errors import ClusterError, InputError
@@ -26,6 +21,11 @@ from palpate.holds import read_holds
 from palpate.produce.store.database import Store
 from palpate.recording import load_recording
 from palpate.recording.exporting import recorded_resistance_ohm
+from palpate_archive.adding import add_recordings, add_store
+from palpate_archive.compacting import join_files
+from palpate_archive.jobs import Judge, Recalibrate, Settle
+from palpate_archive.layout import KINDS, Archive, Part
+from palpate_archive.running import forget_others, perform, run_here, tasks_of
 
 
 def palpate(*arguments: str) -> int:

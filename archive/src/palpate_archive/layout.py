@@ -14,9 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet
+
 from palpate.errors import InputError
 from palpate.files import atomic_path
-from palpate.tables.binary import pyarrow_for
 
 #: Version of the columns; a newer one is refused.
 SCHEMA = 1
@@ -117,21 +119,13 @@ def check_name(what: str, name: str) -> str:
     return name
 
 
-def arrow() -> Any:
-    """Return pyarrow with its Parquet part.
-
-    Raises `MissingExtraError` if it is not installed.
-    """
-    return pyarrow_for("an archive", extra="archive")
-
-
 def sources_of(path: Path) -> list[str]:
     """Return the sources that a file names.
 
     Raises `InputError` if it is no file of an archive.
     """
     try:
-        marks = arrow().parquet.read_schema(path).metadata or {}
+        marks = pa.parquet.read_schema(path).metadata or {}
         return [str(name) for name in json.loads(marks[_SOURCES])]
     except (KeyError, ValueError) as fault:
         raise InputError(f"{path}: is no file of an archive; move it elsewhere") from fault
@@ -139,7 +133,7 @@ def sources_of(path: Path) -> list[str]:
 
 def write_tables(path: Path, tables: Iterable[Any], *, marks: dict[bytes, str]) -> int:
     """Write tables of one schema into one Parquet file, whole or not at all; return the rows."""
-    parquet, rows = arrow().parquet, 0
+    parquet, rows = pa.parquet, 0
     path.parent.mkdir(parents=True, exist_ok=True)
     left: Iterator[Any] = iter(tables)
     first = next(left)

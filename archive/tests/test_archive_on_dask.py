@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
-from tests.archive_jobs import Killing
+from archive.tests.archive_jobs import Killing
 
-from palpate.archive.jobs import Settle
-from palpate.archive.layout import Archive, Part, arrow
-from palpate.archive.running import perform, run_on_dask, tasks_of
 from palpate.errors import ClusterError
+from palpate_archive.jobs import Settle
+from palpate_archive.layout import Archive, Part
+from palpate_archive.running import perform, run_on_dask, tasks_of
 
 PARTS = 6
 
@@ -37,7 +38,7 @@ def archive(tmp_path: Path) -> Archive:
             "unit": ["ohm"] * time_s.size,
         }
         part = Part(kind="holds", station="north", date="2026-05-01", name=f"p{number}")
-        made.write(part, [arrow().table(columns)], sources=[f"s{number}"])
+        made.write(part, [pa.table(columns)], sources=[f"s{number}"])
     return made
 
 

@@ -16,9 +16,13 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from palpate.archive.jobs import Job, digest
-from palpate.archive.layout import Archive, Part, arrow, write_tables
-from palpate.errors import ClusterError, needing
+import pyarrow as pa
+import pyarrow.parquet
+from threadpoolctl import threadpool_limits
+
+from palpate.errors import ClusterError
+from palpate_archive.jobs import Job, digest
+from palpate_archive.layout import Archive, Part, write_tables
 
 #: Tries of a task whose worker died, without a cluster.
 TRIES = 3
@@ -43,7 +47,7 @@ class Task:
     def done(self) -> bool:
         """Whether the results are there."""
         try:
-            marks = arrow().parquet.read_schema(self.target).metadata or {}
+            marks = pa.parquet.read_schema(self.target).metadata or {}
         except (OSError, ValueError):
             return False
         return bool(marks.get(_JOB) == self.mark.encode())
@@ -65,14 +69,12 @@ def forget_others(results: Path, tasks: Sequence[Task]) -> None:
     """Delete results of parts that are no longer there: compacting gave them other names."""
     kept = {task.target for task in tasks}
     for path in results.resolve().rglob("[!.]*.parquet"):
-        if path not in kept and _JOB in (arrow().parquet.read_schema(path).metadata or {}):
+        if path not in kept and _JOB in (pa.parquet.read_schema(path).metadata or {}):
             path.unlink()
 
 
 def perform(task: Task) -> int:
     """Do one task on one thread; return the rows written."""
-    with needing("work on an archive", extra="archive"):
-        from threadpoolctl import threadpool_limits
     # Sums on more threads are taken in another order: their last bits would differ by machine.
     with threadpool_limits(limits=1):
         return write_tables(task.target, task.job.tables(task.source), marks={_JOB: task.mark})
@@ -113,11 +115,12 @@ def run_on_dask(tasks: Sequence[Task], *, scheduler: str | None, show: Show) -> 
     `scheduler`: its address; None starts workers on this machine.
     Raises `ClusterError` if the scheduler is not there, or is lost on the way, or the workers of a
     task died as often as the cluster allows (`distributed.scheduler.allowed-failures`, 3 by
-    default); `MissingExtraError` if Dask is not installed.
+    default).
     """
-    with needing("--engine dask", extra="archive"):
-        from distributed import Client, KilledWorker
-        from distributed.comm.core import CommClosedError
+    # A second's import, which work on this machine does without.
+    from distributed import Client, KilledWorker
+    from distributed.comm.core import CommClosedError
+
     rows = 0
     try:
         with _client(Client, scheduler) as client:

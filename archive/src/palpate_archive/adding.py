@@ -11,7 +11,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from palpate.archive.layout import SIMULATED, Archive, Part, arrow, check_name
+import pyarrow as pa
+
 from palpate.errors import RecordingError
 from palpate.holds import Hold
 from palpate.produce.records import Grasp, Item
@@ -19,6 +20,7 @@ from palpate.produce.store.database import Store
 from palpate.produce.store.export import grasp_row, grasp_schema
 from palpate.recording.exporting import frame_tables, recorded_holds
 from palpate.recording.reader import RecordingReader, load_recording
+from palpate_archive.layout import SIMULATED, Archive, Part, check_name
 
 _BATCH = 10_000
 
@@ -74,9 +76,9 @@ def add_store(archive: Archive, store: Store, *, station: str) -> dict[str, int]
         grasp_id
         for part in archive.parts("grasps")
         if part.station == station
-        for grasp_id in arrow()
-        .parquet.read_table(archive.path(part), columns=["grasp_id"])["grasp_id"]
-        .to_pylist()
+        for grasp_id in pa.parquet.read_table(archive.path(part), columns=["grasp_id"])[
+            "grasp_id"
+        ].to_pylist()
     }
     fresh = (grasp for grasp in store.grasps() if grasp.grasp_id not in held)
     rows = 0
@@ -94,7 +96,7 @@ def _add_grasps(
         days[f"{grasp.taken_at.astimezone(UTC):%Y-%m-%d}"].append(grasp)
     rows = 0
     for date, taken in days.items():
-        table = arrow().Table.from_pylist(
+        table = pa.Table.from_pylist(
             [grasp_row(grasp, items.get(grasp.item_id)) for grasp in taken], schema=grasp_schema()
         )
         name = hashlib.sha256("\n".join(g.grasp_id for g in taken).encode()).hexdigest()[:12]
@@ -128,7 +130,6 @@ def _holds(path: Path, name: str) -> list[Hold]:
 
 def _hold_table(holds: Iterable[Hold], labels: dict[str, str]) -> Any:
     """Return holds in the columns that `palpate settle` reads too."""
-    pa = arrow()
     columns: dict[str, list[Any]] = {
         name: [] for name in ("hold_id", "time_s", "value", "channel", "unit")
     }
@@ -148,7 +149,6 @@ def _hold_table(holds: Iterable[Hold], labels: dict[str, str]) -> Any:
 
 def _frame_table(table: dict[str, list[Any]], labels: dict[str, str], rows: int, cols: int) -> Any:
     """Return frames in columns that are the same for every sensor: pixels row by row in a list."""
-    pa = arrow()
     pixels = [f"r{row}c{col}" for row in range(rows) for col in range(cols)]
     count = len(table["time_s"])
     columns = {
@@ -174,7 +174,6 @@ def _frame_table(table: dict[str, list[Any]], labels: dict[str, str], rows: int,
 
 def _labelled(columns: dict[str, Any], labels: dict[str, str]) -> Any:
     """Return a table whose first columns give each row's recording and origin."""
-    pa = arrow()
     count = len(next(iter(columns.values())))
     named = {name: pa.array([text] * count, type=pa.string()) for name, text in labels.items()}
     return pa.table(named | columns)

@@ -12,9 +12,9 @@ from palpate.errors import DeviceTimeoutError, InputError
 from palpate.estimate.damage import fit_damage_model
 from palpate.estimate.damage_file import DamageFile
 from palpate.estimate.strength import ClosingCurve
-from palpate.lerobot.hand import PolicyHand, learned_limit_n
 from palpate.rig import Rig, open_rig
 from palpate.sensor.array import Frame
+from palpate_lerobot.hand import PolicyHand, learned_limit_n
 
 CLOSED = {"width_mm": 5.0, "rate_mm_per_s": 60.0}
 OPEN = {"width_mm": 74.0, "rate_mm_per_s": 60.0}

@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate import __version__
 from palpate.errors import InputError
-from palpate.lerobot.dataset import Episode, write_dataset
-from palpate.lerobot.episode import GraspTrack, read_grasp
+from palpate_lerobot.dataset import Episode, write_dataset
+from palpate_lerobot.episode import GraspTrack, read_grasp
 
 
 def export_lerobot(files: list[Path], *, folder: Path, task: str | None, fps: int | None) -> None:

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import InputError, needing
+from palpate.errors import InputError
 from palpate.files import atomic_folder
-from palpate.lerobot.episode import GraspTrack
-from palpate.lerobot.statistics import statistics
+from palpate_lerobot.episode import GraspTrack
+from palpate_lerobot.statistics import statistics
 
 _FORMAT = "v3.0"
 _FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -58,12 +58,7 @@ def write_dataset(
         If the folder is there already, or the grasps don't go together.
     RecordingError
         If a recording has too few frames for the raster.
-    MissingExtraError
-        Without pyarrow.
     """
-    with needing("a LeRobot data set", extra="data"):
-        import pyarrow
-    del pyarrow
     _check_alike([grasp for grasp, _ in grasps])
     episodes = _episodes(grasps, fps=fps)
     with atomic_folder(folder) as partial:

@@ -7,7 +7,10 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
-from palpate.archive.layout import Archive, Part, arrow, sources_of
+import pyarrow as pa
+import pyarrow.parquet
+
+from palpate_archive.layout import Archive, Part, sources_of
 
 #: Parts are joined up to this many rows: what one worker holds of holds or grasps at once.
 MOST_ROWS = 1_000_000
@@ -43,7 +46,7 @@ def _batches(archive: Archive, parts: Sequence[Part]) -> Iterator[list[Part]]:
     """Yield parts to be joined, in their order: two at least, with not too many rows."""
     batch, rows = list[Part](), 0
     for part in parts:
-        count = int(arrow().parquet.read_metadata(archive.path(part)).num_rows)
+        count = int(pa.parquet.read_metadata(archive.path(part)).num_rows)
         if batch and rows + count > MOST_ROWS:
             if len(batch) > 1:
                 yield batch
@@ -66,4 +69,4 @@ def _join(archive: Archive, pieces: Sequence[Part]) -> None:
 
 def _tables(archive: Archive, pieces: Sequence[Part]) -> Iterator[Any]:
     for part in pieces:
-        yield arrow().parquet.read_table(archive.path(part), partitioning=None)
+        yield pa.parquet.read_table(archive.path(part), partitioning=None)

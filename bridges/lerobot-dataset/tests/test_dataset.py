@@ -22,10 +22,10 @@ from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import Gripper, GripperCommand, GripperLimits, GripperState
-from palpate.lerobot.episode import read_grasp
 from palpate.recording import RecordingWriter, load_recording
 from palpate.rig import open_rig
 from palpate.rig.recorded import open_grasp_recording
+from palpate_lerobot.episode import read_grasp
 
 TARGET_N = 2.0
 DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
 
-from palpate.archive.layout import arrow
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 
@@ -76,7 +77,6 @@ class Settle:
 
     def tables(self, path: Path) -> Iterator[Any]:
         """Yield one table: a row for each hold, channel and cut-off."""
-        pa = arrow()
         names = ["recording", "hold_id", "channel", "unit", "time_s", "value"]
         table = pa.parquet.read_table(path, columns=names, partitioning=None, use_threads=False)
         rows = [row for alike in _alike(table) for row in self._rows(*alike)]
@@ -148,7 +148,6 @@ class Recalibrate:
         from palpate.sensor.calibration import Calibration
         from palpate.signal.relative import excess_conductance
 
-        pa = arrow()
         calibration = Calibration.from_text(self.calibration)
         shape = (calibration.layout.rows, calibration.layout.cols)
         now, recording = force_now(calibration.force), None
@@ -205,7 +204,6 @@ class Judge:
         from palpate.produce.sorting.decide import decide
         from palpate.produce.sorting.rules_file import read_rules
 
-        pa = arrow()
         if self.rules.read_text() != self.text:
             raise InputError(f"{self.rules}: changed while it was used; run it again")
         book = read_rules(self.rules)
@@ -271,7 +269,6 @@ def _first_rows(columns: Sequence[Any]) -> list[int]:
 
 
 def _settled_schema() -> Any:
-    pa = arrow()
     text = ("recording", "hold_id", "channel", "unit", "status")
     names = (
         *("recording", "hold_id", "channel", "unit", "cutoff_s"),
@@ -281,12 +278,10 @@ def _settled_schema() -> Any:
 
 
 def _force_schema() -> Any:
-    pa = arrow()
     numbers = ("time_s", "force_n", "force_n_low", "force_n_high")
     return pa.schema([("recording", pa.string()), *((name, pa.float64()) for name in numbers)])
 
 
 def _bin_schema() -> Any:
-    pa = arrow()
     text = [(name, pa.string()) for name in ("grasp_id", "item_id", "bin")]
     return pa.schema([*text, ("probability", pa.float64()), ("why", pa.string())])

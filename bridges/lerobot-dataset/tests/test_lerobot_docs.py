@@ -1,0 +1,14 @@
+"""The page `docs/lerobot.md`, followed to the letter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.unit.test_docs_commands import test_every_block_of_the_page_runs as run_page
+
+
+def test_the_page_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_page("lerobot", tmp_path, monkeypatch, capsys)
