@@ -80,15 +80,11 @@ class Reading:
 class Bench:
     """The devices of a calibration, and where to begin to close slowly.
 
-    Attributes
-    ----------
-    array, gripper, cell, clock
-        The devices.
-    skip_until : callable, optional
-        Lets time pass without frames where nobody needs them; else they are read and dropped.
-    start : float
-        Width a little above, or pressure a little below, where the largest thing that will be
-        between the fingers is touched.
+    `array`, `gripper`, `cell`, `clock`: the devices.
+    `skip_until`: lets time pass without frames where nobody needs them; else they are read and
+    dropped.
+    `start`: width a little above, or pressure a little below, where the largest thing that will be
+    between the fingers is touched.
     """
 
     array: PressureArray
@@ -102,10 +98,7 @@ class Bench:
 def measure_rest(bench: Bench, *, duration_s: float = 2.0) -> RestValues:
     """Open the hand and take the rest values.
 
-    Raises
-    ------
-    CalibrationError
-        If the sensor is loaded or moving.
+    Raises `CalibrationError` if the sensor is loaded or moving.
     """
     with _opened_after(bench):
         _open(bench)
@@ -131,23 +124,11 @@ def measure_force(
     every step after `dwell_s`; at each force of its list it stands still until `horizon_s` and
     reads the settled value.
 
-    Parameters
-    ----------
-    bench : Bench
-        The devices.
-    holds_n : sequence of sequences of float
-        For each run, rising forces at which to hold.
-    reseat : callable
-        Called with the number of the run once the hand is open: the user moves the load cell.
-    dwell_s : float
-        Wait after each step before it is read.
-    horizon_s : float
-        When the sheet counts as settled.
-
-    Raises
-    ------
-    CalibrationError
-        If the load cell never feels the hand.
+    `holds_n`: for each run, rising forces at which to hold.
+    `reseat`: called with the number of the run once the hand is open: the user moves the load cell.
+    `dwell_s`: wait after each step before it is read.
+    `horizon_s`: when the sheet counts as settled.
+    Raises `CalibrationError` if the load cell never feels the hand.
     """
     rows: list[tuple[int, Reading]] = []
     with _opened_after(bench):

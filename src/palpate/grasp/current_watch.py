@@ -38,12 +38,9 @@ _FEWEST, _TIMES_EMPTY, _MORE_MA = 4, 2.0, 20.0
 class CurrentWatch:
     """Bounds the grip force by the servo's current, where the gripper reports it.
 
-    Parameters
-    ----------
-    plan : Plan
-        Its current law, force law and ceiling. Without a current law nothing is known of newtons;
-        then a pull that the approach of this grasp did not show and the sheet does not explain is
-        an alarm.
+    `plan`: its current law, force law and ceiling. Without a current law nothing is known of
+    newtons; then a pull that the approach of this grasp did not show and the sheet does not explain
+    is an alarm.
     """
 
     def __init__(self, plan: Plan) -> None:

@@ -25,23 +25,10 @@ def decide_again(
 ) -> GraspResult:
     """Run a recorded grasp again.
 
-    Parameters
-    ----------
-    source : Replay
-        The recording.
-    clock : Clock
-        The replay's clock.
-    gripper : Gripper, optional
-        Takes the commands; by default the recorded one, which they don't change.
-    subscribers, watchers : sequence of callable
-        See every observation and every belief, as in `run_grasp`.
-
-    Raises
-    ------
-    RecordingError
-        If it is not of a grasp: it has no calibration or no gripper.
-    CalibrationError
-        If its calibration can't be read.
+    `gripper`: takes the commands; by default the recorded one, which they don't change.
+    `subscribers`, `watchers`: see every observation and every belief, as in `run_grasp`.
+    Raises `RecordingError` if it is not of a grasp: it has no calibration or no gripper;
+    `CalibrationError` if its calibration can't be read.
     """
     info = source.info
     if info.calibration is None:

@@ -23,20 +23,9 @@ def grasp_document(
 ) -> dict[str, object]:
     """Return the document of a grasp that has ended.
 
-    Parameters
-    ----------
-    result : GraspResult
-        How it ended.
-    target_force_n : float or None
-        What was asked for, newtons.
-    damage_limit : mapping or None
-        As `limit_document` gives it; None where there was no limit.
-    names : mapping
-        What it is called elsewhere: ``item_id``, ``grasp_id``, ``recording``, ``ended_at``.
-    truth : mapping or None
-        The twin's own values; None on hardware.
-    subject : str or None
-        What the simulated world put between the fingers.
+    `damage_limit`: as `limit_document` gives it; None where there was no limit.
+    `names`: what it is called elsewhere: ``item_id``, ``grasp_id``, ``recording``, ``ended_at``.
+    `subject`: what the simulated world put between the fingers.
     """
     document: dict[str, object] = {
         **result.as_json(),

@@ -49,11 +49,6 @@ class PixelWatch:
     lively), all of them together after four, and in a hand that stands too where the sensor
     flickers. Pixels that all read the same are known at the second frame. A single one that sticks
     in the hold is not known here.
-
-    Parameters
-    ----------
-    plan : Plan
-        Its layout, rest resistances and steps.
     """
 
     def __init__(self, plan: Plan) -> None:

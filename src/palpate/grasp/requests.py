@@ -10,15 +10,9 @@ from threading import Event
 class Requests:
     """Wishes for one grasp, fulfilled once. Set an event to wish for it.
 
-    Attributes
-    ----------
-    stop : Event
-        End it at once; what that means for the hand is in `palpate.grasp.safety`.
-    release : Event
-        Give the object back, whatever the grasp is doing.
+    `stop`: end it at once; what that means for the hand is in `palpate.grasp.safety`.
+    `release`: give the object back, whatever the grasp is doing.
 
-    Examples
-    --------
     >>> requests = Requests()
     >>> requests.stop.set()
     >>> requests.stop.is_set(), requests.release.is_set()

@@ -50,8 +50,6 @@ def strange_rest(rest_ohm: FloatArray, *, plan: Plan) -> str | None:
 
     They are compared with the calibration's: the median over the pixels, then each pixel.
 
-    Examples
-    --------
     >>> from types import SimpleNamespace
     >>> plan = SimpleNamespace(rest_ohm=np.array([[9e3, 8e3, 7e3]]))
     >>> strange_rest(np.array([[6e3, 5e3, 5e3]]), plan=plan)

@@ -114,10 +114,7 @@ class _Hand:
     def state(self) -> GripperState:
         """Return its state.
 
-        Raises
-        ------
-        DeviceError
-            If it does not answer, or reports what can't be.
+        Raises `DeviceError` if it does not answer, or reports what can't be.
         """
         state = self._gripper.state()
         wrong = unbelievable(state, limits=self._limits, before=self._last)
@@ -152,10 +149,7 @@ class _Hand:
     def send(self, move: Move, *, now_s: float) -> Belief:
         """Send a move's command, if there is one, and follow it; return the belief updated with it.
 
-        Raises
-        ------
-        DeviceError
-            If it does not answer, or did not move at the last commands.
+        Raises `DeviceError` if it does not answer, or did not move at the last commands.
         """
         belief, command = move
         if command is None:
@@ -311,10 +305,7 @@ def _given_up(before: Belief, now: Belief, *, plan: Plan) -> list[str]:
 def _heeded(move: Move, alarm: Alarm, faults: list[str], *, plan: Plan) -> Move:
     """End the grasp as an alarm asks; a hand that opens or has ended needs none but its own.
 
-    Raises
-    ------
-    DeviceError
-        If it is the gripper that failed: nothing more is sent to it than a stop.
+    Raises `DeviceError` if it is the gripper that failed: nothing more is sent to it than a stop.
     """
     if alarm.danger is Danger.GRIPPER_FAULT:
         raise DeviceError(alarm.words)

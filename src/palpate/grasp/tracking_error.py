@@ -24,8 +24,6 @@ def unbelievable(
 ) -> str | None:
     """Return what is impossible in a gripper's report; None if nothing is.
 
-    Examples
-    --------
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
     >>> unbelievable(GripperState(time_s=0.0, width_mm=30.0), limits=limits)
     >>> unbelievable(GripperState(time_s=0.0, width_mm=float("nan")), limits=limits)
@@ -51,17 +49,11 @@ def unbelievable(
 class Following:
     """One command under way.
 
-    Attributes
-    ----------
-    begin, target : float
-        Where the gripper was, and where it was sent, mm or kPa.
-    ends_s, due_s : float
-        When the way is done at the rate sent, and when the gripper must have arrived.
-    rate : float
-        Speed of the way, mm/s or kPa/s.
+    `begin`, `target`: where the gripper was, and where it was sent, mm or kPa.
+    `ends_s`, `due_s`: when the way is done at the rate sent, and when the gripper must have
+    arrived.
+    `rate`: speed of the way, mm/s or kPa/s.
 
-    Examples
-    --------
     >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
     >>> sent = GripperCommand(target=30.0, rate=20.0)
     >>> state = GripperState(time_s=0.0, width_mm=34.0)
@@ -118,8 +110,6 @@ class Following:
     def idle(self, state: GripperState, *, now_s: float, limits: GripperLimits) -> bool | None:
         """Return whether the hand has stayed where it was; None where it is too early to know.
 
-        Examples
-        --------
         >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
         >>> way = Following(begin=40.0, target=30.0, ends_s=0.5, due_s=0.9, rate=20.0)
         >>> stands = GripperState(time_s=0.0, width_mm=40.0)

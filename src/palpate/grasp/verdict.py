@@ -41,8 +41,6 @@ def firmness(stiffness: Measurement) -> str:
 
     A bound that every object meets is none.
 
-    Examples
-    --------
     >>> firmness(Measurement(value=2.0, low=1.2, high=2.9, unit="n_per_mm"))
     'soft'
     >>> firmness(Measurement(value=2.0, low=1.2, high=9.0, unit="n_per_mm"))

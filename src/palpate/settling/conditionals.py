@@ -79,12 +79,8 @@ class Conditionals:
 def conditionals(time_s: FloatArray, *, after_s: float) -> Conditionals:
     """Work out, or recall, the conditionals of a grid.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Seconds after the origin of the samples to use; at least two.
-    after_s : float
-        Time of the value to predict, seconds after the origin.
+    `time_s`, shape (n_times,): seconds after the origin of the samples to use; at least two.
+    `after_s`: time of the value to predict, seconds after the origin.
     """
     return _recall(time_s.tobytes(), after_s)
 
@@ -167,18 +163,9 @@ class Bins:
 def log_bins(time_s: FloatArray) -> Bins:
     """Divide sampling times after the peak into stretches of equal length in log time.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Seconds after the peak, starting at 0, strictly increasing.
+    `time_s`, shape (n_times,): seconds after the peak, starting at 0, strictly increasing.
+    At most `MOST_BINS`; empty stretches are left out.
 
-    Returns
-    -------
-    Bins
-        At most `MOST_BINS`; empty stretches are left out.
-
-    Examples
-    --------
     >>> bins = log_bins(np.arange(0.0, 3.0, 0.1))
     >>> bins.count.astype(int).tolist()
     [1, 1, 1, 1, 1, 2, 2, 3, 5, 5, 8]
@@ -202,22 +189,10 @@ def log_bins(time_s: FloatArray) -> Bins:
 def noise_scatter(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
     """Measure the noise by how far each sample lies from the line between its neighbours.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Sampling times.
-    values : ndarray, shape (n_holds, n_times)
-        Samples.
+    `variance`, shape (n_holds,): noise variance of one sample; zero where there are fewer than
+    three.
+    `samples`: the number of independent samples that it counts for.
 
-    Returns
-    -------
-    variance : ndarray, shape (n_holds,)
-        Noise variance of one sample; zero where there are fewer than three.
-    samples : float
-        The number of independent samples that it counts for.
-
-    Examples
-    --------
     A straight line has none:
 
     >>> noise_scatter(np.array([0.0, 0.1, 0.3, 0.4]), np.array([[0.0, 1.0, 3.0, 4.0]]))[0].round(9)

@@ -27,10 +27,8 @@ CUTOFFS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
 class Conformal:
     """A method with intervals as wide as its errors on calibration holds were.
 
-    References
-    ----------
-    V. Vovk, A. Gammerman and G. Shafer, "Algorithmic Learning in a Random World" (2005), section
-    4.2.
+    Source: V. Vovk, A. Gammerman and G. Shafer, "Algorithmic Learning in a Random World" (2005),
+    section 4.2.
     """
 
     #: What predicts.

@@ -67,21 +67,10 @@ def predict_holds(
 
     Holds are taken in batches and let go, so memory does not grow with their number.
 
-    Parameters
-    ----------
-    holds : iterable of Hold
-        May be a stream.
-    methods : mapping of str to SettlingMethod
-        By the name to report.
-    cutoffs_s : sequence of float
-        Cut-offs, seconds.
-    horizon_s, level : float
-        Time of the value to predict, and the probability its interval is to cover.
-    source : str
-        Where the holds are from, for the results.
+    `holds` may be a stream; `methods` are by the name to report.
+    `horizon_s`, `level`: time of the value to predict, and the probability its interval is to
+    cover.
 
-    Examples
-    --------
     >>> from palpate.settling.recorded import Recorded
     >>> time_s = np.arange(0, 21, 0.5)
     >>> hold = Hold(hold_id="a", channel=None, time_s=time_s, values=100 - time_s)

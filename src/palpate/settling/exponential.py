@@ -64,25 +64,13 @@ def fit_exponential(
 ) -> ExponentialFit:
     """Fit equation 3 to holds on shared sampling times.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Strictly increasing, up to the cut-off t_c, seconds.
-    values : ndarray, shape (n_holds, n_times)
-        Finite samples in any unit; equivariant to scale, sign and shift.
-    wait_s : float
-        t_a, counted from the peak.
+    `time_s`, shape (n_times,): strictly increasing, up to the cut-off t_c, seconds.
+    `values`, shape (n_holds, n_times): finite samples in any unit; equivariant to scale, sign and
+    shift.
+    `wait_s`: t_a, counted from the peak.
 
-    Returns
-    -------
-    ExponentialFit
+    Source: Paper, equations 2 and 3.
 
-    References
-    ----------
-    Paper, equations 2 and 3.
-
-    Examples
-    --------
     >>> time_s = np.arange(0.0, 2.5, 1 / 15)
     >>> fit = fit_exponential(time_s, 40 * np.exp(-1.2 * time_s)[None] - 60)
     >>> [round(float(x[0]), 6) for x in (fit.amplitude, fit.rate_per_s, fit.settled)]

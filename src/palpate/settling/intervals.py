@@ -29,15 +29,6 @@ class IntervalScale:
     def widening(self, window_s: float, *, level: float) -> float:
         """Return how much wider the interval is than the predictor's own quantiles.
 
-        Parameters
-        ----------
-        window_s : float
-            Length of the stretch that the prediction rests on.
-        level : float
-            Probability to cover, in (0, 1).
-
-        Examples
-        --------
         >>> UNCALIBRATED.widening(1.0, level=0.9)
         1.5
         """

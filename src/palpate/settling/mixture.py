@@ -57,20 +57,12 @@ def posterior(
 ) -> Mixture:
     """Weigh the components by the binned samples of holds on one grid.
 
-    Parameters
-    ----------
-    forms : Conditionals
-        Of the grid.
-    seen : ndarray, shape (n_holds, m)
-        Differences of the bins to the last one.
-    log_odds : ndarray, shape (n_deviations, n_curves)
-        Prior log odds.
-    scatter : tuple of ndarray, shape (n_holds,), and float
-        Noise variance of one sample, and the number of samples it counts for.
-    scaled : bool
-        Whether the values are ln R, whose scale is known roughly; of other units nothing is.
-    lightest : float
-        Components that weigh less than this share of the heaviest are dropped.
+    `seen`, shape (n_holds, m): differences of the bins to the last one.
+    `log_odds`, shape (n_deviations, n_curves): prior log odds.
+    `scatter`, shape (n_holds,): noise variance of one sample, and the number of samples it counts
+    for.
+    `scaled`: whether the values are ln R, whose scale is known roughly; of other units nothing is.
+    `lightest`: components that weigh less than this share of the heaviest are dropped.
     """
     noise, samples = scatter
     degrees = seen.shape[1] + samples + scaled * SCALE_DEGREES
@@ -157,19 +149,9 @@ def quantiles(mixture: Mixture, shares: FloatArray) -> FloatArray:
 
     Each component is taken as a logistic variable of its mean and deviation.
 
-    Parameters
-    ----------
-    mixture : Mixture
-        Every hold has a component at least.
-    shares : ndarray, shape (n_shares,)
-        Probabilities, between 0 and 1.
+    `mixture`: every hold has a component at least.
+    `shares`, shape (n_shares,): probabilities, between 0 and 1.
 
-    Returns
-    -------
-    ndarray, shape (n_shares, n_holds)
-
-    Examples
-    --------
     Two components of equal weight:
 
     >>> two = Mixture(

@@ -59,22 +59,10 @@ def origins(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the origin of time of each hold and the first sample that shows how it settles.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Sampling times, seconds.
-    values : ndarray, shape (n_holds, n_times)
-        Samples.
-    positive : bool
-        Whether they are logarithms of positive values: then the size of a fall shows a contact.
+    `positive`: whether they are logarithms of positive values: then the size of a fall shows a
+    contact.
+    Returns indices, shape (n_holds,); `first` is `origin` where no contact is left out.
 
-    Returns
-    -------
-    origin, first : ndarray of int, shape (n_holds,)
-        Indices; `first` is `origin` where no contact is left out.
-
-    Examples
-    --------
     A second of rest, then contact:
 
     >>> time_s = np.arange(0.0, 3.0, 0.05)

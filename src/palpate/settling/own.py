@@ -146,8 +146,6 @@ def shrunk_slope(missing: FloatArray, seen: FloatArray) -> float:
     Empirical Bayes (James and Stein): the share of the squared slope that its own error explains is
     taken off, so a slope within its error is none.
 
-    Examples
-    --------
     >>> shrunk_slope(np.array([1.0, -1.0, 0.5]), np.array([2.0, 2.0, 2.0]))
     0.0
     """

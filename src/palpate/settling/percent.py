@@ -21,8 +21,6 @@ PERCENT = "percent"
 class InPercent:
     """A method for holds in percent, made of one for holds of any other unit.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> from palpate.settling.relaxation import Relaxation
     >>> time_s = np.arange(0.0, 2.5, 0.1)

@@ -37,10 +37,7 @@ METHODS: Mapping[str, Callable[[], SettlingMethod]] = MappingProxyType(
 def method_named(name: str) -> SettlingMethod:
     """Return an uncalibrated method by its name.
 
-    Raises
-    ------
-    InputError
-        If there is no method of that name; the message lists the existing ones.
+    Raises `InputError` if there is no method of that name; the message lists the existing ones.
     """
     if name not in METHODS:
         raise InputError(f"no method {name!r}; there are: {', '.join(METHODS)}")

@@ -287,18 +287,9 @@ def _weighed(
 ) -> tuple[Mixture, FloatArray]:
     """Return what the components forecast from the last bin on, and the binned samples.
 
-    Parameters
-    ----------
-    since_s : ndarray, shape (n_used,)
-        Times of the samples, seconds after the origin.
-    used : ndarray, shape (n_holds, n_used)
-        Samples.
-    positive : bool
-        Whether they are logarithms.
-    after_s : float
-        Time of the value to predict, seconds after the origin.
-    log_odds, lightest : ndarray and float
-        As of `posterior`.
+    `since_s`, shape (n_used,): times of the samples, seconds after the origin.
+    `after_s`: time of the value to predict, seconds after the origin.
+    `log_odds`, `lightest`: as of `posterior`.
     """
     forms = conditionals(since_s, after_s=after_s)
     binned = used @ forms.bins.averaging.T

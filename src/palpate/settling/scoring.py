@@ -19,15 +19,8 @@ def settled_value(time_s: FloatArray, values: FloatArray, *, horizon_s: float) -
     A sample covers the time up to the next one, so a hold reaches the horizon when its last
     sample is no more than one usual interval before it.
 
-    Parameters
-    ----------
-    time_s, values : ndarray, shape (n_times,)
-        The hold.
-    horizon_s : float
-        Time of the settled value, seconds.
+    `horizon_s`: time of the settled value, seconds.
 
-    Examples
-    --------
     >>> time_s = np.arange(0, 21, 0.25)
     >>> settled_value(time_s, time_s, horizon_s=20.0)
     19.75
@@ -44,8 +37,6 @@ def settled_value(time_s: FloatArray, values: FloatArray, *, horizon_s: float) -
 def recorded_value(time_s: FloatArray, values: FloatArray, *, cutoff_s: float) -> float:
     """Return the last sample up to the cut-off; NaN if there is none.
 
-    Examples
-    --------
     >>> recorded_value(np.array([0.0, 1.0, 2.0]), np.array([9.0, 8.0, 7.0]), cutoff_s=1.5)
     8.0
     """
@@ -55,12 +46,7 @@ def recorded_value(time_s: FloatArray, values: FloatArray, *, cutoff_s: float) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
-    """Predictions against settled values, hold by hold.
-
-    Attributes
-    ----------
-    All are NaN where the hold has no settled value, or a percentage has nothing to be a share of.
-    """
+    """Predictions against settled values, hold by hold; NaN where a hold has no settled value."""
 
     #: Shape (n_holds,). (predicted - settled) / abs(settled).
     error_percent: FloatArray
@@ -84,8 +70,6 @@ def score(
 ) -> Scores:
     """Score predictions, each of shape (n_holds,), against the values they were to predict.
 
-    Examples
-    --------
     >>> scores = score([104.0], low=[98.0], high=[110.0], settled=[100.0], recorded=[120.0])
     >>> scores.error_percent.item(), scores.of_remaining_percent.item(), scores.covered.item()
     (4.0, 20.0, 1.0)
@@ -128,10 +112,7 @@ def mean(values: FloatArray) -> float:
 def summarise(scores: Scores) -> dict[str, float]:
     """Return the summary that `palpate settle --json` prints for one method and cut-off.
 
-    Returns
-    -------
-    dict of str to float
-        NaN where no hold gives the figure.
+    A figure that no hold gives is NaN.
     """
     size = np.abs(scores.error_percent)
     return {

@@ -112,17 +112,8 @@ DEVIATIONS: tuple[Deviation, ...] = tuple(
 def curve_values(time_s: FloatArray) -> FloatArray:
     """Return every curve at some times, in units of its own change.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_times,)
-        Seconds after the origin.
+    Shapes: times (n_times,), result (n_times, n_curves).
 
-    Returns
-    -------
-    ndarray, shape (n_times, n_curves)
-
-    Examples
-    --------
     >>> start, end = curve_values(np.array(UNIT_S))
     >>> bool(np.allclose(start - end, 1.0))
     True

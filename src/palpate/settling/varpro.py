@@ -78,31 +78,13 @@ def fit_rate(
 ) -> RateFit[FloatArray, NDArray[np.bool_]]:
     """Fit ``amplitude * basis(x, rate) + offset`` to each row of `y`.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n_points,)
-        Abscissa that all the fits share.
-    y : ndarray, shape (n, n_points)
-        Ordinates.
-    rates : ndarray, shape (n_rates,)
-        Geometric grid of positive rates, wider than the range of the answer by three steps at each
-        end. A basis of exponential type needs steps of at most a factor 1.35.
-    basis : callable
-        See `Basis`; `decay` or `saturation`, or one of your own.
-    offset : bool
-        Whether an offset is fitted too.
+    `y`, shape (n, n_points): ordinates.
+    `rates`, shape (n_rates,): geometric grid of positive rates, wider than the range of the answer
+    by three steps at each end. A basis of exponential type needs steps of at most a factor 1.35.
 
-    Returns
-    -------
-    RateFit
+    Source: Golub & Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares
+    problems whose variables separate", SIAM J. Numer. Anal. 10 (1973).
 
-    References
-    ----------
-    Golub & Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems
-    whose variables separate", SIAM J. Numer. Anal. 10 (1973).
-
-    Examples
-    --------
     >>> x = np.linspace(0.0, 2.0, 9)
     >>> fit = fit_rate(x, 3.0 * np.exp(-1.7 * x)[None] - 5.0, rates=np.geomspace(0.01, 100, 40))
     >>> [round(float(part[0]), 8) for part in (fit.rate, fit.amplitude, fit.offset)]

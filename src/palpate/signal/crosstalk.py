@@ -56,22 +56,12 @@ class UnmixedPixels:
 def floating_readings_ohm(resistance_ohm: ArrayLike) -> _Array:
     """Return the reading of each pixel when all idle lines float.
 
-    Parameters
-    ----------
-    resistance_ohm : array_like, shape (..., rows, cols)
-        Pixel resistances, positive; inf is an open pixel.
+    `resistance_ohm`, shape (..., rows, cols): pixel resistances, positive; inf is an open pixel.
+    Returns effective resistance between the pixel's row and column; inf where no path is.
 
-    Returns
-    -------
-    ndarray, same shape
-        Effective resistance between the pixel's row and column; inf where no path is.
+    Source: Klein and Randic, "Resistance distance", J. Math. Chem. 12 (1993): r = K_aa + K_bb - 2
+    K_ab.
 
-    References
-    ----------
-    Klein and Randic, "Resistance distance", J. Math. Chem. 12 (1993): r = K_aa + K_bb - 2 K_ab.
-
-    Examples
-    --------
     Three equal pixels in series, in parallel with the one that is read:
 
     >>> floating_readings_ohm([[100.0, 100.0], [100.0, 100.0]]).round(6).tolist()
@@ -98,23 +88,10 @@ def unmix_floating(readings_ohm: ArrayLike) -> UnmixedPixels:
     than its detours alone allow (noise on a resistive pixel next to pressed ones), the pixel is
     given up as hidden and the others are solved without it.
 
-    Parameters
-    ----------
-    readings_ohm : array_like, shape (..., rows, cols)
-        Readings; inf is an open circuit, 0 a short.
+    `readings_ohm`, shape (..., rows, cols): readings; inf is an open circuit, 0 a short.
+    Returns resistances with the gain of reading errors, batched as the input.
+    Raises `ValueError` if a reading is negative or NaN.
 
-    Returns
-    -------
-    UnmixedPixels
-        Resistances with the gain of reading errors, batched as the input.
-
-    Raises
-    ------
-    ValueError
-        If a reading is negative or NaN.
-
-    Examples
-    --------
     >>> unmixed = unmix_floating([[75.0, 75.0], [75.0, 75.0]])
     >>> unmixed.resistance_ohm.round(6).tolist(), bool(unmixed.solved)
     ([[100.0, 100.0], [100.0, 100.0]], True)
@@ -141,20 +118,10 @@ def unmix_held(readings_ohm: ArrayLike, *, reference_ohm: float) -> UnmixedPixel
     With y the pixel's share of the supply across the reference resistor, y = g / (g_ref + column
     sum of g), so that g = g_ref y / (1 - column sum of y).
 
-    Parameters
-    ----------
-    readings_ohm : array_like, shape (..., rows, cols)
-        Readings as the divider's formula gives them; inf is an open circuit, 0 a short.
-    reference_ohm : float
-        The divider's fixed resistor.
+    `readings_ohm`, shape (..., rows, cols): readings as the divider's formula gives them; inf is an
+    open circuit, 0 a short.
+    A column is unsolved where its shares reach the whole supply, as with a short.
 
-    Returns
-    -------
-    UnmixedPixels
-        A column is unsolved where its shares reach the whole supply, as with a short.
-
-    Examples
-    --------
     >>> unmix_held([[2000.0], [2000.0]], reference_ohm=1000.0).resistance_ohm.round(6).tolist()
     [[1000.0], [1000.0]]
     """

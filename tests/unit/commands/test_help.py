@@ -13,12 +13,13 @@ import pytest
 import typer
 
 from palpate.cli import GROUPS, VERBS, build_app, run
-from palpate.commands import archive, calibrate
+from palpate.commands import calibrate
+from palpate.commands.packages import ARCHIVE, catalogue
 from palpate.commands.steps import function_at
 
 #: Verbs with a list of names in place of options.
 LISTS = ("study", "bench", "calibrate", "archive")
-STEPS = {"calibrate": calibrate.STEPS, "archive": archive.STEPS}
+STEPS = {"calibrate": calibrate.STEPS, "archive": catalogue(ARCHIVE)}
 PAGES = [[verb] for verb in VERBS if verb not in LISTS]
 PAGES += [[verb, step] for verb, steps in STEPS.items() for step in steps]
 
