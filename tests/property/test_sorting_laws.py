@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
+from palpate.produce.sorting.conditions import BruiseIs, Evidence, KindIs, SizeWithin, StageIs
 from palpate.produce.sorting.decide import decide
-from palpate.produce.sorting.rules import Evidence, Rule, RuleBook, Span
+from palpate.produce.sorting.rules import Rule, RuleBook
 
 LN = st.floats(-3.0, 6.0)
 SD = st.floats(0.001, 3.0)
@@ -83,15 +84,17 @@ def test_a_wider_error_never_makes_an_item_less_usual(a: float, b: float, more: 
 shares = st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)).filter(lambda t: sum(t) > 0)
 names = st.frozensets(st.sampled_from(["kiwi", "lime", UNKNOWN]), min_size=1)
 spans = st.tuples(st.floats(0, 80), st.floats(1, 60)).map(
-    lambda pair: Span(low=pair[0], high=pair[0] + pair[1])
+    lambda pair: SizeWithin(low=pair[0], high=pair[0] + pair[1])
 )
 rules = st.builds(
     Rule,
     bin=st.sampled_from(["a", "b", "c"]),
-    kinds=st.none() | names,
-    size_mm=st.none() | spans,
-    ripeness=st.none() | st.just(frozenset({"ripe"})),
-    bruised=st.none() | st.booleans(),
+    conditions=st.tuples(
+        st.none() | names.map(KindIs),
+        st.none() | spans,
+        st.none() | st.just(StageIs(frozenset({"ripe"}))),
+        st.none() | st.booleans().map(BruiseIs),
+    ).map(lambda some: tuple(filter(None, some))),
     confidence=st.floats(0.5, 0.99),
 )
 sizes = st.tuples(st.floats(5, 75), st.floats(0.01, 10), st.floats(0.01, 10)).map(
@@ -140,5 +143,5 @@ def test_every_item_gets_a_bin_of_the_book_and_no_grasp_too_many(
 
 @given(sizes, st.floats(5, 75))
 def test_two_halves_of_all_sizes_hold_every_item(size: Measurement, cut: float) -> None:
-    below, above = Span(low=-1e9, high=cut), Span(low=cut, high=1e9)
-    assert below.probability(size) + above.probability(size) == pytest.approx(1.0)
+    below, above = SizeWithin(low=-1e9, high=cut), SizeWithin(low=cut, high=1e9)
+    assert below.chance(size) + above.chance(size) == pytest.approx(1.0)

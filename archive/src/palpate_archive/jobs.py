@@ -226,7 +226,7 @@ def _evidence(grasp: dict[str, Any]) -> Any:
     """Return what one grasp alone shows: the kind, if a person stated it, and the size."""
     from palpate.estimate.measurement import Measurement
     from palpate.produce.identify.identifier import as_labelled
-    from palpate.produce.sorting.rules import Evidence
+    from palpate.produce.sorting.conditions import Evidence
     from palpate.settling.result import Status
 
     size = None

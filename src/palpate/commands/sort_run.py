@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from palpate.commands.sort_supply import SimulatedCrate, Supply
 from palpate.errors import DeviceError, InputError
+from palpate.produce.sorting.conditions import KindIs, SizeWithin
 
 if TYPE_CHECKING:
     from palpate.commands.sort_report import SortReport
@@ -82,7 +83,7 @@ def sort_with_rig(
     with ExitStack() as stack:
         kept, keep = _opened(stack, store, simulated=simulated)
         identifier = None
-        if any(rule.kinds is not None for rule in report.book.rules):
+        if report.book.asks(KindIs):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
                 identifier = _taught(supply, keep)
                 check_kinds(report.book, taught=identifier.kinds, path=rules)
@@ -127,7 +128,7 @@ def _learned(
     from palpate.produce.identify.items import learn_kinds
     from palpate.produce.sorting.rules_file import check_kinds
 
-    if all(rule.kinds is None for rule in book.rules):
+    if not book.asks(KindIs):
         return None
     identifier = learn_kinds(kept) if guess else None
     taught = () if identifier is None else identifier.kinds
@@ -140,7 +141,7 @@ def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
     if supply.hand.plan.gripper.drive == "width":
         return
     for rule in book.rules:
-        if rule.kinds is not None or rule.size_mm is not None:
+        if rule.asks(KindIs) or rule.asks(SizeWithin):
             raise InputError(
                 f"rules file {rules} line {rule.line}: asks for class or size, and fingers driven "
                 "by pressure measure neither size nor stiffness; use fingers driven by width"

@@ -77,13 +77,14 @@ class ItemStore:
         if self._rules is None or self.trouble == MISSING:
             return None
         from palpate.produce.identify.items import learn_kinds
+        from palpate.produce.sorting.conditions import KindIs
         from palpate.produce.sorting.decide import decide
         from palpate.produce.sorting.run import evidence_of
         from palpate.produce.store import Store
 
         with Store.open(self._where, create=False) as store:
             kind = store.item(item_id).kind
-            guess = kind is None and any(rule.kinds is not None for rule in self._rules.rules)
+            guess = kind is None and self._rules.asks(KindIs)
             evidence = evidence_of(
                 store.grasps_of(item_id),
                 identifier=learn_kinds(store, without=item_id) if guess else None,

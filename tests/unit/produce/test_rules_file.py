@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.errors import InputError
-from palpate.produce.sorting.rules import Span
+from palpate.produce.sorting.conditions import BruiseIs, KindIs, SizeWithin, StageIs
 from palpate.produce.sorting.rules_file import check_kinds, read_rules
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -44,13 +44,12 @@ def test_a_file_becomes_rules_in_its_order(write: Callable[[str], Path]) -> None
     assert book.bins == ("small", "ripe", "by hand")
     assert book.most_grasps == 3
     small, ripe = book.rules
-    assert (small.kinds, small.size_mm, small.confidence, small.line) == (
-        frozenset({"kiwi", "lime"}),
-        Span(low=0, high=45),
-        0.8,
-        3,
-    )
-    assert (ripe.ripeness, ripe.bruised, ripe.confidence) == (frozenset({"ripe"}), False, 0.9)
+    fruit = KindIs(frozenset({"kiwi", "lime"}))
+    assert small.conditions == (fruit, SizeWithin(low=0, high=45))
+    assert (small.confidence, small.line) == (0.8, 3)
+    avocados = KindIs(frozenset({"avocado"}))
+    assert ripe.conditions == (avocados, StageIs(frozenset({"ripe"})), BruiseIs(False))
+    assert ripe.confidence == 0.9
 
 
 def test_the_example_is_a_good_file() -> None:

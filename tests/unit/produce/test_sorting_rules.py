@@ -12,16 +12,18 @@ from palpate.grasp.result import Outcome
 from palpate.produce.identify.features import FeaturePoint
 from palpate.produce.identify.identifier import UNKNOWN, Identifier, Identity, TaughtItem
 from palpate.produce.records import About, Grasp, Verdict
+from palpate.produce.sorting.conditions import BruiseIs, Evidence, KindIs, SizeWithin, StageIs
 from palpate.produce.sorting.decide import decide
 from palpate.produce.sorting.hand import TimedGrasp
-from palpate.produce.sorting.rules import Evidence, Rule, RuleBook, Span
+from palpate.produce.sorting.rules import Rule, RuleBook
 from palpate.produce.sorting.run import bin_verdict, evidence_of, sort_item
 from palpate.produce.sorting.score import Placed, score_sorting, where_it_belongs
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
-KIWI = Rule(bin="kiwi", kinds=frozenset({"kiwi"}), line=3)
-LIME = Rule(bin="lime", kinds=frozenset({"lime"}), line=6)
-STRANGERS = Rule(bin="strangers", kinds=frozenset({UNKNOWN}), line=9)
+KIWIS, RIPE = KindIs(frozenset({"kiwi"})), StageIs(frozenset({"ripe"}))
+KIWI = Rule(bin="kiwi", conditions=(KIWIS,), line=3)
+LIME = Rule(bin="lime", conditions=(KindIs(frozenset({"lime"})),), line=6)
+STRANGERS = Rule(bin="strangers", conditions=(KindIs(frozenset({UNKNOWN})),), line=9)
 BOOK = RuleBook(rules=(KIWI, LIME, STRANGERS), default_bin="by hand")
 
 
@@ -79,7 +81,7 @@ def test_something_else_is_a_doubt_and_no_finding() -> None:
 
 
 def test_an_open_exception_asks_for_another_grasp_before_the_general_rule() -> None:
-    small = Rule(bin="small", kinds=frozenset({"kiwi"}), size_mm=Span(low=0, high=50), line=1)
+    small = Rule(bin="small", conditions=(KIWIS, SizeWithin(low=0, high=50)), line=1)
     book = RuleBook(rules=(small, KIWI), default_bin="by hand")
     on_the_edge = Evidence(identity=looks(0.97, 0.02), size_mm=mm(50), grasps=1)
     assert decide(book, on_the_edge).again
@@ -88,7 +90,7 @@ def test_an_open_exception_asks_for_another_grasp_before_the_general_rule() -> N
 
 
 def test_a_verdict_that_is_missing_is_named_and_not_grasped_for() -> None:
-    ripe = Rule(bin="ripe", kinds=frozenset({"kiwi"}), ripeness=frozenset({"ripe"}), line=2)
+    ripe = Rule(bin="ripe", conditions=(KIWIS, RIPE), line=2)
     book = RuleBook(rules=(ripe,), default_bin="by hand")
     found = decide(book, Evidence(identity=looks(0.97, 0.02), grasps=1))
     assert not found.again
@@ -105,7 +107,7 @@ def test_what_no_rule_takes_is_said_so() -> None:
 
 
 def test_all_that_rules_ask_for_is_named_where_none_takes_it() -> None:
-    soon = Rule(bin="shop", ripeness=frozenset({"ripe"}), bruised=False, line=4)
+    soon = Rule(bin="shop", conditions=(RIPE, BruiseIs(False)), line=4)
     book = RuleBook(rules=(KIWI, soon), default_bin="by hand")
     stages = {"hard": 0.97, "ripe": 0.03}
     known = Evidence(identity=looks(0.01, 0.98), ripeness=stages, bruised=0.1, grasps=3)

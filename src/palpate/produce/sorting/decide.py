@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from palpate.produce.identify.identifier import UNKNOWN
-from palpate.produce.sorting.rules import Evidence, Rule, RuleBook
+from palpate.produce.sorting.conditions import CONDITIONS, Evidence, KindIs, percent
+from palpate.produce.sorting.rules import Rule, RuleBook
 
 Answer = Literal["yes", "no", "unsure"]
 
@@ -37,8 +37,8 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     `evidence`: all that is known, every grasp so far together.
 
     >>> from palpate.estimate.measurement import Measurement
-    >>> from palpate.produce.sorting.rules import Span
-    >>> small = Rule(bin="small", size_mm=Span(low=0, high=45), line=2)
+    >>> from palpate.produce.sorting.conditions import SizeWithin
+    >>> small = Rule(bin="small", conditions=(SizeWithin(low=0, high=45),), line=2)
     >>> book = RuleBook(rules=(small,), default_bin="by hand", most_grasps=2)
     >>> size = Measurement(value=44.0, low=43.5, high=44.5, unit="mm")
     >>> decide(book, Evidence(size_mm=size, grasps=1)).why
@@ -65,7 +65,7 @@ def decide(book: RuleBook, evidence: Evidence) -> BinDecision:
     probability = sure.probability(evidence)[0]
     why = (
         f"{sure.bin}: {_reasons(sure, evidence)}; rule in line {sure.line} met with "
-        f"{_percent(probability)}; {count}"
+        f"{percent(probability)}; {count}"
     )
     return BinDecision(bin=sure.bin, rule=sure, probability=probability, again=again, why=why)
 
@@ -77,56 +77,19 @@ def _verdict(rule: Rule, evidence: Evidence) -> tuple[Answer, bool]:
         return "yes", False
     if high <= 1.0 - rule.confidence:
         return "no", False
-    # A grasp measures kind and size. A verdict that was never given stays unknown.
-    by_touch = rule.kinds is not None or rule.size_mm is not None
-    missing = (rule.ripeness is not None and not evidence.ripeness) or (
-        rule.bruised is not None and evidence.bruised is None
-    )
-    return "unsure", by_touch and not missing
+    # A grasp measures some of what is asked. A verdict that was never given stays unknown.
+    by_touch = any(condition.asks is None for condition in rule.conditions)
+    return "unsure", by_touch and not rule.lacking(evidence)
 
 
 def _reasons(rule: Rule, evidence: Evidence) -> str:
-    parts = []
-    if rule.kinds is not None:
-        parts.append(_kind_words(evidence))
-    if rule.size_mm is not None and evidence.size_mm is not None:
-        size = evidence.size_mm
-        parts.append(
-            f"{size.value:.1f} mm ({size.low:.1f} to {size.high:.1f}) within "
-            f"{rule.size_mm.low:g} to {rule.size_mm.high:g}"
-        )
-    if rule.ripeness is not None:
-        best = max(rule.ripeness, key=lambda stage: evidence.ripeness.get(stage, 0.0))
-        parts.append(f"{best} {_percent(evidence.ripeness.get(best, 0.0))}")
-    if rule.bruised is not None and evidence.bruised is not None:
-        parts.append(f"bruised {_percent(evidence.bruised)}")
-    return ", ".join(parts)
+    return ", ".join(condition.reason(evidence) for condition in rule.conditions)
 
 
 def _all_words(book: RuleBook, evidence: Evidence) -> str:
-    """Name all that is known of what any rule asks for."""
-    parts = [_kind_words(evidence)]
-    if evidence.ripeness and any(rule.ripeness is not None for rule in book.rules):
-        best = max(evidence.ripeness, key=lambda stage: evidence.ripeness[stage])
-        parts.append(f"{best} {_percent(evidence.ripeness[best])}")
-    if evidence.bruised is not None and any(rule.bruised is not None for rule in book.rules):
-        parts.append(f"bruised {_percent(evidence.bruised)}")
-    return ", ".join(parts)
-
-
-def _kind_words(evidence: Evidence) -> str:
-    identity = evidence.identity
-    if identity is None:
-        return "not measured"
-    if identity.rejected:
-        return f"like no kind taught ({_percent(identity.usual)} of those taught are as unusual)"
-    ranked = sorted(identity.probability.items(), key=lambda pair: -pair[1])
-    named = [
-        (f"something else {_percent(p)}" if kind == UNKNOWN else f"{kind} {_percent(p)}")
-        for kind, p in ranked[:2]
-        if p >= 0.05
-    ]
-    return " or ".join(named)
+    """Name all that is known of what any rule asks for; the kind in any case."""
+    forms = (form for form in CONDITIONS.values() if form is KindIs or book.asks(form))
+    return ", ".join(filter(None, (form.known(evidence) for form in forms)))
 
 
 def _no_rule(book: RuleBook, evidence: Evidence) -> str:
@@ -136,22 +99,9 @@ def _no_rule(book: RuleBook, evidence: Evidence) -> str:
     known = _all_words(book, evidence)
     if high <= 1.0 - nearest.confidence:
         return f"{known}, which no rule takes"
-    lacking = _lacking(nearest, evidence)
-    if lacking:
+    if lacking := nearest.lacking(evidence):
         return f"{known}; the rule in line {nearest.line} asks {lacking}, which is not known"
     return (
         f"{known}; the rule in line {nearest.line} ({nearest.bin}) comes nearest: "
-        f"{_percent(low)}, {_percent(nearest.confidence)} needed"
+        f"{percent(low)}, {percent(nearest.confidence)} needed"
     )
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 0.01 else f"{100 * share:.0f} %"
-
-
-def _lacking(rule: Rule, evidence: Evidence) -> str:
-    if rule.ripeness is not None and not evidence.ripeness:
-        return "how ripe it is"
-    if rule.bruised is not None and evidence.bruised is None:
-        return "whether it is bruised"
-    return ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate.errors import InputError
-from palpate.produce.sorting.rules import Rule, Span
+from palpate.produce.sorting.rules import Rule
 
 
 def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
@@ -18,8 +18,9 @@ def refuse_hidden(rules: Sequence[Rule], *, path: str) -> None:
 
     Raises `InputError`: one line with the numbers of both lines.
 
-    >>> small = Rule(bin="small", size_mm=Span(low=0, high=45), line=3)
-    >>> large = Rule(bin="large", size_mm=Span(low=40, high=90), line=7)
+    >>> from palpate.produce.sorting.conditions import SizeWithin
+    >>> small = Rule(bin="small", conditions=(SizeWithin(low=0, high=45),), line=3)
+    >>> large = Rule(bin="large", conditions=(SizeWithin(low=40, high=90),), line=7)
     >>> try:
     ...     refuse_hidden([small, large], path="r.toml")
     ... except InputError as error:
@@ -46,49 +47,18 @@ def _takes_all_of(one: Rule, other: Rule) -> bool:
 
 def _wider(one: Rule, other: Rule) -> bool:
     """Whether every item that meets the other's conditions meets this one's."""
-    return (
-        _names_within(other.kinds, one.kinds)
-        and _names_within(other.ripeness, one.ripeness)
-        and (
-            one.size_mm is None or (other.size_mm is not None and other.size_mm.within(one.size_mm))
-        )
-        and (one.bruised is None or one.bruised == other.bruised)
+    return all(
+        any(type(theirs) is type(ours) and ours.covers(theirs) for theirs in other.conditions)
+        for ours in one.conditions
     )
-
-
-def _names_within(inner: frozenset[str] | None, outer: frozenset[str] | None) -> bool:
-    return outer is None or (inner is not None and inner <= outer)
 
 
 def _half_overlap(one: Rule, other: Rule) -> str | None:
     """Return what both rules take, if they ask for the same things and neither holds the other."""
-    if one.bin == other.bin or _stated(one) != _stated(other):
+    pairs = {type(ours): ours for ours in one.conditions}
+    if one.bin == other.bin or set(pairs) != {type(theirs) for theirs in other.conditions}:
         return None
-    if _wider(one, other) or _wider(other, one) or one.bruised != other.bruised:
+    if _wider(one, other) or _wider(other, one):
         return None
-    common = []
-    for name, ours, theirs in (
-        ("class", one.kinds, other.kinds),
-        ("ripeness", one.ripeness, other.ripeness),
-    ):
-        if ours is not None and theirs is not None:
-            if not ours & theirs:
-                return None
-            common.append(f"{name} {', '.join(sorted(ours & theirs))}")
-    if one.size_mm is not None and other.size_mm is not None:
-        if not one.size_mm.meets(other.size_mm):
-            return None
-        shared = _common(one.size_mm, other.size_mm)
-        common.append(f"size_mm {shared.low:g} to {shared.high:g}")
-    return ", ".join(common)
-
-
-def _stated(rule: Rule) -> tuple[bool, ...]:
-    return tuple(
-        condition is not None
-        for condition in (rule.kinds, rule.size_mm, rule.ripeness, rule.bruised)
-    )
-
-
-def _common(one: Span, other: Span) -> Span:
-    return Span(low=max(one.low, other.low), high=min(one.high, other.high))
+    common = [pairs[type(theirs)].common(theirs) for theirs in other.conditions]
+    return None if None in common else ", ".join(filter(None, common))

@@ -10,8 +10,9 @@ from typing import Any
 
 from palpate.errors import InputError
 from palpate.produce.identify.identifier import FEWEST_ITEMS, UNKNOWN
+from palpate.produce.sorting.conditions import CONDITIONS, Condition, KindIs
 from palpate.produce.sorting.rule_conflicts import refuse_hidden
-from palpate.produce.sorting.rules import CONDITIONS, CONFIDENCE, MOST_GRASPS, Rule, RuleBook, Span
+from palpate.produce.sorting.rules import CONFIDENCE, MOST_GRASPS, Rule, RuleBook
 
 _TOP_KEYS = ("default", "confidence", "most_grasps", "rule")
 _RULE_KEYS = ("bin", *CONDITIONS, "confidence")
@@ -45,7 +46,8 @@ def check_kinds(book: RuleBook, *, taught: Collection[str], path: str | Path) ->
     Raises `InputError`: with the rule's line, and the kinds that are known.
     """
     for rule in book.rules:
-        for kind in sorted((rule.kinds or frozenset()) - {UNKNOWN, *taught}):
+        asked = [one.names for one in rule.conditions if isinstance(one, KindIs)]
+        for kind in sorted(frozenset().union(*asked) - {UNKNOWN, *taught}):
             raise InputError(
                 f"rules file {path} line {rule.line}: class {kind!r} was not taught by "
                 f"{FEWEST_ITEMS} labelled items; known are {', '.join(sorted(taught))} and "
@@ -90,17 +92,11 @@ class _Reader:
             raise self._fault(
                 start, f"this rule has no condition; give one of {', '.join(CONDITIONS)}"
             )
-        bruised = table.get("bruised")
-        if "bruised" in table and not isinstance(bruised, bool):
-            raise self._fault(
-                self._line("bruised", start, end), f"bruised is {bruised!r}, not true or false"
-            )
         return Rule(
             bin=self._text(table, "bin", **where),
-            kinds=self._names(table, "class", **where),
-            size_mm=self._span(table, "size_mm", **where),
-            ripeness=self._names(table, "ripeness", **where),
-            bruised=bruised,
+            conditions=tuple(
+                self._condition(table, key, **where) for key in CONDITIONS if key in table
+            ),
             confidence=self._confidence(table, confidence, **where),
             line=start,
         )
@@ -121,32 +117,12 @@ class _Reader:
             raise self._fault(self._line(key, start, end), f"{key} is {found!r}, not a name")
         return found
 
-    def _names(
-        self, table: Mapping[str, Any], key: str, *, start: int, end: int
-    ) -> frozenset[str] | None:
-        if key not in table:
-            return None
-        found = [table[key]] if isinstance(table[key], str) else table[key]
-        if not isinstance(found, list) or not found or not all(isinstance(n, str) for n in found):
-            raise self._fault(
-                self._line(key, start, end), f"{key} is {found!r}, not a name or a list of names"
-            )
-        return frozenset(found)
-
-    def _span(self, table: Mapping[str, Any], key: str, *, start: int, end: int) -> Span | None:
-        if key not in table:
-            return None
-        found = table[key]
-        numbers = (
-            isinstance(found, list)
-            and len(found) == 2
-            and all(isinstance(n, int | float) and not isinstance(n, bool) for n in found)
-        )
-        if not numbers or not 0 <= found[0] < found[1]:
-            raise self._fault(
-                self._line(key, start, end), f"{key} is {found!r}, not [from, to] with from < to"
-            )
-        return Span(low=float(found[0]), high=float(found[1]))
+    def _condition(self, table: Mapping[str, Any], key: str, *, start: int, end: int) -> Condition:
+        try:
+            return CONDITIONS[key].read(table[key])
+        except ValueError as error:
+            line = self._line(key, start, end)
+            raise self._fault(line, f"{key} is {table[key]!r}, not {error}") from error
 
     def _confidence(
         self, table: Mapping[str, Any], default: float, *, start: int, end: int

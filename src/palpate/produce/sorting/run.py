@@ -12,9 +12,10 @@ from palpate.produce.identify.features import put_together
 from palpate.produce.identify.identifier import Identifier, Identity, as_labelled
 from palpate.produce.identify.items import touches_of
 from palpate.produce.records import About, Drive, Grasp, Verdict
+from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.decide import BinDecision, decide
 from palpate.produce.sorting.hand import TimedGrasp
-from palpate.produce.sorting.rules import Evidence, RuleBook
+from palpate.produce.sorting.rules import RuleBook
 
 #: Used until repeated grasps of taught items show how much of a size's error differs between
 #: grasps.

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import UNKNOWN, as_labelled
+from palpate.produce.sorting.conditions import Evidence
 from palpate.produce.sorting.decide import decide
-from palpate.produce.sorting.rules import Evidence, RuleBook
+from palpate.produce.sorting.rules import RuleBook
 
 #: What no grasp measures, and is taken for granted in items per hour: bringing an item and carrying
 #: it to its bin, and turning it for another grasp.
@@ -83,8 +84,10 @@ def score_sorting(placed: Sequence[Placed], *, book: RuleBook) -> Score:
 def where_it_belongs(book: RuleBook, *, kind: str, taught: bool, size_mm: float) -> str:
     """Return the bin of an item about which everything is known, apart from ripeness and bruises.
 
+    >>> from palpate.produce.sorting.conditions import KindIs
     >>> from palpate.produce.sorting.rules import Rule
-    >>> book = RuleBook(rules=(Rule(bin="a", kinds=frozenset({"egg"})),), default_bin="rest")
+    >>> eggs = Rule(bin="a", conditions=(KindIs(frozenset({"egg"})),))
+    >>> book = RuleBook(rules=(eggs,), default_bin="rest")
     >>> where_it_belongs(book, kind="egg", taught=True, size_mm=44.0)
     'a'
     """
