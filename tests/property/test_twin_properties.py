@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.twin.lag import follow_line
 from palpate.twin.objects import OBJECTS, draw_object
+from palpate.twin.sheet_state import follow_line
 from palpate.twin.world import World
 
 MOVES = st.lists(

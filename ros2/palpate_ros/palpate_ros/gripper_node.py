@@ -18,13 +18,13 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from palpate import open_rig
-from palpate.dashboard.paced_array import PacedArray
 from palpate.estimate.damage_file import DamageFile
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.rig import Rig
 from palpate.rig.recorded import recording_info
 from palpate.sensor.array import PressureArray
+from palpate.twin.paced_array import PacedArray
 from palpate_ros.hand import Grasping, Hand
 from palpate_ros.messages import measured
 from palpate_ros.parameters import HAND, SHARED, declare

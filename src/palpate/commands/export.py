@@ -11,7 +11,7 @@ import typer
 from palpate.errors import InputError, RecordingError
 from palpate.files import check_place
 
-Form: TypeAlias = Literal["csv", "parquet"]
+ExportForm: TypeAlias = Literal["csv", "parquet"]
 HoldUnit: TypeAlias = Literal["percent", "ohm"]
 
 
@@ -20,7 +20,8 @@ def export(
         list[Path], typer.Argument(help="An .mcap recording; with --lerobot any number of grasps.")
     ],
     to: Annotated[
-        Form | None, typer.Option(help="Form of the file. [default: by --out's ending, or csv]")
+        ExportForm | None,
+        typer.Option(help="Form of the file. [default: by --out's ending, or csv]"),
     ] = None,
     holds: Annotated[
         bool, typer.Option("--holds", help="Cut out the holds, for `palpate settle`.")
@@ -67,7 +68,7 @@ def export(
 
 
 def _export_table(
-    file: Path, *, to: Form | None, holds: bool, unit: HoldUnit, out: Path | None
+    file: Path, *, to: ExportForm | None, holds: bool, unit: HoldUnit, out: Path | None
 ) -> None:
     from palpate.recording import RecordingReader, load_recording
     from palpate.recording.exporting import frame_tables, hold_tables, recorded_holds, write_export
@@ -92,11 +93,11 @@ def _export_table(
     print(f"{target}: {what}{rows} rows", file=sys.stderr)
 
 
-def _form(to: Form | None, out: Path | None) -> Form:
+def _form(to: ExportForm | None, out: Path | None) -> ExportForm:
     """Return the form that option and ending agree on: a recording is never written over."""
     if out is None:
         return to or "csv"
-    forms: dict[str, Form] = {".csv": "csv", ".parquet": "parquet"}
+    forms: dict[str, ExportForm] = {".csv": "csv", ".parquet": "parquet"}
     form = forms.get(out.suffix.lower())
     if form is not None and to in (None, form):
         return form

@@ -1,4 +1,4 @@
-"""Verbs of several steps: each is loaded when it is asked for."""
+"""Verbs of several steps, studies and benchmarks: each is loaded when it is asked for."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import typer
 
 from palpate.commands.help_text import help_text, listed
 from palpate.commands.outcome import run
+from palpate.commands.packages import Offer, needed
+from palpate.commands.progress import progress
 from palpate.errors import InputError
 
 #: Step -> (where it is, what it does): a module under `palpate.commands`, and after a colon the
@@ -42,6 +44,29 @@ def run_step(
     if step not in steps:
         raise InputError(f"no {what} {step!r}; there are: {', '.join(steps)}")
     run_module(steps[step][0], context.args, name=f"palpate {verb} {step}")
+
+
+def run_named(
+    name: str | None,
+    *,
+    offer: Offer,
+    noun: str,
+    options: str,
+    listing: bool,
+    quiet: bool,
+    context: Any,
+) -> None:
+    """List what packages offer, or run one of it with the rest of the command line."""
+    known, verb = needed(offer), offer.asked
+    if listing or name in (None, "--help"):
+        print(f"usage: {verb} NAME [--help] {options}\n")
+        print(listed({entry: summary for entry, (_, summary) in sorted(known.items())}))
+        return
+    if name not in known:
+        raise InputError(f"no {noun} {name!r}; there are: {', '.join(sorted(known))}")
+    asked = {"--json", "--help"} & set(context.args)
+    with progress(f"{verb.removeprefix('palpate ')} {name}", quiet=quiet or bool(asked)):
+        run_module(known[name][0], context.args, name=f"{verb} {name}")
 
 
 def run_module(place: str, arguments: list[str], *, name: str) -> None:

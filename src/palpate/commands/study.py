@@ -9,8 +9,7 @@ import typer
 from palpate.commands import completion
 from palpate.commands.options import QuietOption
 from palpate.commands.packages import STUDIES
-from palpate.commands.research import run_named
-from palpate.commands.steps import SETTINGS
+from palpate.commands.steps import SETTINGS, run_named
 
 __all__ = ["SETTINGS", "study"]
 

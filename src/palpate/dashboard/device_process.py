@@ -48,7 +48,6 @@ from palpate.dashboard.orders import (
     Shutdown,
     StopNow,
 )
-from palpate.dashboard.paced_array import PacedArray
 from palpate.dashboard.playback_clock import PlaybackClock
 from palpate.dashboard.replaying import play
 from palpate.dashboard.telemetry import Telemetry
@@ -59,6 +58,7 @@ from palpate.rig import Rig, open_rig
 from palpate.rig.recorded import recording_info
 from palpate.rig.sensor_only import SensorRig, names_no_gripper, open_sensor
 from palpate.sensor.health import Health
+from palpate.twin.paced_array import PacedArray
 
 #: A silent sensor must not make an order wait; a lost one is asked again after a while.
 _WATCH_TIMEOUT_S, _LOST_S = 0.2, 0.5

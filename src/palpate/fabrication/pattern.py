@@ -16,7 +16,7 @@ from itertools import pairwise
 from palpate.fabrication.design import SensorDesign
 from palpate.fabrication.shapes import (
     Outline,
-    Point,
+    PointMm,
     Rect,
     Stroke,
     circle,
@@ -72,11 +72,11 @@ class Pattern:
     #: Base and cover around the pixels, without the tail.
     body: Rect
     #: Their corners.
-    base: tuple[Point, ...]
-    cover: tuple[Point, ...]
+    base: tuple[PointMm, ...]
+    cover: tuple[PointMm, ...]
     #: Centres of the registration marks, the same in every layer; symmetric about the sheet's
     #: vertical middle line, so that mirroring leaves them where they are.
-    marks: tuple[Point, ...]
+    marks: tuple[PointMm, ...]
     #: The shortest tail that the routing fits in.
     needed_tail_mm: float
 
@@ -189,7 +189,7 @@ def lay_out(design: SensorDesign) -> Pattern:
     )
 
 
-def _tape(corners: Sequence[Point]) -> Outline:
+def _tape(corners: Sequence[PointMm]) -> Outline:
     shortest = min(math.dist(a, b) for a, b in pairwise((*corners, corners[0])))
     return rounded(corners, radius=min(TAPE_CORNER_MM, shortest / 2))
 
@@ -287,14 +287,14 @@ def _jog_levels(xs: Sequence[float], pad_xs: Sequence[float]) -> list[int]:
 
 def _tapes(
     body: Rect, *, pads: Rect, split: float, margin: float
-) -> tuple[tuple[Point, ...], tuple[Point, ...]]:
+) -> tuple[tuple[PointMm, ...], tuple[PointMm, ...]]:
     """Return the corners of base and cover: alike, but each has its own half of the tail's end."""
     right, end = pads.right + margin, pads.bottom + margin
-    shoulder: list[Point] = [(body.right, body.bottom), (right, body.bottom)]
+    shoulder: list[PointMm] = [(body.right, body.bottom), (right, body.bottom)]
     if body.right - right < 2 * TAPE_CORNER_MM:
         # Too small a step to round: the tail goes on as wide as the body.
         right, shoulder = max(right, body.right), []
-    top: list[Point] = [
+    top: list[PointMm] = [
         (body.left, body.top),
         (body.right if shoulder else right, body.top),
         *shoulder,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
 
-Point: TypeAlias = tuple[float, float]
+PointMm: TypeAlias = tuple[float, float]
 
 #: Bulge of a quarter circle, tan(90 degrees / 4).
 QUARTER = math.tan(math.pi / 8)
@@ -24,7 +24,7 @@ class Rect:
     bottom: float
 
     @classmethod
-    def around(cls, centre: Point, *, width: float, height: float) -> Rect:
+    def around(cls, centre: PointMm, *, width: float, height: float) -> Rect:
         """Return the rectangle of that size around a centre."""
         x, y = centre
         return cls(
@@ -42,7 +42,7 @@ class Rect:
         return self.bottom - self.top
 
     @property
-    def centre(self) -> Point:
+    def centre(self) -> PointMm:
         """Its middle."""
         return (self.left + self.right) / 2, (self.top + self.bottom) / 2
 
@@ -121,12 +121,12 @@ def _edge_length(one: Vertex, two: Vertex) -> float:
     return arc_radius(one, two) * 4 * math.atan(abs(one.bulge))
 
 
-def polygon(points: Sequence[Point]) -> Outline:
+def polygon(points: Sequence[PointMm]) -> Outline:
     """Return an outline of straight edges."""
     return Outline(vertices=tuple(Vertex(x=x, y=y) for x, y in points))
 
 
-def rounded(points: Sequence[Point], *, radius: float) -> Outline:
+def rounded(points: Sequence[PointMm], *, radius: float) -> Outline:
     """Return a polygon of right angles with its corners rounded.
 
     Edges must be at least twice the radius long; at exactly that, arc follows arc.
@@ -165,7 +165,7 @@ def rounded_rect(rect: Rect, *, radius: float) -> Outline:
     )
 
 
-def circle(centre: Point, *, diameter: float) -> Outline:
+def circle(centre: PointMm, *, diameter: float) -> Outline:
     """Return a circle."""
     return rounded_rect(Rect.around(centre, width=diameter, height=diameter), radius=diameter / 2)
 
@@ -175,12 +175,12 @@ class Stroke:
     """A line of right-angled bends whose width may change from leg to leg: one piece of copper."""
 
     #: Its middle line, mm; neighbours differ in x or in y, not in both.
-    points: tuple[Point, ...]
+    points: tuple[PointMm, ...]
     #: Width of each leg, mm; one fewer than points.
     widths: tuple[float, ...]
 
     @classmethod
-    def of(cls, points: Sequence[Point], *, widths: Sequence[float]) -> Stroke:
+    def of(cls, points: Sequence[PointMm], *, widths: Sequence[float]) -> Stroke:
         """Make one, leaving out legs without length."""
         kept, kept_widths = [points[0]], []
         for point, width in zip(points[1:], widths, strict=True):
@@ -221,7 +221,7 @@ class Stroke:
         out = _direction(self.points[joint], self.points[joint + 1])
         return into[0] * out[0] + into[1] * out[1] == 0
 
-    def _side(self, sign: float) -> list[Point]:
+    def _side(self, sign: float) -> list[PointMm]:
         offsets = []
         for (start, end), width in zip(pairwise(self.points), self.widths, strict=True):
             along = _direction(start, end)
@@ -236,13 +236,13 @@ class Stroke:
         return [*side, _moved(self.points[-1], offsets[-1])]
 
 
-def _direction(start: Point, end: Point) -> Point:
+def _direction(start: PointMm, end: PointMm) -> PointMm:
     """Return the unit vector of an edge along x or y."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     return (math.copysign(1.0, dx), 0.0) if abs(dx) > abs(dy) else (0.0, math.copysign(1.0, dy))
 
 
-def _moved(point: Point, by: Point) -> Point:
+def _moved(point: PointMm, by: PointMm) -> PointMm:
     return point[0] + by[0], point[1] + by[1]
 
 

@@ -9,16 +9,37 @@ from palpate.estimate.measurement import Measurement
 
 
 class Outcome(StrEnum):
-    """How a grasp ended. Only `held` means that the object is, or was given back from, the hand."""
+    """How a grasp ended. Only `held` means that the object is, or was given back from, the hand.
 
+    Every reason to end a grasp is listed next to its outcome, with the module that decides it. The
+    words of one grasp are in its `GraspResult.faults`; what a stop does to the hand is
+    `safety.reaction`.
+    """
+
+    #: The hold is over; or the user wanted the object back once its force was known (`controller`).
     HELD = "held"
+    #: The hand closed as often as the plan tries and felt nothing (`controller`).
     NOTHING_THERE = "nothing_there"
+    #: What the fingers felt in the hold is gone (`controller`).
     SLIPPED = "slipped"
+    #: No force that is safe for the object is sure to lift it (`target`, for `controller`).
     TOO_WEAK = "too_weak"
+    #: The sheet shows more than the ceiling, or by its calibration a faint touch may be more
+    #: already (`controller`); the servo's current shows more (`current_watch`); most of the pressed
+    #: pixels are beyond what the converter reads (`pixel_watch`).
     FORCE_LIMIT = "force_limit"
+    #: Not done within the plan's longest time (`controller`).
     TIMED_OUT = "timed_out"
+    #: No frame, or only old ones (`runner`); a rest that is not this sheet's (`rezero`, for
+    #: `runner`); pixels that jump, stick or read all the same (`pixel_watch`); a sheet that shows
+    #: less while the hand closes, or does not follow the fingers (`controller`); a servo that pulls
+    #: more than the sheet shows (`current_watch`).
     SENSOR_LOST = "sensor_lost"
+    #: The gripper does not answer or fails (`runner`), is not where it was sent or reports what
+    #: can't be (`tracking_error`, for `runner`); its current sticks (`current_watch`).
     GRIPPER_FAULT = "gripper_fault"
+    #: Ctrl-C, or a request: to stop, or for the object before its force was known (`controller`,
+    #: `runner`).
     STOPPED = "stopped"
 
 

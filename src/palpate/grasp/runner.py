@@ -33,7 +33,7 @@ Subscriber: TypeAlias = Callable[[Observation], None]
 #: Gets what the controller makes of each observation, on the same terms.
 Watcher: TypeAlias = Callable[[Belief], None]
 
-Event = TypeVar("Event")
+_Event = TypeVar("_Event")
 
 #: How long an opening hand may take before it is stopped where it is.
 _OPENING_S = 10.0
@@ -326,7 +326,7 @@ def _asked(belief: Belief, requests: Requests, *, plan: Plan) -> Move | None:
     return None
 
 
-def _tell(views: list[Callable[[Event], None]], event: Event, faults: list[str]) -> None:
+def _tell(views: list[Callable[[_Event], None]], event: _Event, faults: list[str]) -> None:
     for view in tuple(views):
         try:
             view(event)

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 #: Tried in this order; None is any run of spaces.
 SEPARATORS = ("\t", ";", ",", "|", None)
 #: Fields that mean that there is no reading.
-MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf"})
+NO_VALUE = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-inf"})
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 _MOMENT = re.compile(r"(\d{4}-\d\d-\d\d([T ].*)?)|(\d{1,2}:\d\d(:\d\d([.,]\d+)?)?)")
 _UNIT_ROW = re.compile(r"[\[(]?(s|sec|ms|us|µs|v|mv|ohm|kohm|Ω|kΩ|%|n|counts?|-)?[\])]?", re.I)
@@ -114,7 +114,7 @@ def _numbers_in(row: Sequence[str]) -> int:
         stripped = field.strip()
         if _NUMBER.fullmatch(stripped) or _MOMENT.fullmatch(stripped):
             number += 1
-        elif stripped.lower() in MISSING:
+        elif stripped.lower() in NO_VALUE:
             missing += 1
         else:
             text += 1

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.tables.form import MISSING
+from palpate.tables.form import NO_VALUE
 from palpate.tables.table import Table, unique_names, usable
 
 #: Rows that can't be used are left out, and reported, up to this share: a log that begins or ends
@@ -131,7 +131,7 @@ def _join(pieces: Iterable[NDArray[Any]]) -> tuple[NDArray[Any], list[int]]:
                 try:
                     parsed[index] = float(field)
                 except ValueError:
-                    if field.strip().lower() not in MISSING:
+                    if field.strip().lower() not in NO_VALUE:
                         strange.append(at + index)
             found.append(parsed)
         texts.append(piece.astype(object))

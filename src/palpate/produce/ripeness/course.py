@@ -22,7 +22,7 @@ from palpate.errors import InputError
 from palpate.produce.ripeness.firmness import DayFelt
 
 #: Fewest items and days that a course can be learned from.
-FEWEST_ITEMS, FEWEST_DAYS = 4, 3
+FEWEST_COURSES, FEWEST_DAYS = 4, 3
 #: Grid of possible courses: halfway days about their mean and paces about theirs, in standard
 #: deviations; and how much firmer an item began (Gauss-Hermite).
 _HALFWAY = np.linspace(-2.6, 2.6, 81)
@@ -69,10 +69,10 @@ class Course:
         Raises `InputError` if there are too few, or none of them softened.
         """
         useful = [item for item in items if len(item) >= FEWEST_DAYS]
-        if len(useful) < FEWEST_ITEMS:
+        if len(useful) < FEWEST_COURSES:
             raise InputError(
                 f"the course of ripening: {len(useful)} items were felt on {FEWEST_DAYS} days or "
-                f"more, {FEWEST_ITEMS} are needed; grasp some items every day until they are soft"
+                f"more, {FEWEST_COURSES} are needed; grasp some items every day until they are soft"
             )
         felt = np.concatenate([[day.firmness for day in item] for item in useful])
         last_day = max(day.day for item in useful for day in item)

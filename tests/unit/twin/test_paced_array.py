@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from palpate.dashboard.paced_array import PacedArray
 from palpate.twin.devices import TwinArray
+from palpate.twin.paced_array import PacedArray
 from palpate.twin.world import World
 
 

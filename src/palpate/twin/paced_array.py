@@ -13,17 +13,8 @@ class PacedArray:
     """An array of simulated time whose frames are held back until the wall's clock is there too.
 
     The twin knows nothing of it: its clock has moved to the frame already, and nobody asks it for
-    more until the frame is given.
+    more until the frame is given. `speed`: seconds of its time in a second on the wall.
 
-    Parameters
-    ----------
-    array : PressureArray
-        Gives frames as fast as it is asked.
-    speed : float
-        Seconds of its time in a second on the wall.
-
-    Examples
-    --------
     >>> from palpate.twin.devices import TwinArray
     >>> from palpate.twin.world import World
     >>> array = PacedArray(TwinArray(World(None, seed=1)), speed=100.0)
