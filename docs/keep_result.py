@@ -1,8 +1,9 @@
 """Run a study and keep the figures that claims quote, with what made them.
 
-Usage: python docs/keep_result.py NAME real|simulated KEY[,KEY...] -- study [OPTIONS]
+Usage: python docs/keep_result.py NAME real|simulated KEY[,KEY...] [NOTE] -- study [OPTIONS]
 
-KEYs are names in the study's JSON document; rows of single cases stay out. Example:
+NOTE: seeds, looks, and what was cut short. KEYs are names in the study's JSON document; rows of
+single cases stay out. Example:
 
     python docs/keep_result.py rupture real tradeoff,compared -- rupture --curves C --index I
 """
@@ -23,7 +24,7 @@ RUN = "import sys; from palpate.cli import main; sys.exit(main())"
 def main() -> None:
     """Run, pick, write."""
     end = sys.argv.index("--")
-    name, origin, keys = sys.argv[1:end]
+    name, origin, keys, *note = sys.argv[1:end]
     arguments = ["study", *sys.argv[end + 1 :]]
     done = subprocess.run(
         [sys.executable, "-c", RUN, *arguments, "--json"],
@@ -39,6 +40,7 @@ def main() -> None:
         command=shown,
         origin=origin,
         figures={key: document[key] for key in keys.split(",")},
+        note=" ".join(note),
     )
 
 

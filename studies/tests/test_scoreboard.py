@@ -81,11 +81,19 @@ def docs(tmp_path: Path) -> Path:
             "pair": {"difference": -0.1, "low": -0.2, "high": 0.01, "verdict": "undecided"},
         },
     )
+    keep(
+        "two",
+        docs=tmp_path,
+        command="palpate study one --second",
+        origin="simulated",
+        figures={"error": 0.5},
+    )
     (tmp_path / "claims.toml").write_text(
         '[[claim]]\nname = "x"\nclaim = "error"\nresult = "one"\ncount = "3"\n'
         'ours = "{100*rows[method=a, b]/error:.1f} %"\nrival = "{rows[method=c]/error}"\n'
         'rival_name = "c"\ndifference = "pair"\nverdict = "undecided"\n'
-        'quotes = [["page.md", "{rows[method=c]/error:.2f}"]]\n'
+        'quotes = [["page.md", "{rows[method=c]/error:.2f}"]]\nsecond_result = "two"\n'
+        'second = "{error:.1f}"\nsecond_quotes = [["page.md", "second {error:.2f}"]]\n'
     )
     return tmp_path
 
@@ -94,7 +102,8 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     (claim,) = read_claims(docs)
     assert (claim.ours, claim.rival, claim.origin) == ("12.3 %", "0.2", "real")
     assert claim.difference == "-0.100 (-0.200 to +0.010)"
-    assert quotes(docs) == [("x", "page.md", "0.20")]
+    assert claim.second == "0.5"
+    assert quotes(docs) == [("x", "page.md", "0.20"), ("x", "page.md", "second 0.50")]
     assert "| 12.3 % | 0.2 (c) |" in as_table([claim])
 
 

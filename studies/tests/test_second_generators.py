@@ -1,4 +1,4 @@
-"""Fruit of the second generator differs from the first, and its study says what falls."""
+"""Second generators differ from the first, and studies state which of them they ran on."""
 
 from __future__ import annotations
 
@@ -10,9 +10,19 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli import build_app
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.twin.crate import draw_crate
+from palpate.twin.sheet_state import SheetState
+from palpate.twin.velostat import draw_sheet
+from palpate.twin.world import World
+from palpate_studies import size
 from palpate_studies.bruise_data import as_drawn
+from palpate_studies.force_control_world import task
 from palpate_studies.fruit_ranges import BRUISES
+from palpate_studies.other_crates import other_item
 from palpate_studies.other_fruit import WAYS, CorkyPatch, corky, other_avocado
+from palpate_studies.other_sheets import OtherSheet, other_sheet
+from palpate_studies.protocol.other_challenges import ladders, settled
 from palpate_studies.twin_apple import draw_apple
 from palpate_studies.twin_avocado import draw_avocado
 
@@ -56,3 +66,69 @@ def test_the_study_pairs_ours_with_that_day_alone(tmp_path: Path) -> None:
     for row in document["ripeness"]:
         assert row["fruit_days"] == row["wrong_less_one_day"]["cases"] == 16
         assert row["wrong_less_one_day"]["specimens"] == 4
+
+
+def other() -> OtherSheet:
+    return other_sheet(draw_sheet(np.random.default_rng(3), layout=RIGID_LAYOUT, level="paper"))
+
+
+def test_another_sheet_follows_no_power_law() -> None:
+    sheet = other()
+    load_n = np.geomspace(0.02, 20.0, 40)
+    slope = np.gradient(np.log(sheet.static_excess(load_n, gain=np.ones(40))), np.log(load_n))
+    assert slope[0] == pytest.approx(1.8, abs=0.05)
+    assert slope[-1] < 0.5
+    assert np.all(np.diff(slope) < 1e-6)
+
+
+def test_another_sheet_lags_behind_by_a_force_and_its_creep_does_not_slow_down() -> None:
+    sheet = other()
+    play_n = sheet.follow(np.array([4.0, 9.0]), np.array([2.0, 7.0])) - [2.0, 7.0]
+    assert play_n[0] == pytest.approx(play_n[1])
+    assert 0 < play_n[0] < 2
+    creep = sheet.family.draw(np.random.default_rng(1))
+    state = SheetState.unloaded(8, creep=creep)
+    ohm = [sheet.rest_ohm.mean()]
+    for _ in range(400):
+        state = state.after(
+            0.1, np.full(8, 2.0), travel_mm=0.0, sheet=sheet, gain=sheet.gain, creep=creep
+        )
+        ohm.append(state.resistance_ohm(sheet, creep=creep).mean())
+    falling = -np.diff(np.log(ohm))
+    assert falling[20] > 5 * falling[150]
+    assert falling[390] == pytest.approx(falling[150], rel=0.2)
+
+
+def test_a_world_takes_the_sheet_that_it_is_given() -> None:
+    first, second = World(None, seed=5), World(None, seed=5, remade=other_sheet)
+    assert isinstance(second.sheet, OtherSheet)
+    assert second.sheet.rest_ohm.tolist() == first.sheet.rest_ohm.tolist()
+
+
+def test_things_to_grip_keep_size_and_target_and_lose_their_law() -> None:
+    for seed, name in ((960_000, "layered"), (960_001, "foam"), (960_002, "dough")):
+        first, second = task(seed, level="paper"), task(seed, level="paper", second=True)
+        assert second.obj.name == name
+        assert (second.obj.size_mm, second.target_n) == (first.obj.size_mm, first.target_n)
+
+
+def test_size_states_that_it_ran_on_the_second_generator() -> None:
+    made = size.report(sensors=1, first_sensor=3, berries=1, second=True)
+    assert made.payload["second_generator"] is True
+    assert "skin" in " ".join(made.provenance)
+
+
+def test_items_of_the_second_population_have_a_skin_and_shells_do_not() -> None:
+    kiwi, egg = map(other_item, draw_crate(["kiwi", "egg"], seed=4))
+    assert kiwi.side(0).curve is not None
+    assert egg.side(0).curve is None
+
+
+def test_drawn_challenges_are_the_same_each_time_and_split_by_sensor() -> None:
+    for make in (settled, ladders):
+        made, again = make(Path()), make(Path())
+        assert [case.truth for case in made.cases] == [case.truth for case in again.cases]
+        tested = [name for fold in made.folds for name in fold.test]
+        assert sorted(tested) == sorted({case.specimen for case in made.cases})
+    back = [case for case in settled(Path()).cases if case.specimen.startswith("climbs back")]
+    assert all(case.whole[:, 1].min() < case.truth for case in back)

@@ -27,10 +27,15 @@ def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
 def test_scores_of_known_errors() -> None:
     force = np.array([1.0, 2.0, 4.0])
     half = FollowedForce(
-        time_s=force, force_n=force, value_n=force / 2, low_n=0 * force, high_n=force * 0.9
+        sensor=0,
+        time_s=force,
+        force_n=force,
+        value_n=force / 2,
+        low_n=0 * force,
+        high_n=force * 0.9,
     )
     exact = FollowedForce(
-        time_s=force, force_n=force, value_n=force, low_n=0 * force, high_n=force * 2
+        sensor=0, time_s=force, force_n=force, value_n=force, low_n=0 * force, high_n=force * 2
     )
     scores = staircases._scores([half], [half])
     assert scores["share_of_settled"] == 1

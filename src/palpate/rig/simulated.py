@@ -23,6 +23,7 @@ from palpate.twin.firmware import open_firmware_array
 from palpate.twin.objects import OBJECTS, TwinObject, draw_object
 from palpate.twin.ranges import ranges_of
 from palpate.twin.stage import Stage
+from palpate.twin.velostat import Sheet
 from palpate.twin.world import GripperKind, World
 
 #: What the load cell is faced with in turn: flat and round, soft and stiff.
@@ -152,14 +153,27 @@ def _opened(
 
 
 def calibrated(
-    *, seed: int, level: str, apart_from: str, kind: GripperKind = "rigid"
+    *,
+    seed: int,
+    level: str,
+    apart_from: str,
+    kind: GripperKind = "rigid",
+    remade: Callable[[Sheet], Sheet] | None = None,
 ) -> Calibration:
     """Calibrate the sensor and gripper of a seed in another session than the grasp's.
 
     The steps are a user's: rest, a load cell with changing faces, a rigid block. Nothing is taken
-    from the twin's own values, and the object to be grasped is not among the faces.
+    from the twin's own values, and the object to be grasped is not among the faces. `remade`: as in
+    `World`.
     """
-    world = World(None, seed=seed + ANOTHER_SESSION, sheet_seed=seed, level=level, gripper=kind)
+    world = World(
+        None,
+        seed=seed + ANOTHER_SESSION,
+        sheet_seed=seed,
+        level=level,
+        gripper=kind,
+        remade=remade,
+    )
     return calibrated_on(world, seed=seed, apart_from=apart_from, sensor_id=f"twin-{seed}")
 
 

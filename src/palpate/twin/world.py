@@ -19,7 +19,7 @@ from palpate.twin.placement import PixelGrid
 from palpate.twin.plant import Plant, PlantState
 from palpate.twin.ranges import ranges_of, uniform
 from palpate.twin.readout import Readout
-from palpate.twin.velostat import Environment, draw_sheet
+from palpate.twin.velostat import Environment, Sheet, draw_sheet
 
 GripperKind: TypeAlias = Literal["rigid", "soft"]
 
@@ -45,6 +45,7 @@ class World:
     `clock`: the clock that the devices move; its own by default.
     `family`: relaxation family of the sheet (`palpate.twin.velostat.FAMILIES`); drawn by default.
     `environment`: temperature, humidity and earlier use.
+    `remade`: takes the drawn sheet and returns the one to use, such as a sheet of another law.
     `crosstalk`: whether the pixels are a passive matrix whose idle lines float.
 
     >>> import numpy as np
@@ -75,6 +76,7 @@ class World:
         oversampling: int = 1,
         family: str | None = None,
         environment: Environment | None = None,
+        remade: Callable[[Sheet], Sheet] | None = None,
         crosstalk: bool = False,
     ) -> None:
         self.seed = seed
@@ -88,7 +90,8 @@ class World:
         self.watchers: list[Callable[[float], None]] = []
         ranges = ranges_of(level)
         rng = np.random.default_rng([self.sheet_seed, 0])
-        self.sheet = draw_sheet(rng, layout=layout, level=level, family=family)
+        sheet = draw_sheet(rng, layout=layout, level=level, family=family)
+        self.sheet = sheet if remade is None else remade(sheet)
         finger_mm_per_n = uniform(rng, ranges.finger_mm_per_n)
         self.compliance = HandCompliance(
             finger_mm_per_n=finger_mm_per_n + (SOFT_MM_PER_N if gripper == "soft" else 0.0),

@@ -34,6 +34,13 @@ if TYPE_CHECKING:
 LEVELS = ("paper", "field")
 #: The first seed of the shown grasps; others were used to build the controller.
 FIRST_SEED = 800_000
+#: That of the one look at the second generator.
+SECOND_SEED = 960_000
+_SECOND = (
+    "Second generator: the things described next, but a third each with a skin on softer flesh and "
+    "a core, of foam (exponent 2.5), and of dough that loses half of its force; so are those that "
+    "the damage limit is learned from. The strongest rival alone."
+)
 #: Things that the slow ways are tried on: waiting takes them minutes each.
 COMPARED = 40
 #: Things that ours grips without its damage limit too.
@@ -44,6 +51,10 @@ CHOOSING_SEED, CHOSEN_ON = 1_500_000, 24
 
 def command(
     grasps: Annotated[int, typer.Option(help="Things gripped at each level.", min=1)] = 8,
+    second: Annotated[
+        bool,
+        typer.Option("--second", help="Things with a skin and a core, of foam, and of dough."),
+    ] = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -52,12 +63,16 @@ def command(
     Example: palpate study force-control --grasps 100 --out reports
     """
     found = list[Gripped]()
-    damage = learned_damage(seed=FIRST_SEED)
+    first = SECOND_SEED if second else FIRST_SEED
+    damage = learned_damage(seed=first, second=second)
     for level in LEVELS:
-        seeds = range(FIRST_SEED, FIRST_SEED + grasps)
-        tasks = [task(seed, level=level) for seed in seeds]
-        found += gripped(tasks, damage=damage, extra=chosen_for(tasks, level=level))
-    report(found).emit(as_json=as_json, out=out)
+        seeds = range(first, first + grasps)
+        tasks = [task(seed, level=level, second=second) for seed in seeds]
+        if second:
+            found += against_the_papers(tasks, damage=damage)
+        else:
+            found += gripped(tasks, damage=damage, extra=chosen_for(tasks, level=level))
+    report(found, second=second).emit(as_json=as_json, out=out)
 
 
 def chosen_for(tasks: Sequence[Task], *, level: str) -> Mapping[GripperKind, Learned[float]]:
@@ -86,6 +101,14 @@ def gripped(
             yield paper_loop(one, PATIENT)
             if one.kind == "rigid":
                 yield by_current(one)
+
+
+def against_the_papers(tasks: Sequence[Task], *, damage: DamageModel) -> Iterator[Gripped]:
+    """Grip every task by ours, with and without the damage limit, and by the strongest rival."""
+    for one in tasks:
+        yield ours(one, damage=damage)
+        yield unlimited(one)
+        yield paper_loop(one, EXPONENTIAL)
 
 
 def scores(found: Sequence[Gripped]) -> dict[str, Any]:
@@ -170,7 +193,7 @@ def _most(bad: int, count: int) -> float:
     return 1.0 if bad == count else float(beta.ppf(0.95, bad + 1, count - bad))
 
 
-def report(found: Sequence[Gripped]) -> StudyReport:
+def report(found: Sequence[Gripped], *, second: bool = False) -> StudyReport:
     """Return the report of any number of grasps."""
     methods = list(dict.fromkeys(one.method for one in found))
     summary = [
@@ -184,6 +207,7 @@ def report(found: Sequence[Gripped]) -> StudyReport:
         name="force-control",
         title="Gripping random things to a force, and lifting them (simulated)",
         provenance=(
+            *([_SECOND] if second else []),
             "Simulated: sizes within the stroke, stiffness over two decades, linear or Hertz, flat "
             "or round, half relaxing as fruit does, off-centre, off the middle, on worn sheets; "
             f"every fourth sensor on soft fingers. Targets {TARGETS_N[0]:g} to {TARGETS_N[1]:g} N; "
@@ -213,6 +237,7 @@ def report(found: Sequence[Gripped]) -> StudyReport:
         payload={
             "study": "force-control",
             "simulated": True,
+            "second_generator": second,
             "summary": summary,
             "compared": [*compare(found), *compare(found, method=UNLIMITED)],
             "rows": [_row(one) for one in found],

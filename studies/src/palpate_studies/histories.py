@@ -19,6 +19,7 @@ from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate_studies.force_model import ForceModel
 from palpate_studies.history_data import INPUTS, History, read_histories
+from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 
 LEVEL = 0.9
@@ -56,6 +57,7 @@ def command(
     rows = [
         {
             "recording_id": one.recording_id,
+            "kind": one.kind,
             "inputs": name,
             "model": model,
             **_scores(predict(one.inputs(name)), one.force_n),
@@ -185,7 +187,12 @@ def _report(rows: Rows, *, own: bool) -> StudyReport:
             _table(rows, "rms_percent_zero_known", title="The same, zero known"),
             _table(rows, "coverage", title="Coverage of 90 % intervals"),
         ],
-        payload={"rows": rows, "summary": _summary(rows), "level": LEVEL},
+        payload={
+            "rows": rows,
+            "summary": _summary(rows),
+            "compared": _compared(rows),
+            "level": LEVEL,
+        },
     )
 
 
@@ -203,6 +210,27 @@ def _table(rows: Rows, key: str, *, title: str) -> Table:
             for which in dict.fromkeys((row["inputs"], row["model"]) for row in shown)
         ],
     )
+
+
+def _compared(rows: Rows) -> Rows:
+    """Return the error of ours less that of each other model, paired by kind of motion."""
+    lost = {(row["inputs"], row["model"], row["recording_id"]): row["rms_percent"] for row in rows}
+    kinds = {row["recording_id"]: row["kind"] for row in rows}
+    return [
+        {
+            "inputs": inputs,
+            "rival": rival,
+            **paired_difference(
+                [lost[inputs, "ours", name] for name in kinds],
+                [lost[inputs, rival, name] for name in kinds],
+                [*kinds.values()],
+                statistic=np.mean,
+            ).as_json(),
+        }
+        for inputs in INPUTS
+        for rival in MODELS
+        if rival != "ours"
+    ]
 
 
 def _summary(rows: Rows) -> Rows:

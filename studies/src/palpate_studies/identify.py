@@ -43,6 +43,12 @@ TAUGHT = 10
 LDA, OURS = "LDA with a background class", "ours"
 #: Seeds of the sensors; others were used while this was made, and for earlier figures.
 FIRST_SENSOR = 910
+#: That of the one look at the second generator.
+SECOND_SENSOR = 960
+_SECOND = (
+    "Second generator: sizes of a kind crowd at both ends of its range, and everything but shells "
+    "has a skin on softer flesh and a core."
+)
 
 SensorsOption = Annotated[
     int, typer.Option(help="Sensors and crates of each level; the published figures: 3.", min=1)
@@ -62,6 +68,10 @@ def command(
     sensors: SensorsOption = 1,
     items: ItemsOption = 2,
     crates: CratesOption = None,
+    second: Annotated[
+        bool,
+        typer.Option("--second", help="Two cultivars of each kind, with a skin on softer flesh."),
+    ] = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -69,21 +79,26 @@ def command(
 
     Example: palpate study identify --out reports
     """
-    found = crates_of(crates, sensors=sensors, items=items)
-    report(found).emit(as_json=as_json, out=out)
+    found = crates_of(crates, sensors=sensors, items=items, second=second)
+    report(found, second=second).emit(as_json=as_json, out=out)
     if out is not None:
         write_crates(found, out / "crates.json")
 
 
-def crates_of(path: Path | None, *, sensors: int, items: int) -> list[CrateItemGrasps]:
-    """Return crates from a file, or grasp them."""
+def crates_of(
+    path: Path | None, *, sensors: int, items: int, second: bool = False
+) -> list[CrateItemGrasps]:
+    """Return crates from a file, or grasp them; `second`: of the second generator."""
     if path is not None:
         return read_crates(path)
+    first = SECOND_SENSOR if second else FIRST_SENSOR
     return [
         item
         for level in LEVELS
-        for sensor in range(FIRST_SENSOR, FIRST_SENSOR + sensors)
-        for item in measured_crates(level=level, sensor=sensor, taught=TAUGHT, sorted_items=items)
+        for sensor in range(first, first + sensors)
+        for item in measured_crates(
+            level=level, sensor=sensor, taught=TAUGHT, sorted_items=items, second=second
+        )
     ]
 
 
@@ -189,7 +204,7 @@ def _against(given: Sequence[Answer], level: str) -> list[dict[str, Any]]:
     return found
 
 
-def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
+def report(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyReport:
     """Put the answers into tables and figures."""
     given = answers(crates)
     levels = [level for level in LEVELS if any(item.level == level for item in crates)]
@@ -207,6 +222,7 @@ def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
         name="identify",
         title="What is it? Kinds of a mixed crate by size and stiffness (simulated)",
         provenance=(
+            *([_SECOND] if second else []),
             f"Simulated: {sensors} sensors and grippers, each calibrated by a user's steps, then "
             "taught with items of each kind (two grasps each), then a crate that it never saw. "
             "Every measurement is that of a grasp by the controller; no method knows the truth.",
@@ -220,6 +236,7 @@ def report(crates: Sequence[CrateItemGrasps]) -> StudyReport:
         ],
         payload={
             "simulated": True,
+            "second_generator": second,
             "false_reject": FALSE_REJECT,
             "summary": summary,
             "against_lda": [row for level in levels for row in _against(given, level)],

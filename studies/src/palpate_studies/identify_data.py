@@ -20,6 +20,7 @@ from palpate.rig.simulated import calibrated
 from palpate.settling.result import Status
 from palpate.twin.crate import CrateItem, CrateTable, draw_crate
 from palpate.twin.crate_kinds import CRATE_STRANGERS, CRATE_TAUGHT
+from palpate_studies.other_crates import other_item
 
 LEVELS = ("paper", "field")
 #: Grasps of each item that is taught, and of each that is sorted.
@@ -70,12 +71,12 @@ class CrateItemGrasps:
 
 
 def measured_crates(
-    *, level: str, sensor: int, taught: int, sorted_items: int
+    *, level: str, sensor: int, taught: int, sorted_items: int, second: bool = False
 ) -> list[CrateItemGrasps]:
     """Calibrate a sensor, grasp a number of items of each kind to teach it, then a crate to sort.
 
     A stranger of each kind comes with every second sorted item of a taught kind (rounded up), so
-    that a quarter of the crate is strange.
+    that a quarter of the crate is strange. `second`: all items are of the second generator.
     """
     calibration = calibrated(seed=sensor, level=level, apart_from="")
     table = CrateTable(sensor=sensor, seed=sensor + 500_009, level=level)
@@ -95,7 +96,7 @@ def measured_crates(
     return [
         _grasped(item, hand=hand, table=table, level=level, sensor=sensor, grasps=grasps)
         for items, grasps in ((teaching, TAUGHT_GRASPS), (crate, SORTED_GRASPS))
-        for item in items
+        for item in (map(other_item, items) if second else items)
     ]
 
 

@@ -24,6 +24,11 @@ _EVERY_N, _LEAST_MM = 0.25, 1e-3
 _FIRST = 4
 
 
+def other_thing(thing: TwinObject, *, number: int) -> TwinObject:
+    """Return a thing of one of the three forms that follow no law of the twin, taken in turn."""
+    return (layered, foam, dough)[number % 3](thing)
+
+
 def layered(thing: TwinObject) -> TwinObject:
     """Return a thing with a skin on softer flesh, and a core: its stiffness falls, then rises."""
     flesh = thing.force_at_1mm_n

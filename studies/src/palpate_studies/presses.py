@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.press_figure import draw_followed
 from palpate_studies.press_follow import Followed, in_newtons
 from palpate_studies.press_models import FOLDS, LEVEL, MODELS, folds
+from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stretches import follow_stretches, read_stretches, stretch_table
 
@@ -145,6 +147,37 @@ def _by_force(followed: Mapping[str, Sequence[Followed]]) -> Rows:
     return lines
 
 
+def _compared(followed: Mapping[str, Sequence[Followed]]) -> Rows:
+    """Return the error of ours less that of each other model, by setting of the presses.
+
+    Over presses it is the median error of each, over the release that of each sample.
+    """
+
+    def lost(model: str, part: str) -> FloatArray:
+        errors = [np.abs(one.log_error) for one in followed[model]]
+        if part == "presses":
+            return np.array([np.median(error) for error in errors])
+        each = zip(errors, followed[model], strict=True)
+        return np.concatenate([error[one.released] for error, one in each])
+
+    groups = {
+        "presses": [one.press.trace.group for one in followed["observer"]],
+        "released": [
+            one.press.trace.group for one in followed["observer"] for _ in range(one.released.sum())
+        ],
+    }
+    return [
+        {
+            "part": part,
+            "rival": rival,
+            **paired_difference(lost("observer", part), lost(rival, part), group).as_json(),
+        }
+        for part, group in groups.items()
+        for rival in MODELS
+        if rival != "observer"
+    ]
+
+
 def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyReport:
     rows = _rows(followed)
     observed = followed["observer"]
@@ -188,7 +221,13 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
             "its release, which lasts two or three samples.",
         ),
         tables=[table, parts],
-        payload={"rows": rows, "summary": summary, "by_force": by_force, "level": LEVEL},
+        payload={
+            "rows": rows,
+            "summary": summary,
+            "by_force": by_force,
+            "compared": _compared(followed),
+            "level": LEVEL,
+        },
         figures={"presses": lambda: draw_followed(followed["observer"], followed["static"])},
     )
 

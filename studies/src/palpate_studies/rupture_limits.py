@@ -21,6 +21,7 @@ from palpate.estimate.damage_learning import (
     split,
 )
 from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.rupture import compare
 from palpate_studies.rupture_learners import features, learned_scores, learners
 from palpate_studies.rupture_policies import Scored, our_scores
 from palpate_studies.rupture_published import PUBLISHED, published_scores
@@ -95,6 +96,7 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
             "provenance": list(provenance),
             "mean_abs_error_percent": errors,
             "tradeoff": entries,
+            "compared": compare(methods, closings=tested),
         },
     )
 

@@ -86,10 +86,10 @@ def quotes(docs: Path) -> list[tuple[str, str, str]]:
     """Return claim, page and text that the page has to hold, figures filled in."""
     rows = tomllib.loads((docs / "claims.toml").read_text())["claim"]
     return [
-        (row["name"], page, _filled(text, _kept(docs, result)["figures"], claim=row["name"]))
+        (row["name"], page, _filled(text, _kept(docs, row[result])["figures"], claim=row["name"]))
         for row in rows
-        for result in [row.get("second_result", row["result"])]
-        for page, text in row.get("quotes", [])
+        for result, quoted in (("result", "quotes"), ("second_result", "second_quotes"))
+        for page, text in row.get(quoted, [])
     ]
 
 

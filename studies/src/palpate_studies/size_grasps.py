@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -57,12 +57,22 @@ class Sized:
     damaged: bool
 
 
-def sized(level: str, *, sensors: Sequence[int], berries: int) -> Iterator[Sized]:
-    """Size `berries` strawberries on each sensor of a level, each three times."""
+def sized(
+    level: str,
+    *,
+    sensors: Sequence[int],
+    berries: int,
+    remade: Callable[[TwinObject, int], TwinObject] | None = None,
+) -> Iterator[Sized]:
+    """Size `berries` strawberries on each sensor of a level, each three times.
+
+    `remade`: takes a strawberry and its number and returns a thing of another form.
+    """
     for sensor in sensors:
         calibration = calibrated(seed=sensor, level=level, apart_from="strawberry")
         for berry in range(berries):
             obj = draw_object(np.random.default_rng([sensor, berry, 31]), "strawberry")
+            obj = obj if remade is None else remade(obj, berry)
             yield _sized(obj, level=level, sensor=sensor, berry=berry, calibration=calibration)
 
 

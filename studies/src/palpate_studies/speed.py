@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
@@ -15,7 +17,10 @@ from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
 from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.velostat import Sheet
 from palpate_studies.equal_width import SEED
+from palpate_studies.other_sheets import other_sheet
+from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.twin_session import GAP_MM, HOLD_S, LEVELS, STILL_S, Session, drawn
 
@@ -33,19 +38,34 @@ METHODS: dict[str, SettlingMethod] = {
 CLOCKS = ("start of actuation", "end of actuation")
 
 
-def command(as_json: JsonOption = False, out: OutOption = None) -> None:
+def command(
+    second: Annotated[
+        bool,
+        typer.Option("--second", help="Sheets with a logarithmic law, play and even creep."),
+    ] = False,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
     """Close at five speeds on the twin and predict the settled value at 2.5 s.
 
     Example: palpate study speed --out reports
     """
-    report().emit(as_json=as_json, out=out)
+    report(remade=other_sheet if second else None).emit(as_json=as_json, out=out)
 
 
-def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
-    """Make the holds and score the predictors at each speed."""
+def report(
+    *,
+    sensors: int = SENSORS,
+    repeats: int = REPEATS,
+    remade: Callable[[Sheet], Sheet] | None = None,
+) -> StudyReport:
+    """Make the holds and score the predictors at each speed; `remade` as in `World`."""
     curves = {
         (level, speed): np.concatenate(
-            [holds(sensor, level=level, speed=speed, repeats=repeats) for sensor in range(sensors)]
+            [
+                holds(sensor, level=level, speed=speed, repeats=repeats, remade=remade)
+                for sensor in range(sensors)
+            ]
         )
         for level in LEVELS
         for speed in SPEEDS_MM_PER_S
@@ -106,6 +126,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         payload={
             "study": "speed",
             "origin": "twin",
+            "second_generator": remade is not None,
             "rows": [
                 {
                     "level": level,
@@ -121,14 +142,47 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 for (level, speed), found in scored.items()
                 for (clock, method), one in found.items()
             ],
+            "compared": _compared(scored, sensors=sensors, repeats=repeats),
         },
         figures={"speed": lambda: draw(curves)},
     )
 
 
-def holds(sensor: int, *, level: str, speed: float, repeats: int) -> FloatArray:
+def _compared(
+    scored: Mapping[tuple[str, float], Mapping[tuple[str, str], Predicted]],
+    *,
+    sensors: int,
+    repeats: int,
+) -> list[dict[str, Any]]:
+    """Return the error of ours less that of each rival on the same holds, by sensor."""
+    of = [str(sensor) for sensor in range(sensors) for _ in range(repeats)]
+    return [
+        {
+            "level": level,
+            "speed_mm_per_s": speed,
+            "clock": clock,
+            "rival": rival,
+            **paired_difference(
+                found[clock, "relaxation"].error_percent, found[clock, rival].error_percent, of
+            ).as_json(),
+        }
+        for (level, speed), found in scored.items()
+        for clock in CLOCKS
+        for rival in METHODS
+        if rival != "relaxation"
+    ]
+
+
+def holds(
+    sensor: int,
+    *,
+    level: str,
+    speed: float,
+    repeats: int,
+    remade: Callable[[Sheet], Sheet] | None = None,
+) -> FloatArray:
     """Return mean changes from the start of actuation on, shape (repeats, times), at 15 Hz."""
-    session, obj = Session(sensor, level=level), drawn(OBJECT, seed=SEED)
+    session, obj = Session(sensor, level=level, remade=remade), drawn(OBJECT, seed=SEED)
     session.place(obj)
     made = []
     for _ in range(repeats):

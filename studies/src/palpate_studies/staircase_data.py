@@ -19,6 +19,7 @@ from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.relative import excess_conductance
 from palpate.twin.objects import draw_object
+from palpate.twin.velostat import Sheet
 from palpate.twin.world import World
 
 #: What is grasped after the calibration: no name is among the faces of the load cell.
@@ -42,8 +43,9 @@ Reader = Callable[[float, FloatArray], tuple[float, float, float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FollowedForce:
-    """One test staircase as one method followed it; arrays of shape (frames,)."""
+    """One test staircase of a sensor as one method followed it; arrays of shape (frames,)."""
 
+    sensor: int
     time_s: FloatArray
     force_n: FloatArray
     value_n: FloatArray
@@ -56,12 +58,21 @@ class FollowedForce:
         return (self.low_n <= self.force_n) & (self.force_n <= self.high_n)
 
 
-def followed(sensor: int, *, level: str, staircases: int) -> Mapping[str, list[FollowedForce]]:
-    """Calibrate a sheet as a user does and follow staircases on other objects, by method."""
-    pairs = calibrated(seed=sensor, level=level, apart_from="").force
+def followed(
+    sensor: int,
+    *,
+    level: str,
+    staircases: int,
+    remade: Callable[[Sheet], Sheet] | None = None,
+) -> Mapping[str, list[FollowedForce]]:
+    """Calibrate a sheet as a user does and follow staircases on other objects, by method.
+
+    `remade`: as in `World`.
+    """
+    pairs = calibrated(seed=sensor, level=level, apart_from="", remade=remade).force
     rng = np.random.default_rng([sensor, 7])
     names = rng.choice(GRASPED, staircases, replace=False).tolist()
-    world = World(None, seed=sensor + 2_000_006, sheet_seed=sensor, level=level)
+    world = World(None, seed=sensor + 2_000_006, sheet_seed=sensor, level=level, remade=remade)
     bench = twin_bench(world, start=_START_MM)
     found: dict[str, list[FollowedForce]] = {}
     for name in names:
@@ -69,7 +80,7 @@ def followed(sensor: int, *, level: str, staircases: int) -> Mapping[str, list[F
         world.place(draw_object(rng, name))
         frames = list(_staircase(bench, rest_ohm=rest_ohm, rng=rng))
         for method, read in _readers(pairs).items():
-            found.setdefault(method, []).append(_follow(frames, read))
+            found.setdefault(method, []).append(_follow(frames, read, sensor=sensor))
     return found
 
 
@@ -92,10 +103,13 @@ def _static(reading: PixelReading, law: ForceLaw) -> Reader:
     return read
 
 
-def _follow(frames: list[tuple[float, FloatArray, float]], read: Reader) -> FollowedForce:
+def _follow(
+    frames: list[tuple[float, FloatArray, float]], read: Reader, *, sensor: int
+) -> FollowedForce:
     rows = [(time_s, force_n, *read(time_s, excess)) for time_s, excess, force_n in frames]
     columns = np.array([row for row in rows if row[1] > FAINT_N]).reshape(-1, 5).T
     return FollowedForce(
+        sensor=sensor,
         time_s=columns[0],
         force_n=columns[1],
         value_n=columns[2],

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
+from palpate_studies.other_sheets import other_sheet
+from palpate_studies.protocol.paired import paired_difference, rms
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.staircase_data import FollowedForce, followed
 
@@ -26,6 +29,10 @@ METHODS = {
 }
 #: Longer than a frame: force was too faint in between.
 _GAP_S = 0.3
+_SECOND = (
+    "Second generator: sheets whose conductance rises steeply, then with the logarithm of the load "
+    "only, with play of a fixed force, and creep that does not slow down."
+)
 Runs = dict[str, dict[str, list[FollowedForce]]]
 
 
@@ -33,6 +40,10 @@ def command(
     sheets: Annotated[int, typer.Option(help="Sheets of each level.", min=1)] = 4,
     staircases: Annotated[int, typer.Option(help="Test staircases of each.", min=1, max=6)] = 2,
     seed: Annotated[int, typer.Option(help="First sheet.", min=0)] = 0,
+    second: Annotated[
+        bool,
+        typer.Option("--second", help="Sheets with a logarithmic law, play and even creep."),
+    ] = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -44,14 +55,20 @@ def command(
     for level in LEVELS:
         for sensor in range(seed, seed + sheets):
             try:
-                found = followed(sensor, level=level, staircases=staircases)
+                each = followed(
+                    sensor,
+                    level=level,
+                    staircases=staircases,
+                    remade=other_sheet if second else None,
+                )
             except CalibrationError as error:
                 # A pixel at the end of its converter: the guided steps refuse such a sheet.
                 sys.stderr.write(f"sheet {sensor}, {level}: refused: {error}\n")
                 continue
-            for name, each in found.items():
-                runs[level][name] += each
-    _report(runs, sheets=sheets, staircases=staircases).emit(as_json=as_json, out=out)
+            for name, some in each.items():
+                runs[level][name] += some
+    report = _report(runs, sheets=sheets, staircases=staircases, second=second)
+    report.emit(as_json=as_json, out=out)
 
 
 def _summary(runs: Runs) -> list[dict[str, Any]]:
@@ -78,12 +95,32 @@ def _scores(each: Sequence[FollowedForce], settled: Sequence[FollowedForce]) -> 
     }
 
 
+def _compared(runs: Runs) -> list[dict[str, Any]]:
+    """Return the RMS error of `now` less that of the settled law on the same frames, by sheet."""
+    return [
+        {
+            "level": level,
+            **paired_difference(
+                _errors_n(runs[level]["now"]),
+                _errors_n(runs[level]["settled"]),
+                [str(one.sensor) for one in runs[level]["now"] for _ in one.force_n],
+                statistic=rms,
+            ).as_json(),
+        }
+        for level in LEVELS
+        if runs[level]["now"]
+    ]
+
+
 def _rms_n(each: Sequence[FollowedForce]) -> float:
-    errors = np.concatenate([one.value_n - one.force_n for one in each])
-    return float(np.sqrt(np.mean(errors**2)))
+    return float(rms(_errors_n(each)))
 
 
-def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
+def _errors_n(each: Sequence[FollowedForce]) -> FloatArray:
+    return np.concatenate([one.value_n - one.force_n for one in each])
+
+
+def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyReport:
     summary = _summary(runs)
     columns = {
         "rms_error_n": "RMS error, N",
@@ -112,9 +149,16 @@ def _report(runs: Runs, *, sheets: int, staircases: int) -> StudyReport:
             "are refused, named on standard error and left out.",
             "`own gain out` is the error with the median of each staircase taken away: what "
             "remains when the gain of that contact is known.",
+            *([_SECOND] if second else []),
         ),
         tables=[table],
-        payload={"summary": summary, "sheets": sheets, "staircases": staircases},
+        payload={
+            "second_generator": second,
+            "summary": summary,
+            "compared": _compared(runs),
+            "sheets": sheets,
+            "staircases": staircases,
+        },
         figures={"staircases": lambda: _figure(runs)},
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from palpate.signal.relative import (
 )
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import TwinObject, draw_object
-from palpate.twin.velostat import Environment
+from palpate.twin.velostat import Environment, Sheet
 from palpate.twin.world import World
 
 #: The settled value is the mean over this long before the end of a hold.
@@ -86,6 +86,8 @@ class Session:
         Relaxation family; drawn with the sensor by default.
     environment : Environment, optional
         Surroundings and earlier use.
+    remade : callable, optional
+        As in `World`.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class Session:
         layout: ArrayLayout | None = None,
         family: str | None = None,
         environment: Environment | None = None,
+        remade: Callable[[Sheet], Sheet] | None = None,
     ) -> None:
         self.world = World(
             None,
@@ -106,6 +109,7 @@ class Session:
             layout=layout,
             family=family,
             environment=environment,
+            remade=remade,
         )
         self.gripper, self.cell = TwinGripper(self.world), TwinLoadCell(self.world)
 

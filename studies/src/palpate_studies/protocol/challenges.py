@@ -58,7 +58,7 @@ def settled(data: Path) -> Challenge:
             )
             whole = np.column_stack([hold.time_s, hold.values])
             cases.append(_case(question, truth, specimen_of(hold.hold_id), hold.hold_id, whole))
-    return _challenge("settled", "settled value of real silicone holds from 2.5 s", cases)
+    return challenge_of("settled", "settled value of real silicone holds from 2.5 s", cases)
 
 
 def ladders(data: Path) -> Challenge:
@@ -78,7 +78,7 @@ def ladders(data: Path) -> Challenge:
                 )
                 name = f"{one.name}, step {one.step[step]}"
                 cases.append(_case(question, float(one.load_n[step]), one.name, name, whole))
-    return _challenge("ladders", "weight on real Velostat, told three loads", cases)
+    return challenge_of("ladders", "weight on real Velostat, told three loads", cases)
 
 
 def rupture(data: Path) -> Challenge:
@@ -95,14 +95,15 @@ def rupture(data: Path) -> Challenge:
         )
         name = closing.grasp_id
         cases.append(_case(question, closing.rupture_force_n, name, name, closing.samples))
-    return _challenge("rupture", "rupture force of real fruit at 1.5 N", cases)
+    return challenge_of("rupture", "rupture force of real fruit at 1.5 N", cases)
 
 
 def _case(question: Question, truth: float, specimen: str, name: str, whole: FloatArray) -> Case:
     return Case(question=question, truth=truth, specimen=specimen, name=name, whole=whole)
 
 
-def _challenge(name: str, asks: str, cases: list[Case]) -> Challenge:
+def challenge_of(name: str, asks: str, cases: list[Case]) -> Challenge:
+    """Return a challenge whose specimens are split into folds."""
     specimens = [case.specimen for case in cases]
     parts = folds(specimens, count=min(_PARTS, len(set(specimens))))
     return Challenge(name=name, asks=asks, cases=tuple(cases), folds=tuple(parts))

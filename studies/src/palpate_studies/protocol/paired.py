@@ -53,6 +53,17 @@ class Difference:
         }
 
 
+def rms(errors: FloatArray) -> np.floating[Any]:
+    """Return the root mean square, as a statistic for `paired_difference`.
+
+    Examples
+    --------
+    >>> float(rms(np.array([3.0, -4.0, 0.0, 0.0])))
+    2.5
+    """
+    return np.float64(np.sqrt(np.mean(errors**2)))
+
+
 def paired_difference(
     ours: ArrayLike,
     rival: ArrayLike,
@@ -72,7 +83,7 @@ def paired_difference(
     specimens : sequence of str, length cases
         What each case belongs to: sensor, specimen or fruit.
     statistic : callable
-        `np.median` or `np.mean` of the losses.
+        `np.median`, `np.mean` or `rms` of the losses.
 
     Raises
     ------
