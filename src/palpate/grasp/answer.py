@@ -43,6 +43,9 @@ _RELAXED = 0.985
 _KEPT = (0.5, 2.0)
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
 FELT_PERCENT = -1.0
+#: Less than this share of the faintest force of the calibration may be drift, or what the sheet
+#: remembers: such a step bounds the size as one that felt nothing.
+_FELT_FLOOR = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,12 +203,12 @@ def _contact_point(belief: Belief, plan: Plan, give: Compliance) -> ContactPoint
     first = max(int(np.argmax(hinted)) - 2, 0)
     reading = np.array([c.touch.reading for c in belief.staircase])
     read = belief.gain.applied(plan.early_law.force_n(reading, level=plan.level))
-    felt &= read.value > 0
+    # Below the weakest reading of the calibration the law can't distinguish forces.
+    floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
+    felt &= read.value > _FELT_FLOOR * floor_n
     if felt[first:].sum() < 2 or not hinted.any():
         return None
     force = np.where(felt, read.value, 0.0)
-    # Below the weakest reading of the calibration the law can't distinguish forces.
-    floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
     # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
     # out as the gripper's give goes with it.
     upper = np.log(read.high[felt] / read.value[felt])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from palpate.grasp.answer import FELT_PERCENT
 from palpate.grasp.belief import Belief, Touch
 from palpate.grasp.phases import Phase
@@ -31,9 +33,12 @@ _FURTHER_BACK_STEPS = 4.0
 _STUCK_SHARE = 0.7
 #: What a sheet remembers is waited for until it reads as less than this share of the force that is
 #: lost before a pixel feels any (the size has that uncertainty anyway), or for this time.
-_REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 1.2
+_REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 0.45
 #: An object that one finger pushes lies at most this many steps off the middle.
 _PUSHED_STEPS = 5.0
+#: Where the hand first looks again: this far short of where the touch at speed ended, in steps of
+#: the approach, or by this multiple of what the force read there takes on a rigid object.
+_SHORT_STEPS, _SHORT_OF_FORCE = 0.4, 0.8
 #: A movement that is shortened to a safe length is not steady, and an unsteady one reads like a
 #: touch.
 _HASTE_SHARE = 0.85
@@ -51,13 +56,23 @@ def sweep_rate(belief: Belief, plan: Plan) -> float:
     return min(_OVERRUN_STEPS * approach_step(plan) / late_s, plan.gripper.fastest)
 
 
-def begun(belief: Belief, plan: Plan) -> Belief:
-    """Return the belief at the start of a way: near to an expected size, or to the end."""
+def begun(belief: Belief, plan: Plan, *, rows: tuple[int, ...] | None = None) -> Belief:
+    """Return the belief at the start of a way: near to an expected size, or to the end.
+
+    `rows`: of the pixels that are watched; all by default.
+    """
     end, rate = plan.gripper.span, sweep_rate(belief, plan)
     near, slowed = _near(plan), belief.sweep is not None
     if not slowed and near - belief.closure > approach_step(plan):
         end, rate = near, max(rate, _hasty_rate(belief, plan))
-    sweep = Sweep(rate=rate, end=end, since_s=belief.now_s, slowed=slowed)
+    sweep = Sweep(
+        rate=rate,
+        begin=belief.closure,
+        end=end,
+        since_s=belief.now_s,
+        slowed=slowed,
+        rows=rows or tuple(range(plan.layout.rows)),
+    )
     return replace(belief, sweep=sweep).enter(Phase.SWEEP)
 
 
@@ -114,21 +129,38 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     if belief.still_s < QUIET_S or not belief.touches:
         return belief, None
     assert belief.sweep is not None
-    now = belief.now
+    now, went = belief.now, belief.closure - belief.sweep.begin
     belief = replace(belief, sweep=None)
     if now.shared_percent > FELT_PERCENT:
-        # Nothing, or one finger alone, which pushes it to the middle: on in small steps.
         pushes = now.deepest_percent <= FELT_PERCENT
+        if pushes and went > approach_step(plan):
+            return begun(belief, plan, rows=_unfelt_rows(now, plan)), None
+        # Nothing, or one finger alone and no way gained: on in small steps.
         swept_to = belief.closure + (_PUSHED_STEPS * plan.step if pushes else 0.0)
         return replace(belief, swept_to=swept_to).enter(Phase.APPROACH), None
     estimate = plan.early_law.force_n(now.reading, level=plan.level)
     belief = pressed(belief, force_n=float(estimate.value), force_high_n=float(estimate.high))
-    belief = replace(belief, felt_s=belief.moved_s, released_s=belief.now_s, memory=None)
+    belief = replace(belief, felt_s=belief.moved_s)
     if now.shared_percent <= plan.epsilon_percent or belief.force_n > plan.no_push_n:
         belief = belief.noted("contact")
+    if plan.damage is None and belief.force_n < plan.no_push_n:
+        # A touch this gentle is the first step of the squeeze.
+        return belief.enter(Phase.APPROACH), None
+    belief = replace(belief, released_s=belief.now_s, memory=None)
+    short = max(_SHORT_STEPS * approach_step(plan), _SHORT_OF_FORCE * belief.force_n / plan.steepest_n)
+    belief = replace(belief, look_again=belief.closure - short)
     back = approach_step(plan) + 0.5 * plan.step + plan.play
     target = whole(max(belief.closure - back, 0.0), plan)
     return belief.enter(Phase.APPROACH), GripperCommand(target=target, rate=plan.rate)
+
+
+def _unfelt_rows(now: Touch, plan: Plan) -> tuple[int, ...]:
+    """Return the rows of pixels on fingers that feel nothing: where the next touch will come.
+
+    One finger alone pushes the object to the middle, and its own pixels change on the way.
+    """
+    felt = np.array(now.finger_percent) <= FELT_PERCENT
+    return tuple(np.flatnonzero(~felt[list(plan.layout.finger_of_row)]).tolist())
 
 
 def unreleased(belief: Belief, plan: Plan) -> bool:

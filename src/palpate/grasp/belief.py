@@ -115,6 +115,8 @@ class Belief:
         Closure where the last such way ended; NaN before.
     felt_s : float or None
         When the object was first felt on such a way.
+    look_again : float
+        Closure short of that place, where the hand looks first when it comes again.
     released_s, memory : float and Touch, or None
         When the hand went back from there, and what the sheet still read where nothing touched.
     contact_s : float or None
@@ -168,6 +170,7 @@ class Belief:
     sweep: Sweep | None = None
     swept_to: float = float("nan")
     felt_s: float | None = None
+    look_again: float = float("-inf")
     released_s: float | None = None
     memory: Touch | None = None
     contact_s: float | None = None
@@ -292,7 +295,7 @@ def _swept(
     if plan.current is not None and gripper.moving:
         gears_ma = gripper.current_ma - float(plan.current.gears.at(np.array(gripper.width_mm)))
     ratio = np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
-    log_ohm = np.nan_to_num(np.log(ratio))
+    log_ohm = np.nan_to_num(np.log(ratio[list(sweep.rows)]))
     return sweep.seen(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
 
 

@@ -121,6 +121,7 @@ def _wait(belief: Belief, plan: Plan) -> Move:
         swept_to=math.nan,
         felt_s=None,
         released_s=None,
+        look_again=-math.inf,
         memory=None,
         still_since_s=belief.now_s,
     )
@@ -174,8 +175,12 @@ def _onward(belief: Belief, plan: Plan) -> Move:
     if not belief.closure <= belief.swept_to + approach_step(plan):
         return begun(belief, plan), None
     # One finger alone pushes the object to the middle: the next touch is still to come.
-    share = 1.0 if felt else 0.5
-    return belief, closed_by(belief, max(share * approach_step(plan), plan.fine_step), plan)
+    share = 1.0 if felt and belief.released_s is None else 0.5
+    step = max(share * approach_step(plan), plan.fine_step)
+    if plan.damage is None and not felt:
+        # Up to there the object has borne more already.
+        step = max(step, belief.look_again - belief.closure)
+    return belief, closed_by(belief, step, plan)
 
 
 def _blind(belief: Belief, plan: Plan) -> Move:
@@ -197,8 +202,8 @@ def _stuck(belief: Belief, plan: Plan) -> Move:
 
 
 def _contact(belief: Belief, plan: Plan) -> Move:
-    """Confirm the touch on fresh frames: noise may look like one for a moment."""
-    if belief.now_s - belief.since_s < plan.confirm_s:
+    """Confirm a touch that was not felt before on fresh frames: noise may look like one."""
+    if belief.felt_s is None and belief.now_s - belief.since_s < plan.confirm_s:
         return belief, None
     faint = belief.now.deepest_percent > 0.5 * plan.epsilon_percent
     if faint and not _pressed(belief, plan):

@@ -52,25 +52,29 @@ class Sweep:
     ----------
     rate : float
         Speed, mm/s or kPa/s.
-    end : float
-        Closure where it ends if nothing is felt.
+    begin, end : float
+        Closure where it began, and where it ends if nothing is felt.
     since_s : float
         When it began.
+    rows : tuple of int
+        Of the pixels that are watched.
     time_s : tuple of float
         Of the frames that are remembered.
-    log_ohm : tuple of ndarray, shape (rows, cols)
+    log_ohm : tuple of ndarray, shape (watched rows, cols)
         ln of each pixel's resistance over its rest value, frame by frame.
     gears_ma : tuple of float
         Servo current less what the gears take there, while the hand moves; NaN where it is unknown.
-    level : ndarray or None, shape (rows, cols)
+    level : ndarray or None, shape (watched rows, cols)
         ln resistance over rest once the speed was steady; None before.
     slowed : bool
         Whether a faster way ended where this one begins: the rise that it made fades first.
     """
 
     rate: float
+    begin: float
     end: float
     since_s: float
+    rows: tuple[int, ...]
     time_s: tuple[float, ...] = ()
     log_ohm: tuple[FloatArray, ...] = ()
     gears_ma: tuple[float, ...] = ()
