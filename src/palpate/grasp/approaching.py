@@ -31,9 +31,6 @@ _IDLE_S = 0.7
 _FURTHER_BACK_STEPS = 4.0
 #: A sheet remembers less than this share of a touch once the fingers have left the object.
 _STUCK_SHARE = 0.7
-#: What a sheet remembers is waited for until it reads as less than this share of the force that is
-#: lost before a pixel feels any (the size has that uncertainty anyway), or for this time.
-_REMEMBERED_SHARE, _LONGEST_FADE_S = 0.5, 0.45
 #: An object that one finger pushes lies at most this many steps off the middle.
 _PUSHED_STEPS = 5.0
 #: Where the hand first looks again: this far short of where the touch at speed ended, in steps of
@@ -52,7 +49,7 @@ def sweep_rate(belief: Belief, plan: Plan) -> float:
     From a touch until it stops it goes a step and a half of the approach: through the frame in
     which the touch falls, the lag of the sheet, and the latency of the gripper.
     """
-    late_s = _period_s(belief) + _SHEET_LAG_S + plan.safety.latency_s
+    late_s = belief.period_s + _SHEET_LAG_S + plan.safety.latency_s
     return min(_OVERRUN_STEPS * approach_step(plan) / late_s, plan.gripper.fastest)
 
 
@@ -71,7 +68,7 @@ def begun(belief: Belief, plan: Plan, *, rows: tuple[int, ...] | None = None) ->
         end=end,
         since_s=belief.now_s,
         slowed=slowed,
-        rows=rows or tuple(range(plan.layout.rows)),
+        rows=rows,
     )
     return replace(belief, sweep=sweep).enter(Phase.SWEEP)
 
@@ -141,14 +138,15 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     estimate = plan.early_law.force_n(now.reading, level=plan.level)
     belief = pressed(belief, force_n=float(estimate.value), force_high_n=float(estimate.high))
     belief = replace(belief, felt_s=belief.moved_s)
-    if now.shared_percent <= plan.epsilon_percent or belief.force_n > plan.no_push_n:
+    if now.shared_percent <= plan.hint_percent or belief.force_n > plan.no_push_n:
         belief = belief.noted("contact")
     if plan.damage is None and belief.force_n < plan.no_push_n:
         # A touch this gentle is the first step of the squeeze.
         return belief.enter(Phase.APPROACH), None
     belief = replace(belief, released_s=belief.now_s, memory=None)
-    short = max(_SHORT_STEPS * approach_step(plan), _SHORT_OF_FORCE * belief.force_n / plan.steepest_n)
-    belief = replace(belief, look_again=belief.closure - short)
+    short = _SHORT_OF_FORCE * belief.force_n / plan.steepest_n
+    again = belief.closure - max(short, _SHORT_STEPS * approach_step(plan))
+    belief = replace(belief, look_again=again)
     back = approach_step(plan) + 0.5 * plan.step + plan.play
     target = whole(max(belief.closure - back, 0.0), plan)
     return belief.enter(Phase.APPROACH), GripperCommand(target=target, rate=plan.rate)
@@ -183,8 +181,7 @@ def _may_go_back(belief: Belief, plan: Plan) -> bool:
 def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     """Where the hand came back to nothing is held: what is read there is the sheet's memory.
 
-    Where both fingers read more than a hint, it has not come back far enough. Soon after, memory
-    fades too fast and is too large to be taken out of a faint touch; so it is waited for.
+    Where both fingers read more than a hint, it has not come back far enough.
     """
     if belief.still_s < plan.dwell_s:
         return belief, None
@@ -192,10 +189,6 @@ def remembered(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | Non
         target = whole(max(belief.closure - plan.step, 0.0), plan)
         return belief, GripperCommand(target=target, rate=plan.rate)
     nothing = plan.early_law.force_n(0.0, level=plan.level)
-    left_n = float(plan.early_law.force_n(belief.now.reading).value)
-    faded = left_n < _REMEMBERED_SHARE * float(nothing.high)
-    if not faded and belief.still_s < _LONGEST_FADE_S:
-        return belief, None
     stairs = tuple(stair for stair in belief.staircase if stair.closure < belief.closure)
     free = replace(belief, memory=_fall(belief.now), touches=(), staircase=stairs)
     return pressed(free, force_n=0.0, force_high_n=float(nothing.high)), None
@@ -213,9 +206,4 @@ def _fall(now: Touch) -> Touch:
 
 def _command_s(belief: Belief, *, frames: float) -> float:
     """Return how far ahead a command of the way reaches, in time."""
-    return frames * _period_s(belief) + _AHEAD_S
-
-
-def _period_s(belief: Belief) -> float:
-    """Return the time from frame to frame."""
-    return belief.lasted_s / max(belief.frames - 1, 1)
+    return frames * belief.period_s + _AHEAD_S

@@ -208,6 +208,11 @@ class Belief:
         return 0.0 if self.began_s is None else self.now_s - self.began_s
 
     @property
+    def period_s(self) -> float:
+        """Time from frame to frame, seconds."""
+        return self.lasted_s / max(self.frames - 1, 1)
+
+    @property
     def still_s(self) -> float:
         """How long the gripper has stood still, seconds."""
         return 0.0 if self.still_since_s is None else self.now_s - self.still_since_s
@@ -295,7 +300,8 @@ def _swept(
     if plan.current is not None and gripper.moving:
         gears_ma = gripper.current_ma - float(plan.current.gears.at(np.array(gripper.width_mm)))
     ratio = np.divide(ohm, rest_ohm, out=np.ones_like(ohm), where=(ohm > 0) & (ohm < np.inf))
-    log_ohm = np.nan_to_num(np.log(ratio[list(sweep.rows)]))
+    watched = ratio if sweep.rows is None else ratio[list(sweep.rows)]
+    log_ohm = np.nan_to_num(np.log(watched))
     return sweep.seen(gripper.time_s, log_ohm=log_ohm, gears_ma=gears_ma)
 
 

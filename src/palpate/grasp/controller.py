@@ -131,7 +131,7 @@ def _wait(belief: Belief, plan: Plan) -> Move:
 def _approach(belief: Belief, plan: Plan) -> Move:
     """Take the rest values, then close step by step until both fingers feel something."""
     if belief.rest_ohm is None:
-        if belief.still_s < plan.rest_s:
+        if belief.still_s < plan.rest_s or len(belief.rest_frames) < plan.rest_frames:
             return belief, None
         belief = rezeroed(belief, plan=plan)
         return (belief, None) if belief.rest_ohm is None else _onward(belief, plan)
@@ -202,8 +202,8 @@ def _stuck(belief: Belief, plan: Plan) -> Move:
 
 
 def _contact(belief: Belief, plan: Plan) -> Move:
-    """Confirm a touch that was not felt before on fresh frames: noise may look like one."""
-    if belief.felt_s is None and belief.now_s - belief.since_s < plan.confirm_s:
+    """Confirm the touch on fresh frames: noise may look like one for a moment."""
+    if belief.now_s - belief.since_s < plan.confirm_s:
         return belief, None
     faint = belief.now.deepest_percent > 0.5 * plan.epsilon_percent
     if faint and not _pressed(belief, plan):

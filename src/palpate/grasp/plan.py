@@ -93,9 +93,10 @@ class Plan:
         See above.
     fewest_steps : int
         Steps with a touch that size and stiffness need.
-    rest_s, dwell_s, confirm_s : float
-        Time to take the rest values before moving; wait after each step before it is read; further
-        wait to confirm a contact.
+    rest_s, rest_frames : float and int
+        Time to take the rest values before moving, and the frames that it takes at least.
+    dwell_s, confirm_s : float
+        Wait after each step before it is read; further wait to confirm a contact.
     rate, squeeze_rate : float
         Speed of closing before a touch, and after it.
     horizon_s : float
@@ -155,7 +156,8 @@ class Plan:
     firm_mm: float = 1.0
     stiffness_share: float = 0.25
     fewest_steps: int = 3
-    rest_s: float = 0.5
+    rest_s: float = 0.3
+    rest_frames: int = 8
     dwell_s: float = 0.4
     confirm_s: float = 0.1
     rate: float = 20.0
@@ -164,7 +166,7 @@ class Plan:
     tries: int = 1
     wait_s: float = 2.0
     decide_after_s: float = 0.8
-    decide_by_s: float = 1.6
+    decide_by_s: float = 1.2
     correct_after_s: float = 0.5
     decide_half_width: float = 0.08
     target_tolerance: float = 0.05

@@ -29,8 +29,8 @@ _FURTHER = 1.2
 _UNKNOWN_N, _SOFT_N_PER_MM = 0.3, 0.7
 #: Share of the room to the damage limit that one step may take.
 _SHARE_OF_ROOM = 0.8
-#: A step in which the servo's current is used lasts this long: some frames must fall into it.
-_FELT_S = 0.2
+#: A step in which the servo's current is used lasts for this many frames, and at least this long.
+_FELT_FRAMES, _FELT_S = 3.0, 0.1
 #: Steps that differ by less, mm or kPa (or whole steps of a drive), differ by arithmetic only.
 _EXACT = 1e-9
 #: Share of the force missing to the target that one step of the squeeze may add.
@@ -86,17 +86,18 @@ def pressed(belief: Belief, *, force_n: float, force_high_n: float) -> Belief:
 
 
 def closed_by(
-    belief: Belief, step: float, plan: Plan, *, lasting_s: float = _FELT_S
+    belief: Belief, step: float, plan: Plan, *, lasting_s: float = 0.0
 ) -> GripperCommand | None:
     """Return the wish to close by a step; None if what is safe of it is not worth a movement.
 
-    A servo whose current is listened to takes at least `lasting_s` for it.
+    A servo whose current is listened to takes at least `lasting_s` for it, and some frames.
     """
     if step < plan.smallest_step:
         return None
     rate = plan.rate if belief.contact_s is None else plan.squeeze_rate
     if belief.contact_s is not None and plan.current is not None:
-        rate = min(rate, step / lasting_s)
+        frames_s = _FELT_FRAMES * belief.period_s
+        rate = min(rate, step / max(lasting_s, frames_s, _FELT_S))
     wish = GripperCommand(target=whole(belief.closure + step, plan), rate=rate)
     return None if clamped(belief, wish, plan) is None else wish
 
@@ -171,6 +172,8 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
     longest = _FURTHER * squeezed(belief, plan) + plan.fine_step
     wanted = max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
+    if _unmoved(belief):
+        wanted = max(wanted, 0.5 * plan.step)
     if plan.damage is None:
         return wanted
     if math.isinf(belief.damage_low_n):
@@ -181,10 +184,26 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     return min(wanted, _SHARE_OF_ROOM * room_n / slope_high_n(belief, plan))
 
 
+def _unmoved(belief: Belief) -> bool:
+    """Whether the last step was none: a coarse drive rounded it to where it was."""
+    last = belief.staircase[-1]
+    return belief.moved_s > last.touch.time_s and belief.closure <= last.closure
+
+
 def squeezed(belief: Belief, plan: Plan) -> float:
-    """Return how far the hand has closed since it grips the object, mm or kPa."""
-    gripped = _gripped(belief, plan)
-    return belief.closure - gripped[0].closure if gripped else 0.0
+    """Return how far the hand has closed since it grips the object, mm or kPa.
+
+    From where the force began, by how steeply it rises. A faint touch of one finger alone is no
+    squeeze, it may only push.
+    """
+    force_n = _forces_n(belief.staircase, belief, plan)
+    shared = np.array([stair.touch.shared_percent for stair in belief.staircase])
+    gripped = (shared <= plan.hint_percent) | (force_n > plan.force_step_n)
+    if not gripped.any():
+        return 0.0
+    first = int(np.argmax(gripped))
+    way = belief.closure - belief.staircase[first].closure
+    return float(way + max(force_n[first], 0.0) / slope_n(belief, plan))
 
 
 def _unknown_step(belief: Belief, plan: Plan) -> float:
@@ -214,11 +233,23 @@ def slope_high_n(belief: Belief, plan: Plan) -> float:
 def slope_n(belief: Belief, plan: Plan) -> float:
     """Return how steeply the force rose over the last steps, N per mm or kPa."""
     last = belief.staircase[-3:]
-    curve = zip((c.closure for c in last), _forces_n(last, belief, plan).tolist(), strict=True)
+    curve = zip(last, _forces_n(last, belief, plan).tolist(), strict=True)
     slopes = [
-        (f1 - f0) / (x1 - x0) for (x0, f0), (x1, f1) in pairwise(curve) if x1 > x0 and f1 > f0
+        (f1 - f0) / (c1.closure - _begun(c0, c1, plan))
+        for (c0, f0), (c1, f1) in pairwise(curve)
+        if c1.closure > c0.closure and f1 > f0
     ]
     return min(max(slopes), plan.steepest_n) if slopes else plan.steepest_n
+
+
+def _begun(first: Closing, then: Closing, plan: Plan) -> float:
+    """Return from where on the hand pressed between two steps.
+
+    If the first was free it is not known, and a long free way would make the object seem soft.
+    """
+    if first.touch.shared_percent <= plan.hint_percent:
+        return first.closure
+    return max(first.closure, then.closure - 0.5 * plan.step)
 
 
 def _damage_low_n(belief: Belief, plan: Plan) -> float:
@@ -237,18 +268,6 @@ def _damage_low_n(belief: Belief, plan: Plan) -> float:
         return math.inf
     reach = float(ndtri(0.5 + plan.level / 2)) * belief.gain.log_sd
     return math.exp(reach) * plan.damage.bound_n(stiffness, kind=plan.kind, rate=DAMAGE_RATE)
-
-
-def _gripped(belief: Belief, plan: Plan) -> list[Closing]:
-    """Return the steps at which the object was squeezed: felt by both fingers, or surely pressed.
-
-    A faint touch of one finger alone is no squeeze, it may only push. The step before the first
-    one is where the curve begins.
-    """
-    force_n = _forces_n(belief.staircase, belief, plan)
-    shared = np.array([stair.touch.shared_percent for stair in belief.staircase])
-    gripped = np.flatnonzero((shared <= plan.hint_percent) | (force_n > plan.force_step_n))
-    return list(belief.staircase[max(int(gripped[0]) - 1, 0) :]) if gripped.size else []
 
 
 def _forces_n(stairs: Sequence[Closing], belief: Belief, plan: Plan) -> NDArray[np.float64]:

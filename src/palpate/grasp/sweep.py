@@ -52,12 +52,14 @@ class Sweep:
     ----------
     rate : float
         Speed, mm/s or kPa/s.
-    begin, end : float
-        Closure where it began, and where it ends if nothing is felt.
+    end : float
+        Closure where it ends if nothing is felt.
     since_s : float
         When it began.
-    rows : tuple of int
-        Of the pixels that are watched.
+    begin : float
+        Closure where it began.
+    rows : tuple of int or None
+        Of the pixels that are watched; None for all.
     time_s : tuple of float
         Of the frames that are remembered.
     log_ohm : tuple of ndarray, shape (watched rows, cols)
@@ -71,10 +73,10 @@ class Sweep:
     """
 
     rate: float
-    begin: float
     end: float
     since_s: float
-    rows: tuple[int, ...]
+    begin: float = 0.0
+    rows: tuple[int, ...] | None = None
     time_s: tuple[float, ...] = ()
     log_ohm: tuple[FloatArray, ...] = ()
     gears_ma: tuple[float, ...] = ()

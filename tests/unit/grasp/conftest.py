@@ -100,6 +100,7 @@ def plan() -> Plan:
         steepest_n=give.stiffest_n_per_mm,
         gripper=Bench.limits,
         settling=Relaxation(),
+        rest_s=0.5,
     )
 
 

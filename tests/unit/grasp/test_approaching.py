@@ -20,7 +20,7 @@ from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 
 
-def test_a_sheet_that_remembers_is_waited_for(plan: Plan, bench: Any) -> None:
+def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
     """It keeps half of the first touch, and forgets half of that every second."""
     read, last = type(bench).read, {"force_n": 0.0, "time_s": 0.0}
 
@@ -42,11 +42,8 @@ def test_a_sheet_that_remembers_is_waited_for(plan: Plan, bench: Any) -> None:
     result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
     memory = memories[0].memory
     assert memory is not None
-    blind_n = float(plan.early_law.force_n(0.0, level=plan.level).high)
-    left_n = float(plan.early_law.force_n(memory.reading).value)
-    # Until it can be told from nothing, but no longer than a second or so.
-    assert left_n < 0.5 * blind_n or memories[0].still_s >= 1.2
-    assert plan.dwell_s < memories[0].still_s < 1.4
+    assert memory.reading > 0
+    assert plan.dwell_s <= memories[0].still_s < 0.6
     assert result.size_mm is not None
     assert result.size_mm.low <= bench.size_mm <= result.size_mm.high
 
@@ -72,7 +69,7 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
             plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch]
         )
         felt_s[expected] = [time_s for phase, time_s in phases if phase is Phase.FELT]
-    assert len(felt_s[False]) == len(felt_s[True]) == 1
+    assert len(felt_s[False]) == len(felt_s[True]) <= 2, "one finger may come first"
     assert felt_s[True][0] <= felt_s[False][0]
 
 

@@ -8,18 +8,20 @@ from typing import Any
 import pytest
 
 from palpate.grasp.belief import Belief
+from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 
 
 def squeezed(plan: Plan, bench: Any, n_per_mm: float) -> tuple[GraspResult, float]:
-    """Grasp a spring; return the result and the largest force."""
+    """Grasp a spring; return the result and the largest force of the squeeze."""
     bench.n_per_mm = n_per_mm
     forces = list[float]()
 
-    def watch(_: Belief) -> None:
-        forces.append(bench.force_n)
+    def watch(belief: Belief) -> None:
+        if belief.phase in (Phase.SQUEEZE, Phase.SETTLE, Phase.HOLD):
+            forces.append(bench.force_n)
 
     result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
     assert result.outcome is Outcome.HELD

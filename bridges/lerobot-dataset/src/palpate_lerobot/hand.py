@@ -216,11 +216,11 @@ class PolicyHand:
 
     def _rest(self) -> np.ndarray:
         """Take the rest of the open hand, as a grasp does."""
-        frames = [self._array.read(timeout_s=_FRAME_S)]
-        while frames[-1].time_s - frames[0].time_s < self._plan.rest_s:
+        plan, frames = self._plan, [self._array.read(timeout_s=_FRAME_S)]
+        while len(frames) < plan.rest_frames or frames[-1].time_s - frames[0].time_s < plan.rest_s:
             frames.append(self._array.read(timeout_s=_FRAME_S))
         ohm = np.array([self._ohm(frame) for frame in frames])
-        return rest_baseline(ohm, known_ohm=self._plan.rest_ohm).rest_ohm
+        return rest_baseline(ohm, known_ohm=plan.rest_ohm).rest_ohm
 
     def _ohm(self, frame: Frame) -> np.ndarray:
         layout = self._array.layout
