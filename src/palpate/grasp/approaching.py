@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -143,13 +144,23 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     if plan.damage is None and belief.force_n < plan.no_push_n:
         # A touch this gentle is the first step of the squeeze.
         return belief.enter(Phase.APPROACH), None
-    belief = replace(belief, released_s=belief.now_s, memory=None)
-    short = _SHORT_OF_FORCE * belief.force_n / plan.steepest_n
-    again = belief.closure - max(short, _SHORT_STEPS * approach_step(plan))
-    belief = replace(belief, look_again=again)
+    met = (belief.closure, belief.force_n)
+    belief = replace(belief, met=met, released_s=belief.now_s, memory=None)
     back = approach_step(plan) + 0.5 * plan.step + plan.play
     target = whole(max(belief.closure - back, 0.0), plan)
     return belief.enter(Phase.APPROACH), GripperCommand(target=target, rate=plan.rate)
+
+
+def look_again(belief: Belief, plan: Plan) -> float:
+    """Return the closure where a hand that went back looks first: close to what it met.
+
+    Up to there the object has borne more already.
+    """
+    if belief.met is None:
+        return -math.inf
+    closure, force_n = belief.met
+    short = max(_SHORT_OF_FORCE * force_n / plan.steepest_n, _SHORT_STEPS * approach_step(plan))
+    return closure - short
 
 
 def _unfelt_rows(now: Touch, plan: Plan) -> tuple[int, ...]:

@@ -115,8 +115,8 @@ class Belief:
         Closure where the last such way ended; NaN before.
     felt_s : float or None
         When the object was first felt on such a way.
-    look_again : float
-        Closure short of that place, where the hand looks first when it comes again.
+    met : tuple of float or None
+        Closure and force where that way ended, if the hand went back from there.
     released_s, memory : float and Touch, or None
         When the hand went back from there, and what the sheet still read where nothing touched.
     contact_s : float or None
@@ -170,7 +170,7 @@ class Belief:
     sweep: Sweep | None = None
     swept_to: float = float("nan")
     felt_s: float | None = None
-    look_again: float = float("-inf")
+    met: tuple[float, float] | None = None
     released_s: float | None = None
     memory: Touch | None = None
     contact_s: float | None = None

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.grasp import target
 from palpate.grasp.answer import FELT_PERCENT, answered, examined, forecast, sure_enough
-from palpate.grasp.approaching import begun, remembered, stood, swept, unreleased
+from palpate.grasp.approaching import begun, look_again, remembered, stood, swept, unreleased
 from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.correcting import come_back, eased, pressed_on
 from palpate.grasp.phases import Phase
@@ -121,7 +121,7 @@ def _wait(belief: Belief, plan: Plan) -> Move:
         swept_to=math.nan,
         felt_s=None,
         released_s=None,
-        look_again=-math.inf,
+        met=None,
         memory=None,
         still_since_s=belief.now_s,
     )
@@ -178,8 +178,7 @@ def _onward(belief: Belief, plan: Plan) -> Move:
     share = 1.0 if felt and belief.released_s is None else 0.5
     step = max(share * approach_step(plan), plan.fine_step)
     if plan.damage is None and not felt:
-        # Up to there the object has borne more already.
-        step = max(step, belief.look_again - belief.closure)
+        step = max(step, look_again(belief, plan) - belief.closure)
     return belief, closed_by(belief, step, plan)
 
 

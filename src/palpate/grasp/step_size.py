@@ -171,6 +171,9 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     """
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
     longest = _FURTHER * squeezed(belief, plan) + plan.fine_step
+    if belief.met is not None:
+        # It has borne more already.
+        longest = max(longest, belief.met[0] - belief.closure)
     wanted = max(min(rise_n / slope_high_n(belief, plan), longest), plan.smallest_step)
     if _unmoved(belief):
         wanted = max(wanted, 0.5 * plan.step)
@@ -231,9 +234,16 @@ def slope_high_n(belief: Belief, plan: Plan) -> float:
 
 
 def slope_n(belief: Belief, plan: Plan) -> float:
-    """Return how steeply the force rose over the last steps, N per mm or kPa."""
+    """Return how steeply the force rises, N per mm or kPa: as it did over the last steps.
+
+    Short of where the hand met the object at speed, as the force there shows.
+    """
     last = belief.staircase[-3:]
-    curve = zip(last, _forces_n(last, belief, plan).tolist(), strict=True)
+    curve = list(zip(last, _forces_n(last, belief, plan).tolist(), strict=True))
+    if belief.met is not None and curve:
+        (closure, met_n), (now, now_n) = belief.met, curve[-1]
+        if closure > now.closure and met_n > now_n:
+            return min((met_n - now_n) / (closure - now.closure), plan.steepest_n)
     slopes = [
         (f1 - f0) / (c1.closure - _begun(c0, c1, plan))
         for (c0, f0), (c1, f1) in pairwise(curve)
