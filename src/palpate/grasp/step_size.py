@@ -243,7 +243,7 @@ def slope_n(belief: Belief, plan: Plan) -> float:
     if belief.met is not None and curve:
         (closure, met_n), (now, now_n) = belief.met, curve[-1]
         if closure > now.closure and met_n > now_n:
-            return min((met_n - now_n) / (closure - now.closure), plan.steepest_n)
+            return float(min((met_n - now_n) / (closure - now.closure), plan.steepest_n))
     slopes = [
         (f1 - f0) / (c1.closure - _begun(c0, c1, plan))
         for (c0, f0), (c1, f1) in pairwise(curve)
