@@ -40,14 +40,29 @@ class ServoHealth:
 class DynamixelGripper:
     """A `Gripper` behind a servo line.
 
-    `fingers`: angle to width.
-    `limits`: range of the opening and its largest speed.
-    `current_limit_ma`: current at which the servo gives way; its force follows from it roughly
-    (friction).
-    `pwm_limit_percent`: the same for servos that measure no current: share of the supply.
-    `watchdog_s`: silence of the host after which the servo stops, 0.02 to 2.54 s.
-    Raises `InputError` if a limit is beyond what the servo can do: none is set to another value
-    unasked; `DeviceError` if the servo does not answer, is of an unknown kind, or can't be set up.
+    Parameters
+    ----------
+    line : ServoLine
+        An open line.
+    clock : Clock
+        For the times of states.
+    fingers : CrankFingers
+        Angle to width.
+    limits : GripperLimits
+        Range of the opening and its largest speed.
+    current_limit_ma : float
+        Current at which the servo gives way; its force follows from it roughly (friction).
+    pwm_limit_percent : float
+        The same for servos that measure no current: share of the supply.
+    watchdog_s : float
+        Silence of the host after which the servo stops, 0.02 to 2.54 s.
+
+    Raises
+    ------
+    InputError
+        If a limit is beyond what the servo can do: none is set to another value unasked.
+    DeviceError
+        If the servo does not answer, is of an unknown kind, or can't be set up.
     """
 
     def __init__(

@@ -24,15 +24,31 @@ _FASTEST_MM_PER_S = 60.0
 class FeetechGripper:
     """A `Gripper` behind a line of Feetech servos.
 
-    `line`: an open line, Protocol 1.
-    `jaw`: angle to width.
-    `limits`: range of the opening and its largest speed.
-    `closed_tick`: position, 0 to 4095, at which the pads touch.
-    `opens`: whether positions rise or fall as the jaw opens.
-    `torque_limit_percent`: share of its torque at which the servo gives way.
-    `leash_s`: how long a silent host lets it go on closing, at most.
-    Raises `InputError` if a number is out of range; `DeviceError` if the servo does not answer, is
-    of an unknown kind or in another mode, or protects itself.
+    Parameters
+    ----------
+    line : ServoLine
+        An open line, Protocol 1.
+    clock : Clock
+        For the times of states.
+    jaw : HingedJaw
+        Angle to width.
+    limits : GripperLimits
+        Range of the opening and its largest speed.
+    closed_tick : int
+        Position, 0 to 4095, at which the pads touch.
+    opens : {1, -1}
+        Whether positions rise or fall as the jaw opens.
+    torque_limit_percent : float
+        Share of its torque at which the servo gives way.
+    leash_s : float
+        How long a silent host lets it go on closing, at most.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    DeviceError
+        If the servo does not answer, is of an unknown kind or in another mode, or protects itself.
     """
 
     def __init__(

@@ -35,14 +35,30 @@ def layout_named(
 ) -> ArrayLayout:
     """Return a preset layout, or one of rows x columns, with its divider and wiring.
 
-    `name`: ``"rigid-2x2"``, ``"soft-3x2"``, or the whole matrix, e.g. ``"6x3"``.
-    `taxel_leg`: where the pixel lies in the divider.
-    `idle_lines`: what the lines of the other pixels do while one is read (`ArrayLayout`).
-    `line_ohm`: in series with every pixel: the multiplexers' on-resistance.
-    `fingers`: how many fingers the rows of a matrix are on, as many on each; presets know theirs.
-    `pitch_mm`: distance between the centres of neighbouring pixels; 10 by default.
-    Raises `InputError` if there is no such layout, or a value makes no sense.
+    Parameters
+    ----------
+    name : str
+        ``"rigid-2x2"``, ``"soft-3x2"``, or the whole matrix, e.g. ``"6x3"``.
+    reference_ohm : float
+        The divider's fixed resistor.
+    taxel_leg : {"upper", "lower"}
+        Where the pixel lies in the divider.
+    idle_lines : {"isolated", "floating", "held"}
+        What the lines of the other pixels do while one is read (`ArrayLayout`).
+    line_ohm : float
+        In series with every pixel: the multiplexers' on-resistance.
+    fingers : int
+        How many fingers the rows of a matrix are on, as many on each; presets know theirs.
+    pitch_mm : float, optional
+        Distance between the centres of neighbouring pixels; 10 by default.
 
+    Raises
+    ------
+    InputError
+        If there is no such layout, or a value makes no sense.
+
+    Examples
+    --------
     Two fingers with three rows of three pixels each:
 
     >>> layout_named("soft-3x2").pixels, layout_named("6x3", fingers=2).finger_of_row
