@@ -20,13 +20,21 @@ from palpate.estimate.damage_learning import (
     read_closings,
     split,
 )
+from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.rupture import compare
 from palpate_studies.rupture_learners import features, learned_scores, learners
 from palpate_studies.rupture_policies import Scored, our_scores
 from palpate_studies.rupture_published import PUBLISHED, published_scores
 from palpate_studies.rupture_told import told_half_load
-from palpate_studies.rupture_tradeoff import RATES, Method, Splits, settings_of, tradeoff
+from palpate_studies.rupture_tradeoff import (
+    RATES,
+    Method,
+    Splits,
+    settings_of,
+    specimen,
+    tradeoff,
+)
 
 _OURS, _PUBLISHED = "ours", "rule as published"
 #: How much firmer than the published rule a grip would have to be to be worth a fifth more.
@@ -75,7 +83,7 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
         errors[f"{_PUBLISHED}, told the true half load"] = _by_fruit(
             tested, map(_missed_at_true_half, tested, scores[_PUBLISHED])
         )
-    methods = [Method(name, scores[name], _settings(scores[name], splits)) for name in scores]
+    methods = [Method(name, each, _settings(each, splits)) for name, each in scores.items()]
     entries = tradeoff(methods, closings=tested)
     provenance = (
         f"Real recordings of fruit closed on until rupture, copies left out; {FOLDS}-fold.",
@@ -105,7 +113,12 @@ def _settings(scored: Sequence[Scored], splits: Splits) -> NDArray[np.float64]:
     """Return settings for each fruit, shape (fruits, rates), from the scores of other parts."""
     critical = np.array([max(one.score.tolist(), default=LEAST_LOAD) for one in scored])
     part = np.repeat(np.arange(len(splits)), [len(test) for _, test in splits])
-    return np.array([settings_of(critical[part != mine]) for mine in part])
+    names = np.array([specimen(closing) for _, test in splits for closing in test])
+    chosen = [
+        Learned(found=settings_of(critical[part != k]), seen=frozenset(names[part != k].tolist()))
+        for k in range(len(splits))
+    ]
+    return np.array([chosen[k].on([name]) for k, name in zip(part, names.tolist(), strict=True)])
 
 
 def _stretches(closings: Sequence[FruitClosing]) -> Splits:

@@ -120,12 +120,12 @@ def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
         count=filled("count"),
         ours=filled("ours"),
         rival=filled("rival"),
-        rival_name=row["rival_name"],
+        rival_name=filled("rival_name"),
         difference=difference,
         verdict=verdict,
         second=second,
         command=kept["command"],
-        note=row.get("note", ""),
+        note=filled("note"),
         first_page=row.get("first_page", False),
     )
 

@@ -8,6 +8,7 @@ absolute logarithms of the ratio, so that units and scales drop out.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -84,7 +85,9 @@ class Method(Protocol):
 
 
 def losses(method: Method, cases: Sequence[Case], *, parts: Iterable[Fold]) -> FloatArray:
-    """Fit a method in every fold and return its loss on each case, shape (cases,).
+    """Fit a fresh copy of a method in every fold; return the loss on each case, shape (cases,).
+
+    A copy, because what a method remembers of one fold are answers of the next.
 
     Raises
     ------
@@ -95,7 +98,7 @@ def losses(method: Method, cases: Sequence[Case], *, parts: Iterable[Fold]) -> F
     for fold in parts:
         training, choosing = _of(cases, fold.train), _of(cases, fold.choose)
         learned = Learned(
-            found=method.fit(training, choosing=choosing),
+            found=deepcopy(method).fit(training, choosing=choosing),
             seen=frozenset(case.specimen for case in (*training, *choosing)),
         )
         tested = [index for index, case in enumerate(cases) if case.specimen in fold.test]
