@@ -25,7 +25,7 @@ from mcap.writer import CompressionType, Writer
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.recording import Event, LoadCells, RecordingInfo, RecordingReader, recover
-from palpate.recording.channels import METADATA_NAME, Message, encode, encode_info, topic_of
+from palpate.recording.channels import METADATA_NAME, RecordedMessage, encode, encode_info, topic_of
 from palpate.recording.writer import register_channels
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
@@ -34,7 +34,7 @@ LENGTHS = (0, 1, 2**31 - 1, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
 
 def recordings() -> list[bytes]:
     """Return the recordings that cases are made of: as palpate writes them, and unguarded."""
-    messages: list[Message] = [Event(time_s=0.0, name="note", text="ripe")]
+    messages: list[RecordedMessage] = [Event(time_s=0.0, name="note", text="ripe")]
     for k in range(6):
         messages.append(GripperState(time_s=k / 10, width_mm=50.0))
         messages.append(Frame(time_s=k / 10, sequence=k, counts=np.full((4, 2), 300 + k)))

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from palpate.cli import build_app
 from palpate.commands.outcome import run as run_command
-from palpate.errors import ClusterError, InputError
+from palpate.errors import InputError
 from palpate.holds import read_holds
 from palpate.produce.store.database import Store
 from palpate.recording import load_recording
@@ -25,7 +25,7 @@ from palpate_archive.adding import add_recordings, add_store
 from palpate_archive.compacting import join_files
 from palpate_archive.jobs import Judge, Recalibrate, Settle
 from palpate_archive.layout import KINDS, Archive, Part
-from palpate_archive.running import forget_others, perform, run_here, tasks_of
+from palpate_archive.running import ClusterError, forget_others, perform, run_here, tasks_of
 
 
 def palpate(*arguments: str) -> int:

@@ -15,10 +15,9 @@ import pyarrow as pa
 import pytest
 from archive.tests.archive_jobs import Killing
 
-from palpate.errors import ClusterError
 from palpate_archive.jobs import Settle
 from palpate_archive.layout import Archive, Part
-from palpate_archive.running import perform, run_on_dask, tasks_of
+from palpate_archive.running import ClusterError, perform, run_on_dask, tasks_of
 
 PARTS = 6
 

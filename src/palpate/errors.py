@@ -66,12 +66,6 @@ class StoreAwayError(StoreError):
     exit_status = 3
 
 
-class ClusterError(PalpateError):
-    """Workers or their scheduler were lost; what is done is kept."""
-
-    exit_status = 3
-
-
 @contextmanager
 def needing(what: str, *, extra: str) -> Iterator[None]:
     """Import within what an extra brings; where it is missing, explain how to install it.

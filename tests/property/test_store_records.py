@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
-from palpate.produce.records_json import Record, record_from_json, record_to_json
+from palpate.produce.records_json import StoreRecord, record_from_json, record_to_json
 from palpate.produce.store import Store
 from palpate.settling.result import Status
 
@@ -99,7 +99,7 @@ verdicts = st.builds(
 
 
 @given(record=items | grasps | verdicts)
-def test_a_record_survives_its_line(record: Record) -> None:
+def test_a_record_survives_its_line(record: StoreRecord) -> None:
     line = record_to_json(record)
     assert "\n" not in line
     assert record_from_json(line) == record

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet
 from threadpoolctl import threadpool_limits
 
-from palpate.errors import ClusterError
+from palpate.errors import PalpateError
 from palpate_archive.jobs import Job, digest
 from palpate_archive.layout import Archive, Part, write_tables
 
@@ -31,6 +31,12 @@ _JOB = b"palpate.job"
 _PATIENCE_S = 10
 
 Show = Callable[[float], None]
+
+
+class ClusterError(PalpateError):
+    """Workers or their scheduler were lost; what is done is kept."""
+
+    exit_status = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from palpate.grasp.plan import Plan
     from palpate.grasp.result import GraspResult
     from palpate.grasp.runner import Watcher
-    from palpate.produce.records_json import Record
+    from palpate.produce.records_json import StoreRecord
     from palpate.produce.ripeness.closing import ClosingWatch
     from palpate.produce.store.outbox import Keeper
     from palpate.rig import Rig
@@ -29,7 +29,7 @@ class Memory:
         self._angle_deg = angle_deg
         self._seen: list[Observation] = []
         self._closing: ClosingWatch | None = None
-        self._records: tuple[Record, ...] = ()
+        self._records: tuple[StoreRecord, ...] = ()
 
     def watch(self, plan: Plan) -> Watcher:
         """Return what is to watch the controller's beliefs of a grasp with this plan."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from palpate.commands.sort_report import SortReport
     from palpate.estimate.measurement import Measurement
     from palpate.produce.identify.identifier import Identifier
-    from palpate.produce.records_json import Record
+    from palpate.produce.records_json import StoreRecord
     from palpate.produce.sorting.hand import TimedGrasp
     from palpate.produce.sorting.rules import RuleBook
     from palpate.produce.sorting.run import Sorted
@@ -198,7 +198,7 @@ def _grasped(name: str, supply: Supply, *, turn: int, size: Measurement | None) 
     return timed
 
 
-def _calibration(supply: Supply) -> Record:
+def _calibration(supply: Supply) -> StoreRecord:
     from palpate.produce.records_json import CalibrationText
 
     return CalibrationText(content=supply.calibration)

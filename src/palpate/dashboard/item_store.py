@@ -18,7 +18,7 @@ from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 
 if TYPE_CHECKING:
-    from palpate.produce.records_json import Record
+    from palpate.produce.records_json import StoreRecord
     from palpate.produce.sorting.decide import BinDecision
     from palpate.produce.sorting.rules import RuleBook
     from palpate.produce.store.item_history import ItemHistory
@@ -146,7 +146,7 @@ class ItemStore:
 
 def _records(
     result: GraspResult, *, recording: Path, item_id: str, closing: Mapping[str, Measurement]
-) -> tuple[Record, ...]:
+) -> tuple[StoreRecord, ...]:
     """Return the grasp, and the calibration it rests on, as the store takes them."""
     from palpate.produce.grasp_record import records_of
 

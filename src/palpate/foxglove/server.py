@@ -21,7 +21,7 @@ from palpate.foxglove.channels import (
     heat_map_data,
     live_schemas,
 )
-from palpate.recording.channels import SCHEMAS, Message, encode, topic_of
+from palpate.recording.channels import SCHEMAS, RecordedMessage, encode, topic_of
 from palpate.sensor.array import ArrayLayout
 
 with needing("--foxglove", extra="foxglove"):
@@ -68,7 +68,7 @@ class FoxgloveServer:
         #: What to type in Foxglove.
         self.address = f"ws://{shown}:{self._server.port}"
 
-    def record(self, message: Message) -> None:
+    def record(self, message: RecordedMessage) -> None:
         """Send a frame, gripper state, event or load cell reading, as a recording has it."""
         self._log(topic_of(message), message.time_s, lambda: encode(message))
 

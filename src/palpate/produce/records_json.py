@@ -21,8 +21,8 @@ class CalibrationText:
     content: str
 
 
-Record: TypeAlias = Item | CalibrationText | Grasp | Verdict
-_KINDS: Mapping[str, type[Record]] = {
+StoreRecord: TypeAlias = Item | CalibrationText | Grasp | Verdict
+_KINDS: Mapping[str, type[StoreRecord]] = {
     "item": Item,
     "calibration": CalibrationText,
     "grasp": Grasp,
@@ -31,7 +31,7 @@ _KINDS: Mapping[str, type[Record]] = {
 _TIMES = ("first_seen", "taken_at", "given_at")
 
 
-def record_as_dict(record: Record) -> dict[str, Any]:
+def record_as_dict(record: StoreRecord) -> dict[str, Any]:
     """Return a record as JSON values: its fields by name, times in ISO 8601.
 
     >>> record_as_dict(Item(item_id="A17", kind="kiwi"))["kind"]
@@ -50,7 +50,7 @@ def record_as_dict(record: Record) -> dict[str, Any]:
     return values
 
 
-def record_to_json(record: Record) -> str:
+def record_to_json(record: StoreRecord) -> str:
     """Return a record as one line.
 
     >>> record_from_json(record_to_json(Item(item_id="A17"))).item_id
@@ -66,7 +66,7 @@ def record_to_json(record: Record) -> str:
     return json.dumps({kind: values}, allow_nan=False)
 
 
-def record_from_json(text: str) -> Record:
+def record_from_json(text: str) -> StoreRecord:
     """Return the record of a line.
 
     Raises `InputError` if the line is none that `record_to_json` made.

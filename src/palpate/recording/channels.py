@@ -20,7 +20,7 @@ from palpate.recording.contents import Event, LoadCells, Origin, RecordingInfo
 from palpate.sensor.array import ArrayLayout, Frame
 from palpate.structure import structured
 
-Message = Frame | GripperState | Event | LoadCells
+RecordedMessage = Frame | GripperState | Event | LoadCells
 
 RECORDING_FORMAT = "1"
 METADATA_NAME = "palpate"
@@ -79,12 +79,12 @@ _TOPICS: dict[type, str] = {
 _compact = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
-def topic_of(message: Message) -> str:
+def topic_of(message: RecordedMessage) -> str:
     """Return the topic that a message goes to."""
     return _TOPICS[type(message)]
 
 
-def encode(message: Message) -> bytes:
+def encode(message: RecordedMessage) -> bytes:
     """Turn a message into its JSON.
 
     Raises `ValueError` if its time is not finite.
@@ -111,7 +111,7 @@ def encode(message: Message) -> bytes:
     return _compact(fields).encode()
 
 
-def decode(topic: str, data: bytes, *, layout: ArrayLayout) -> Message | None:
+def decode(topic: str, data: bytes, *, layout: ArrayLayout) -> RecordedMessage | None:
     """Turn JSON back into a message; None for a topic that palpate doesn't know.
 
     Raises `RecordingError` if the message doesn't fit its schema or the layout.
@@ -168,7 +168,7 @@ def _load_cells(fields: dict[str, Any], _: ArrayLayout) -> LoadCells:
     )
 
 
-_DECODERS: dict[str, Callable[[dict[str, Any], ArrayLayout], Message]] = {
+_DECODERS: dict[str, Callable[[dict[str, Any], ArrayLayout], RecordedMessage]] = {
     "/frames": _frame,
     "/gripper": _gripper_state,
     "/events": _event,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from palpate.errors import RecordingError
 from palpate.gripper.interface import GripperState
 from palpate.recording.blocks import FileState, RawMessage, read_blocks
-from palpate.recording.channels import METADATA_NAME, Message, decode, decode_info
+from palpate.recording.channels import METADATA_NAME, RecordedMessage, decode, decode_info
 from palpate.recording.contents import Event, GripperTrack, LoadCells, Recording, RecordingInfo
 from palpate.sensor.array import Frame
 
@@ -56,7 +56,7 @@ class RecordingReader:
             self._stream.close()
             raise RecordingError(f"{self.path}: {error}") from error
 
-    def messages(self, *, state: FileState | None = None) -> Iterator[Message]:
+    def messages(self, *, state: FileState | None = None) -> Iterator[RecordedMessage]:
         """Yield frames, gripper states, events and load cells in the order they were recorded.
 
         Parameters
@@ -89,7 +89,7 @@ class RecordingReader:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _decode(self, record: RawMessage, *, topic: str) -> Message | None:
+    def _decode(self, record: RawMessage, *, topic: str) -> RecordedMessage | None:
         try:
             return decode(topic, record.data, layout=self.info.layout)
         except RecordingError as error:

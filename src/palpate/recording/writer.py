@@ -18,7 +18,7 @@ from palpate.gripper.interface import GripperState
 from palpate.recording.channels import (
     METADATA_NAME,
     SCHEMAS,
-    Message,
+    RecordedMessage,
     encode,
     encode_info,
     topic_of,
@@ -111,7 +111,7 @@ class RecordingWriter:
             self.close()
             raise failure from error
 
-    def add(self, message: Message) -> None:
+    def add(self, message: RecordedMessage) -> None:
         """Add a frame, gripper state, event or load cell reading, in the order they happened."""
         if self._failed:
             raise RecordingLostError(
@@ -152,7 +152,7 @@ class RecordingWriter:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _put(self, message: Message) -> None:
+    def _put(self, message: RecordedMessage) -> None:
         time_ns = self._info.clock_zero_unix_ns + round(message.time_s * 1e9)
         sequence = message.sequence % 2**32 if isinstance(message, Frame) else 0
         self._writer.add_message(

@@ -13,11 +13,11 @@ from palpate.errors import InputError, StoreAwayError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict
-from palpate.produce.records_json import CalibrationText, Record
+from palpate.produce.records_json import CalibrationText, StoreRecord
 from palpate.produce.store.outbox import Spool, spool_path
 
 TIME = datetime(2026, 5, 1, 8, tzinfo=UTC)
-RECORDS: tuple[Record, ...] = (
+RECORDS: tuple[StoreRecord, ...] = (
     CalibrationText(content='{"rest": 1}\nand more'),
     Item(item_id="A17", kind="avocado", first_seen=TIME),
     Grasp(
@@ -43,7 +43,7 @@ def test_records_come_back_in_order_and_once(spool: Spool) -> None:
     spool.add(*RECORDS[:2])
     spool.add(*RECORDS[2:])
     assert spool.waiting() == RECORDS
-    taken: list[Record] = []
+    taken: list[StoreRecord] = []
     assert spool.drain(taken.append) == len(RECORDS)
     assert tuple(taken) == RECORDS
     assert spool.drain(taken.append) == 0
@@ -68,9 +68,9 @@ def test_a_line_cut_anywhere_costs_no_other(spool: Spool) -> None:
 
 def test_a_store_that_fails_half_way_leaves_everything_waiting(spool: Spool) -> None:
     spool.add(*RECORDS)
-    taken: list[Record] = []
+    taken: list[StoreRecord] = []
 
-    def write(record: Record) -> None:
+    def write(record: StoreRecord) -> None:
         if len(taken) == 2:
             raise StoreAwayError("no answer")
         taken.append(record)
@@ -85,7 +85,7 @@ def test_what_can_never_be_written_is_put_aside_and_kept(spool: Spool) -> None:
     with spool.path.open("ab") as stream:
         stream.write(b"00000000 {half a li")
 
-    def write(record: Record) -> None:
+    def write(record: StoreRecord) -> None:
         if isinstance(record, Verdict):
             raise InputError("refers to nothing")
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.gripper.interface import GripperState
 from palpate.recording import Event, LoadCells, RecordingInfo, RecordingWriter
-from palpate.recording.channels import Message
+from palpate.recording.channels import RecordedMessage
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 
@@ -27,10 +27,10 @@ def info() -> RecordingInfo:
 
 
 @pytest.fixture
-def messages() -> list[Message]:
+def messages() -> list[RecordedMessage]:
     """Four seconds at 50 frames/s: closing for 1 s, still for 2 s, opening for 1 s."""
     rng = np.random.default_rng(0)
-    made: list[Message] = []
+    made: list[RecordedMessage] = []
     for k in range(200):
         time_s = k / 50
         moving = k < 50 or k >= 150
@@ -43,7 +43,7 @@ def messages() -> list[Message]:
 
 
 @pytest.fixture
-def recorded(tmp_path: Path, info: RecordingInfo, messages: list[Message]) -> Path:
+def recorded(tmp_path: Path, info: RecordingInfo, messages: list[RecordedMessage]) -> Path:
     path = tmp_path / "run.mcap"
     with RecordingWriter(path, info=info) as writer:
         for message in messages:

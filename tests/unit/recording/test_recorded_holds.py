@@ -19,15 +19,17 @@ from palpate.recording import (
     RecordingWriter,
     load_recording,
 )
-from palpate.recording.channels import Message
+from palpate.recording.channels import RecordedMessage
 from palpate.recording.exporting import frame_tables, hold_tables, recorded_holds, write_export
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 from palpate.signal.circuit import resistance_ohm
 
 
-def grasp(*, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0) -> list[Message]:
+def grasp(
+    *, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0
+) -> list[RecordedMessage]:
     """Rest 1 s, close 0.5 s, hold, open 0.5 s and rest 1.5 s, at 50 frames/s."""
-    made: list[Message] = []
+    made: list[RecordedMessage] = []
     opened_s = 1.5 + seconds
     for k in range(int((opened_s + 2.0) * 50)):
         time_s = k / 50
@@ -43,7 +45,7 @@ def grasp(*, gripper: bool = True, counts_held: int = 600, seconds: float = 3.0)
     return made
 
 
-def write(path: Path, messages: list[Message]) -> Path:
+def write(path: Path, messages: list[RecordedMessage]) -> Path:
     info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin")
     with RecordingWriter(path, info=info) as writer:
         for message in messages:
@@ -97,7 +99,7 @@ def test_without_a_gripper_holds_begin_at_actuation_spikes(tmp_path: Path) -> No
     ],
 )
 def test_recordings_without_holds_say_why(
-    tmp_path: Path, messages: list[Message], fault: str
+    tmp_path: Path, messages: list[RecordedMessage], fault: str
 ) -> None:
     recording = load_recording(write(tmp_path / "run.mcap", messages))
     with pytest.raises(RecordingError, match=fault):

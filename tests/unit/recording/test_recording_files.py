@@ -28,7 +28,7 @@ from palpate.recording import (
     load_recording,
     recover,
 )
-from palpate.recording.channels import Message
+from palpate.recording.channels import RecordedMessage
 from palpate.recording.writer import DirectFile
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
@@ -56,12 +56,12 @@ for path in sys.argv[1:]:
 """
 
 
-def same(first: Message, second: Message) -> bool:
+def same(first: RecordedMessage, second: RecordedMessage) -> bool:
     """Compare two messages exactly, arrays and NaN included."""
     return type(first) is type(second) and repr(first) == repr(second)
 
 
-def read_all(path: Path) -> tuple[list[Message], FileState]:
+def read_all(path: Path) -> tuple[list[RecordedMessage], FileState]:
     state = FileState()
     with RecordingReader(path) as reader:
         return list(reader.messages(state=state)), state
@@ -98,7 +98,7 @@ def add_frames(writer: RecordingWriter, counts: NDArray[np.int64]) -> None:
 
 
 def test_everything_comes_back_exactly(
-    recorded: Path, messages: list[Message], info: RecordingInfo
+    recorded: Path, messages: list[RecordedMessage], info: RecordingInfo
 ) -> None:
     read, state = read_all(recorded)
     assert state.intact
@@ -108,12 +108,12 @@ def test_everything_comes_back_exactly(
         assert reader.info == info
 
 
-def test_strict_readers_accept_it(recorded: Path, messages: list[Message]) -> None:
+def test_strict_readers_accept_it(recorded: Path, messages: list[RecordedMessage]) -> None:
     assert strict_count(recorded) == len(messages)
 
 
 def test_the_same_messages_give_the_same_bytes(
-    recorded: Path, messages: list[Message], info: RecordingInfo, tmp_path: Path
+    recorded: Path, messages: list[RecordedMessage], info: RecordingInfo, tmp_path: Path
 ) -> None:
     again = tmp_path / "again.mcap"
     with RecordingWriter(again, info=info) as writer:
@@ -122,7 +122,7 @@ def test_the_same_messages_give_the_same_bytes(
     assert again.read_bytes() == recorded.read_bytes()
 
 
-def test_loaded_arrays_are_the_messages(recorded: Path, messages: list[Message]) -> None:
+def test_loaded_arrays_are_the_messages(recorded: Path, messages: list[RecordedMessage]) -> None:
     recording = load_recording(recorded)
     frames = [message for message in messages if isinstance(message, Frame)]
     states = [message for message in messages if isinstance(message, GripperState)]
@@ -138,7 +138,9 @@ def test_loaded_arrays_are_the_messages(recorded: Path, messages: list[Message])
         recording.counts[0, 0, 0] = 1
 
 
-def test_log_times_are_unix_times_on_hardware(tmp_path: Path, messages: list[Message]) -> None:
+def test_log_times_are_unix_times_on_hardware(
+    tmp_path: Path, messages: list[RecordedMessage]
+) -> None:
     path = tmp_path / "bench.mcap"
     zero_ns = 1_790_000_000_123_456_789
     info = RecordingInfo(layout=RIGID_LAYOUT, origin="hardware", clock_zero_unix_ns=zero_ns)
@@ -151,7 +153,7 @@ def test_log_times_are_unix_times_on_hardware(tmp_path: Path, messages: list[Mes
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.999])
 def test_a_cut_file_opens_and_is_recovered(
-    recorded: Path, messages: list[Message], share: float
+    recorded: Path, messages: list[RecordedMessage], share: float
 ) -> None:
     whole = recorded.read_bytes()
     recorded.write_bytes(whole[: int(len(whole) * share)])
@@ -166,7 +168,7 @@ def test_a_cut_file_opens_and_is_recovered(
     assert all(map(same, again, read))
 
 
-def test_a_damaged_chunk_costs_only_itself(recorded: Path, messages: list[Message]) -> None:
+def test_a_damaged_chunk_costs_only_itself(recorded: Path, messages: list[RecordedMessage]) -> None:
     with recorded.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -274,7 +276,7 @@ def test_of_two_recorders_on_one_new_path_one_is_refused(
 def test_a_finished_recording_is_on_the_disk_and_carries_its_checksums(
     tmp_path: Path,
     info: RecordingInfo,
-    messages: list[Message],
+    messages: list[RecordedMessage],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     synced: list[int] = []

@@ -11,12 +11,12 @@ from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.gripper.interface import GripperState
 from palpate.recording import PacedClock, RecordingInfo, RecordingWriter, Replay
-from palpate.recording.channels import Message
+from palpate.recording.channels import RecordedMessage
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
 
 def test_frames_states_and_times_are_the_recorded_ones(
-    recorded: Path, messages: list[Message]
+    recorded: Path, messages: list[RecordedMessage]
 ) -> None:
     clock = ManualClock()
     replay = Replay(recorded, clock=clock)

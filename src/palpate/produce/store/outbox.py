@@ -13,7 +13,12 @@ from pathlib import Path
 from palpate.errors import InputError, StoreAwayError, StoreError
 from palpate.files import sync_folder
 from palpate.produce.records import Grasp, Item, Verdict
-from palpate.produce.records_json import CalibrationText, Record, record_from_json, record_to_json
+from palpate.produce.records_json import (
+    CalibrationText,
+    StoreRecord,
+    record_from_json,
+    record_to_json,
+)
 from palpate.produce.store.database import Store
 from palpate.produce.store.engine import lasting_name, store_url
 
@@ -50,7 +55,7 @@ class Keeper:
         except StoreAwayError as error:
             self.away = error
 
-    def keep(self, *records: Record) -> bool:
+    def keep(self, *records: StoreRecord) -> bool:
         """Write records in order; True where the store has them, False where they wait.
 
         They go to the spool first: a store that never answers, or a program that is ended while
@@ -68,7 +73,7 @@ class Keeper:
             raise full
         refused: list[InputError] = []
 
-        def write(record: Record) -> None:
+        def write(record: StoreRecord) -> None:
             try:
                 _write(self._opened(), record)
             except InputError as error:
@@ -86,7 +91,7 @@ class Keeper:
             raise refused[0]
         return True
 
-    def _straight(self, records: tuple[Record, ...]) -> bool:
+    def _straight(self, records: tuple[StoreRecord, ...]) -> bool:
         try:
             store = self._arrived()
             for record in records:
@@ -139,7 +144,7 @@ def spool_of(where: str | Path | None) -> Spool:
     return Spool(spool_path(lasting_name(store_url(where))))
 
 
-def _write(store: Store, record: Record) -> None:
+def _write(store: Store, record: StoreRecord) -> None:
     match record:
         case Item():
             store.add_item(record)
@@ -187,7 +192,7 @@ class Spool:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
 
-    def add(self, *records: Record) -> None:
+    def add(self, *records: StoreRecord) -> None:
         """Append records; they are on the disk when it returns, all or, after a crash, the first.
 
         Raises `OSError` if the file can't be written; it is then as it was.
@@ -206,7 +211,7 @@ class Spool:
         # A new file is safe only once its folder's entry is.
         sync_folder(self.path.parent)
 
-    def waiting(self) -> tuple[Record, ...]:
+    def waiting(self) -> tuple[StoreRecord, ...]:
         """Return the records that wait, oldest first."""
         found = []
         for line in self._lines():
@@ -214,7 +219,7 @@ class Spool:
                 found.append(_record(line))
         return tuple(found)
 
-    def drain(self, write: Callable[[Record], object]) -> int:
+    def drain(self, write: Callable[[StoreRecord], object]) -> int:
         """Hand every waiting record to `write`, then forget them; return how many were taken.
 
         A line that is cut, or a record that `write` refuses for its content (`InputError`), goes
@@ -270,12 +275,12 @@ class Spool:
             os.close(descriptor)
 
 
-def _line(record: Record) -> bytes:
+def _line(record: StoreRecord) -> bytes:
     text = record_to_json(record).encode()
     return b"%08x %s\n" % (zlib.crc32(text), text)
 
 
-def _record(line: bytes) -> Record:
+def _record(line: bytes) -> StoreRecord:
     checksum, _, text = line.partition(b" ")
     if checksum != b"%08x" % zlib.crc32(text):
         raise InputError(f"a line of the spool is cut: {line[:40]!r}")
