@@ -53,6 +53,8 @@ def test_the_exponential_is_near_the_papers_own(payload: dict[str, Any]) -> None
 def test_calibration_inputs_are_named(payload: dict[str, Any]) -> None:
     used = payload["calibration_inputs"]["two-mode"]
     assert used == {"recorded": list(table1.CUTOFFS_S), "exponential": [2.5, 10.0]}
+    misfit = payload["misfit"]["two-mode"]
+    assert (misfit["fitted"]["entries"], misfit["predicted"]["entries"]) == (14, 11)
     assert payload["origin"] == "twin"
     assert set(payload["families"]["two-mode"]) >= {"recorded", "exponential", "relaxation"}
 

@@ -64,6 +64,8 @@ def test_table5_report(tmp_path: Path) -> None:
     assert "Simulated" in (tmp_path / "table5.md").read_text()
     assert {row["mean_abs_error_of_force_n"] for row in document["rows"]} == {0.6}
     assert {row["mean_abs_error_n"] for row in document["rows"]} == {0.2}
+    # Four entries, none within 0.1 to 0.3 N but that of 0.14 N.
+    assert document["misfit"]["paper"]["predicted"] == {"entries": 4, "missed": 3}
     assert (tmp_path / "figure12.png").stat().st_size > 1000
 
 

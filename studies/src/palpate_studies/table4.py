@@ -11,6 +11,7 @@ from palpate.commands.options import JsonOption
 from palpate.estimate.force import PowerForceLaw
 from palpate_studies.equal_width import SEED, r_squared
 from palpate_studies.line_law import LineForceLaw
+from palpate_studies.misfit import Entry, missed, sentence
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.table4_causes import Pairs, cause_rows, force_window, transfer_rows
 from palpate_studies.twin_session import LEVELS, Session, drawn, grasps
@@ -50,10 +51,14 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
         for level in LEVELS
     }
     lines = {level: {name: _lines(found[level], name) for name in PUBLISHED} for level in LEVELS}
+    misfit = {level: missed(_entries(lines[level])) for level in LEVELS}
     return StudyReport(
         name="table4",
         title="Table 4: force against settled relative change, per silicone sheet",
-        provenance=_provenance(sensors, repeats, found),
+        provenance=[
+            *_provenance(sensors, repeats, found),
+            *(sentence(misfit[level], of=f"Table 4 by the level {level}") for level in LEVELS),
+        ],
         tables=[_line_table(level, lines[level]) for level in LEVELS]
         + [
             Table(
@@ -81,6 +86,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 level: {name: values.tolist() for name, values in lines[level].items()}
                 for level in LEVELS
             },
+            "misfit": misfit,
             "slope_ratio": causes,
             "transfer_error_percent": {
                 level: {" / ".join(key): value for key, value in transfers[level].items()}
@@ -122,6 +128,18 @@ def _lines(sensors: list[dict[str, Pairs]], name: str) -> FloatArray:
         fit = r_squared(one.mean_percent, one.force_n)
         rows.append([fit, *line.coefficients, power.coefficients[1]])
     return np.array(rows)
+
+
+def _entries(lines: dict[str, FloatArray]) -> list[Entry]:
+    """Return R^2, slope and intercept of each sheet with the range over sensors; none was fitted.
+
+    The range of forces was, and a sheet's slope and intercept with it in part.
+    """
+    return [
+        Entry(published=value, low=float(column.min()), high=float(column.max()))
+        for name, published in PUBLISHED.items()
+        for value, column in zip(published, lines[name].T, strict=False)
+    ]
 
 
 def _line_table(level: str, lines: dict[str, FloatArray]) -> Table:

@@ -1,0 +1,59 @@
+"""Published entries that the twin does not meet, counted: fitted ones apart from predicted ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from decimal import Decimal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One published number as printed, and the twin's range over its sensors."""
+
+    published: float
+    low: float
+    high: float
+    #: Whether the twin was fitted to it.
+    fitted: bool = False
+
+    @property
+    def met(self) -> bool:
+        """Whether the range reaches a number that is printed like this.
+
+        Examples
+        --------
+        >>> [Entry(published=9.2, low=low, high=9.6).met for low in (9.24, 9.3)]
+        [True, False]
+        """
+        digits = Decimal(str(self.published)).as_tuple().exponent
+        assert isinstance(digits, int)
+        rounding = 0.5 * 10.0**digits
+        return self.low - rounding <= self.published <= self.high + rounding
+
+
+def missed(entries: Iterable[Entry]) -> dict[str, dict[str, int]]:
+    """Return how many entries there are and how many are missed, fitted and predicted."""
+    found = list(entries)
+    return {
+        name: {"entries": len(part), "missed": sum(not entry.met for entry in part)}
+        for name, fitted in (("fitted", True), ("predicted", False))
+        for part in [[entry for entry in found if entry.fitted == fitted]]
+    }
+
+
+def sentence(counts: dict[str, dict[str, int]], *, of: str) -> str:
+    """Return the counts in words.
+
+    Examples
+    --------
+    >>> sentence({"fitted": {"entries": 0, "missed": 0}, "predicted": {"entries": 4, "missed": 1}},
+    ...          of="Table 4")
+    'Missed of Table 4, within its rounding: 1 of 4 predicted.'
+    """
+    parts = [
+        f"{count['missed']} of {count['entries']} {name}"
+        for name, count in counts.items()
+        if count["entries"]
+    ]
+    return f"Missed of {of}, within its rounding: {', '.join(parts)}."
