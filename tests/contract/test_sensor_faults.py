@@ -116,9 +116,8 @@ ROWS = {
         strike=_pixel(None),
         outcome=LOST,
         words="pixel R0 C0 reads stuck",
-        # Five movements of the fingers, about half a second each, and the three seconds at most in
-        # which the hand waits until the sheet has forgotten the first touch.
-        known_s=6 * 0.6 + 3.0,
+        # Two movements after the way at speed, and three seconds.
+        known_s=4.0,
         early=True,
     ),
     "object removed": Row(

@@ -158,7 +158,7 @@ def test_no_command_exceeds_the_bound_whatever_is_gripped(
 
 def test_the_adversary_leads_through_every_phase() -> None:
     firm = replace(PLAN, target_force_n=4.0, tries=2, current=CURRENT)
-    seen = {phase for seed in range(12) for phase in grasped(firm, seed=seed, rate_hz=15.0)}
+    seen = {phase for seed in range(24) for phase in grasped(firm, seed=seed, rate_hz=15.0)}
     assert seen == set(Phase) - {Phase.WAIT}
 
 

@@ -89,3 +89,53 @@ def test_a_sheet_that_keeps_the_whole_touch_is_lost(plan: Plan, bench: Any) -> N
     assert result.outcome is Outcome.SENSOR_LOST
     assert "reads as much after the fingers went back" in " ".join(result.faults)
     assert bench.force_n == 0.0
+
+
+def entered_phases(plan: Plan, bench: Any) -> tuple[list[Phase], list[float]]:
+    """Grasp, and return the phases in turn and the closures up to the hold."""
+    phases, closures = list[Phase](), list[float]()
+
+    def watch(belief: Belief) -> None:
+        if not phases or belief.phase is not phases[-1]:
+            phases.append(belief.phase)
+        if Phase.HOLD not in phases:
+            closures.append(belief.closure)
+
+    result = run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[watch])
+    assert result.outcome is Outcome.HELD
+    return phases, closures
+
+
+def test_a_gentle_touch_is_the_first_step_of_the_squeeze(plan: Plan, bench: Any) -> None:
+    bench.n_per_mm = 0.4
+    _, closures = entered_phases(plan, bench)
+    assert (np.diff(closures) >= 0).all()
+
+
+def test_a_firm_touch_is_left_and_met_again_close_to_where_it_was(plan: Plan, bench: Any) -> None:
+    bench.n_per_mm = 10.0
+    _, closures = entered_phases(plan, bench)
+    ways = np.diff(closures)
+    back = int(np.argmin(ways))
+    met = closures[back]
+    assert ways[back] < -plan.step
+    again = closures[back + 1 :][int(np.argmax(ways[back + 1 :] > 0)) + 1]
+    assert met - plan.step < again < met
+
+
+def test_after_one_finger_the_other_is_sought_at_speed(plan: Plan, bench: Any) -> None:
+    """The first finger touches two millimetres early and pushes the object to the middle."""
+    read, size_mm = type(bench).read, bench.size_mm
+
+    def pushing(*, timeout_s: float) -> Any:
+        frame = read(bench, timeout_s=timeout_s)
+        if bench.width_mm < size_mm + 2.0 and bench.force_n < 0.5:
+            counts = np.array(frame.counts)
+            counts[:2] = np.rint(1.05 * counts[:2])
+            return replace(frame, counts=counts)
+        return frame
+
+    bench.read = pushing
+    phases, _ = entered_phases(plan, bench)
+    felt = phases.index(Phase.FELT)
+    assert phases[felt : felt + 3] == [Phase.FELT, Phase.SWEEP, Phase.FELT]

@@ -220,7 +220,7 @@ def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> N
 
     def yielding(*, timeout_s: float) -> Any:
         closed_mm = widest - bench.width_mm
-        bench.size_mm = widest - 1.15 * max(closed_mm - 1.4, 0.0)
+        bench.size_mm = widest - 1.25 * max(closed_mm - 1.4, 0.0)
         return read(bench, timeout_s=timeout_s)
 
     bench.read = yielding
