@@ -109,6 +109,19 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     fresh(page)
 
 
+def test_a_replay_fits_a_laptop(page: Page) -> None:
+    page.set_viewport_size({"width": 1440, "height": 900})
+    row(page).get_by_role("button", name="Replay", exact=True).click()
+    expect(page.locator("#timeline")).to_be_visible()
+    page.locator(".cell").first.click()
+    expect(page.locator("#pixel")).to_be_visible()
+    assert page.evaluate("document.documentElement.scrollHeight - innerHeight") == 0
+    page.locator("#pixel-close").click()
+    page.get_by_role("button", name="Back to the rig").click()
+    fresh(page)
+    page.set_viewport_size(WIDE)
+
+
 def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folder: Path) -> None:
     page.get_by_label("Replay speed").get_by_role("button", name="10×").click()
     row(page).get_by_role("button", name="Replay").click()
@@ -148,6 +161,8 @@ def test_whoever_only_watches_moves_nothing(page: Page, browser: Browser) -> Non
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     page.locator("#play").click()
+    # What still plays moves by itself.
+    expect(page.locator("#play")).to_have_text("Play")
     before = page.locator("#played").inner_text()
     seek(page, 0.8)
     expect(page.locator("#played")).not_to_have_text(before)

@@ -133,6 +133,30 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, code: str, siz
         assert page.evaluate(LAID_OUT, texts) == []
 
 
+#: Shows the headline of a loss; returns which of its words are not all in its card.
+LOSS_LAID_OUT = """(words) => {
+    const [card, title] = ['lost', 'lost-title'].map((id) => document.getElementById(id));
+    document.body.classList.add('lost');
+    card.classList.remove('hidden');
+    return words.filter((one) => {
+        title.textContent = one;
+        const letters = Math.max(...one.split(' ').map((word) => word.length));
+        card.style.setProperty('--letters', letters);
+        const [a, b] = [title, card].map((part) => part.getBoundingClientRect());
+        return a.top < b.top || a.bottom > b.bottom || a.right > b.right;
+    });
+}"""
+
+
+@pytest.mark.parametrize("size", [*SIZES, "laptop"])
+def test_the_words_of_a_loss_fit(browser: Browser, address: str, size: str) -> None:
+    with at(browser, f"{address}operate", {**SIZES, "laptop": (1440, 900)}[size]) as page:
+        for code in LOCALES:
+            tr = language_for(code, "")
+            words = [tr("No connection"), tr("The devices are silent")]
+            assert page.evaluate(LOSS_LAID_OUT, words) == []
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_a_grasp_from_ready_to_the_next_item(browser: Browser, address: str, size: str) -> None:
     with at(browser, f"{address}operate", SIZES[size]) as page:

@@ -23,8 +23,9 @@ ROWS_SHOWN = 10
 #: Columns of text where standard output is no terminal that has a width of its own.
 PIPED_WIDTH = 120
 
-#: From this width on intervals are shown with their half-widths; below it every cell may fold.
-WIDE, NARROWEST = 100, 80
+#: From these widths on intervals are shown with their half-widths; columns stand well apart; only
+#: names fold.
+WIDE, AIRY, NARROWEST = 100, 80, 60
 
 
 def print_tables(document: Document, *, level: float, written: Sequence[Path]) -> None:
@@ -64,16 +65,18 @@ def _table(console: Console, title: str, *headings: str) -> Table:
         title=title,
         title_justify="left",
         box=box.SIMPLE_HEAD,
+        padding=(0, 1 if console.width >= AIRY else 0),
         pad_edge=False,
         collapse_padding=True,
     )
     for place, heading in enumerate(headings):
+        is_name = place == 0 or heading == "status"
         view.add_column(
             heading,
             justify="left" if place == 0 else "right",
-            no_wrap=place > 0 and console.width >= NARROWEST,
+            no_wrap=not is_name and console.width >= NARROWEST,
             overflow="fold",
-            min_width=min(10, console.width // 6) if place == 0 else None,
+            min_width=min(10, console.width // 7) if place == 0 else len("status") * is_name,
         )
     return view
 

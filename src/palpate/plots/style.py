@@ -108,13 +108,13 @@ def new_figure(
         yield figure, figure.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared)
 
 
-def legend_below(figure: Figure, axes: Any) -> None:
-    """Put one legend for all axes below the figure, in as many columns as fit its width."""
+def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> None:
+    """Put one legend for all axes below the figure, in as many columns of entries as fit."""
     entries: dict[str, Any] = {}
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    columns = min(len(entries), max(1, int(figure.get_figwidth() / _ENTRY_IN)))
+    columns = min(len(entries), max(1, int(figure.get_figwidth() / entry_in)))
     figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns)
 
 

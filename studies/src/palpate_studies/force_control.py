@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -45,6 +46,8 @@ _SECOND = (
 COMPARED = 40
 #: Things that ours grips without its damage limit too.
 UNLIMITED_ON = 200
+#: Letters that fit in a row of titles.
+_TITLES_LETTERS = 90
 #: Seeds that the best fixed closing is chosen on; none of them is shown.
 CHOOSING_SEED, CHOSEN_ON = 1_500_000, 24
 
@@ -320,7 +323,7 @@ def _table(
 
 
 def _figure(found: Sequence[Gripped], methods: Sequence[str]) -> Figure:
-    from palpate.plots.style import AMBER, BLUE, ORANGE, new_figure
+    from palpate.plots.style import AMBER, BLUE, ORANGE, legend_below, new_figure
 
     with new_figure(
         rows=2, columns=len(methods), width_in=2.6 * len(methods), height_in=5.2, shared=True
@@ -348,12 +351,12 @@ def _figure(found: Sequence[Gripped], methods: Sequence[str]) -> Figure:
                     axis.set_minor_formatter("")
                 panel.set_xticks([2, 4, 8])
                 if row == 0:
-                    panel.set_title(method)
+                    panel.set_title(fill(method, _TITLES_LETTERS // len(methods)))
                 if column == 0:
                     panel.set_ylabel(f"simulated, {level}\nsettled force (N)")
                 if row == 1:
                     panel.set_xlabel("target (N)")
-        panels[0, -1].legend(fontsize=7, loc="upper left")
+        legend_below(figure, panels)
     return figure
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +30,7 @@ def draw_followed(
             _draw_press(panel, observed[place], static[place])
             press = observed[place].press
             which = "" if stretched else f", press {press.press}"
-            panel.set_title(f"{name}: {press.recording_id}{which}", fontsize=7)
+            panel.set_title(f"{name}{which}\n{fill(press.recording_id, 32)}", fontsize=7)
             panel.set(xlabel="time since the force was given (s)", ylabel="force (N)")
             if not stretched:
                 panel.set_ylim(0, None)

@@ -17,6 +17,7 @@ from palpate.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.console import Console
 
 
 def _folder(out: Path | None) -> Path | None:
@@ -92,7 +93,6 @@ class StudyReport:
             sys.stdout.write("\n")
             return
         from rich.console import Console
-        from rich.table import Table as RichTable
 
         # Piped into a file, names in tables must not be cut at 80 columns.
         console = Console(width=None if sys.stdout.isatty() else 120)
@@ -100,10 +100,7 @@ class StudyReport:
         for line in self.provenance:
             console.print(f"[dim]{line}[/dim]", highlight=False)
         for table in self.tables:
-            view = RichTable(*table.columns, title=table.title, title_justify="left")
-            for row in table.rows:
-                view.add_row(*row)
-            console.print(view)
+            _print_table(console, table)
         if out is not None:
             console.print(f"Written to {out}")
 
@@ -123,3 +120,22 @@ class StudyReport:
             letter_panels(figure)
             for ending in PLOT_ENDINGS:
                 save_figure(figure, out / f"{stem}{ending}")
+
+
+def _print_table(console: Console, table: Table) -> None:
+    """Print a table; one that the terminal has no room for as a list of its rows, cell by cell."""
+    from rich.table import Table as RichTable
+
+    view = RichTable(*table.columns, title=table.title, title_justify="left")
+    for row in table.rows:
+        view.add_row(*row)
+    if view.__rich_measure__(console, console.options).minimum <= console.width:
+        console.print(view)
+        return
+    console.print(f"[italic]{table.title}[/italic]")
+    for row in table.rows:
+        cells = RichTable.grid(padding=(0, 2))
+        for column, cell in zip(table.columns, row, strict=True):
+            cells.add_row(column, cell)
+        console.print(cells)
+        console.print()

@@ -236,9 +236,9 @@ def _table(
 
 
 def _figure(real: Mapping[str, list[FloatArray]], drawn: Mapping[str, list[FloatArray]]) -> Figure:
-    from palpate.plots.style import SPARE_LOOKS, look_of, new_figure
+    from palpate.plots.style import SPARE_LOOKS, legend_below, log_axis, look_of, new_figure
 
-    with new_figure(columns=2, width_in=11.0, height_in=4.4) as (figure, axes):
+    with new_figure(columns=2, width_in=7.0, height_in=4.4) as (figure, axes):
         for axis, rows, of, title in (
             (axes[0, 0], real, np.median, "real holds: median |error|"),
             (axes[0, 1], drawn, np.mean, "drawn from a formula: mean |error|"),
@@ -252,10 +252,10 @@ def _figure(real: Mapping[str, list[FloatArray]], drawn: Mapping[str, list[Float
                 xlabel="cut-off (s)",
                 ylabel="error (% of the settled value)",
                 title=title,
-                yscale="log",
                 xticks=CUTOFFS_S,
             )
-            axis.legend(fontsize=7)
+            log_axis(axis.yaxis)
+        legend_below(figure, axes, entry_in=3.4)
     return figure
 
 

@@ -15,6 +15,7 @@ import typer
 from tests.pdf_fonts import check_fonts
 
 from palpate.cli import run
+from palpate.commands import settle_tables
 from palpate.commands.settle import settle
 
 ROW_KEYS = [
@@ -342,3 +343,21 @@ def test_real_holds_give_finite_predictions(
     assert len(found["rows"]) == found["summary"][0]["holds"] == 131
     assert all(row["predicted"] is not None for row in found["rows"])
     assert all(row["settled"] is not None for row in found["rows"])
+
+
+@pytest.mark.parametrize("columns", [60, 80])
+def test_a_narrow_terminal_has_every_column(
+    holds_csv: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    columns: int,
+) -> None:
+    monkeypatch.setattr(settle_tables, "PIPED_WIDTH", columns)
+    assert ran(holds_csv) == 0
+    lines = capsys.readouterr().out.splitlines()
+    heads = [line.split() for line in lines if "cut-off" in line]
+    assert heads[0] == ["hold", "cut-off", "predicted", "±", "settled", "error", "status"]
+    scores = ["method", "cut-off", "holds", "median", "mean", "p90", "of", "rest", "in", "90%", "±"]
+    assert heads[1] == scores
+    assert sum(line.rstrip().endswith(" ok") for line in lines) >= 5
+    assert all(len(line) <= columns for line in lines)

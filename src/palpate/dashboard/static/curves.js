@@ -73,18 +73,38 @@ function happened(c, view) {
   return out;
 }
 
-function forecast(c, view, id, [low, value, high], digits, unit) {
+function forecast(c, view, id, [low, value, high], digits, unit, lines) {
   const band = view.band.filter((b) => b[high] !== undefined);
   if (!band.length) return "";
   // It speaks of the hold: a movement after the last forecast ends it.
   const last = band[band.length - 1], after = view.moves.find(([from]) => from > last[0]), until = Math.max(after ? after[0] : view.last, last[0]);
   const now = band.filter((b) => b[0] <= view.now).pop() ?? band[0];
-  const shown = [...band, Object.assign([...last], { 0: until })], words = `${t("settles at")} ${fixed(now[value], digits)} ${unit} ${range(now[low], now[high], digits)}`, right = c.x(until) + 10 + 7.4 * words.length > c.width;
+  const shown = [...band, Object.assign([...last], { 0: until })], settles = `${t("settles at")} ${fixed(now[value], digits)} ${unit}`;
   const outline = [...shown.map((b) => [b[0], b[high]]), ...[...shown].reverse().map((b) => [b[0], b[low]])];
-  const top = Math.max(BOX.t + 14, Math.min(...shown.map((b) => c.y(b[high]))) - 8);
+  const above = Math.min(...shown.map((b) => c.y(b[high]))) - 8, below = Math.max(...shown.map((b) => c.y(b[low]))) + 18;
+  const [words, left, base] = place(c, [`${settles} ${range(now[low], now[high], digits)}`, settles], c.x(until) + 10, above, below, lines);
   return `<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${seen.band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
     <polyline points="${c.line(shown.map((b) => [b[0], b[value]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/></g>
-    <text class="settles" id="${id}-settles" x="${right ? c.width - BOX.r : c.x(until) + 10}" y="${top}" text-anchor="${right ? "end" : "start"}" font-size="13">${words}</text>`;
+    <text class="settles" id="${id}-settles" x="${left}" y="${base}" font-size="13">${words}</text>`;
+}
+
+// The lines of readings, as they are on the screen.
+function drawn(c, view, column) {
+  return [view.curve, view.kept].map((points) => points.filter((p) => p[column] !== undefined).map((p) => [c.x(p[0]), c.y(p[column])]));
+}
+
+// Words near the band, the longest for which there is a place that no line runs through.
+function place(c, choices, after, above, below, lines) {
+  const top = BOX.t + 14, bottom = c.height - BOX.b - 6;
+  const crossed = (left, width, base) => lines.some((line) => line.some(([x, y], i) => {
+    const [fromX, fromY] = line[Math.max(0, i - 1)];
+    return x > left - 4 && fromX < left + width + 4 && Math.max(y, fromY) > base - 14 && Math.min(y, fromY) < base + 5;
+  }));
+  const places = choices.flatMap((words) => {
+    const width = 7.4 * words.length, right = c.width - BOX.r - width;
+    return [after, right, BOX.l + 6].flatMap((left) => [above, below, top, bottom].map((base) => [words, Math.min(left, right), Math.min(Math.max(base, top), bottom), width]));
+  });
+  return places.find(([, left, base, width]) => !crossed(left, width, base)) ?? places[0];
 }
 
 // Of another recording, under the one that is shown.
@@ -141,8 +161,10 @@ function drawForce(view) {
   const limits = [view.bounds.target_n, view.bounds.damage_low_n].filter((v) => v !== null && v !== undefined && v < 2.5 * highest);
   const c = canvas(svg, view, [0, 1.15 * Math.max(highest, ...limits, ...values.map((p) => Math.min(p[4], 1.5 * p[3])))]);
   const outline = [...values.map((p) => [p[0], p[4]]), ...[...values].reverse().map((p) => [p[0], p[2]])];
+  // Their words stand above their left ends.
+  const levels = limits.map((v) => [[BOX.l, c.y(v) - 18], [BOX.l + 130, c.y(v)], [c.width, c.y(v)]]);
   const damage = view.bounds.damage_low_n, ceiling = damage === null || damage === undefined ? view.bounds.ceiling_n : null;
-  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${compared(c, view, 3)}${forecast(c, view, "force-band", [4, 5, 6], 2, "N")}${level(c, view.bounds.target_n, t("target"), "target")}${level(c, damage, t("damage limit"), "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, t("ceiling"), "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
+  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${compared(c, view, 3)}${forecast(c, view, "force-band", [4, 5, 6], 2, "N", [...drawn(c, view, 3), ...levels])}${level(c, view.bounds.target_n, t("target"), "target")}${level(c, damage, t("damage limit"), "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, t("ceiling"), "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
 }
 
 function drawReading(view) {
@@ -153,7 +175,7 @@ function drawReading(view) {
   // Never closer than this: noise must not look like a signal.
   const middle = (Math.max(...values) + Math.min(...values)) / 2, half = Math.max(4, 0.56 * (Math.max(...values) - Math.min(...values)));
   const c = canvas(svg, view, [middle - half, middle + half]);
-  svg.innerHTML = `${ground(c, view)}${compared(c, view, 1)}${forecast(c, view, "band", [1, 2, 3], 1, "%")}${ending(c, capped, 1)}${reading(c, capped, svg, 1, (p) => `${fixed(p[1], 1)} %`)}`;
+  svg.innerHTML = `${ground(c, view)}${compared(c, view, 1)}${forecast(c, view, "band", [1, 2, 3], 1, "%", drawn(c, capped, 1))}${ending(c, capped, 1)}${reading(c, capped, svg, 1, (p) => `${fixed(p[1], 1)} %`)}`;
 }
 
 export function drawCurves(doc) {
