@@ -18,7 +18,7 @@ from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.grasp.belief import Belief
+from palpate.grasp.belief import Belief, Closing
 from palpate.grasp.plan import Plan
 from palpate.grasp.servo_evidence import felt_by_gripper
 from palpate.settling.percent import as_percent, of_rest
@@ -43,6 +43,8 @@ _RELAXED = 0.985
 _KEPT = (0.5, 2.0)
 #: A fall below this is a touch: ten times the noise of a few frames' mean.
 FELT_PERCENT = -1.0
+#: How far before the first sure touch a step may count, in steps of the approach.
+_FAINT_STEPS = 3.0
 #: Less than this share of the faintest force of the calibration may be drift, or what the sheet
 #: remembers: such a step bounds the size as one that felt nothing.
 _FELT_FLOOR = 0.5
@@ -196,17 +198,15 @@ def _log_ratio(large: float, small: float) -> float:
 
 def _contact_point(belief: Belief, plan: Plan, give: Compliance) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
-    width = np.array([plan.gripper.target(c.closure) for c in belief.staircase])
-    felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in belief.staircase])
-    hinted = np.array([c.touch.shared_percent < plan.hint_percent for c in belief.staircase])
-    # Drift can look like a faint touch long before the real one: no more than two steps of it.
-    first = max(int(np.argmax(hinted)) - 2, 0)
-    reading = np.array([c.touch.reading for c in belief.staircase])
+    steps = _from_touch(belief, plan)
+    width = np.array([plan.gripper.target(c.closure) for c in steps])
+    felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in steps])
+    reading = np.array([c.touch.reading for c in steps])
     read = belief.gain.applied(plan.early_law.force_n(reading, level=plan.level))
     # Below the weakest reading of the calibration the law can't distinguish forces.
     floor_n = float(plan.early_law.force_n(plan.early_law.range[0]).value)
     felt &= read.value > _FELT_FLOOR * floor_n
-    if felt[first:].sum() < 2 or not hinted.any():
+    if felt.sum() < 2:
         return None
     force = np.where(felt, read.value, 0.0)
     # One place on the sheet, one gain for the whole curve: it hardly bends it, but what is taken
@@ -219,11 +219,11 @@ def _contact_point(belief: Belief, plan: Plan, give: Compliance) -> ContactPoint
     points, weights = [], []
     for gain, share in zip(_GAIN_NODES, _GAIN_WEIGHTS, strict=True):
         for offset, part in zip(_BLIND_NODES, _BLIND_WEIGHTS, strict=True):
-            read_n = force[first:] * float(np.exp(gain_sd * gain))
+            read_n = force * float(np.exp(gain_sd * gain))
             shifted = np.where(read_n > 0, np.maximum(read_n + blind_n * offset, 0.3 * read_n), 0.0)
             points.append(
                 contact_point(
-                    width[first:] - give.zero_mm,
+                    width - give.zero_mm,
                     force_n=shifted,
                     give_mm=give.give_mm(shifted),
                     floor_n=floor_n,
@@ -280,11 +280,9 @@ def _closing_curve(
     belief: Belief, plan: Plan, give: Compliance, *, mm_per_unit: float = 1.0
 ) -> ClosingSteps | None:
     """Return the staircase read in early forces, from just before the first touch on."""
-    hinted = [c.touch.shared_percent < plan.hint_percent for c in belief.staircase]
-    if not any(hinted):
+    steps = _from_touch(belief, plan)
+    if not steps:
         return None
-    # Drift can look like a faint touch long before the real one: no more than two steps of it.
-    steps = belief.staircase[max(hinted.index(True) - 2, 0) :]
     felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in steps])
     read = belief.gain.applied(
         plan.early_law.force_n([c.touch.reading for c in steps], level=plan.level)
@@ -299,6 +297,21 @@ def _closing_curve(
         law_sd=belief.gain.law_sd,
         floor_n=floor_n(plan),
     )
+
+
+def _from_touch(belief: Belief, plan: Plan) -> tuple[Closing, ...]:
+    """Return the steps from just before the first sure touch on; none if there is none.
+
+    Drift can look like a faint touch long before the real one: no more than two steps of it, and
+    no way further than that.
+    """
+    hinted = [c.touch.shared_percent < plan.hint_percent for c in belief.staircase]
+    if not any(hinted):
+        return ()
+    first = hinted.index(True)
+    nearest = belief.staircase[first].closure - _FAINT_STEPS * plan.step
+    before = [c for c in belief.staircase[max(first - 2, 0) : first] if c.closure > nearest]
+    return (*before, *belief.staircase[first:])
 
 
 def floor_n(plan: Plan) -> float:
