@@ -282,7 +282,8 @@ def draw_lines(
                     # Without printed points the entry alone gives the line's R².
                     label = f"published: R² {study.published_r_squared:.2f}"
                     marker = "D" if study.published_values else ""
-                    points = (rating[: len(study.published_values)], study.published_values)
-                    axis.plot(*points, ls="", marker=marker, c=INK, mfc="none", label=label)
+                    printed = study.published_values
+                    style = {"ls": "", "marker": marker, "c": INK, "mfc": "none", "label": label}
+                    axis.plot(rating[: len(printed)], printed, **style)
                 axis.legend(fontsize=7, title="lines through means", title_fontsize=7)
     return figure
