@@ -207,7 +207,9 @@ class AppState:
         live = self.session.devices.live
         entry = entry_of(
             grasped,
-            kind=kind_of(grasped, target_force_n=order.target_force_n),
+            kind=kind_of(
+                grasped, target_force_n=order.target_force_n, damage_low_n=self._damage_low_n
+            ),
             item_id=order.item_id,
             target_force_n=order.target_force_n,
             simulated=live.source is not None and live.source.simulated,
@@ -225,7 +227,7 @@ class AppState:
     def _document(self, grasped: Grasped, order: GraspOrder, *, ended_at: str) -> dict[str, object]:
         settings, live, limited = self.settings, self.session.devices.live, None
         if settings.damage is not None and settings.damage_path is not None:
-            low_n = None if live.progress is None else live.progress.bounds.damage_low_n
+            low_n = self._damage_low_n
             limited = limit_document(
                 settings.damage,
                 path=settings.damage_path,
@@ -242,6 +244,12 @@ class AppState:
             truth=grasped.truth,
             subject=None if live.source is None else live.source.subject,
         )
+
+    @property
+    def _damage_low_n(self) -> float | None:
+        """The learned limit of the object that was grasped last, newtons, if it showed one."""
+        progress = self.session.devices.live.progress
+        return None if progress is None else progress.bounds.damage_low_n
 
     def _keep_item(self, grasped: Grasped, recording: Path, entry: Entry) -> Entry:
         """Write a named item's grasp to the store, and find its bin."""

@@ -224,10 +224,14 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     grasped, progress = session.devices.grasped, session.devices.live.progress
     if grasped is not None:
         headline = verdict(grasped.result, target_force_n=session.target_force_n)
+        low_n = None if progress is None else progress.bounds.damage_low_n
         if (grasped.truth or {}).get("damaged"):
             damaged = Message("the object was damaged")
             headline |= {"text": damaged, "why": headline["text"], "firmness": None}
-        return {**headline, "kind": kind_of(grasped, target_force_n=session.target_force_n)}
+        elif _limit_passed(grasped, damage_low_n=low_n):
+            headline["why"] = Message("the force passed the damage limit before it was known")
+        kind = kind_of(grasped, target_force_n=session.target_force_n, damage_low_n=low_n)
+        return {**headline, "kind": kind}
     if progress is None:
         text = session.devices.activity.value
         if session.devices.activity is Activity.WATCHING and not session.devices.sensor_alone:
@@ -249,13 +253,20 @@ _OF_THEIR_OWN = (Activity.RESTING, Activity.WEIGHING, Activity.EXAMINING, Activi
 _WORDLESS: dict[str, Any] = {"firmness": None, "on_target": None}
 
 
-def kind_of(grasped: Grasped, *, target_force_n: float | None) -> str:
+def kind_of(grasped: Grasped, *, target_force_n: float | None, damage_low_n: float | None) -> str:
     """Return how a grasp ended, as a colour: nothing that went wrong is good."""
     result, truth = grasped.result, grasped.truth or {}
     on_target = verdict(result, target_force_n=target_force_n)["on_target"]
     if result.outcome is not Outcome.HELD or truth.get("damaged"):
         return "bad"
-    return "warn" if on_target is False or result.faults else "good"
+    passed = _limit_passed(grasped, damage_low_n=damage_low_n)
+    return "warn" if on_target is False or result.faults or passed else "good"
+
+
+def _limit_passed(grasped: Grasped, *, damage_low_n: float | None) -> bool:
+    """Whether the object bore more than its learned limit: the sheet showed that too late."""
+    peak_n = grasped.result.peak_force_n
+    return damage_low_n is not None and peak_n is not None and peak_n > damage_low_n
 
 
 def _uncalibrated(failure: CalibrationFailure, live: Live) -> dict[str, str]:

@@ -12,7 +12,7 @@ import pytest
 from palpate.dashboard.activity import Action, Activity
 from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.grasp_form import GraspForm
-from palpate.dashboard.grasp_progress import GraspProgress
+from palpate.dashboard.grasp_progress import Bounds, GraspProgress
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S, Live
 from palpate.dashboard.messages import DevicesLost, Grasped, Update
 from palpate.dashboard.page_document import document
@@ -241,6 +241,27 @@ def test_a_damaged_object_is_the_headline_and_not_how_the_grasp_ended() -> None:
     session.devices.grasped = Grasped(result=result, truth={"damaged": True})
     card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
     assert (card["text"], card["why"]) == ("the object was damaged", "held and given back")
+
+
+@pytest.mark.parametrize(("low_n", "kind"), [(1.5, "warn"), (2.5, "good"), (None, "good")])
+def test_a_force_beyond_the_learned_limit_is_not_green(low_n: float | None, kind: str) -> None:
+    session = Session(send=lambda message: None)
+    result = GraspResult(outcome=Outcome.HELD, force_n=FORCE, peak_force_n=2.0)
+    session.devices.live.progress = GraspProgress(
+        time_s=1.0,
+        phase="hold",
+        rest_ohm=None,
+        began_s=0.0,
+        force_n=2.0,
+        settled=None,
+        answer=result,
+        decided=True,
+        bounds=Bounds(damage_low_n=low_n),
+    )
+    session.devices.grasped = Grasped(result=result)
+    card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
+    assert card["kind"] == kind
+    assert ("passed the damage limit" in (card["why"] or "")) == (kind == "warn")
 
 
 def test_the_operator_reads_the_target_of_the_grasp_that_runs_and_then_of_the_next() -> None:
