@@ -191,6 +191,26 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         release(page)
 
 
+def test_a_reload_and_a_drop_of_the_network_leave_a_hold_and_a_form(
+    browser: Browser, address: str
+) -> None:
+    with at(browser, f"{address}operate", SIZES["phone"]) as page:
+        can_press(page, "#grasp")
+        page.locator("#grasp").click()
+        expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
+        page.reload()
+        expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
+        expect(page.locator("#who")).to_contain_text("you drive")
+        page.get_by_label("Next item").fill("berry-11")
+        page.context.set_offline(True)
+        expect(page.locator("#lost")).to_be_visible()
+        page.context.set_offline(False)
+        fresh(page)
+        expect(page.get_by_label("Next item")).to_have_value("berry-11")
+        release(page)
+        page.get_by_label("Next item").fill("")
+
+
 def test_what_is_wanted_outlives_a_reload_and_is_the_same_for_all(
     browser: Browser, address: str
 ) -> None:

@@ -103,7 +103,7 @@ def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     ui.add_head_html(f'<script id="words" type="application/json">{words}</script>')
     ui.add_body_html(f'<script type="module" src="/static/{script}"></script>')
     # Not before its browser is there: what only fetched the page must not drive.
-    client.on_connect(lambda: app_state.session.join(client.id))
+    client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id))
     client.on_delete(lambda: app_state.session.leave(client.id))
     query = f"?lang={tr.code}" if asked else ""
     return Viewer(app_state.session, viewer_id=client.id, tr=tr, query=query)

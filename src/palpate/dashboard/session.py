@@ -67,6 +67,7 @@ class Session:
         self.devices = DeviceState(on_grasped=on_grasped)
         self.viewers: set[str] = set()
         self.driver: str | None = None
+        self._of_tab = dict[str, str]()
         #: Of the last grasp that was ordered.
         self.target_force_n: float | None = None
         #: The rig asked for last.
@@ -75,10 +76,20 @@ class Session:
 
     # -- who drives -----------------------------------------------------------------------------
 
-    def join(self, viewer: str) -> bool:
-        """Let someone in; return whether they drive: the first does."""
+    def join(self, viewer: str, *, tab: str | None = None) -> bool:
+        """Let someone in; return whether they drive: the first does.
+
+        A page that is loaded again in the same tab of a browser goes on driving.
+
+        >>> session = Session(send=print)
+        >>> session.join("a", tab="1"), session.join("b", tab="2"), session.join("c", tab="1")
+        (True, False, True)
+        """
+        before = None if tab is None else self._of_tab.get(tab)
+        if tab is not None:
+            self._of_tab[tab] = viewer
         self.viewers.add(viewer)
-        if self.driver is None:
+        if self.driver is None or self.driver == before:
             self.driver = viewer
         return self.driver == viewer
 
@@ -90,6 +101,7 @@ class Session:
     def leave(self, viewer: str) -> None:
         """Let someone go; nobody drives then until somebody takes over or comes in."""
         self.viewers.discard(viewer)
+        self._of_tab = {tab: last for tab, last in self._of_tab.items() if last != viewer}
         if self.driver == viewer:
             self.driver = None
 
