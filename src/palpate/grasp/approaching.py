@@ -34,6 +34,8 @@ _FURTHER_BACK_STEPS = 4.0
 _STUCK_SHARE = 0.7
 #: An object that one finger pushes lies at most this many steps off the middle.
 _PUSHED_STEPS = 5.0
+#: One finger pushes alone only if the other feels less than this share of what it feels.
+_ALONE_SHARE = 0.3
 #: Where the hand first looks again: this far short of where the touch at speed ended, in steps of
 #: the approach, or by this multiple of what the force read there takes on a rigid object.
 _SHORT_STEPS, _SHORT_OF_FORCE = 0.4, 0.8
@@ -129,14 +131,15 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     assert belief.sweep is not None
     now, went = belief.now, belief.closure - belief.sweep.begin
     belief = replace(belief, sweep=None)
+    estimate = plan.early_law.force_n(now.reading, level=plan.level)
     if now.shared_percent > FELT_PERCENT:
         pushes = now.deepest_percent <= FELT_PERCENT
-        if pushes and went > approach_step(plan):
+        alone = pushes and now.shared_percent > _ALONE_SHARE * now.deepest_percent
+        if alone and float(estimate.value) <= plan.no_push_n and went > approach_step(plan):
             return begun(belief, plan, rows=_unfelt_rows(now, plan)), None
         # Nothing, or one finger alone and no way gained: on in small steps.
         swept_to = belief.closure + (_PUSHED_STEPS * plan.step if pushes else 0.0)
         return replace(belief, swept_to=swept_to).enter(Phase.APPROACH), None
-    estimate = plan.early_law.force_n(now.reading, level=plan.level)
     belief = pressed(belief, force_n=float(estimate.value), force_high_n=float(estimate.high))
     belief = replace(belief, felt_s=belief.moved_s)
     if now.shared_percent <= plan.hint_percent or belief.force_n > plan.no_push_n:
