@@ -120,7 +120,7 @@ def test_figure_shows_best_median_and_worst(tmp_path: Path) -> None:
     model = MODELS["static"](presses)
     followed = [in_newtons(press, model(press)) for press in presses]
     titles = [panel.get_title() for panel in draw_followed(followed, followed).axes]
-    assert [title.split(":")[0] for title in titles] == ["best", "median", "worst"]
+    assert [title.split(",")[0] for title in titles] == ["best", "median", "worst"]
 
 
 def stretch_csv(folder: Path, *, specimens: int = 4, holds: int = 5) -> tuple[Path, Path]:

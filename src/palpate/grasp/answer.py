@@ -199,6 +199,8 @@ def _log_ratio(large: float, small: float) -> float:
 def _contact_point(belief: Belief, plan: Plan, give: Compliance) -> ContactPoint | None:
     """Extrapolate the staircase, read in early forces, to where contact began."""
     steps = _from_touch(belief, plan)
+    if not steps:
+        return None
     width = np.array([plan.gripper.target(c.closure) for c in steps])
     felt = np.array([c.touch.shared_percent < FELT_PERCENT for c in steps])
     reading = np.array([c.touch.reading for c in steps])

@@ -174,7 +174,8 @@ def _compared(followed: Mapping[str, Sequence[Followed]]) -> Rows:
         }
         for part, group in groups.items()
         for rival in MODELS
-        if rival != "observer"
+        # Recordings of presses that are never let go have no release.
+        if rival != "observer" and group
     ]
 
 
