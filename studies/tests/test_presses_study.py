@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from palpate.cli import build_app, run
+from palpate_studies import presses
+from palpate_studies.other_presses import MOTIONS, other_presses
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.press_figure import draw_followed
 from palpate_studies.press_follow import in_newtons
@@ -87,7 +89,7 @@ def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture
     assert run(build_app(), [*arguments, "--json"], name="palpate") == 0
     document = json.loads(capsys.readouterr().out)
     assert len(document["rows"]) == len(MODELS) * 16
-    assert {row["model"] for row in document["rows"]} == {"constant", "clock", "static", "observer"}
+    assert {row["model"] for row in document["rows"]} == {*MODELS}
     overall = {one["model"]: one for one in document["summary"] if one["setting"] == "all"}
     assert overall["observer"]["presses"] == 16
     assert run(build_app(), ["study", "presses", "--recordings", str(path)], name="palpate") == 0
@@ -210,3 +212,23 @@ def test_real_stretches_of_specimens_left_out(real_data: Path) -> None:
         assert score["observer"][key] <= 0.5 * score["static"][key]
         assert score["observer"][key] < score["clock, no sensor"][key]
     assert 0.8 <= score["observer"]["coverage"] <= 0.97
+
+
+def test_presses_of_sheets_of_another_law(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = {motion: other_presses(motion, seed=3)[::8] for motion in MOTIONS}
+    held_s = {
+        motion: [p.trace.time_s[p.last_held] - p.trace.time_s[p.trace.told] for p in each]
+        for motion, each in few.items()
+    }
+    assert np.ptp(held_s["alike"]) < 0.5 < 2.0 < np.ptp(held_s["unlike"])
+    monkeypatch.setattr(presses, "other_presses", few.get)
+    assert run(build_app(), ["study", "presses", "--second", "--json"], name="palpate") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["second_generator"] is True
+    for motion in MOTIONS:
+        rivals = {(row["part"], row["rival"]) for row in document[motion]["compared"]}
+        assert {("presses", "clock"), ("released", "trees")} <= rivals
+    assert run(build_app(), ["study", "presses"], name="palpate") == 2
+    assert "either --recordings or --second" in capsys.readouterr().err

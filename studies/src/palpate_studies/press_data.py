@@ -99,7 +99,7 @@ def read_presses(path: Path) -> list[Press]:
             raise InputError(f"{where}: time_s doesn't increase; sort it by time")
         if (ohm <= 0).any():
             raise InputError(f"{where} has a resistance of 0 ohm or less; remove those samples")
-        presses += _cut(str(ids[start]), time_s, ohm, force_n)
+        presses += cut(str(ids[start]), time_s, ohm, force_n)
     if not presses:
         raise InputError(
             f"{path}: no press in it (force above {SMALLEST_FORCE_N} N for {SHORTEST_S} s)"
@@ -118,9 +118,8 @@ def setting_of(recording_id: str) -> str:
     return re.sub(r"_exp\d+(_[0-9a-f]+)?$", "", recording_id)
 
 
-def _cut(
-    recording_id: str, time_s: FloatArray, ohm: FloatArray, force_n: FloatArray
-) -> list[Press]:
+def cut(recording_id: str, time_s: FloatArray, ohm: FloatArray, force_n: FloatArray) -> list[Press]:
+    """Cut one recording into its presses; each array has shape (n_times,)."""
     presses: list[Press] = []
     previous_end = 0
     for begin, end in _runs(time_s, force_n):

@@ -1,4 +1,4 @@
-"""Models that follow a press: a constant, a clock, a static law, and the force model.
+"""Models that follow a press: a constant, a clock, a static law, trees, and the force model.
 
 Each is given the force once and answers with ln(force / given force) at every sample, and with the
 half width of its interval. Everything is learned from training presses; every setting counts as
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
+from palpate.errors import needing
 from palpate_studies.force_model import ForceModel
 from palpate_studies.force_states import TIME_CONSTANTS_S, log_reading, states_of
 from palpate_studies.press_data import Press
@@ -130,6 +131,18 @@ def static(train: Presses) -> Follower:
     return _with_interval(lambda press: slope * reading(press), train)
 
 
+def trees(train: Presses) -> Follower:
+    """Learn boosted trees on the inputs of the force model."""
+    with needing("gradient boosting", extra="produce"):
+        from sklearn.ensemble import HistGradientBoostingRegressor
+    machine = HistGradientBoostingRegressor(
+        loss="absolute_error", max_iter=200, random_state=0, early_stopping=False
+    )
+    inputs = np.concatenate([_inputs(press)[_seen(press)] for press in train])
+    machine.fit(inputs, _pooled(train, log_change), sample_weight=_weight(train))
+    return _with_interval(lambda press: np.asarray(machine.predict(_inputs(press))), train)
+
+
 def observer(train: Presses) -> Follower:
     """Learn the force model; its widths hold in settings left out, not only over all samples."""
     model = _model(train)
@@ -188,5 +201,6 @@ MODELS: Mapping[str, Callable[[Presses], Follower]] = {
     "constant": constant,
     "clock": clock,
     "static": static,
+    "trees": trees,
     "observer": observer,
 }
