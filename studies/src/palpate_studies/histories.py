@@ -19,6 +19,7 @@ from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
 from palpate_studies.force_model import ForceModel
 from palpate_studies.history_data import INPUTS, History, read_histories
+from palpate_studies.other_histories import RUBBERS, other_histories
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 
@@ -35,12 +36,16 @@ Rows: TypeAlias = list[dict[str, Any]]
 
 def command(
     recordings: Annotated[
-        Path, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
-    ],
+        Path | None, typer.Option(help="Recordings of stretching to learn from.", metavar="CSV")
+    ] = None,
     test_recordings: Annotated[
         Path | None,
         typer.Option(help="Recordings to follow; without, each kind of motion.", metavar="CSV"),
     ] = None,
+    second: Annotated[
+        bool,
+        typer.Option("--second", help="Simulated rubbers with another memory, no recordings."),
+    ] = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -48,16 +53,23 @@ def command(
 
     Example: palpate study histories --recordings silicone_histories.csv.gz
     """
-    known = read_histories(recordings)
-    splits = (
-        [*_kinds_left_out(known, path=recordings)]
-        if test_recordings is None
-        else [(known, read_histories(test_recordings))]
-    )
+    if second == (recordings is not None):
+        raise InputError("give either --recordings or --second")
+    if recordings is None:
+        splits = [
+            split
+            for rubber in range(RUBBERS)
+            for split in _kinds_left_out(other_histories(rubber), path="second generator")
+        ]
+    elif test_recordings is None:
+        splits = [*_kinds_left_out(read_histories(recordings), path=recordings)]
+    else:
+        splits = [(read_histories(recordings), read_histories(test_recordings))]
     rows = [
         {
             "recording_id": one.recording_id,
             "kind": one.kind,
+            "specimen": one.recording_id.partition("-rubber-")[2] if second else one.kind,
             "inputs": name,
             "model": model,
             **_scores(predict(one.inputs(name)), one.force_n),
@@ -68,10 +80,11 @@ def command(
         for predict in [learn(inside, name)]
         for one in tested
     ]
-    _report(rows, own=test_recordings is None).emit(as_json=as_json, out=out)
+    report = _second_report(rows) if second else _report(rows, own=test_recordings is None)
+    report.emit(as_json=as_json, out=out)
 
 
-def _kinds_left_out(known: Histories, *, path: Path) -> Iterator[tuple[Histories, Histories]]:
+def _kinds_left_out(known: Histories, *, path: Path | str) -> Iterator[tuple[Histories, Histories]]:
     kinds = list(dict.fromkeys(one.kind for one in known))
     if len(kinds) < 2:
         raise InputError(f"{path}: one kind of motion only; give --test-recordings")
@@ -182,48 +195,68 @@ def _report(rows: Rows, *, own: bool) -> StudyReport:
             "mean error of each recording away: the load cell's zero was set again in each, in "
             "another state of the rubber, and no reading shows where.",
         ),
-        tables=[
-            _table(rows, "rms_percent", title="RMS error, percent of the range of force"),
-            _table(rows, "rms_percent_zero_known", title="The same, zero known"),
-            _table(rows, "coverage", title="Coverage of 90 % intervals"),
-        ],
-        payload={
-            "rows": rows,
-            "summary": _summary(rows),
-            "compared": _compared(rows),
-            "level": LEVEL,
-        },
+        tables=_tables(rows, by="recording_id"),
+        payload=_payload(rows),
     )
 
 
-def _table(rows: Rows, key: str, *, title: str) -> Table:
-    """Return a line for each model, a column for each recording."""
-    recordings = list(dict.fromkeys(row["recording_id"] for row in rows))
+def _second_report(rows: Rows) -> StudyReport:
+    return StudyReport(
+        name="histories",
+        title="Force of simulated rubbers with another memory (second generator)",
+        provenance=(
+            f"Simulated: {RUBBERS} rubbers whose resistance is that of contacts that break and, "
+            "after a delay, close again, and whose force softens, relaxes by a power of time and "
+            "rubs alike at any speed. Each kind of motion of a rubber is predicted by models "
+            "learned from its other kinds; columns are means over rubbers.",
+        ),
+        tables=_tables(rows, by="kind"),
+        payload={"second_generator": True, **_payload(rows)},
+    )
+
+
+def _tables(rows: Rows, *, by: str) -> list[Table]:
+    return [
+        _table(rows, "rms_percent", by=by, title="RMS error, percent of the range of force"),
+        _table(rows, "rms_percent_zero_known", by=by, title="The same, zero known"),
+        _table(rows, "coverage", by=by, title="Coverage of 90 % intervals"),
+    ]
+
+
+def _payload(rows: Rows) -> dict[str, Any]:
+    return {"rows": rows, "summary": _summary(rows), "compared": _compared(rows), "level": LEVEL}
+
+
+def _table(rows: Rows, key: str, *, by: str, title: str) -> Table:
+    """Return a line for each model, a column for each recording or kind of motion."""
+    columns = list(dict.fromkeys(row[by] for row in rows))
     shown = [row for row in rows if row[key] is not None]
-    cells = {(row["inputs"], row["model"], row["recording_id"]): row[key] for row in shown}
+    cells: dict[tuple[str, str, str], list[float]] = {}
+    for row in shown:
+        cells.setdefault((row["inputs"], row["model"], row[by]), []).append(row[key])
     form = "{:.2f}" if key == "coverage" else "{:.1f}"
     return Table(
         title=title,
-        columns=("inputs", "model", *recordings),
+        columns=("inputs", "model", *columns),
         rows=[
-            [*which, *(form.format(cells[*which, name]) for name in recordings)]
+            [*which, *(form.format(float(np.mean(cells[*which, name]))) for name in columns)]
             for which in dict.fromkeys((row["inputs"], row["model"]) for row in shown)
         ],
     )
 
 
 def _compared(rows: Rows) -> Rows:
-    """Return the error of ours less that of each other model, paired by kind of motion."""
+    """Return the error of ours less that of each other model, by kind of motion or rubber."""
     lost = {(row["inputs"], row["model"], row["recording_id"]): row["rms_percent"] for row in rows}
-    kinds = {row["recording_id"]: row["kind"] for row in rows}
+    of = {row["recording_id"]: row["specimen"] for row in rows}
     return [
         {
             "inputs": inputs,
             "rival": rival,
             **paired_difference(
-                [lost[inputs, "ours", name] for name in kinds],
-                [lost[inputs, rival, name] for name in kinds],
-                [*kinds.values()],
+                [lost[inputs, "ours", name] for name in of],
+                [lost[inputs, rival, name] for name in of],
+                [*of.values()],
                 statistic=np.mean,
             ).as_json(),
         }
