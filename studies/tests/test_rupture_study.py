@@ -14,6 +14,7 @@ from palpate.errors import InputError
 from palpate.estimate.damage_learning import follow_closing, read_closings
 from palpate_studies import rupture
 from palpate_studies.catalogue import STUDIES
+from palpate_studies.other_closings import other_closings
 from palpate_studies.rupture_published import published_scores
 
 ROW_KEYS = {
@@ -141,3 +142,20 @@ def test_too_few_fruit_end_in_one_line(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_the_study_is_listed() -> None:
     assert STUDIES["rupture"][0] == "palpate_studies.rupture"
+
+
+def test_fruit_of_two_ripenesses_is_judged_without_files(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = other_closings(seed=3)[:45]
+    for kind in ("layered", "foam", "dough"):
+        borne_mm = [np.ptp(c.samples[:, 0]) for c in few if c.fruit == kind]
+        assert np.ptp(borne_mm) > 1.0
+    monkeypatch.setattr(rupture, "other_closings", lambda: few)
+    assert run_study(["--second", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["second_generator"] is True
+    assert result["provenance"][0].startswith("Simulated (second generator)")
+    assert {row["rival"] for row in result["compared"]} >= {"stiffness rule", "cap per fruit"}
+    assert run_study([]) == 2
+    assert "either --curves and --index or --second" in capsys.readouterr().err

@@ -15,6 +15,7 @@ from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, NOMINAL_RATE, DamageModel, half_load
 from palpate.estimate.damage_learning import FruitClosing, learn_damage, read_closings, split
 from palpate_studies import rupture_told
+from palpate_studies.other_closings import other_closings
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.rupture_policies import (
@@ -43,10 +44,19 @@ if TYPE_CHECKING:
 
 Learnt = TypeVar("Learnt")
 
+CurvesOption = Annotated[Path | None, typer.Option(help="Closings until rupture.", metavar="CSV")]
+IndexOption = Annotated[Path | None, typer.Option(help="Their rupture forces.", metavar="CSV")]
+SecondOption = Annotated[
+    bool,
+    typer.Option(
+        "--second", help="Simulated fruit of two ripenesses that rupture at a deformation."
+    ),
+]
+
 
 def command(
-    curves: Annotated[Path, typer.Option(help="Closings to learn from.", metavar="CSV")],
-    index: Annotated[Path, typer.Option(help="Their rupture forces.", metavar="CSV")],
+    curves: CurvesOption = None,
+    index: IndexOption = None,
     test_curves: Annotated[
         Path | None, typer.Option(help="Closings to test on; without, 5 folds.", metavar="CSV")
     ] = None,
@@ -56,6 +66,7 @@ def command(
     nominal_rate: Annotated[
         float, typer.Option(help="Share of fruit that the guard may let rupture.")
     ] = NOMINAL_RATE,
+    second: SecondOption = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -67,17 +78,43 @@ def command(
         raise InputError("--test-curves and --test-index go together; give both or neither")
     if not 0 < nominal_rate < 1:
         raise InputError(f"--nominal-rate {nominal_rate}: it must lie between 0 and 1")
-    closings = read_closings(curves, index)
+    closings = closings_of(curves, index, second=second)
     if test_curves is None or test_index is None:
         splits = split(closings)
         how = f"{FOLDS}-fold cross-validation"
     else:
         splits = [(closings, read_closings(test_curves, test_index))]
         how = f"learned from {index}, tested on {test_index}"
-    _report(splits, how=how, nominal_rate=nominal_rate).emit(as_json=as_json, out=out)
+    report = _report(splits, how=how, nominal_rate=nominal_rate, second=second)
+    report.emit(as_json=as_json, out=out)
 
 
-def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
+def closings_of(curves: Path | None, index: Path | None, *, second: bool) -> list[FruitClosing]:
+    """Return the closings of two files, or those of the second generator.
+
+    Raises
+    ------
+    InputError
+        If neither or both are asked for.
+    """
+    if second and curves is None and index is None:
+        return other_closings()
+    if second or curves is None or index is None:
+        raise InputError("give either --curves and --index or --second")
+    return read_closings(curves, index)
+
+
+def origin(*, second: bool) -> str:
+    """Return what the closings are, for a report."""
+    if not second:
+        return "Real recordings of fruit closed on until rupture"
+    return (
+        "Simulated (second generator): fruit with a skin, of foam and of dough, each kind of two "
+        "ripenesses that rupture at a deformation of their own whatever the stiffness"
+    )
+
+
+def _report(splits: Splits, *, how: str, nominal_rate: float, second: bool) -> StudyReport:
     rows = _guarded(splits, known=True, nominal_rate=nominal_rate)
     rows_unknown = _guarded(splits, known=False, nominal_rate=nominal_rate)
     tested = [closing for _, test in splits for closing in test]
@@ -86,7 +123,7 @@ def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
     compared = compare(methods, closings=tested)
     given = rupture_told.told_half_load(splits)
     provenance = (
-        f"Real recordings of fruit closed on until rupture; {how}.",
+        f"{origin(second=second)}; {how}.",
         f"Guard at a nominal rupture rate of {nominal_rate:.1%}; every sample used precedes the "
         "decision.",
         "Trade-off: each method's setting is chosen for a nominal rate on the training fruit alone "
@@ -109,6 +146,7 @@ def _report(splits: Splits, *, how: str, nominal_rate: float) -> StudyReport:
         ],
         payload={
             "study": "rupture",
+            "second_generator": second,
             "provenance": list(provenance),
             "nominal_rate": nominal_rate,
             "rows": rows,

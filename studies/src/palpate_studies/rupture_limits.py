@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 from palpate.commands.options import JsonOption
@@ -17,12 +15,18 @@ from palpate.estimate.damage_learning import (
     at_half_load,
     copies,
     learn_damage,
-    read_closings,
     split,
 )
 from palpate_studies.protocol.parts import Learned
 from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.rupture import compare
+from palpate_studies.rupture import (
+    CurvesOption,
+    IndexOption,
+    SecondOption,
+    closings_of,
+    compare,
+    origin,
+)
 from palpate_studies.rupture_learners import features, learned_scores, learners
 from palpate_studies.rupture_policies import Scored, our_scores
 from palpate_studies.rupture_published import PUBLISHED, published_scores
@@ -42,8 +46,9 @@ _FIFTH = 1.2
 
 
 def command(
-    curves: Annotated[Path, typer.Option(help="Closings until rupture.", metavar="CSV")],
-    index: Annotated[Path, typer.Option(help="Their rupture forces.", metavar="CSV")],
+    curves: CurvesOption = None,
+    index: IndexOption = None,
+    second: SecondOption = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -51,12 +56,13 @@ def command(
 
     Example: palpate study rupture-limits --curves fruit.csv.gz --index fruit_index.csv
     """
-    closings = read_closings(curves, index)
+    closings = closings_of(curves, index, second=second)
     copied = copies(closings)
-    report([c for c in closings if c.grasp_id not in copied]).emit(as_json=as_json, out=out)
+    kept = [c for c in closings if c.grasp_id not in copied]
+    report(kept, second=second).emit(as_json=as_json, out=out)
 
 
-def report(closings: Sequence[FruitClosing]) -> StudyReport:
+def report(closings: Sequence[FruitClosing], *, second: bool = False) -> StudyReport:
     """Put our line and the learners, tested on the same parts, into one report."""
     splits = split(closings)
     tested = [closing for _, test in splits for closing in test]
@@ -86,7 +92,7 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
     methods = [Method(name, each, _settings(each, splits)) for name, each in scores.items()]
     entries = tradeoff(methods, closings=tested)
     provenance = (
-        f"Real recordings of fruit closed on until rupture, copies left out; {FOLDS}-fold.",
+        f"{origin(second=second)}, copies left out; {FOLDS}-fold.",
         "Learners are given all of each curve that came before: stiffness over several stretches, "
         "bend, roughness, force lost on the way, sampling, size, force; one is trained for each "
         "fruit. They show what the curves hold, and are no part of palpate.",
@@ -101,6 +107,7 @@ def report(closings: Sequence[FruitClosing]) -> StudyReport:
         tables=[_error_table(errors), _firmness_table(entries)],
         payload={
             "study": "rupture-limits",
+            "second_generator": second,
             "provenance": list(provenance),
             "mean_abs_error_percent": errors,
             "tradeoff": entries,
