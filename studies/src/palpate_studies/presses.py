@@ -256,10 +256,13 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
 
 def _second_report() -> StudyReport:
     tables: list[Table] = []
+    rows: dict[str, Any] = {}
     scores: dict[str, Any] = {}
     for motion in MOTIONS:
-        shown, scores[motion] = _scored(_answered([*folds(other_presses(motion))]))
+        shown, found = _scored(_answered([*folds(other_presses(motion))]))
         tables += [replace(one, title=f"{motion.capitalize()}: {one.title}") for one in shown]
+        rows[motion] = found.pop("rows")
+        scores[motion] = found
     return StudyReport(
         name="presses",
         title="Force now on simulated sheets of another law (second generator)",
@@ -272,7 +275,7 @@ def _second_report() -> StudyReport:
             *_MODELS,
         ),
         tables=tables,
-        payload={"second_generator": True, **scores},
+        payload={"second_generator": True, "rows": rows, **scores},
     )
 
 
