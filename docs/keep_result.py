@@ -15,7 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from palpate_studies.scoreboard import keep
+from palpate_studies.scoreboard import code_hash, keep
 
 #: `palpate` of this interpreter, installed or not on the path.
 RUN = "import sys; from palpate.cli import main; sys.exit(main())"
@@ -26,6 +26,8 @@ def main() -> None:
     end = sys.argv.index("--")
     name, origin, keys, *note = sys.argv[1:end]
     arguments = ["study", *sys.argv[end + 1 :]]
+    # Before the study runs: the code may change while it does.
+    ran = code_hash()
     done = subprocess.run(
         [sys.executable, "-c", RUN, *arguments, "--json"],
         check=True,
@@ -41,6 +43,7 @@ def main() -> None:
         origin=origin,
         figures={key: document[key] for key in keys.split(",")},
         note=" ".join(note),
+        code_sha256=ran,
     )
 
 

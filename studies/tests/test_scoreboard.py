@@ -18,6 +18,7 @@ from palpate_studies.scoreboard import (
     Claim,
     as_first_table,
     as_table,
+    code_hash,
     keep,
     quotes,
     read_claims,
@@ -86,23 +87,37 @@ def docs(tmp_path: Path) -> Path:
         docs=tmp_path,
         command="palpate study one --second",
         origin="simulated",
-        figures={"error": 0.5},
+        figures={
+            "error": 0.5,
+            "pair": {"difference": 0.3, "low": 0.1, "high": 0.4, "verdict": "rival"},
+        },
+        code_sha256="0" * 64,
     )
     (tmp_path / "claims.toml").write_text(
         '[[claim]]\nname = "x"\nclaim = "error"\nresult = "one"\ncount = "3"\n'
         'ours = "{100*rows[method=a, b]/error:.1f} %"\nrival = "{rows[method=c]/error}"\n'
         'rival_name = "c"\ndifference = "pair"\nverdict = "undecided"\n'
         'quotes = [["page.md", "{rows[method=c]/error:.2f}"]]\nsecond_result = "two"\n'
-        'second = "{error:.1f}"\nsecond_quotes = [["page.md", "second {error:.2f}"]]\n'
+        'second = "{error:.1f}"\nsecond_difference = "pair"\nsecond_verdict = "rival"\n'
+        'second_quotes = [["page.md", "second {error:.2f}"]]\n'
     )
     return tmp_path
+
+
+def test_a_kept_result_has_the_hash_of_the_code_that_ran(docs: Path) -> None:
+    hashes = [
+        json.loads((docs / "kept" / f"{name}.json").read_text())["code_sha256"]
+        for name in ("one", "two")
+    ]
+    assert hashes == [code_hash(), "0" * 64]
 
 
 def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     (claim,) = read_claims(docs)
     assert (claim.ours, claim.rival, claim.origin) == ("12.3 %", "0.2", "real")
     assert claim.difference == "-0.100 (-0.200 to +0.010)"
-    assert claim.second == "0.5"
+    assert claim.second == "0.5 (difference +0.300, +0.100 to +0.400)"
+    assert "| **the rival**: 0.5 (difference" in as_table([claim])
     assert quotes(docs) == [("x", "page.md", "0.20"), ("x", "page.md", "second 0.50")]
     assert "| 12.3 % | 0.2 (c) |" in as_table([claim])
 
@@ -111,6 +126,7 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     ("old", "new", "complaint"),
     [
         ('verdict = "undecided"', 'verdict = "ours"', "its interval 'undecided'"),
+        ('second_verdict = "rival"', 'second_verdict = "ours"', "its interval 'rival'"),
         ("method=c]/error}", "method=d]/error}", "0 rows"),
         ('difference = "pair"', 'difference = "pear"', "no 'pear'"),
     ],

@@ -48,6 +48,8 @@ class Claim:
         Who is better: ``ours``, ``rival`` or ``undecided``.
     second : str
         The figure on a second generator or other specimens; empty if there is none yet.
+    second_verdict : str
+        Who is better there: ``ours``, ``rival`` or ``undecided``; empty if nothing was compared.
     command, note : str
         What regenerates it, and what else must be stated.
     first_page : bool
@@ -64,6 +66,7 @@ class Claim:
     difference: str
     verdict: str
     second: str
+    second_verdict: str
     command: str
     note: str
     first_page: bool
@@ -99,20 +102,17 @@ def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
     def filled(key: str) -> str:
         return _filled(row.get(key, ""), kept["figures"], claim=row["name"])
 
-    difference, verdict = "", row["verdict"]
+    verdict, difference = row["verdict"], ""
     if "difference" in row:
-        found = _looked_up(row["difference"], kept["figures"], claim=row["name"])
-        if found["verdict"] != verdict:
-            raise InputError(
-                f"claims.toml: {row['name']} says {verdict!r}, its interval {found['verdict']!r}"
-            )
-        scale, form = row.get("scale", 1.0), row.get("form", "+.3f")
-        ends = [f"{scale * found[key]:{form}}" for key in ("difference", "low", "high")]
-        difference = f"{ends[0]} ({ends[1]} to {ends[2]})"
-    second = row.get("second", "")
-    if second and "second_result" in row:
+        ends = _compared(row, "difference", kept["figures"], verdict=verdict)
+        difference = "{} ({} to {})".format(*ends)
+    second, second_verdict = row.get("second", ""), row.get("second_verdict", "")
+    if "second_result" in row:
         figures = _kept(docs, row["second_result"])["figures"]
         second = _filled(second, figures, claim=row["name"])
+        if "second_difference" in row:
+            ends = _compared(row, "second_difference", figures, verdict=second_verdict)
+            second += " (difference {}, {} to {})".format(*ends)
     return Claim(
         name=row["name"],
         claim=row["claim"],
@@ -124,10 +124,28 @@ def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
         difference=difference,
         verdict=verdict,
         second=second,
+        second_verdict=second_verdict,
         command=kept["command"],
         note=filled("note"),
         first_page=row.get("first_page", False),
     )
+
+
+def _compared(row: Mapping[str, Any], key: str, figures: Any, *, verdict: str) -> list[str]:
+    """Return a difference and the ends of its interval as text.
+
+    Raises
+    ------
+    InputError
+        If the claim states another verdict than the interval supports.
+    """
+    found = _looked_up(row[key], figures, claim=row["name"])
+    if found["verdict"] != verdict:
+        raise InputError(
+            f"claims.toml: {row['name']} says {verdict!r}, its interval {found['verdict']!r}"
+        )
+    scale, form = row.get("scale", 1.0), row.get("form", "+.3f")
+    return [f"{scale * found[end]:{form}}" for end in ("difference", "low", "high")]
 
 
 def _kept(docs: Path, name: str) -> dict[str, Any]:
@@ -175,6 +193,7 @@ def keep(
     origin: str,
     figures: Mapping[str, Any],
     note: str = "",
+    code_sha256: str | None = None,
 ) -> Path:
     """Write what a study gave to `docs/kept`, with what made it.
 
@@ -192,12 +211,14 @@ def keep(
         The part of the study's JSON that claims may quote.
     note : str
         Seeds, looks, and what was cut short.
+    code_sha256 : str, optional
+        `code_hash` when the study began; without, the present one.
     """
     document = {
         "command": command,
         "origin": origin,
         "made_on": date.today().isoformat(),
-        "code_sha256": code_hash(),
+        "code_sha256": code_sha256 or code_hash(),
         "note": note,
         "figures": figures,
     }
@@ -229,7 +250,7 @@ def as_table(claims: Sequence[Claim]) -> str:
             f"{one.rival} ({one.rival_name})",
             one.difference or "not paired",
             _VERDICTS[one.verdict],
-            one.second or "none yet",
+            _with_verdict(one) or "none yet",
             f"`{one.command}`",
         )
         for one in claims
@@ -237,14 +258,27 @@ def as_table(claims: Sequence[Claim]) -> str:
     return _markdown((*columns, "second generator", "command"), rows)
 
 
+def _with_verdict(one: Claim) -> str:
+    """Return the second generator's figures, led by who is better there."""
+    if not one.second_verdict:
+        return one.second
+    return f"**{_VERDICTS[one.second_verdict]}**: {one.second}"
+
+
 def as_first_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of the few claims that the first page shows."""
     rows = [
-        (one.claim, one.count, one.ours, f"{one.rival} ({one.rival_name})", _VERDICTS[one.verdict])
+        (
+            one.claim,
+            one.count,
+            one.ours,
+            f"{one.rival} ({one.rival_name})",
+            f"{_VERDICTS[one.verdict]}; {_VERDICTS.get(one.second_verdict, 'not compared')}",
+        )
         for one in claims
         if one.first_page
     ]
-    return _markdown(("", "n", "ours", "strongest rival", "better"), rows)
+    return _markdown(("", "n", "ours", "strongest rival", "better; on simulated others"), rows)
 
 
 def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
