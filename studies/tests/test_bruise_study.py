@@ -13,7 +13,7 @@ from tests.pdf_fonts import check_all_fonts
 from palpate.produce.bruise.model import BruiseModel
 from palpate_studies import bruise, bruise_data
 from palpate_studies.bruise_data import Examined, examine
-from palpate_studies.bruise_scores import CHANGE, SAME_WIDTH, THRESHOLD, Scored, area
+from palpate_studies.bruise_scores import CHANGE, SAME_WIDTH, THRESHOLD, Scored, area, area_lost
 from palpate_studies.bruise_table6 import CLOSURE_MM, COLUMNS, DROPPED, SIZE_MM, grasped
 from palpate_studies.bruise_tables import reliability
 from palpate_studies.fruit_ranges import BRUISES
@@ -74,6 +74,7 @@ def test_the_report_holds_every_way_and_writes_its_models(
         assert all(0 <= way["auc"] <= 1 for way in ways.values())
         assert set(document["table6"][level]["recorded, 20 s"]) == set(COLUMNS)
         assert document["apples"][level]["learn"] == 20
+        assert sum(row["level"] == level for row in document["compared"]) == 6
         assert level in models[level][2.5].learned_on
     assert "Calibration inputs" in " ".join(found.provenance)
     found.write(tmp_path)
@@ -105,3 +106,16 @@ def test_reliability_bins_hold_their_shares() -> None:
     assert first["low"] < 0.05 < first["high"]
     assert (last["bruised"], last["sides"]) == (1.0, 20)
     assert one.found() == pytest.approx(20 / 21)
+
+
+def test_an_area_is_compared_on_the_same_drawn_sensors() -> None:
+    truth, sensors = np.array([True, False] * 20), [str(place // 4) for place in range(40)]
+    noise = np.random.default_rng(1).standard_normal((2, 40))
+    good, poor = (
+        Scored(bruised=truth, score=shift * truth + one, sensors=sensors)
+        for shift, one in zip((4.0, 0.5), noise, strict=True)
+    )
+    found = area_lost(good, poor)
+    assert found.value == pytest.approx(poor.auc - good.auc)
+    assert (found.verdict, found.cases, found.specimens) == ("ours", 40, 10)
+    assert area_lost(good, good).verdict == "undecided"

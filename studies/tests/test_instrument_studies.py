@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -164,3 +165,17 @@ def test_a_fixture_keeps_a_ball_near_the_middle() -> None:
         return spread
 
     assert max(shares(fixture=True)) < 0.6 * max(shares(fixture=False))
+
+
+def test_a_pixel_at_the_end_of_its_converter_reads_the_least_that_it_can_show() -> None:
+    session = Session(
+        1,
+        level="field",
+        remade=lambda sheet: replace(sheet, gain=1e4 * sheet.gain, saturation=1e6),
+    )
+    pad = drawn("dragonskin-30", seed=1)
+    session.place(pad)
+    reading = session.grasp(pad.size_mm, width_mm=pad.size_mm - 3.0, hold_s=1.0)
+    least_ohm = session.world.layout.divider.least_ohm
+    assert reading.ohm.min() == pytest.approx(least_ohm)
+    assert np.isfinite(reading.excess)

@@ -21,6 +21,7 @@ from palpate_studies.bruise_scores import (
     SAME_WIDTH,
     THRESHOLD,
     Scored,
+    area_lost,
     locate,
     models_of,
     score_all,
@@ -135,6 +136,7 @@ def report(
             **_table6(made),
             "apples": {level: _counts(examined, level) for level in LEVELS},
             "ways": {level: _ways(scores[level]) for level in LEVELS},
+            "compared": [row for level in LEVELS for row in _compared(level, scores[level])],
             "by_diameter": sizes,
             "beyond": beyond,
             "places": places,
@@ -162,6 +164,20 @@ def _ways(scores: Mapping[str, Scored]) -> dict[str, dict[str, object]]:
         name: {"auc": one.auc, "interval": one.interval(), "found": one.found()}
         for name, one in scores.items()
     }
+
+
+def _compared(level: str, scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
+    """Return ours against each way that needs no learning, paired by sensor."""
+    return [
+        {
+            "level": level,
+            "ours": label,
+            "rival": rival,
+            **area_lost(scores[way(names, EARLY_S)], scores[rival]).as_json(),
+        }
+        for names, label in SHOWN.items()
+        for rival in (THRESHOLD, CHANGE, SAME_WIDTH)
+    ]
 
 
 def _counts(examined: Sequence[Examined], level: str) -> dict[str, int]:

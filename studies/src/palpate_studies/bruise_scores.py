@@ -16,6 +16,7 @@ from palpate.produce.bruise.model import REFERENCES, BruiseModel, at_share
 from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined
+from palpate_studies.protocol.paired import Difference, IntArray, drawn_difference
 
 #: Ways that need no learning: the paper's mean over all pixels after 20 s.
 THRESHOLD = "threshold on the 20 s mean"
@@ -82,6 +83,16 @@ def area(bruised: FloatArray | np.ndarray, score: FloatArray) -> float:
         return float("nan")
     ranks = rankdata(score)
     return float((ranks[truth].sum() - many * (many + 1) / 2) / (many * rest))
+
+
+def area_lost(ours: Scored, rival: Scored) -> Difference:
+    """Return what ours lacks of a whole area under the ROC curve, less what a rival lacks."""
+
+    def of(chosen: IntArray) -> np.floating:
+        truth = ours.bruised[chosen]
+        return np.float64(area(truth, rival.score[chosen]) - area(truth, ours.score[chosen]))
+
+    return drawn_difference(of, ours.sensors)
 
 
 def models_of(learned: Sequence[Examined], *, level: str) -> dict[float, BruiseModel]:

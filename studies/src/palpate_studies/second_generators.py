@@ -11,7 +11,14 @@ import typer
 from palpate.commands.options import JsonOption
 from palpate.produce.bruise.model import default_model
 from palpate_studies.bruise_data import Examined, as_drawn, examine
-from palpate_studies.bruise_scores import EARLIER, FIRST_MET, area, felt_of, log_odds
+from palpate_studies.bruise_scores import (
+    EARLIER,
+    FIRST_MET,
+    area_lost,
+    felt_of,
+    log_odds,
+    scored,
+)
 from palpate_studies.other_fruit import WAYS, corky, other_avocado
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
@@ -121,16 +128,23 @@ def _ripe(days: Sequence[VirtualDay]) -> dict[str, Any]:
 
 
 def _bruised(found: Sequence[Examined]) -> dict[str, Any]:
-    truth, felt, model = np.array([one.bruised for one in found]), felt_of(found), default_model()
+    felt, model = felt_of(found), default_model()
     change = [
         one.presses["same_width"].mean_percent - one.presses["before"].mean_percent for one in found
     ]
+    scores = {
+        "with_an_earlier_record": log_odds(felt, model, EARLIER),
+        "first_met": log_odds(felt, model, FIRST_MET),
+        "the_papers_way": np.array(change),
+    }
+    each = {name: scored(found, score) for name, score in scores.items()}
     return {
         "apples": len(found),
         "sensors": len({one.sensor for one in found}),
-        "area_with_an_earlier_record": area(truth, log_odds(felt, model, EARLIER)),
-        "area_first_met": area(truth, log_odds(felt, model, FIRST_MET)),
-        "area_the_papers_way": area(truth, np.array(change)),
+        **{f"area_{name}": one.auc for name, one in each.items()},
+        "lost_less_the_papers_way": area_lost(
+            each["with_an_earlier_record"], each["the_papers_way"]
+        ).as_json(),
     }
 
 

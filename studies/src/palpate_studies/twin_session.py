@@ -128,13 +128,18 @@ class Session:
         return np.asarray(self.read(SETTLED_MEAN_S).mean(axis=0))
 
     def read(self, duration_s: float) -> FloatArray:
-        """Read frames for this long; resistances, shape (frames, rows, cols)."""
+        """Read frames for this long; resistances, shape (frames, rows, cols).
+
+        A pixel at the end of its converter has the least resistance that it can show, as in a
+        grasp and in a calibration.
+        """
         array, counts = TwinArray(self.world), []
         until_s = self.world.clock.now_s() + duration_s
         while self.world.clock.now_s() < until_s - 1e-9:
             counts.append(array.read(timeout_s=1.0).counts)
         array.close()
-        return resistance_ohm(np.stack(counts), divider=self.world.layout.divider)
+        divider = self.world.layout.divider
+        return np.maximum(resistance_ohm(np.stack(counts), divider=divider), divider.least_ohm)
 
     def close_to(self, width_mm: float, *, speed_mm_per_s: float = SPEED_MM_PER_S) -> None:
         """Send the fingers to a width."""

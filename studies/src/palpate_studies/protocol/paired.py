@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import FloatArray
 from palpate_studies.bootstrap import bootstrap_interval
 
 LEVEL, DRAWS, SEED = 0.9, 2000, 20
 WIN, LOSS, TIE = "ours", "rival", "undecided"
+IntArray: TypeAlias = NDArray[np.int_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,17 +108,43 @@ def paired_difference(
     if not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise ValueError("a loss is not finite; give every case a loss")
 
-    def of_drawn(drawn: FloatArray) -> np.floating[Any]:
-        chosen = drawn.astype(int)
-        return np.float64(statistic(a[chosen]) - statistic(b[chosen]))
+    return drawn_difference(
+        lambda chosen: np.float64(statistic(a[chosen]) - statistic(b[chosen])), specimens
+    )
 
+
+def drawn_difference(
+    of: Callable[[IntArray], np.floating[Any]], specimens: Sequence[str]
+) -> Difference:
+    """Return a difference that is no statistic of single losses, with its interval.
+
+    Parameters
+    ----------
+    of : callable
+        Indices of drawn cases -> loss of ours minus that of a rival on them, such as of areas
+        under ROC curves.
+    specimens : sequence of str, length cases
+        What each case belongs to.
+
+    Examples
+    --------
+    >>> worse = np.array([0.1, 0.2, 0.1, 0.4])
+    >>> drawn_difference(lambda chosen: worse[chosen].max(), ["a", "a", "b", "c"]).value
+    0.4
+    """
+    every = np.arange(len(specimens))
     low, high = bootstrap_interval(
-        np.arange(a.size, dtype=float),
+        every.astype(float),
         specimens,
-        statistic=of_drawn,
+        statistic=lambda drawn: of(drawn.astype(int)),
         level=LEVEL,
         draws=DRAWS,
         seed=SEED,
     )
-    value = float(statistic(a) - statistic(b))
-    return Difference(value=value, low=low, high=high, cases=a.size, specimens=len(set(specimens)))
+    return Difference(
+        value=float(of(every)),
+        low=low,
+        high=high,
+        cases=len(every),
+        specimens=len(set(specimens)),
+    )
