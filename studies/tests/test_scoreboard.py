@@ -152,3 +152,16 @@ def test_a_figure_changed_on_a_page_or_in_a_result_is_noticed(tmp_path: Path) ->
     assert with_table(page, as_first_table(read_claims(tmp_path))) != page
     with pytest.raises(InputError, match="needs one"):
         with_table("no marks", "")
+
+
+def test_the_notes_on_the_paper_count_misses_as_the_results_page_does() -> None:
+    counted = re.findall(
+        r"Missed of (Table \d) by the (family|level) ([\w-]+), within its rounding: (.*)\.",
+        (DOCS / "results.md").read_text(),
+    )
+    assert len(counted) == 7
+    notes = (DOCS / "paper-notes.md").read_text()
+    for table, of, name, counts in counted:
+        found = {word: count for count, word in re.findall(r"(\d+ of \d+) (\w+)", counts)}
+        fitted, predicted = found.get("fitted", "-"), found["predicted"]
+        assert f"| {table}, {of} `{name}` | {fitted} | {predicted} |" in notes

@@ -171,7 +171,7 @@ def _asked(
     return found
 
 
-def _against(given: Sequence[Answer], level: str) -> list[dict[str, Any]]:
+def against_lda(given: Sequence[Answer], level: str) -> list[dict[str, Any]]:
     """Return ours against the discriminant analysis at equal grasps, paired by item.
 
     An item's loss is 1 where its answer, a kind or unknown, is not true.
@@ -239,7 +239,7 @@ def report(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyR
             "second_generator": second,
             "false_reject": FALSE_REJECT,
             "summary": summary,
-            "against_lda": [row for level in levels for row in _against(given, level)],
+            "against_lda": [row for level in levels for row in against_lda(given, level)],
             "reliability": {level: reliability(best, level) for level in levels},
             "rows": [as_row(one) for one in best],
         },

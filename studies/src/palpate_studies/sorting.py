@@ -30,6 +30,8 @@ from palpate_studies.identify import (
     CratesOption,
     ItemsOption,
     SensorsOption,
+    against_lda,
+    answers,
     crates_of,
     identifiers,
 )
@@ -174,7 +176,7 @@ def _belongs(item: CrateItemGrasps, book: RuleBook) -> str:
 
 def report(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> StudyReport:
     """Put all ways of sorting into tables and a figure."""
-    found = runs(crates, book=book)
+    found, given = runs(crates, book=book), answers(crates)
     sorting = [item for item in crates if not item.teaches]
     damaged = sum(item.damaged for item in sorting)
     return StudyReport(
@@ -198,6 +200,11 @@ def report(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> Study
             "items": len(sorting),
             "damaged": damaged,
             "summary": [_summary(run) for run in found],
+            "against_lda": [
+                row
+                for level in dict.fromkeys(run.level for run in found)
+                for row in against_lda(given, level)
+            ],
         },
         figures={"sorting-purity": lambda: purity_figure([_summary(run) for run in found])},
     )
