@@ -85,6 +85,7 @@ def _scores(each: Sequence[FollowedForce], settled: Sequence[FollowedForce]) -> 
     own = [log - np.median(log) for log in logs]
     return {
         "rms_error_n": _rms_n(each),
+        "median_sheet_rms_n": _median_sheet_rms_n(each),
         "share_of_settled": _rms_n(each) / _rms_n(settled),
         "rms_log_error": float(np.sqrt(np.mean(np.concatenate(logs) ** 2))),
         "rms_log_error_own_gain_out": float(np.sqrt(np.mean(np.concatenate(own) ** 2))),
@@ -116,6 +117,12 @@ def _rms_n(each: Sequence[FollowedForce]) -> float:
     return float(rms(_errors_n(each)))
 
 
+def _median_sheet_rms_n(each: Sequence[FollowedForce]) -> float:
+    """Return the RMS error of the median sheet: a few that go astray decide over all together."""
+    sheets = dict.fromkeys(one.sensor for one in each)
+    return float(np.median([_rms_n([o for o in each if o.sensor == name]) for name in sheets]))
+
+
 def _errors_n(each: Sequence[FollowedForce]) -> FloatArray:
     return np.concatenate([one.value_n - one.force_n for one in each])
 
@@ -124,6 +131,7 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
     summary = _summary(runs)
     columns = {
         "rms_error_n": "RMS error, N",
+        "median_sheet_rms_n": "of the median sheet, N",
         "share_of_settled": "of settled's",
         "rms_log_error": "RMS ln error",
         "rms_log_error_own_gain_out": "own gain out",
