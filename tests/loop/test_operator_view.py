@@ -191,6 +191,24 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         release(page)
 
 
+def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address: str) -> None:
+    with at(browser, address, SIZES["wide"]) as page:
+        target = page.get_by_label("Target force").first
+        target.fill("14")
+        can_press(page, "#grasp")
+        page.locator("#grasp").click()
+        verdict(page, "holding")
+        release(page)
+        verdict(page, "the object was damaged")
+        target.fill("")
+        page.goto(f"{address}operate")
+        verdict(page, "Damaged")
+        expect(page.locator("#next-text")).to_have_text("Set this item aside")
+        expect(page.locator("#verdict-why")).to_contain_text("held and given back")
+        expect(page.locator("#verdict-why")).not_to_contain_text("damaged")
+        fits(page)
+
+
 def test_a_reload_and_a_drop_of_the_network_leave_a_hold_and_a_form(
     browser: Browser, address: str
 ) -> None:

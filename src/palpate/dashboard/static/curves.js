@@ -33,8 +33,11 @@ function shared(doc) {
   return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), touched, kept: kept.filter(([time]) => time >= start && time <= end), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
 }
 
+// A large screen is looked at from further away.
+const LARGE = matchMedia("(min-width: 1800px) and (min-height: 1000px)"), zoom = () => (LARGE.matches ? 1.35 : 1);
+
 function canvas(svg, view, [low, high]) {
-  const width = svg.clientWidth || 400, height = svg.clientHeight || 240;
+  const width = (svg.clientWidth || 400) / zoom(), height = (svg.clientHeight || 240) / zoom();
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   const x = (time) => BOX.l + ((time - view.start) / (view.end - view.start)) * (width - BOX.l - BOX.r);
   const y = (v) => BOX.t + ((high - v) / (high - low)) * (height - BOX.t - BOX.b);
@@ -146,7 +149,7 @@ function reading(c, view, svg, column, words) {
 export function begin() {
   document.addEventListener("pointermove", (event) => {
     const svg = event.target.closest?.("#force, #curve");
-    pointed = svg ? event.clientX - svg.getBoundingClientRect().left : null;
+    pointed = svg ? (event.clientX - svg.getBoundingClientRect().left) / zoom() : null;
   });
 }
 

@@ -12,11 +12,12 @@ const STATUS = { too_short: t("short hold"), not_settling: t("not settling"), sa
 // -- words and numbers -----------------------------------------------------------------------------
 function bar(one) {
   const marks = [one.low, one.value, one.high, ...(typeof one.truth === "number" ? [one.truth] : [])].filter((v) => v !== null);
-  const low = Math.min(...marks), span = Math.max(...marks) - low || 1, x = (v) => 8 + ((v - low) / span) * 184;
+  const low = Math.min(...marks), span = Math.max(...marks) - low || 1, x = (v) => `${(4 + (92 * (v - low)) / span).toFixed(2)}%`;
   const inside = one.low <= one.truth && one.truth <= one.high;
-  return `<svg viewBox="0 0 200 18" preserveAspectRatio="none" aria-hidden="true"><line x1="${x(one.low)}" x2="${x(one.high)}" y1="12" y2="12" stroke="var(--accent)" stroke-width="3"/>
+  // Places in percent, marks in pixels: a wide card must not stretch them.
+  return `<svg aria-hidden="true"><line x1="${x(one.low)}" x2="${x(one.high)}" y1="12" y2="12" stroke="var(--accent)" stroke-width="3"/>
     <circle cx="${x(one.value)}" cy="12" r="4.5" fill="var(--accent)"/>
-    ${typeof one.truth === "number" ? `<path d="M${x(one.truth) - 5} 0h10l-5 8z" fill="${inside ? "var(--good)" : "var(--bad)"}"/>` : ""}</svg>`;
+    ${typeof one.truth === "number" ? `<svg x="${x(one.truth)}" overflow="visible"><path d="M-5 0h10l-5 8z" fill="${inside ? "var(--good)" : "var(--bad)"}"/></svg>` : ""}</svg>`;
 }
 
 // Without a hand nothing but a force is measured.

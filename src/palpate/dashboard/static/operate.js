@@ -4,12 +4,18 @@ import { begin as beginKiosk } from "/static/kiosk.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";
 
+// What the headline adds to the word above it.
+function beyond(word, text) {
+  const [short, long] = [word.toLowerCase(), text.toLowerCase()];
+  return long.endsWith(short) ? "" : long.startsWith(`${short}: `) ? text.slice(short.length + 2) : text;
+}
+
 function draw(doc) {
   const { verdict, operator, measured } = doc, card = $("verdict");
   card.dataset.kind = verdict.kind;
   $("shape").setAttribute("href", `#shape-${verdict.kind}`);
   headline(card, $("verdict-text"), operator.word);
-  say($("verdict-why"), [verdict.text, ...whys(doc)].filter((part) => part.toLowerCase() !== operator.word.toLowerCase()).join("\u00a0· "));
+  say($("verdict-why"), [beyond(operator.word, verdict.text), ...whys(doc)].filter(Boolean).join("\u00a0· "));
   say($("next-text"), operator.next);
   // An open hand presses nothing; without a hand the pads are pressed by whatever lies on them.
   const pressed = doc.hand === null || ["grasping", "replaying"].includes(doc.activity), now = pressed ? measured.force_now : null;

@@ -98,8 +98,8 @@ function object({ gap, scale, middle }, doc) {
   const known = size && size.value > 0 && scale > 0;
   const across = known ? size.value * scale : Math.min(gap * 0.62, 120);
   const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : t("unknown");
-  const words = across > 60;
-  return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="var(--accent)" fill-opacity="${known ? 0.22 : 0.08}" stroke="var(--accent)" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
+  const words = across > 60, colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
+  return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
     ${words ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
     <text class="soft" x="${middle}" y="136" text-anchor="middle" font-size="${name.length > 14 ? 11 : 13}">${esc(name)}</text>` : ""}`;
 }

@@ -18,8 +18,10 @@ export function headline(box, element, text) {
 const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
 const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0) }) : t("{time} s ago", { time: fixed(s, 1) }));
 
-// What the verdict rests on, in pieces.
-export function whys(doc) {
+// What the verdict rests on, in pieces; no line ends between a number and its unit.
+export const whys = (doc) => pieces(doc).map((part) => part.replace(/(\d) (?=(?:N|s)(?: |$))/g, "$1\u00a0"));
+
+function pieces(doc) {
   const said = doc.verdict, parts = [];
   if (said.why) parts.push(said.why);
   if (said.on_target === true) parts.push(t("target {force} N within the interval", { force: number(said.target_force_n) }));
