@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, Group, JustifyMethod, RenderableType
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from palpate.commands.fitted_table import fitted
 from palpate.sensor.findings import Severity, pixel_name
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 _MARKS = {Severity.FAULT: "[bold red]✗[/]", Severity.ADVICE: "[yellow]![/]"}
 #: Larger arrays would fill the screen: only their odd pixels are listed.
 _LISTED_PIXELS = 16
+#: Characters of each line that the frame takes.
+_FRAME = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,11 +89,16 @@ def print_health(examined: Examined) -> None:
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     summary = "healthy" if health.healthy else f"{faults} fault{'s' if faults > 1 else ''}"
     parts: list[RenderableType] = [Text(summary.capitalize(), style=f"bold {color}"), Text("")]
-    parts += [_pixels(examined), Text(""), _summary(examined)]
+    console = Console(highlight=False)
+    parts += [
+        fitted(_pixels(examined), console=console, taken=_FRAME),
+        Text(""),
+        _summary(examined),
+    ]
     if health.findings:
         parts += [Text(""), _findings(health)]
     subtitle = "[bold yellow]SIMULATED[/]" if examined.simulated else "measured"
-    Console(highlight=False).print(
+    console.print(
         Panel(
             Group(*parts),
             title=f"[bold]{examined.name}[/], {examined.layout.name}",
@@ -108,7 +116,9 @@ def _pixels(examined: Examined) -> Table:
     marks = _marks(examined)
     table = Table(box=None, padding=(0, 2, 0, 0), show_edge=False, header_style="dim")
     for name in ("pixel", "finger", "at rest", "noise", "drift", "one count"):
-        table.add_column(name, justify="left" if name == "pixel" else "right", no_wrap=True)
+        # Numbers stay with their units; the longest name goes on two lines where it must.
+        justify: JustifyMethod = "left" if name == "pixel" else "right"
+        table.add_column(name, justify=justify, no_wrap=name != "one count")
     if marks:
         table.add_column("", no_wrap=True)
     for row in range(layout.rows):

@@ -10,6 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from palpate.commands.fitted_table import fitted
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import About, Source
 from palpate.produce.store.item_history import ItemHistory
@@ -17,6 +18,8 @@ from palpate.produce.store.item_history import ItemHistory
 #: Grasps and verdicts shown on a page: the last ones.
 _SHOWN = 20
 _SIMULATED = "[yellow]~[/]"
+#: Characters of each line that a page's frame takes.
+_FRAME = 6
 
 
 def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
@@ -41,7 +44,7 @@ def print_list(pages: Sequence[ItemHistory], *, more: bool) -> None:
             _value(stiffness, 2),
             Text(", ".join(one.text for one in latest) or "-"),
         )
-    console.print(table)
+    console.print(fitted(table, console=console))
     if any(page.simulated for page in pages):
         console.print(f"{_SIMULATED} simulated on the twin", style="dim")
     if more:
@@ -54,16 +57,15 @@ def print_page(page: ItemHistory) -> None:
     known = (item.kind, item.batch and f"batch {item.batch}", item.label)
     seen = f"first seen {_when(item.first_seen)}" if item.first_seen is not None else None
     facts = "  ·  ".join(filter(None, (*known, seen)))
+    console = Console(highlight=False)
     parts: list[RenderableType] = [Text(facts)]
-    if page.grasps:
-        parts += [Text(""), _grasps(page)]
-    if page.verdicts:
-        parts += [Text(""), _verdicts(page)]
+    for table in [_grasps(page)] * bool(page.grasps) + [_verdicts(page)] * bool(page.verdicts):
+        parts += [Text(""), fitted(table, console=console, taken=_FRAME)]
     if not page.grasps:
         parts.append(Text(f"not grasped yet: palpate grasp --item {item.item_id!r}", style="dim"))
     subtitle = "[bold yellow]SIMULATED on the twin[/]" if page.simulated else None
     title = Text(item.item_id, style="bold")
-    Console(highlight=False).print(
+    console.print(
         Panel(Group(*parts), title=title, subtitle=subtitle, padding=(1, 2), expand=False)
     )
 
@@ -75,7 +77,7 @@ def _grasps(page: ItemHistory) -> Table:
     for grasp in page.grasps[-_SHOWN:]:
         measured = grasp.measurements
         table.add_row(
-            _when(grasp.taken_at).replace(" ", "\n"),
+            _when(grasp.taken_at),
             str(grasp.outcome),
             _band(measured.get("size_mm"), 1),
             _band(measured.get("force_n"), 2),
@@ -110,7 +112,6 @@ def _table(*columns: str) -> Table:
             column.lstrip(">"),
             justify="right" if right else "left",
             overflow="fold",
-            no_wrap=column == "last grasp",
         )
     return table
 

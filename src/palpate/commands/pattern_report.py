@@ -86,6 +86,8 @@ def print_pattern(drawn: Pattern, expected: RestExpectation, files: list[Path]) 
     from rich.console import Console
     from rich.table import Table
 
+    from palpate.commands.fitted_table import fitted
+
     console = Console()
     layers = Table("layer", "material", "file shows it", "because it is", box=None, pad_edge=False)
     for layer in drawn.layers():
@@ -101,7 +103,7 @@ def print_pattern(drawn: Pattern, expected: RestExpectation, files: list[Path]) 
             f"{expected.rest_ohm(contact_mm2=area):.3g}",
         )
     apart_mm = drawn.marks[1][0] - drawn.marks[0][0]
-    console.print(layers)
+    console.print(fitted(layers, console=console))
     console.print()
     console.print(pixels)
     console.print(f"Resistance: {expected.basis}.", highlight=False)

@@ -60,10 +60,12 @@ def print_ripeness(judged: Sequence[Judged]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from palpate.commands.fitted_table import fitted
+
     console = Console(highlight=False)
     table = Table(box=None, header_style="dim")
     for column in ("item", "stage", "chance", "days to ripe", "felt"):
-        table.add_column(column, no_wrap=True)
+        table.add_column(column, no_wrap=column == "chance")
     for one in judged:
         chance = one.ripeness.probabilities[one.ripeness.stage]
         days = len(one.history.days)
@@ -74,7 +76,7 @@ def print_ripeness(judged: Sequence[Judged]) -> None:
             _waiting(one.ripeness.days_to_ripe),
             f"{len(one.history.grasps)} times on {days} day{'s' * (days > 1)}",
         )
-    console.print(table)
+    console.print(fitted(table, console=console))
     if len(judged) == 1:
         console.print(f"\n{explanation(judged[0].ripeness, judged[0].history)}")
         console.print(_days_table(judged[0].history))
