@@ -133,6 +133,7 @@ def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
     bench = replace(on.bench, array=context.watched(on.bench.array))
 
     def reseat(run: int) -> None:
+        """Show which placement it is, and put the load cell between the fingers again."""
         share = run / len(HOLDS_N)
         text = Message(
             "Placing the load cell again: {run} of {runs}", run=run + 1, runs=len(HOLDS_N)
@@ -150,6 +151,7 @@ def _weighed(loads_n: list[float], context: JobContext) -> ForcePairs:
     array, done = context.watched(), iter(range(len(loads_n)))
 
     def place(load_n: float) -> None:
+        """Ask for a weight, and wait for the user to confirm that it lies there."""
         share = next(done) / len(loads_n)
         what = Message("Take every weight away")
         if load_n:

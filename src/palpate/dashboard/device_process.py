@@ -241,6 +241,7 @@ class DeviceProcess:
 
     def _play(self, order: Play) -> None:
         def steered(playback: PlaybackClock) -> None:
+            """Keep the clock of the replay, for the page to seek and pause."""
             self._playback = playback
 
         try:

@@ -48,10 +48,12 @@ def grasp(order: GraspOrder, *, context: JobContext) -> Grasped:
     ) as writer:
 
         def recorder(observation: Observation) -> None:
+            """Write each frame with the gripper's state next to it."""
             writer.add_observation(observation.frame, gripper=observation.gripper)
 
         def react(belief: Belief) -> None:
             # A hand that vents, or was opening already, is stopped only when it is open.
+            """Confirm a stop as soon as the hand opens."""
             if belief.phase is Phase.RELEASE and context.requests.stop.is_set():
                 context.confirm_stop()
 

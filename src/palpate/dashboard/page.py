@@ -152,6 +152,7 @@ def _header(
         shade.props["aria-label"] = tr("Light or dark")
 
     def drives() -> None:
+        """Show who drives, how many watch, and the button to take over."""
         mine = viewer.drives
         others = len(app_state.session.viewers) - 1 if mine else 0
         watchers = tr.many("{n} watches", "{n} watch", others) if others else ""
@@ -209,6 +210,7 @@ def _alerts(app_state: AppState, viewer: Viewer) -> None:
         done.classes("btn main small").props("flat no-caps id=confirm")
 
     def guides() -> None:
+        """Show what a person is to do now, how far it is, and the button that confirms it."""
         guide = app_state.session.devices.guide
         box.set_visibility(guide is not None)
         if guide is None:

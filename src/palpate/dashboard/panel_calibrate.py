@@ -51,6 +51,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
     loads.props("outlined dense")
 
     def start() -> None:
+        """Order a calibration with the weights as typed, none where there is a load cell."""
         weights: tuple[float, ...] = ()
         source = app_state.session.devices.live.source
         if source is None or not source.has_load_cell:
@@ -66,6 +67,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
     viewer.enable_when_allowed(button, Action.CALIBRATE)
 
     def explain() -> None:
+        """Show how newtons are measured on the rig that is open."""
         source = app_state.session.devices.live.source
         cell = source is not None and source.has_load_cell
         simulated = source is not None and source.simulated
@@ -103,6 +105,7 @@ def _result(app_state: AppState, viewer: Viewer) -> None:
     shown: list[Calibrated | CalibrationFailure | None] = [None]
 
     def show() -> None:
+        """Show how the last calibration ended, once."""
         devices = app_state.session.devices
         ended = devices.calibration_failure or devices.calibrated
         if ended is shown[0]:

@@ -36,6 +36,7 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
     shown: list[Health | None] = [None]
 
     def show() -> None:
+        """Show a report when there is a new one."""
         health, source = app_state.session.devices.health, app_state.session.devices.live.source
         if health is None or health is shown[0] or source is None:
             return

@@ -95,6 +95,7 @@ def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
     form = app_state.form
 
     def grasp() -> None:
+        """Order a grasp as the form asks for it, or show why it is refused."""
         try:
             order = app_state.grasp_order(
                 target_force_n=form.target_force_n,
@@ -118,6 +119,7 @@ def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
 
 def _recording(app_state: AppState, viewer: Viewer) -> None:
     def record(wanted: bool) -> None:
+        """Begin or end a recording, unless it is as wanted already."""
         if wanted != (app_state.session.devices.recording is not None):
             viewer.order(Record(app_state.new_recording("watched") if wanted else None))
 
@@ -159,6 +161,7 @@ def _rig(app_state: AppState, viewer: Viewer) -> None:
     simulated.bind_visibility_from(name, "value", backward=lambda rig: rig.startswith("sim-"))
 
     def use() -> None:
+        """Order that the chosen rig is opened."""
         viewer.order(
             OpenRig(
                 name=name.value,

@@ -39,6 +39,7 @@ def items_panel(
         box = ui.html("", sanitize=False).props("id=item-page")
 
     async def show(item_id: str | None) -> None:
+        """Show an item's page, and put it in the address."""
         if not item_id:
             box.set_content("")
             return
@@ -52,6 +53,7 @@ def items_panel(
             box.set_content(item_html(found, tr))
 
     async def look() -> None:
+        """Read the store again: its items, and the one that is shown."""
         try:
             names = await run.io_bound(app_state.item_store.items) or []
         except PalpateError as error:
@@ -74,6 +76,7 @@ def items_panel(
             await show(choice.value)
 
     def open_item(item_id: str) -> None:
+        """Choose an item, whether the list knows it yet or not."""
         names = choice.options if item_id in choice.options else [item_id, *choice.options]
         choice.set_options(names, value=item_id)
 
@@ -114,10 +117,12 @@ def chart(title: str, grasps: Sequence[Grasp], name: str, tr: Language) -> str:
     low, high = min(one.low for _, one in past), max(one.high for _, one in past)
 
     def x(taken_at: datetime) -> float:
+        """Return the place of a moment."""
         share = (taken_at - began).total_seconds() / length_s if length_s else 0.5
         return _LEFT + 10 + share * (_WIDTH - _LEFT - 24)
 
     def y(value: float) -> float:
+        """Return the place of a value."""
         return _TOP + (high - value) / ((high - low) or 1.0) * (_HEIGHT - _TOP - _FOOT - 6)
 
     marks = "".join(

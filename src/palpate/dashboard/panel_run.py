@@ -34,6 +34,7 @@ def run_panel(app_state: AppState, viewer: Viewer) -> None:
     shown = [-1]
 
     def show() -> None:
+        """Show the run again when a grasp was added."""
         if app_state.history.version == shown[0]:
             return
         shown[0] = app_state.history.version

@@ -74,6 +74,7 @@ class Viewer:
         done = False
 
         def checked() -> None:
+            """Do it, unless this viewer may not now."""
             nonlocal done
             why = self._session.refusal(action, viewer=self._id)
             if why:
@@ -91,6 +92,7 @@ class Viewer:
             hint = ui.tooltip("").props('anchor="top middle" self="bottom middle"')
 
         def gated() -> None:
+            """Enable the button, or give the reason why not."""
             why = self._session.refusal(action, viewer=self._id)
             button.set_enabled(not why)
             hint.set_text(self.tr(why))
@@ -102,6 +104,7 @@ class Viewer:
         """Show an element only while the rig has a gripper, or none is open yet."""
 
         def show() -> None:
+            """Show it, or hide it from a sensor alone."""
             element.set_visibility(not self._session.devices.sensor_alone)
 
         self.on_refresh(show, of=element)
