@@ -85,7 +85,8 @@ def init(
     with atomic_path(file) as partial:
         partial.write_text(text)
     print(f"written: {file}\nnext: palpate doctor --rig {file}")
-    print(f"then: palpate calibrate rest --rig {file}, and force and compliance to grasp with it")
+    rest = "force and compliance to grasp with it" if hand else "force to read newtons"
+    print(f"then: palpate calibrate rest --rig {file}, and {rest}")
 
 
 def _port(port: str | None) -> str:

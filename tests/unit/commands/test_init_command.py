@@ -53,6 +53,17 @@ def test_a_matrix_of_your_own_on_two_fingers(tmp_path: Path) -> None:
     assert layout.finger_mask(1)[:, 0].tolist() == [False] * 3 + [True] * 3
 
 
+@pytest.mark.parametrize(
+    ("gripper", "rest"),
+    [("none", "and force to read newtons"), ("dynamixel", "and force and compliance to grasp")],
+)
+def test_the_next_steps_are_those_of_the_rig(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], gripper: str, rest: str
+) -> None:
+    assert init(tmp_path / "rig.toml", "--port", "auto", "--gripper", gripper) == 0
+    assert rest in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("pitch_mm", [0.0, -1.0, float("nan")])
 def test_a_pitch_that_is_none(pitch_mm: float) -> None:
     with pytest.raises(InputError, match="give millimetres between pixel centres"):
