@@ -159,9 +159,14 @@ def _draw_forecast(
         np.array([getattr(estimate, end) for estimate in forecast])
         for end in ("value", "low", "high")
     )
-    axis.plot(times_s, value, color=colour, label=name)
-    axis.plot(times_s[-1:], value[-1:], marker, color=colour)
+    axis.plot(times_s, value, marker, ls="-", markevery=[-1], color=colour, label=name)
     if band and np.isfinite(low).all():
         axis.fill_between(
-            times_s, low, high, color=colour, alpha=0.18, lw=0, label=f"{level:.0%} band of {name}"
+            times_s,
+            low,
+            high,
+            color=colour,
+            alpha=0.18,
+            lw=0,
+            label=f"{100 * level:.0f} % band of {name}",
         )

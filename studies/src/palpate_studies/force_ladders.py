@@ -219,13 +219,17 @@ LOOKS: Mapping[str, tuple[str, str]] = {
 
 def draw(rows: Rows) -> Figure:
     """Draw prediction against load, one panel per ladder, our interval as bars."""
-    from palpate.plots.style import new_figure
+    from palpate.plots.style import legend_below, new_figure
 
     names = list(dict.fromkeys(row["ladder"] for row in rows))
     shown, columns = names[:9], min(len(names), 3)
     lines = -(-len(shown) // columns)
     with new_figure(
-        rows=lines, columns=columns, width_in=3.4 * columns, height_in=2.8 * lines, shared=True
+        rows=lines,
+        columns=columns,
+        width_in=2.4 * columns,
+        height_in=0.4 + 2.5 * lines,
+        shared=True,
     ) as (figure, panels):
         for panel in panels.flat[len(shown) :]:
             panel.set_visible(False)
@@ -236,12 +240,14 @@ def draw(rows: Rows) -> Figure:
             panel.set_xlabel("load (N)")
         for panel in panels[:, 0]:
             panel.set_ylabel("predicted (N)")
-        panels[0, 0].legend()
+        legend_below(figure, panels)
     return figure
 
 
 def _draw_ladder(panel: Any, rows: Rows) -> None:
-    panel.plot([0.3, 15], [0.3, 15], color="#222222", lw=0.8)
+    from palpate.plots.style import log_axis
+
+    panel.plot([0.3, 15], [0.3, 15], color="#222222", lw=0.8, label="exact")
     for model, (colour, marker) in LOOKS.items():
         mine = [row for row in rows if row["model"] == model]
         load, value, low, high = (
@@ -249,9 +255,11 @@ def _draw_ladder(panel: Any, rows: Rows) -> None:
             for key in ("load_n", "predicted_n", "low_n", "high_n")
         )
         if model == "ours":
-            panel.vlines(load, low, high, color=colour, alpha=0.25, lw=2)
+            interval = f"ours, {100 * LEVEL:.0f} % interval"
+            panel.vlines(load, low, high, color=colour, alpha=0.25, lw=2, label=interval)
         panel.plot(load, value, marker, color=colour, ms=4, label=model, alpha=0.85)
-    panel.axvspan(0.3, max(row["load_n"] for row in rows if row["calibration"]), color="#EEEEEE")
-    panel.set(xscale="log", yscale="log", xlim=(0.45, 15), ylim=(0.2, 60))
-    for axis in (panel.xaxis, panel.yaxis):
-        axis.set_major_formatter("{x:g}")
+    given_n = max(row["load_n"] for row in rows if row["calibration"])
+    panel.axvspan(0.3, given_n, color="#EEEEEE", label="weights given")
+    log_axis(panel.xaxis)
+    log_axis(panel.yaxis)
+    panel.set(xlim=(0.45, 15), ylim=(0.2, 60))

@@ -139,8 +139,8 @@ def _worst_drawer(file: Mapping[str, Any], result: FileResult) -> Any:
         holds = {(hold.hold_id, hold.channel): hold for hold in result.holds}
         panels = [
             Panel(
-                title=f"{entry['hold_id']}\n{entry['error_percent']:+.2g} % of settled, "
-                f"{entry['error_of_remaining_percent']:.0f} % of rest",
+                title=f"{entry['hold_id']}\nerror {entry['error_percent']:+.2g} % of settled, "
+                f"{entry['error_of_remaining_percent']:.0f} % of the rest",
                 hold=holds[entry["hold_id"], entry["channel"]],
                 cutoff_s=MAIN_CUTOFF_S,
             )

@@ -243,11 +243,15 @@ def _report(answers: Sequence[Answer]) -> StudyReport:
 
 
 def _figure(answers: Sequence[Answer]) -> Figure:
-    from palpate.plots.style import new_figure
+    from palpate.plots.style import legend_below, new_figure
 
     rows = list(dict.fromkeys((one.gripper, one.squeeze) for one in answers))
     with new_figure(
-        rows=len(rows), columns=len(LEVELS), width_in=8.8, height_in=3.2 * len(rows), shared=True
+        rows=len(rows),
+        columns=len(LEVELS),
+        width_in=7.2,
+        height_in=0.4 + 2.1 * len(rows),
+        shared=True,
     ) as (figure, panels):
         for row, (gripper, squeeze) in zip(panels, rows, strict=True):
             for panel, level in zip(row, LEVELS, strict=True):
@@ -258,16 +262,20 @@ def _figure(answers: Sequence[Answer]) -> Figure:
                 ]
                 _draw(panel, mine)
                 panel.set_title(f"simulated, {level}, {gripper} fingers, {squeeze}")
-            row[0].set_ylabel("reported stiffness (N/mm)\ngrey: no upper end")
+            row[0].set_ylabel("reported stiffness (N/mm)")
         for panel in panels[-1]:
             panel.set_xlabel("true stiffness (N/mm)")
+        legend_below(figure, panels)
     return figure
 
 
 def _draw(panel: Axes, answers: Sequence[Answer]) -> None:
     from palpate.plots.style import log_axis
 
-    for open_above, colour, pale in ((False, "#0072B2", "#88B8DA"), (True, "#777777", "#CCCCCC")):
+    for open_above, colour, pale, label in (
+        (False, "#0072B2", "#88B8DA", "90 % interval"),
+        (True, "#777777", "#CCCCCC", "no upper end"),
+    ):
         mine = [one for one in answers if (one.status == Status.SATURATED) == open_above]
         ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
         panel.errorbar(
@@ -279,8 +287,9 @@ def _draw(panel: Axes, answers: Sequence[Answer]) -> None:
             lw=1,
             color=colour,
             ecolor=pale,
+            label=label,
         )
-    panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#222222", lw=1)
+    panel.plot(RANGE_N_PER_MM, RANGE_N_PER_MM, color="#222222", lw=1, label="exact")
     log_axis(panel.xaxis)
     log_axis(panel.yaxis)
-    panel.set_ylim(RANGE_N_PER_MM[0] / 4, RANGE_N_PER_MM[1] * 12)
+    panel.set_ylim(RANGE_N_PER_MM[0] / 12, RANGE_N_PER_MM[1] * 12)

@@ -200,10 +200,11 @@ def figure_5(holds: Sequence[Hold]) -> Figure:
     with new_figure(columns=2, width_in=9.0, height_in=3.8) as (figure, axes):
         for axis in axes[0]:
             axis.plot(hold.time_s, hold.values, color=BLUE, label="simulated reading")
-            axis.plot(curve_s, curve, color=ORANGE, label="exponential, equations 2-3")
+            axis.plot(curve_s, curve, color=ORANGE, label="exponential, equations 2 and 3")
             axis.axvspan(peak_s + WAIT_S, FIGURE_5_CUTOFF_S, color=GREY, alpha=0.2, label="fitted")
             axis.axhline(settled, color=INK, linestyle="--", linewidth=1, label="settled, 20 s")
             axis.set(xlabel="time from actuation (s)", xlim=(0, HORIZON_S))
+            axis.set_xticks(range(0, int(HORIZON_S) + 1, 5))
         axes[0, 0].set(
             ylabel="mean relative change (%)",
             title=f"Figure 5, simulated, median error ({error:.1f} %)",
@@ -260,6 +261,7 @@ def figure_6(errors: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
             ylabel="mean |error| (% of settled change)",
             title=f"Figure 6: published, and simulated holds of the family {FITTED_FAMILY}",
             xlim=(0, HORIZON_S + 0.4),
+            xticks=range(0, int(HORIZON_S) + 1, 5),
             ylim=(0, None),
         )
         axis.legend()

@@ -324,34 +324,21 @@ def _report(errors: dict[str, dict[str, Errors]], *, sensors: int, repeats: int)
 
 
 def _figure(rows: Sequence[dict[str, Any]]) -> Figure:
-    from palpate.plots.style import BLUE, GREY, ORANGE, log_axis, new_figure
+    from palpate.plots.style import BLUE, GREY, ORANGE, legend_below, log_axis, new_figure
 
-    with new_figure(width_in=9.6, height_in=3.6) as (figure, axes):
+    # Dots, not bars: a logarithmic axis has no zero for a bar to begin at.
+    with new_figure(width_in=6.0, height_in=3.8) as (figure, axes):
         panel = axes[0, 0]
         place = np.arange(len(ALL_ROWS))
-        series = {level: [r for r in rows if r["level"] == level] for level in LEVELS}
-        colours = {"paper": BLUE, "field": ORANGE}
-        for shift, (level, mine) in zip((-0.2, 0.0), series.items(), strict=True):
-            values = [row["mean_abs_error_n"] for row in mine]
-            panel.bar(place + shift, values, 0.2, color=colours[level], label=f"simulated, {level}")
-        printed = [(k, PUBLISHED_N[name]) for k, name in enumerate(ALL_ROWS) if name in PUBLISHED_N]
-        panel.bar(
-            [k + 0.2 for k, _ in printed],
-            [v for _, v in printed],
-            0.2,
-            color=GREY,
-            label="published",
-        )
-        panel.set_xticks(
-            place,
-            [
-                name.replace(", ", "\n").replace("sheets' holds", "sheets'\nholds")
-                for name in ALL_ROWS
-            ],
-            fontsize=6,
-        )
-        panel.set_ylabel("mean |error| (N)")
-        log_axis(panel.yaxis)
-        panel.grid(visible=False, axis="x")
-        panel.legend()
+        looks = (("paper", -0.12, BLUE, "o"), ("field", 0.12, ORANGE, "s"))
+        for level, shift, colour, marker in looks:
+            values = [row["mean_abs_error_n"] for row in rows if row["level"] == level]
+            panel.plot(values, place + shift, marker, color=colour, label=f"simulated, {level}")
+        printed = [(PUBLISHED_N[name], k) for k, name in enumerate(ALL_ROWS) if name in PUBLISHED_N]
+        panel.plot(*zip(*printed, strict=True), "D", color=GREY, mfc="none", label="published")
+        panel.set_yticks(place, ALL_ROWS)
+        panel.invert_yaxis()
+        panel.set_xlabel("mean |error| against the force of the settled reading (N)")
+        log_axis(panel.xaxis)
+        legend_below(figure, axes)
     return figure

@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
-from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, new_figure
+from palpate.plots.style import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    legend_below,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,22 +41,29 @@ def draw_before_and_after(
     published : mapping of str to (float, float)
         Column -> published mean and standard deviation after 20 s.
     """
-    with new_figure(columns=len(levels), width_in=9.0, height_in=3.8) as (figure, axes):
+    with new_figure(columns=len(levels), width_in=7.2, height_in=3.6) as (figure, axes):
         for axis, (level, (time_s, columns)) in zip(axes[0], levels.items(), strict=True):
             for (name, traces), colour in zip(columns.items(), (BLUE, ORANGE, GREEN), strict=True):
                 mean, sd = traces.mean(axis=0), traces.std(axis=0, ddof=1)
                 axis.fill_between(time_s, mean - sd, mean + sd, color=colour, alpha=0.2, lw=0)
                 axis.plot(time_s, mean, "--", color=colour, label=name)
                 axis.errorbar(
-                    21.0, published[name][0], published[name][1], fmt="o", color=colour, capsize=3
+                    21.0,
+                    published[name][0],
+                    published[name][1],
+                    fmt="o",
+                    color=colour,
+                    capsize=3,
+                    label=f"{name}, published at 20 s",
                 )
             axis.set(
                 xlabel="time from actuation (s)",
-                ylabel="mean relative change (%)",
-                title=f"Figure 17b, simulated, level {level} (dots: published)",
+                title=f"Figure 17b, simulated, level {level}",
                 xlim=(0, 22),
+                xticks=range(0, 21, 5),
             )
-        axes[0, 0].legend(loc="upper right", ncols=3, fontsize=8)
+        axes[0, 0].set_ylabel("mean relative change (%)")
+        legend_below(figure, axes, entry_in=2.3)
         top = max(axis.get_ylim()[1] for axis in axes[0])
         for axis in axes[0]:
             low = axis.get_ylim()[0]
@@ -58,7 +75,7 @@ def draw_roc(
     levels: Mapping[str, Mapping[str, tuple[NDArray[np.bool_], FloatArray]]],
 ) -> Figure:
     """Draw ROC curves: level -> label -> truth and score of each side."""
-    with new_figure(columns=len(levels), width_in=9.0, height_in=4.6) as (figure, axes):
+    with new_figure(columns=len(levels), width_in=7.2, height_in=4.4) as (figure, axes):
         for axis, (level, ways) in zip(axes[0], levels.items(), strict=True):
             axis.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=":")
             for (label, (truth, score)), colour in zip(ways.items(), _COLOURS, strict=False):
@@ -68,12 +85,11 @@ def draw_roc(
                 axis.plot(alarms, hits, color=colour, label=label)
             axis.set(
                 xlabel="share of sound sides called bruised",
-                ylabel="share of bruised sides found",
                 title=f"simulated, level {level}",
                 aspect="equal",
             )
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
+        axes[0, 0].set_ylabel("share of bruised sides found")
+        legend_below(figure, axes, entry_in=3.4)
     return figure
 
 
@@ -85,7 +101,7 @@ def draw_reliability(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any
     levels : mapping
         Level -> label -> bins with `said`, `bruised`, `low`, `high` and `sides`.
     """
-    with new_figure(columns=len(levels), width_in=9.0, height_in=4.4) as (figure, axes):
+    with new_figure(columns=len(levels), width_in=7.2, height_in=4.0) as (figure, axes):
         for axis, (level, ways) in zip(axes[0], levels.items(), strict=True):
             axis.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=":")
             for (label, bins), colour in zip(ways.items(), (ORANGE, BLUE), strict=False):
@@ -99,19 +115,18 @@ def draw_reliability(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any
                 )
             axis.set(
                 xlabel="stated probability",
-                ylabel="share that was bruised (90 % interval)",
                 title=f"simulated, level {level}",
                 xlim=(-0.02, 1.02),
                 ylim=(-0.02, 1.02),
             )
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
+        axes[0, 0].set_ylabel("share that was bruised (90 % interval)")
+        legend_below(figure, axes, entry_in=2.3)
     return figure
 
 
 def draw_sizes(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]]) -> Figure:
     """Draw the share found against the bruise's diameter: level -> label -> rows by size."""
-    with new_figure(columns=len(levels), width_in=9.0, height_in=3.8) as (figure, axes):
+    with new_figure(columns=len(levels), width_in=7.2, height_in=3.6) as (figure, axes):
         for axis, (level, ways) in zip(axes[0], levels.items(), strict=True):
             for (label, rows), colour in zip(ways.items(), (ORANGE, BLUE), strict=False):
                 middle = [0.5 * (row["from_mm"] + row["to_mm"]) for row in rows]
@@ -120,10 +135,10 @@ def draw_sizes(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]]) 
             axis.text(11.6, 1.02, "1 cm²", fontsize=8, va="bottom")
             axis.set(
                 xlabel="diameter of the bruise (mm)",
-                ylabel="share found at 5 % false alarms",
                 title=f"simulated, level {level}",
                 ylim=(0, 1.1),
                 xlim=(0, 32),
             )
-        axes[0, 0].legend(loc="lower right", fontsize=8)
+        axes[0, 0].set_ylabel("share found at 5 % false alarms")
+        legend_below(figure, axes, entry_in=2.3)
     return figure

@@ -27,7 +27,7 @@ def errors_by_cutoff(summary: Sequence[Mapping[str, Any]], *, title: str, level:
     panels = (
         ("median_abs_error_percent", "median |error| (% of settled value)"),
         ("median_error_of_remaining_percent", "median |error| (% of change to come)"),
-        ("coverage", f"share inside the {level:.0%} interval"),
+        ("coverage", f"share inside the {100 * level:.0f} % interval"),
     )
     with new_figure(columns=3, width_in=11, height_in=3.6) as (figure, axes):
         for axis, (figure_name, label) in zip(axes[0], panels, strict=True):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from palpate.estimate.measurement import Measurement
-from palpate.plots.style import BLUE, GREEN, GREY, INK, ORANGE, new_figure
+from palpate.plots.style import BLUE, GREEN, GREY, INK, ORANGE, legend_below, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,6 +82,6 @@ def hybrid_figure(found: Sequence[Gripped]) -> Figure:
         limit_axis.text(
             0.05, 0.93, "above the line: ruptured", transform=limit_axis.transAxes, color=INK
         )
-        force_axis.legend(fontsize=8)
-        figure.suptitle("Recorded fruit on recorded sheets (simulated grasps)", fontsize=10)
+        legend_below(figure, axes)
+        figure.suptitle("Recorded fruit on recorded sheets (simulated grasps)")
     return figure

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.plots.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, PURPLE, new_figure
+from palpate.plots.style import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    legend_below,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +30,10 @@ _LONGEST = 6.0
 
 def figure16(days: Mapping[str, Sequence[tuple[float, float]]]) -> Figure:
     """Draw mean and sd of the settled change over days, one panel per condition."""
-    with new_figure(columns=max(len(days), 1), width_in=7.4, height_in=3.2) as (figure, axes):
+    with new_figure(columns=max(len(days), 1), width_in=6.4, height_in=2.8, shared=True) as (
+        figure,
+        axes,
+    ):
         for axis, (name, values), colour in zip(
             axes[0], days.items(), (BLUE, ORANGE), strict=False
         ):
@@ -49,6 +62,9 @@ def study_figure(
         axes,
     ):
         _draw_accuracy(axes[0][0], accuracy)
+        # Of one condition the other panel has the name.
+        if len(accuracy) > 1:
+            legend_below(figure, axes, entry_in=2.3)
         for axis, (name, rows) in zip(axes[0][1:], waits.items(), strict=True):
             true, value, low, high = np.clip(rows, 0.0, _LONGEST).T
             axis.vlines(true, low, high, color=BLUE, alpha=0.25, lw=1)
@@ -75,7 +91,6 @@ def _draw_accuracy(axis: Any, accuracy: Mapping[str, Mapping[str, float | None]]
         )
     axis.axvline(90, color=INK, lw=0.8, ls="--")
     axis.set(yticks=range(len(ways)), yticklabels=ways, xlim=(0, 100))
-    axis.set(xlabel="exact stage (% of fruit days)", title="stage of four, simulated")
+    axis.set(xlabel="exact stage (% of fruit days; dashed: aim)", title="stage of four, simulated")
     axis.invert_yaxis()
     axis.grid(visible=False, axis="y")
-    axis.legend(fontsize=7, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from palpate.plots.style import look_of, new_figure
+from palpate.plots.style import legend_below, look_of, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +29,7 @@ def tradeoff_figure(entries: Sequence[Mapping[str, Any]]) -> Figure:
         As `palpate_studies.rupture_tradeoff.tradeoff` returns them.
     """
     fruits = list(dict.fromkeys(entry["fruit"] for entry in entries))
-    with new_figure(columns=len(fruits), width_in=2.6 * len(fruits), height_in=3.2) as (fig, axes):
+    with new_figure(columns=len(fruits), width_in=2.6 * len(fruits), height_in=3.4) as (fig, axes):
         for axis, fruit in zip(axes[0], fruits, strict=True):
             for method, (look, line) in LOOKS.items():
                 chosen = [e for e in entries if (e["fruit"], e["method"]) == (fruit, method)]
@@ -49,8 +49,6 @@ def tradeoff_figure(entries: Sequence[Mapping[str, Any]]) -> Figure:
             axis.set_xlabel("ruptured (%)")
             axis.set_ylim(0, 1)
         axes[0][0].set_ylabel("stop force / rupture force")
-        axes[0][0].legend(loc="lower right", fontsize=7)
-        fig.suptitle(
-            "Real fruit: firmness of the grip, settings chosen on other fruit", fontsize=10
-        )
+        legend_below(fig, axes, entry_in=1.4)
+        fig.suptitle("Real fruit: firmness of the grip, settings chosen on other fruit")
     return fig

@@ -58,9 +58,9 @@ def size_figure(
             )
             _draw_errors(axes[1][column], berries)
             axes[1][column].set_title(f"simulated, {level}: errors of all {len(berries)}")
-        axes[0][0].legend(loc="upper left", fontsize=8)
+        axes[0][0].legend(loc="upper left")
         axes[0][0].set_ylabel("estimated size (mm)")
-        axes[1][0].legend(loc="upper right", fontsize=8)
+        axes[1][0].legend(loc="upper right")
         axes[1][0].set_ylabel("strawberries")
         figure.suptitle(
             "Simulated strawberries in 1 mm steps, as in Figure 14; published: RMS error "

@@ -42,7 +42,7 @@ def delay_figure(delays_s: Mapping[str, Mapping[str, Sequence[float | None]]]) -
                 xlim=(0, 1),
                 ylim=(0, 104),
             )
-            axis.legend(loc="lower right", fontsize=8)
+            axis.legend(loc="lower right")
         axes[0][0].set_ylabel("seen (%)")
-        figure.suptitle("Simulated slips and removals, frames at 15 Hz", fontsize=10)
+        figure.suptitle("Simulated slips and removals, frames at 15 Hz")
     return figure
