@@ -98,7 +98,7 @@ def _verdicts(page: ItemHistory) -> Table:
             _when(one.given_at),
             str(one.about),
             Text(one.text, style="bold"),
-            "-" if one.probability is None else f"{one.probability:.0%}",
+            "-" if one.probability is None else f"{100 * one.probability:.0f} %",
             Text("given by a person" if person and not one.explanation else one.explanation),
         )
     return table

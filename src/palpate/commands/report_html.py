@@ -134,6 +134,8 @@ th{color:var(--grey);font-weight:500;text-align:left;white-space:nowrap}
 th,td{padding:5px 14px 5px 0;vertical-align:top}
 tbody tr{border-top:1px solid var(--grid)}
 td{font-variant-numeric:tabular-nums}
+td:first-child{white-space:nowrap}
+td:last-child:not(.number){min-width:14em}
 .number+:not(.number){padding-left:14px}
 .number{text-align:right;white-space:nowrap}
 footer{color:var(--grey);font-size:13px;margin-top:18px}

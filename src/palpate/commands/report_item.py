@@ -51,7 +51,7 @@ def verdict_tile(verdict: Verdict) -> Tile:
     """Return the verdict, large."""
     below = "given by a person"
     if verdict.source is Source.PALPATE:
-        below = "" if verdict.probability is None else f"{verdict.probability:.0%} sure"
+        below = "" if verdict.probability is None else f"{100 * verdict.probability:.0f} % sure"
     return Tile(name=str(verdict.about).capitalize(), value=verdict.text, below=below)
 
 
@@ -64,7 +64,16 @@ def number(measured: Measurement | None, digits: int) -> str:
     """Return a value, marked where its interval does not hold its full promise."""
     if measured is None:
         return "-"
-    return f"{measured.value:.{digits}f}{'' if measured.status is Status.OK else ' *'}"
+    return f"{fixed(measured.value, digits)}{'' if measured.status is Status.OK else ' *'}"
+
+
+def fixed(value: float, digits: int) -> str:
+    """Return a number with a minus that is no hyphen.
+
+    >>> fixed(-45.04, 1)
+    '\N{MINUS SIGN}45.0'
+    """
+    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _tiles(page: ItemHistory) -> list[Tile]:
@@ -72,7 +81,7 @@ def _tiles(page: ItemHistory) -> list[Tile]:
     for name, caption, _, unit, digits in QUANTITIES[:3]:
         measured = page.latest(name)
         if measured is not None:
-            ends = f"{measured.low:.{digits}f} to {measured.high:.{digits}f}"
+            ends = f"{fixed(measured.low, digits)} to {fixed(measured.high, digits)}"
             value = number(measured, digits)
             shown.append(Tile(name=caption, value=value, unit=unit, below=ends))
     verdicts = (page.latest_verdict(about) for about in About)
@@ -98,7 +107,7 @@ def _verdicts(page: ItemHistory) -> str:
             when(one.given_at),
             str(one.about),
             one.text,
-            "-" if one.probability is None else f"{one.probability:.0%}",
+            "-" if one.probability is None else f"{100 * one.probability:.0f} %",
             one.explanation or ("given by a person" if one.source is Source.PERSON else ""),
         )
         for one in reversed(page.verdicts[-_MOST_ROWS:])

@@ -77,7 +77,7 @@ def _chips(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[str]:
 
 def _tiles(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[Tile]:
     held = sum(grasp.outcome is Outcome.HELD for grasp in grasps)
-    share = f"{held / len(grasps):.0%} held" if grasps else ""
+    share = f"{100 * held / len(grasps):.0f} % held" if grasps else ""
     shown = [
         Tile(name="Items", value=f"{len(pages)}"),
         Tile(name="Grasps", value=f"{len(grasps)}", below=share),

@@ -42,7 +42,7 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
             panel.plot(force_n, reading, color=ORANGE, lw=1.4, label="settled law")
         log_axis(panel.xaxis)
         log_axis(panel.yaxis)
-        panel.set(xlabel="force, N", ylabel="excess conductance, summed")
+        panel.set(xlabel="force (N)", ylabel="excess conductance, summed over pixels")
         simulated = " (simulated)" if calibration.origin == "simulated" else ""
         panel.set_title(f"Force calibration of {calibration.sensor_id}{simulated}")
         panel.legend()

@@ -34,8 +34,8 @@ PLOT_ENDINGS = (".png", ".svg", ".pdf")
 DPI = 300
 #: Width of the text of a journal's page: a wider figure would be shrunk, and its letters with it.
 PAGE_WIDTH_IN = 7.2
-#: Between two powers of ten these are labelled, so that an axis within one decade has numbers too.
-_LABELLED_DIGITS = "125"
+#: Between two powers of ten these are labelled; all that have room where an axis has one decade.
+_LABELLED_DIGITS, _LABELLED_WITHIN_A_DECADE = "125", "1234568"
 #: Beyond this ratio of its ends an axis has room for powers of ten alone.
 _CROWDED = 3e3
 
@@ -137,12 +137,13 @@ def letter_panels(figure: Figure) -> None:
 
 
 def log_axis(axis: Axis) -> None:
-    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of each of a few decades."""
+    """Make an axis logarithmic, with plain numbers at 1, 2 and 5 of a few decades, more in one."""
 
     def between_decades(value: float, _: object) -> str:
         low, high = axis.get_view_interval()
+        digits = _LABELLED_WITHIN_A_DECADE if high < 10.0 * low else _LABELLED_DIGITS
         crowded = high > _CROWDED * low
-        return "" if crowded or f"{value:e}"[0] not in _LABELLED_DIGITS else plain_number(value)
+        return "" if crowded or f"{value:e}"[0] not in digits else plain_number(value)
 
     scale = axis.axes.set_xscale if axis is axis.axes.xaxis else axis.axes.set_yscale
     scale("log")

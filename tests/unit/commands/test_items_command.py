@@ -202,7 +202,7 @@ def test_a_line_of_the_list_has_the_last_of_everything(
 def test_a_page_shows_grasps_and_what_was_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert palpate("items", "A17") == 0
     out = capsys.readouterr().out
-    for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91%", "a quarter softer"):
+    for words in ("batch Monday", "3.00", "2.00…4.00", "90°", "91 %", "a quarter softer"):
         assert words in out
     assert palpate("items", "A17", "--json") == 0
     page = json.loads(capsys.readouterr().out)
