@@ -9,9 +9,7 @@ from rich.text import Text
 
 
 def fitted(table: Table, *, console: Console, taken: int = 0) -> RenderableType:
-    """Return a table without lines in columns where all its words fit, else row by row.
-
-    Rich narrows the widest column first, in the middle of its words.
+    """Return a table in columns where all its words fit, else row by row.
 
     Parameters
     ----------
@@ -34,22 +32,33 @@ def fitted(table: Table, *, console: Console, taken: int = 0) -> RenderableType:
     · stage nearly
     ripe
     """
+    return table if narrowed(table, room=console.width - taken, console=console) else _listed(table)
+
+
+def narrowed(table: Table, *, room: int, console: Console) -> bool:
+    """Narrow columns between words until a table fits; return whether it does.
+
+    Rich narrows the widest column first, in the middle of its words.
+    """
     spans = [_span(column, console) for column in table.columns]
-    room = console.width - taken
-    if sum(widest for _, widest in spans) + _gaps(table) > room:
+    if table.box is None and sum(widest for _, widest in spans) + _gaps(table) > room:
         table.padding = (0, 1, 0, 0)
     spare = room - _gaps(table) - sum(narrowest for narrowest, _ in spans)
-    if spare < 0:
-        return _listed(table)
-    for column, (narrowest, widest) in zip(table.columns, spans, strict=True):
-        column.width = narrowest + min(widest - narrowest, spare)
-        spare -= column.width - narrowest
-    return table
+    widths = [narrowest for narrowest, _ in spans]
+    # The narrowest first: it has the shortest words, and would have the most lines.
+    for _ in range(spare):
+        cramped = [n for n, (_, widest) in enumerate(spans) if widths[n] < widest]
+        if cramped:
+            widths[min(cramped, key=widths.__getitem__)] += 1
+    for column, width in zip(table.columns, widths, strict=True):
+        column.width = width
+    return spare >= 0
 
 
 def _gaps(table: Table) -> int:
     _, right, _, left = table.padding
-    return len(table.columns) * (left + right)
+    lines = 0 if table.box is None else len(table.columns) + 1
+    return lines + len(table.columns) * (left + right)
 
 
 def _span(column: Column, console: Console) -> tuple[int, int]:

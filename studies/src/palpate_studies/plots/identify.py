@@ -56,10 +56,9 @@ def kinds_figure(by_level: Mapping[str, Sequence[tuple[str, bool, float, float]]
     by_level : mapping of str to sequence of (kind, taught, size_mm, stiffness_n_per_mm)
         One grasp each.
     """
-    with new_figure(columns=len(by_level), width_in=5.4 * len(by_level), height_in=4.6) as (
-        figure,
-        axes,
-    ):
+    with new_figure(
+        columns=len(by_level), width_in=5.4 * len(by_level), height_in=4.6, shared=True
+    ) as (figure, axes):
         for axis, (level, points) in zip(axes[0], by_level.items(), strict=True):
             kinds = list(dict.fromkeys(kind for kind, taught, *_ in points if taught))
             for number, kind in enumerate(kinds):
@@ -111,8 +110,10 @@ def reliability_figure(by_level: Mapping[str, Sequence[Mapping[str, Any]]]) -> F
                 for name in ("stated", "right", "items")
             )
             spread = 1.645 * np.sqrt(np.maximum(right * (1 - right), 0.25 / items) / items)
+            # No share is below none, or above all.
+            ends = np.minimum(spread, [right, 1 - right])
             axis.errorbar(
-                stated, right, yerr=spread, marker="o", capsize=2, color=colour, label=level
+                stated, right, yerr=ends, marker="o", capsize=2, color=colour, label=level
             )
         axis.set(xlabel="probability stated", ylabel="share that was right", ylim=(0, 1.05))
         axis.set_title("simulated; bars: 90 % of what chance does")

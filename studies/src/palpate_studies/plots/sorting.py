@@ -37,8 +37,8 @@ def purity_figure(summary: Sequence[Mapping[str, Any]]) -> Figure:
             axis.barh(at, wrong, left=right, color=ORANGE, label="wrong bin")
             axis.barh(at, left, left=placed, color=GREY, alpha=0.45, label="left for hand")
             for place, entry in zip(at, mine, strict=True):
-                hourly = f"{entry['items_per_hour']:.0f} items/h"
-                axis.text(3, place, hourly, color="white", va="center", fontsize=7)
+                axis.text(102, place, f"{entry['items_per_hour']:.0f}", va="center")
+            axis.text(102, len(mine) - 0.4, "items/h", va="bottom", fontsize=7)
             # The ways are the same at every level: named once, they leave the bars their room.
             names = [entry["method"] for entry in mine]
             axis.set_yticks(at, names if axis is axes[0][0] else [])
