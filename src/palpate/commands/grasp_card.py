@@ -44,7 +44,8 @@ def print_card(
     limited: Mapping[str, object] | None = None,
 ) -> None:
     """Print the card on standard output; `limited` is what a learned damage limit did."""
-    good = result.outcome is Outcome.HELD
+    damaged = truth is not None and bool(truth["damaged"])
+    good = result.outcome is Outcome.HELD and not damaged
     headline = Text(str(summary["text"]).capitalize(), style="bold green" if good else "bold red")
     if summary["firmness"]:
         headline.append(f"  ·  {summary['firmness']}", style="bold")
@@ -52,8 +53,10 @@ def print_card(
         met = "target within the interval" if summary["on_target"] else "off target"
         headline.append(f"  ·  {met} ({summary['target_force_n']:g} N)", style="bold")
     console = Console(highlight=False)
+    passed = Text("The object was damaged: its force passed the yield.", style="bold red")
     parts: list[RenderableType] = [
         headline,
+        *([passed] if damaged else []),
         Text(""),
         _measurements(result, truth, bars=console.width >= _WIDE),
         Text(""),
@@ -61,8 +64,6 @@ def print_card(
     ]
     if limited is not None:
         parts.append(Text(limit_text(limited)))
-    if truth is not None and truth["damaged"]:
-        parts.append(Text("The object was damaged: its force passed the yield.", style="bold red"))
     notes = {_note(m): None for name, _, _ in _ROWS if (m := getattr(result, name))}
     parts += [Text(f"* {note}", style="yellow") for note in notes if note]
     parts += [Text(f"! {fault}", style="yellow") for fault in result.faults]

@@ -48,6 +48,22 @@ def test_card_says_simulated_and_recording_holds_every_frame(
     assert '"palpate-calibration"' in (recording.info.calibration or "")
 
 
+def test_a_damaged_object_is_reported_under_the_headline_and_not_in_green(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    wish = ["--object", "strawberry", "--seed", "3", "--target-force-n"]
+    assert grasp(*wish, "14") == 0
+    card = capsys.readouterr().out
+    begins = [line for line in card.splitlines() if "Held" in line or "damaged" in line]
+    assert "damaged" in begins[1]
+    assert "\x1b[1;31mHeld" in begins[0]
+    assert "\x1b[1;31mThe object was damaged" in begins[1]
+    assert card.startswith("\x1b[31m╭")
+    assert grasp(*wish, "2") == 0
+    assert capsys.readouterr().out.startswith("\x1b[32m╭")
+
+
 @pytest.mark.parametrize("rig", ["sim-rigid", "sim-soft"])
 @pytest.mark.parametrize("wish", [["--target-force-n", "2.5"], ["--expect-size", "40"]])
 def test_its_recording_is_decided_again_alike(
