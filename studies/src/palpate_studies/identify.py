@@ -204,17 +204,19 @@ def against_lda(given: Sequence[Answer], level: str) -> list[dict[str, Any]]:
     return found
 
 
+def summed(given: Sequence[Answer]) -> list[dict[str, Any]]:
+    """Return how many items each method named rightly, level by level."""
+    return [
+        counted([one for one in given if (one.level, one.method) == (level, method)])
+        for level, method in dict.fromkeys((one.level, one.method) for one in given)
+    ]
+
+
 def report(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyReport:
     """Put the answers into tables and figures."""
     given = answers(crates)
     levels = [level for level in LEVELS if any(item.level == level for item in crates)]
-    methods = list(dict.fromkeys(one.method for one in given))
-    summary = [
-        counted([one for one in given if (one.level, one.method) == (level, method)])
-        for level in levels
-        for method in methods
-        if any((one.level, one.method) == (level, method) for one in given)
-    ]
+    summary = summed(given)
     last = f"ours, {SORTED_GRASPS} grasps"
     best = [one for one in given if one.method == last]
     sensors = len({(item.level, item.sensor) for item in crates})

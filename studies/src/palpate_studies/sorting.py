@@ -34,6 +34,7 @@ from palpate_studies.identify import (
     answers,
     crates_of,
     identifiers,
+    summed,
 )
 from palpate_studies.identify_baselines import Guess, guesses
 from palpate_studies.identify_data import LEVELS, SORTED_GRASPS, CrateItemGrasps, write_crates
@@ -200,6 +201,7 @@ def report(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> Study
             "items": len(sorting),
             "damaged": damaged,
             "summary": [_summary(run) for run in found],
+            "identify": summed(given),
             "against_lda": [
                 row
                 for level in dict.fromkeys(run.level for run in found)
