@@ -76,6 +76,8 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
         expect(page.locator("#calibrated .result")).to_be_visible()
         page.evaluate("document.activeElement.blur()")
         page.mouse.move(640, 20)
+        # The tab's line slides, and where it was pressed there is a ring.
+        page.wait_for_timeout(1000)
         page.screenshot(path=out / f"calibration-stopped-{shade}.png")
 
 

@@ -185,6 +185,6 @@ export function drawCurves(doc) {
   const view = shared(doc);
   drawForce(view);
   drawReading(view);
-  const counts = view.touched ? t("s from contact") : "s";
+  const counts = view.touched ? t("s from contact") : "";
   for (const one of document.querySelectorAll(".counts")) if (one.textContent !== counts) one.textContent = counts;
 }
