@@ -70,7 +70,7 @@ def study_figure(
             axis.vlines(true, low, high, color=BLUE, alpha=0.25, lw=1)
             axis.plot(true, value, ".", color=BLUE, ms=4)
             axis.plot([0, _LONGEST], [0, _LONGEST], color=INK, lw=0.8)
-            axis.set(xlabel="true days to ripe", title=f"{name}, simulated", xlim=(0, _LONGEST))
+            axis.set(xlabel="true days to ripe", title=f"simulated:\n{name}", xlim=(0, _LONGEST))
             axis.set_ylim(0, _LONGEST)
         if waits:
             axes[0][1].set_ylabel("predicted days to ripe, 90 % interval")
@@ -91,6 +91,6 @@ def _draw_accuracy(axis: Any, accuracy: Mapping[str, Mapping[str, float | None]]
         )
     axis.axvline(90, color=INK, lw=0.8, ls="--")
     axis.set(yticks=range(len(ways)), yticklabels=ways, xlim=(0, 100))
-    axis.set(xlabel="exact stage (% of fruit days; dashed: aim)", title="stage of four, simulated")
+    axis.set(xlabel="exact stage (% of fruit days)\ndashed: aim", title="stage of four, simulated")
     axis.invert_yaxis()
     axis.grid(visible=False, axis="y")
