@@ -35,8 +35,9 @@ _BLIND_NODES, _BLIND_WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 #: Use and climate change a sheet's gain between calibration and grasp: log sd in force, as long as
 #: nobody checks (paper, Figures 3 and 4).
 _SINCE_SD = 0.05
-#: Share of the closing force that is left at the horizon: things relax by a percent or two.
-_RELAXED = 0.985
+#: Share of the closing force that is left at the horizon, and its doubt (ln): a spring keeps all,
+#: silicone loses a percent or two, fruit around a tenth. The sheet hides it: it creeps on.
+_RELAXED, _RELAXED_SD = 0.96, 0.03
 #: What is held still keeps at least this share of its reading until the horizon, and reaches at
 #: most that multiple of it: fruit relaxes by a third, sheets creep by half. Beyond is extrapolated
 #: noise.
@@ -164,7 +165,8 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     leaves open, carried through the law.
     """
     reading = settled.reading
-    law = Gain.unknown(law_sd=plan.settled_law.residual_sd, more_sd=_SINCE_SD).applied(
+    more_sd = float(np.hypot(_SINCE_SD, _RELAXED_SD))
+    law = Gain.unknown(law_sd=plan.settled_law.residual_sd, more_sd=more_sd).applied(
         plan.settled_law.force_n([reading.value, reading.low, reading.high], level=plan.level)
     )
     value = float(law.value[0])
@@ -177,9 +179,12 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     up = float(np.hypot(_log_ratio(law.high[0], value), _log_ratio(law.value[2], value)))
     if felt is not None:
         reach = float(ndtri(0.5 + plan.level / 2))
-        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).updated(
-            replace(felt, force_n=_RELAXED * felt.force_n), sheet_n=value
+        relaxed = replace(
+            felt,
+            force_n=_RELAXED * felt.force_n,
+            log_sd=float(np.hypot(felt.log_sd, _RELAXED_SD)),
         )
+        gain = Gain.unknown(law_sd=0.5 * (down + up) / reach).updated(relaxed, sheet_n=value)
         value, down, up = value * float(np.exp(gain.log_mean)), *(reach * gain.log_sd,) * 2
     return Measurement(
         value=value,

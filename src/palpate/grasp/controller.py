@@ -36,13 +36,17 @@ _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
 #: Less than this share of the strongest touch of this grip means that the object is gone.
 _LOST_SHARE = 0.35
 #: A sheet that shows this much less than at its strongest step, though the hand has closed on this
-#: often since, does not show the force, or the object gives way: neither is pressed on.
+#: often since, does not show the force, or the object gives way: neither is pressed on. Nor is what
+#: shows less by the second share of it at each of so many steps, however little that is in all.
 _FALLS_SHARE, _FALLS_STEPS = 0.25, 2
+_EACH_SHARE, _EACH_STEPS = 0.01, 3
+#: Nor what shows this much more where the hand has opened a little: no sheet creeps as fast.
+_RISES_SHARE = 0.1
 #: The squeeze ends a little below the target: what is left is corrected by settled forces.
 _NEAR = 0.93
 _FALLS = (
-    "the sheet shows less and less while the hand closes on: the object gives way, or the sheet "
-    "does not show the force; see what `palpate doctor` reports"
+    "the sheet shows less and less while the hand closes on, or more where it opens: the object "
+    "gives way, or the sheet does not show the force; see what `palpate doctor` reports"
 )
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
@@ -79,7 +83,7 @@ def _wished(belief: Belief, plan: Plan) -> Move:
             return stopped(belief, Danger.FORCE_LIMIT, plan=plan)
         if belief.phase in _HOLDING and _grip_lost(belief):
             return _release(belief, plan, Outcome.SLIPPED)
-        if belief.phase in _HOLDING and _falls(belief):
+        if belief.phase in _HOLDING and (_falls(belief) or _rises(belief, plan)):
             return _release(belief.with_fault(_FALLS), plan, Outcome.SENSOR_LOST)
         if belief.lasted_s > plan.longest_s:
             return _release(belief, plan, Outcome.TIMED_OUT)
@@ -359,8 +363,19 @@ def _falls(belief: Belief) -> bool:
     if not gripped or belief.staircase[-1].touch.deepest_percent > FELT_PERCENT:
         return False
     strongest = int(np.argmax(gripped))
-    fallen = gripped[-1] < (1.0 - _FALLS_SHARE) * gripped[strongest]
-    return fallen and len(gripped) - 1 - strongest >= _FALLS_STEPS
+    fallen = 1.0 - np.array(gripped[strongest:]) / gripped[strongest]
+    if len(fallen) > _EACH_STEPS and np.diff(fallen)[-_EACH_STEPS:].min() > _EACH_SHARE:
+        return True
+    return len(fallen) > _FALLS_STEPS and bool(fallen[-1] > _FALLS_SHARE)
+
+
+def _rises(belief: Belief, plan: Plan) -> bool:
+    """Whether the sheet shows more after the hand has opened than at its furthest step."""
+    if belief.phase is not Phase.EASE or belief.still_s < plan.confirm_s or not belief.touches:
+        return False
+    furthest = belief.staircase[-1]
+    opened = belief.closure < furthest.closure
+    return opened and belief.now.reading > (1.0 + _RISES_SHARE) * furthest.touch.reading
 
 
 def _release(belief: Belief, plan: Plan, outcome: Outcome) -> Move:

@@ -85,7 +85,7 @@ class Plan:
         Rise of force aimed at with each step of the squeeze.
     gentle_force_n, gentle_mm : float
         Where a squeeze without target ends. An object that rigid fingers have squeezed further than
-        `gentle_mm` is given half the force.
+        `gentle_mm` is given half the force, and so is any by fingers driven by pressure.
     firm_force_n, firm_mm : float
         How hard rigid fingers squeeze on while the stiffness is not known to `stiffness_share` to
         either side, and by how much the object may surely not be deformed more.

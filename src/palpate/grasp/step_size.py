@@ -35,6 +35,8 @@ _FELT_FRAMES, _FELT_S = 3.0, 0.1
 _EXACT = 1e-9
 #: Share of the force missing to the target that one step of the squeeze may add.
 _BOLD = 0.75
+#: Share of a step of the squeeze that is left once the force is there.
+_BEYOND = 0.5
 
 
 def approach_step(plan: Plan) -> float:
@@ -170,6 +172,9 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
     already: how steeply the force rises is known only as far as it was felt.
     """
     rise_n = max(plan.force_step_n, _BOLD * (goal_n - belief.force_n))
+    if 0.0 < goal_n < belief.force_n:
+        # Beyond the goal a step is only there to be read.
+        rise_n *= _BEYOND
     longest = _FURTHER * squeezed(belief, plan) + plan.fine_step
     if belief.met is not None:
         # It has borne more already.

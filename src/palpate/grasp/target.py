@@ -29,8 +29,11 @@ def gentle_goal(belief: Belief, plan: Plan) -> tuple[float, str]:
     may be.
     """
     goal_n = max(plan.gentle_force_n, plan.lift_force_n or 0.0)
-    if plan.gripper.drive == "pressure" or plan.lift_force_n is not None:
+    if plan.lift_force_n is not None:
         return goal_n, "force_reached"
+    if plan.gripper.drive == "pressure":
+        # Soft fingers don't feel how far an object gives way: pressing on would teach nothing.
+        return 0.5 * goal_n, "force_reached"
     if squeezed(belief, plan) > plan.gentle_mm:
         return 0.5 * goal_n, "gave_way"
     if belief.force_n < goal_n:

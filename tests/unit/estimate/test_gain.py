@@ -165,6 +165,18 @@ def test_a_sure_measurement_outweighs_an_unsure_sheet_and_the_other_way_round() 
     assert sure.log_sd == pytest.approx(0.02, rel=0.05)
 
 
+def test_an_outlier_moves_the_gain_less_than_what_is_near() -> None:
+    """A movement of the gears may take three times what others do; six sheets' errors it is not."""
+    sheet = Gain.unknown(law_sd=0.1)
+
+    def mean(force_n: float) -> float:
+        measured = MeasuredForce(force_n=force_n, sd_n=0.2, log_sd=0.0)
+        return sheet.updated(measured, sheet_n=2.0).log_mean
+
+    assert 0.0 < mean(2.2) < mean(2.4)
+    assert mean(2.2) / 0.2 > 3 * mean(4.0) / 2.0
+
+
 def test_nothing_read_leaves_the_gain_as_it_was() -> None:
     gain = Gain.unknown(law_sd=0.1)
     measured = MeasuredForce(force_n=4.0, sd_n=0.1, log_sd=0.0)

@@ -52,7 +52,8 @@ def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
 def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
     """Resistances rise with the speed of the fingers, and fall as they slow down or by noise."""
     calibration = calibrated(seed=5, level=level, apart_from="strawberry")
-    berry = draw_object(np.random.default_rng(11), "strawberry")
+    # So light that a finger which pushes it to the middle feels nothing.
+    berry = replace(draw_object(np.random.default_rng(11), "strawberry"), mass_g=0.1)
     felt_s = dict[bool, list[float]]()
     for expected in (False, True):
         world = World(berry, seed=11, sheet_seed=5, level=level)
@@ -69,7 +70,7 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
             plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch]
         )
         felt_s[expected] = [time_s for phase, time_s in phases if phase is Phase.FELT]
-    assert len(felt_s[False]) == len(felt_s[True]) <= 2, "one finger may come first"
+    assert len(felt_s[False]) == len(felt_s[True]) == 1
     assert felt_s[True][0] <= felt_s[False][0]
 
 

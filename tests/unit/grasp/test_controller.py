@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -220,7 +221,7 @@ def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> N
 
     def yielding(*, timeout_s: float) -> Any:
         closed_mm = widest - bench.width_mm
-        bench.size_mm = widest - 1.25 * max(closed_mm - 1.4, 0.0)
+        bench.size_mm = widest - 1.3 * max(closed_mm - 1.4, 0.0)
         return read(bench, timeout_s=timeout_s)
 
     bench.read = yielding
@@ -234,3 +235,29 @@ def test_what_gives_way_under_the_closing_is_let_go(plan: Plan, bench: Any) -> N
     assert "less and less while the hand closes on" in result.faults[0]
     assert bench.width_mm == 74.0
     assert widest - (74.0 - max(closures)) < 6.0, "it doesn't close on for long"
+
+
+@pytest.mark.parametrize(
+    ("target_force_n", "shown_n"),
+    [(4.0, lambda force_n: 9.0 - force_n), (6.0, lambda force_n: 5.0 - 0.3 * force_n)],
+    ids=["more where the hand opens", "a little less at each step"],
+)
+def test_a_sheet_that_does_not_show_the_force_is_let_go(
+    plan: Plan, bench: Any, target_force_n: float, shown_n: Callable[[float], float]
+) -> None:
+    """From 3 N on it shows something else."""
+    read, peak_n = type(bench).read, [0.0]
+
+    def turned(*, timeout_s: float) -> Any:
+        frame = read(bench, timeout_s=timeout_s)
+        peak_n[0] = max(peak_n[0], bench.force_n)
+        if peak_n[0] < 3.0:
+            return frame
+        ohm = plan.rest_ohm[0, 0] / (1 + 2 * max(shown_n(bench.force_n), 0.0) / frame.counts.size)
+        return replace(frame, counts=np.full_like(frame.counts, 1024 * 4700 / (4700 + ohm)))
+
+    bench.read = turned
+    result = run(replace(plan, target_force_n=target_force_n), bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "or more where it opens" in result.faults[0]
+    assert peak_n[0] < 7.0
