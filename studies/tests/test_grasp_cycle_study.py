@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate_studies.grasp_cycle import reported, scores
-from palpate_studies.grasp_cycles import Cycle, Sample, cycles
+from palpate_studies.grasp_cycles import Cycle, Sample, cycles, ours
 
 SAMPLE = Sample(seed=31_000, level="paper", kind="rigid")
 CYCLE = Cycle(
@@ -70,3 +70,8 @@ def test_one_object_is_grasped_in_every_way() -> None:
     assert abs(ours.size_error_mm) < 1.0
     assert abs(expected.size_error_mm) < 1.0
     assert current.peak_n > 1.0
+
+
+def test_a_push_that_fades_before_both_fingers_touch_is_no_falling_sheet() -> None:
+    """Each finger pushed in turn; the readings fell, and the sheet was taken for lost."""
+    assert ours(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"

@@ -354,11 +354,16 @@ def _grip_lost(belief: Belief) -> bool:
 
 
 def _falls(belief: Belief) -> bool:
-    """Whether the sheet has shown less and less while the hand closed on."""
+    """Whether the sheet has shown less and less while the hand closed on.
+
+    Counted from where both fingers feel something: one alone pushes, until the other comes.
+    """
     gripped = [
         c.touch.reading
         for c in belief.staircase
-        if belief.contact_s is not None and c.touch.time_s >= belief.contact_s
+        if belief.contact_s is not None
+        and c.touch.time_s >= belief.contact_s
+        and c.touch.shared_percent <= FELT_PERCENT
     ]
     if not gripped or belief.staircase[-1].touch.deepest_percent > FELT_PERCENT:
         return False

@@ -60,13 +60,13 @@ def draw_curves(
                 axis.errorbar(at_s, value, spread, fmt="o", ms=4, color=colour, capsize=2)
             axis.set(
                 xlabel="time from actuation (s)",
+                ylabel="mean relative change (%)",
                 title=f"{title}, simulated, level {level}",
                 ylim=(-102, 25),
             )
             axis.errorbar(
                 [], [], [], fmt="o", ms=4, color=INK, capsize=2, label="published, mean ± sd"
             )
-        axes[0, 0].set_ylabel("mean relative change (%)")
         axes[0, 0].legend(ncols=2, loc="upper right", fontsize=7)
     return figure
 
