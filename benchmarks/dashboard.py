@@ -2,7 +2,7 @@
 
 Run `python benchmarks/dashboard.py --seconds 600`. The board is a process at the far end of a
 pseudo-terminal, `palpate serve` reads and records it: with nobody looking, with three pages open in
-Chromium, with nobody again. Told are the loop's period, the memory of both processes, and whether
+Chromium, with nobody again. It reports the loop's period, the memory of both processes, and whether
 the recording is complete.
 
 With `--realtime` (needs the right to) the board and the devices' process come before all others,
