@@ -104,6 +104,9 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     page.locator("#play").click()
     verdict(page, "held and given back")
     expect(page.locator("#play")).to_have_text("Again")
+    # The sheet still reads as if pressed; what an open hand presses is nothing.
+    expect(page.locator("#force-at")).to_have_text("hand open")
+    assert page.locator("#force circle").count() == 0
     page.get_by_role("button", name="Back to the rig").click()
     expect(page.locator("#timeline")).to_be_hidden()
     fresh(page)
@@ -155,6 +158,28 @@ def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folde
     newest = max((folder / "data").glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
     newest.unlink()
     expect(page.locator("#recordings .file")).to_have_count(1)
+
+
+def test_a_recording_has_an_address(page: Page, folder: Path) -> None:
+    (file,) = (folder / "data").glob("*.mcap")
+    tab(page, "Run")
+    page.locator("#run a[data-recording]").last.click()
+    expect(page).to_have_url(re.compile(f"/recordings/{re.escape(file.name)}$"))
+    expect(page.get_by_label("Name")).to_have_value(file.stem)
+    expect(page.locator("#who")).to_contain_text("you drive")
+    page.reload()
+    expect(page.get_by_label("Name")).to_have_value(file.stem)
+    page.locator(".care").get_by_role("button", name="Close").click()
+    expect(page).to_have_url(re.compile("/recordings$"))
+    row(page).get_by_role("button", name="More").click()
+    expect(page).to_have_url(re.compile(f"/recordings/{re.escape(file.name)}$"))
+    page.locator(".care").get_by_role("button", name="Replay").click()
+    expect(page.locator("#timeline")).to_be_visible()
+    page.get_by_role("button", name="Back to the rig").click()
+    fresh(page)
+    page.goto(page.url + "/elsewhere.mcap")
+    expect(page.locator(".q-notification").first).to_contain_text("no recording of this folder")
+    expect(page.locator(".care")).to_have_count(0)
 
 
 def test_whoever_only_watches_moves_nothing(page: Page, browser: Browser) -> None:

@@ -265,6 +265,10 @@ def test_every_tab_and_item_has_an_address(
             expect(page.locator(".q-tab-panel")).to_contain_text("A/1")
         page.get_by_role("tab", name="Recordings").click()
         expect(page).to_have_url(f"{address}recordings")
+        # Nor is it replaced when the store is read again, every three seconds.
+        begun = page.evaluate("+document.body.dataset.drawn")
+        page.wait_for_function("(begun) => +document.body.dataset.drawn > begun + 60", arg=begun)
+        expect(page).to_have_url(f"{address}recordings")
 
 
 @pytest.mark.parametrize("path", ["", "operate"])
@@ -332,3 +336,24 @@ def test_nor_while_it_holds_replays_or_asks(browser: Browser, address: str, shad
         expect(page.locator(".care")).to_be_visible()
         breaks_no_rule(page)
         page.locator(".care").get_by_role("button", name="Close").click()
+
+
+@pytest.mark.parametrize("shade", SHADES)
+def test_nor_at_the_machine_while_it_holds_is_lost_or_stops(
+    browser: Browser, address: str, shade: str
+) -> None:
+    with at(browser, f"{address}operate", SIZES["phone"], **SHADES[shade], **CALM) as page:
+        can_press(page, "#grasp")
+        page.locator("#grasp").click()
+        expect(page.locator("#next-text")).to_have_text("Take the item, then press Release")
+        breaks_no_rule(page)
+        page.context.set_offline(True)
+        expect(page.locator("#lost")).to_be_visible()
+        breaks_no_rule(page)
+        page.context.set_offline(False)
+        fresh(page)
+        page.locator("#stop").click()
+        expect(page.locator("#stop")).to_have_attribute("data-state", "confirmed")
+        expect(page.locator("#verdict")).to_have_attribute("data-kind", "bad")
+        breaks_no_rule(page)
+        release(page)

@@ -197,8 +197,8 @@ def _small(curve: Sequence[Point]) -> tuple[float, ...]:
     """Return some points of a curve, evenly in time."""
     if len(curve) < 2:
         return ()
-    values = [one.percent if one.force is None else one.force.value for one in curve]
-    time_s = [one.time_s for one in curve]
+    forces = [(one.time_s, one.force.value) for one in curve if one.force is not None]
+    time_s, values = zip(*(forces or [(one.time_s, one.percent) for one in curve]), strict=True)
     at_s = np.linspace(time_s[0], time_s[-1], _POINTS)
     return tuple(round(float(value), 2) for value in np.interp(at_s, time_s, values))
 

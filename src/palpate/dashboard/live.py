@@ -15,6 +15,7 @@ from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
 from palpate.dashboard.grasp_progress import GraspProgress
 from palpate.dashboard.grip_force import GripForce
 from palpate.dashboard.messages import Playing, RecordedStretch, Timeline
+from palpate.dashboard.recovery import Recovery
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
 from palpate.signal.events import ContactState, watch_contact
@@ -36,7 +37,7 @@ _REST_FRAMES = 15
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The aggregate at one time, and the force where it is calibrated."""
+    """The aggregate at one time, and the force where it is calibrated and something is pressed."""
 
     time_s: float
     percent: float
@@ -80,6 +81,7 @@ class Live:
         self._contacts = [ContactState()] * fingers
         self._rest_ohm = None if source is None else source.rest_ohm
         self._laws = None if source is None else source.laws
+        self._recovery = Recovery()
         self.clear_curve()
 
     def add_stretch(self, past: RecordedStretch) -> None:
@@ -144,7 +146,7 @@ class Live:
         if self.timeline is not None:
             self.reported, self.moving = float(frames.reported[-1]), bool(frames.moving[-1])
             return
-        self._extend(frames.time_s, np.nan_to_num(mean_change(percent)), ohm)
+        self._extend(frames, percent, ohm)
         self._contacts = [
             watch_contact(state, mean)[0]
             for state, mean in zip(self._contacts, self.finger_percent(), strict=True)
@@ -168,11 +170,18 @@ class Live:
     @property
     def open_hand(self) -> bool | None:
         """Whether the hand is open and still; None where its opening is not known."""
+        return self._is_open(self.reported, moving=self.moving)
+
+    @property
+    def newtons(self) -> bool:
+        """Whether the source is calibrated for newtons."""
+        return self._laws is not None
+
+    def _is_open(self, reported: float, *, moving: bool) -> bool | None:
         limits = None if self.source is None else self.source.gripper
-        if limits is None or math.isnan(self.reported):
+        if limits is None or math.isnan(reported):
             return None
-        closure = abs(self.reported - limits.target(0.0))
-        return not self.moving and closure < 0.02 * limits.span
+        return not moving and abs(reported - limits.target(0.0)) < 0.02 * limits.span
 
     def since(self, time_s: float) -> list[Point]:
         """Return the points of the curve after a time."""
@@ -188,12 +197,23 @@ class Live:
         at = bisect_right(self.curve, self.playing.time_s, key=lambda point: point.time_s)
         return self.curve[max(at - 1, 0)].force if self.curve else None
 
-    def _extend(self, time_s: FloatArray, percent: FloatArray, ohm: FloatArray) -> None:
-        for time, value, pixels in zip(time_s.tolist(), percent.tolist(), ohm, strict=True):
-            slot = math.floor(time * POINTS_PER_S)
+    def _extend(self, frames: Frames, percent: FloatArray, ohm: FloatArray) -> None:
+        """Add points to the curve; one of a load that is gone has no force."""
+        whole = np.nan_to_num(mean_change(percent)).tolist()
+        source = self.source
+        assert source is not None
+        fingers = finger_means(percent, finger_of_row=source.layout.finger_of_row)
+        hand = zip(frames.reported.tolist(), frames.moving.tolist(), strict=True)
+        for at, (time_s, (reported, moving)) in enumerate(
+            zip(frames.time_s.tolist(), hand, strict=True)
+        ):
+            open_hand = bool(self._is_open(reported, moving=moving))
+            gone = self._recovery.step(time_s, fingers[at], open_hand=open_hand)
+            slot = math.floor(time_s * POINTS_PER_S)
             if slot > self._slot:
                 self._slot = slot
-                self.curve.append(Point(time, value, self._force_at(time, pixels)))
+                force = self._force_at(time_s, ohm[at])
+                self.curve.append(Point(time_s, whole[at], None if gone else force))
 
     def _force_at(self, time_s: float, ohm: FloatArray) -> Measurement | None:
         source, rest_ohm = self.source, self._rest_ohm

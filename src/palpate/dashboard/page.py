@@ -52,9 +52,14 @@ _PREFERS_DARK = "(prefers-color-scheme: dark)"
 
 
 def build_page(
-    app_state: AppState, client: Client, *, tab: str, item_id: str | None = None
+    app_state: AppState,
+    client: Client,
+    *,
+    tab: str,
+    item_id: str | None = None,
+    recording: str | None = None,
 ) -> None:
-    """Fill the page of one viewer, with a tab of `TABS` open, and an item on the tab of items."""
+    """Fill the page of one viewer, with a tab of `TABS` open, and an item or a recording on it."""
     viewer = _begin(app_state, client, script="live.js")
     _header(app_state, viewer, other=("/operate", Message("Operate")))
     ui.on("seek", lambda event: viewer.seek(float(event.args)))
@@ -65,7 +70,7 @@ def build_page(
             _alerts(app_state, viewer)
             ui.html(_translated(_STAGE, viewer.tr), sanitize=False).classes("stage")
         with ui.element("aside").classes("card panel"):
-            _panel(app_state, viewer, tab=tab, item_id=item_id)
+            _panel(app_state, viewer, tab=tab, item_id=item_id, recording=recording)
     ui.timer(_REFRESH_S, viewer.refresh)
 
 
@@ -229,7 +234,14 @@ def _alerts(app_state: AppState, viewer: Viewer) -> None:
     viewer.enable_when_allowed(done, Action.CONFIRM)
 
 
-def _panel(app_state: AppState, viewer: Viewer, *, tab: str, item_id: str | None) -> None:
+def _panel(
+    app_state: AppState,
+    viewer: Viewer,
+    *,
+    tab: str,
+    item_id: str | None,
+    recording: str | None,
+) -> None:
     with ui.tabs().classes("w-full").props("dense no-caps align=justify") as tabs:
         for name in TABS:
             ui.tab(name, label=viewer.tr(name))
@@ -241,7 +253,7 @@ def _panel(app_state: AppState, viewer: Viewer, *, tab: str, item_id: str | None
         with ui.tab_panel("Doctor"):
             doctor_panel(app_state, viewer)
         with ui.tab_panel("Recordings"):
-            recordings_panel(app_state, viewer)
+            open_recording = recordings_panel(app_state, viewer, name=recording)
         with ui.tab_panel("Items"):
             open_item = items_panel(app_state, viewer, item_id=item_id)
         with ui.tab_panel("Run"):
@@ -252,7 +264,13 @@ def _panel(app_state: AppState, viewer: Viewer, *, tab: str, item_id: str | None
         tabs.set_value("Items")
         open_item(str(event.args))
 
+    def show_recording(event: GenericEventArguments) -> None:
+        """Turn to a recording likewise."""
+        tabs.set_value("Recordings")
+        open_recording(str(event.args))
+
     ui.on("item", show_item)
+    ui.on("recording", show_recording)
     tabs.on_value_change(
         lambda event: ui.navigate.history.replace(TABS[event.value] + viewer.query)
     )

@@ -67,6 +67,7 @@ def document(
             "origin": source.origin,
             "simulated": source.simulated,
             "replayed": source.replayed,
+            "newtons": live.newtons,
         },
         "link": link,
         "hand": _hand(live),

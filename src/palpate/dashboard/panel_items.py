@@ -31,19 +31,22 @@ def items_panel(
     with ui.element("div").classes("form"):
         heading(tr("Items and how they ripen"))
         known = [item_id] if item_id else []
-        choice = ui.select(known, value=item_id, on_change=lambda event: show(event.value)).classes(
-            "w-full"
-        )
+        choice = ui.select(known, value=item_id, on_change=lambda event: choose(event.value))
+        choice.classes("w-full")
         choice.props("outlined dense use-input clearable behavior=dialog")
         choice.props["label"] = tr("Item")
         box = ui.html("", sanitize=False).props("id=item-page")
 
-    async def show(item_id: str | None) -> None:
-        """Show an item's page, and put it in the address."""
+    async def choose(item_id: str | None) -> None:
+        """Put an item in the address, and show its page."""
         if not item_id:
             box.set_content("")
             return
         ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}{viewer.query}")
+        await show(item_id)
+
+    async def show(item_id: str) -> None:
+        """Show an item's page as the store has it now."""
         try:
             found = await run.io_bound(app_state.item_store.page, item_id)
         except PalpateError as error:

@@ -13,18 +13,21 @@ from nicegui import ui
 
 from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import is_simulated, recordings_in
+from palpate.dashboard.folder import is_simulated, recording_named, recordings_in
 from palpate.dashboard.history import Entry
 from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.orders import Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.viewer import Viewer
+from palpate.errors import InputError
 
 _MOST = 100
 
 
-def recordings_panel(app_state: AppState, viewer: Viewer) -> None:
-    """Fill the panel."""
+def recordings_panel(
+    app_state: AppState, viewer: Viewer, *, name: str | None = None
+) -> Callable[[str], None]:
+    """Fill the panel; `name` is a recording that is shown at once. Return what shows another."""
     tr = viewer.tr
     with ui.element("div").classes("form"):
         heading(tr("Recordings"))
@@ -39,7 +42,7 @@ def recordings_panel(app_state: AppState, viewer: Viewer) -> None:
         rows = ui.element("div").classes("w-full").props("id=recordings")
         none = ui.label(tr("None yet: every grasp leaves one here.")).classes("muted")
     shown: dict[Path, _Row] = {}
-    care = _Care(app_state, viewer, changed=lambda: show())
+    care = _Care(app_state, viewer, speed, changed=lambda: show())
 
     def show() -> None:
         """Bring the list up to date, and leave every row that stays where a finger may be on it."""
@@ -54,8 +57,23 @@ def recordings_panel(app_state: AppState, viewer: Viewer) -> None:
                 shown[file].show(status, app_state.history.of(file.name))
         none.set_visibility(not files)
 
+    def open_recording(name: str) -> None:
+        """Ask what to do with a recording, if it is there."""
+        try:
+            care.open(recording_named(app_state.settings.folder, name))
+        except InputError as error:
+            viewer.refuse(error)
+
     show()
     ui.timer(2.0, show)
+    if name is not None:
+        open_recording(name)
+    return open_recording
+
+
+def recording_address(name: str) -> str:
+    """Return the address of a recording by its file's name."""
+    return f"/recordings/{quote(name, safe='')}"
 
 
 class _Row(ui.element):
@@ -91,9 +109,19 @@ class _Row(ui.element):
 
 
 class _Care:
-    """One dialog for all rows: to download, rename or delete a recording."""
+    """One dialog for all rows: to replay, download, rename or delete a recording.
 
-    def __init__(self, app_state: AppState, viewer: Viewer, *, changed: Callable[[], None]) -> None:
+    While it is open its recording is in the address.
+    """
+
+    def __init__(
+        self,
+        app_state: AppState,
+        viewer: Viewer,
+        speed: ui.toggle,
+        *,
+        changed: Callable[[], None],
+    ) -> None:
         self._app_state, self._viewer, self._tr, self._changed = (
             app_state,
             viewer,
@@ -101,9 +129,11 @@ class _Care:
             changed,
         )
         tr = viewer.tr
-        self._file = Path()
+        self._file, self._speed = Path(), speed
         with ui.dialog() as self._dialog, ui.card().classes("care"):
             self._dialog.props["aria-label"] = tr("A recording")
+            replay = self._button(tr("Replay"), self._replay)
+            viewer.enable_when_allowed(replay, Action.PLAY)
             self._name = ui.input(tr("Name")).props("outlined dense maxlength=80").classes("w-full")
             self._asked = ui.label().classes("note").props("role=status")
             with ui.element("div").classes("two"):
@@ -111,6 +141,7 @@ class _Care:
                 self._button(tr("Rename"), self._rename, gated=True)
                 self._delete_button = self._button(tr("Delete"), self._delete, gated=True)
                 self._button(tr("Close"), self._dialog.close)
+        self._dialog.on_value_change(lambda event: self._address(is_open=event.value))
 
     def open(self, file: Path) -> None:
         """Ask what to do with a recording."""
@@ -126,11 +157,19 @@ class _Care:
             self._viewer.enable_when_allowed(button, Action.FILES)
         return button
 
+    def _address(self, *, is_open: bool) -> None:
+        path = recording_address(self._file.name) if is_open else "/recordings"
+        ui.navigate.history.replace(path + self._viewer.query)
+
     def _ask(self, question: str) -> None:
         self._asked.set_text(question)
         self._delete_button.set_text(
             self._tr("Delete for good") if question else self._tr("Delete")
         )
+
+    def _replay(self) -> None:
+        self._dialog.close()
+        self._viewer.order(Play(file=self._file, speed=self._speed.value))
 
     def _download(self) -> None:
         ui.download(f"/recordings/file/{quote(self._file.name)}")

@@ -13,6 +13,7 @@ from palpate.dashboard.app_state import AppState
 from palpate.dashboard.history import LISTED, Entry, History
 from palpate.dashboard.html_parts import heading
 from palpate.dashboard.language import ENGLISH, Language
+from palpate.dashboard.panel_recordings import recording_address
 from palpate.dashboard.viewer import Viewer
 from palpate.grasp.result import Outcome
 
@@ -84,10 +85,13 @@ def entry_html(entry: Entry, tr: Language = ENGLISH, *, query: str = "") -> str:
     words = html.escape(": ".join(filter(None, ended)))
     found = f"<b>{html.escape(entry.bin)}</b>" if entry.bin else ""
     badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if entry.simulated else ""
+    file = html.escape(entry.recording)
+    address = recording_address(entry.recording) + query
+    replay = f" · <a href='{address}' data-recording='{file}'>{tr('recording')}</a>" if file else ""
     return (
         f"<div class='ran' data-kind='{entry.kind}' title='{html.escape(entry.why or '')}'>"
         f"<div class='what'><div>{called} {badge}</div><div>{words}</div>"
-        f"<div class='muted num'>{when}</div></div><div class='where'>{found}"
+        f"<div class='muted num'>{when}{replay}</div></div><div class='where'>{found}"
         f"{sparkline(entry, tr)}</div></div>"
     )
 

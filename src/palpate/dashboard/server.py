@@ -111,6 +111,10 @@ def _routes(app_state: AppState) -> None:
     def item(client: Client, item_id: str) -> None:
         build_page(app_state, client, tab="Items", item_id=item_id)
 
+    @ui.page("/recordings/{name}")
+    def one_recording(client: Client, name: str) -> None:
+        build_page(app_state, client, tab="Recordings", recording=name)
+
     @ui.page("/operate")
     def operate(client: Client, kiosk: str | None = None) -> None:
         build_operator_page(app_state, client, kiosk=kiosk is not None)

@@ -3,7 +3,8 @@ import { $, seen } from "/static/poll.js";
 import { keptAt, zeroOf } from "/static/compare.js";
 import { fixed, range, t } from "/static/words.js";
 
-const WINDOW_S = 30, POINTS = 400;
+// A grasp that ended stays in sight with its last seconds, as long as the curve is kept.
+const WINDOW_S = 30, LAST_S = 20, POINTS = 400;
 // A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
 const HIGHEST = 100;
 const BOX = { l: 46, r: 12, t: 18, b: 26 };
@@ -23,14 +24,15 @@ function shared(doc) {
   const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : 0, first = seen.curve.length ? seen.curve[0][0] : 0;
   const grasp = doc.replay ? doc.replay.grasp : doc.grasp, zero = zeroOf(doc);
   const touched = Boolean(grasp && grasp.touched_s !== null), kept = keptAt(zero, touched);
-  const start = doc.replay ? Math.min(first, kept[0]?.[0] ?? first) : Math.max(grasp ? Math.min(grasp.began_s, last - WINDOW_S) : first, first, last - WINDOW_S);
+  const ended = doc.activity === "watching" && grasp?.moments.length ? grasp.moments.at(-1)[0] - LAST_S : last;
+  const start = doc.replay ? Math.min(first, kept[0]?.[0] ?? first) : Math.max(first, Math.min(last - WINDOW_S, ended));
   const end = doc.replay ? Math.max(last, kept.at(-1)?.[0] ?? last) : Math.max(last, start + WINDOW_S);
   const all = seen.curve.filter(([time]) => time >= start), every = Math.max(1, Math.ceil(all.length / POINTS));
   // Every so many by their number in time, so that a curve does not shimmer as it moves.
   const curve = all.filter(([time], i) => i === all.length - 1 || Math.round(time * 50) % every === 0);
   const moments = (grasp ? grasp.moments : []).filter(([time]) => time >= start);
   const now = doc.replay ? doc.replay.time_s : last;
-  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), touched, kept: kept.filter(([time]) => time >= start && time <= end), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
+  return { last, zero, start, end, curve, moments, now, replay: Boolean(doc.replay), newtons: Boolean(doc.source?.newtons), open: Boolean(doc.hand?.open), touched, kept: kept.filter(([time]) => time >= start && time <= end), bounds: grasp ? grasp.bounds : {}, moves: doc.moves.filter(([, to]) => (to ?? last) >= start), band: seen.band.filter(([time]) => time >= start) };
 }
 
 // A large screen is looked at from further away.
@@ -91,6 +93,13 @@ function forecast(c, view, id, [low, value, high], digits, unit, lines) {
     <text class="settles" id="${id}-settles" x="${left}" y="${base}" font-size="13">${words}</text>`;
 }
 
+// Points with a value, in stretches: what has none between them is a gap.
+function stretches(points, column) {
+  const found = [[]];
+  for (const p of points) if (p[column] !== undefined) found[found.length - 1].push(p); else if (found[found.length - 1].length) found.push([]);
+  return found.filter((one) => one.length);
+}
+
 // The lines of readings, as they are on the screen.
 function drawn(c, view, column) {
   return [view.curve, view.kept].map((points) => points.filter((p) => p[column] !== undefined).map((p) => [c.x(p[0]), c.y(p[column])]));
@@ -112,34 +121,46 @@ function place(c, choices, after, above, below, lines) {
 
 // Of another recording, under the one that is shown.
 function compared(c, view, column) {
-  const points = view.kept.filter((p) => p[column] !== undefined);
-  return points.length ? `<polyline class="kept" clip-path="url(#${c.clip})" points="${c.line(points.map((p) => [p[0], p[column]]))}"/>` : "";
+  return stretches(view.kept, column).map((points) => `<polyline class="kept" clip-path="url(#${c.clip})" points="${c.line(points.map((p) => [p[0], p[column]]))}"/>`).join("");
 }
 
-function level(c, value, name, kind) {
-  if (value === null || value === undefined) return "";
-  const beyond = value > c.high, at = beyond ? BOX.t + 1 : c.y(value);
-  return `<line class="level ${kind}" data-value="${value}" x1="${BOX.l}" x2="${c.width - BOX.r}" y1="${at}" y2="${at}" ${beyond ? 'opacity="0"' : ""}/><text class="level ${kind}" x="${BOX.l + 6}" y="${beyond ? BOX.t + 12 : at - 5}" font-size="12">${name} ${fixed(value, 1)} N${beyond ? " ↑" : ""}</text>`;
+// A line over all of the curve; its words are at its left end, or its right.
+function level(c, { value, name, kind, right }) {
+  const beyond = value > c.high, at = beyond ? BOX.t + 1 : c.y(value), from = right ? `x="${c.width - BOX.r - 4}" text-anchor="end"` : `x="${BOX.l + 6}"`;
+  return `<line class="level ${kind}" data-value="${value}" x1="${BOX.l}" x2="${c.width - BOX.r}" y1="${at}" y2="${at}" ${beyond ? 'opacity="0"' : ""}/><text class="level ${kind}" ${from} y="${beyond ? BOX.t + 12 : at - 5}" font-size="12">${name} ${fixed(value, 1)} N${beyond ? " ↑" : ""}</text>`;
+}
+
+// A level with its words, as lines that no other words may cross.
+function levelLines(c, { value, right }) {
+  const at = c.y(Math.min(value, c.high)), above = at - 18, [begins, ends] = right ? [c.width - BOX.r - 140, c.width] : [BOX.l, BOX.l + 130];
+  return [[[BOX.l, at], [c.width, at]], [[begins, above], [ends, above]]];
 }
 
 function ending(c, view, column) {
-  const points = view.curve.filter((p) => p[column] !== undefined).map((p) => [p[0], p[column]]);
+  const lines = stretches(view.curve, column).map((points) => points.map((p) => [p[0], p[column]])), points = lines.flat();
   if (!points.length) return "";
   const past = view.replay ? `<rect class="future" x="${c.x(view.now)}" y="${BOX.t}" width="${Math.max(0, c.x(view.end) - c.x(view.now))}" height="${c.height - BOX.t - BOX.b}"/>` : "";
-  const at = view.replay ? nearest(points, view.now) : points[points.length - 1];
-  return `<polyline clip-path="url(#${c.clip})" points="${c.line(points)}" fill="none" stroke="var(--curve)" stroke-width="2" stroke-linejoin="round"/>${past}<circle cx="${c.x(at[0])}" cy="${Math.max(BOX.t, c.y(at[1]))}" r="4" fill="var(--curve)"/>`;
+  const at = atNow(view, column);
+  const dot = at ? `<circle cx="${c.x(at[0])}" cy="${Math.max(BOX.t, c.y(at[column]))}" r="4" fill="var(--curve)"/>` : "";
+  return `${lines.map((one) => `<polyline clip-path="url(#${c.clip})" points="${c.line(one)}" fill="none" stroke="var(--curve)" stroke-width="2" stroke-linejoin="round"/>`).join("")}${past}${dot}`;
 }
 
 const nearest = (points, time) => points.reduce((best, p) => (Math.abs(p[0] - time) < Math.abs(best[0] - time) ? p : best), points[0]);
 
+// The point of this moment; nothing where it has no value.
+function atNow(view, column) {
+  const one = view.curve.length ? nearest(view.curve, view.now) : null;
+  return one && one[column] !== undefined ? one : null;
+}
+
 // -- readings under the pointer ----------------------------------------------------------------------
 function reading(c, view, svg, column, words) {
   const out = $(`${svg.id}-at`), points = view.curve.filter((p) => p[column] !== undefined);
-  if (!points.length) { out.textContent = ""; return ""; }
   const time = pointed === null ? null : view.start + ((pointed - BOX.l) / (c.width - BOX.l - BOX.r)) * (view.end - view.start);
-  const inside = time !== null && time >= view.start && time <= view.last + 0.5;
-  const one = inside ? nearest(points, time) : nearest(points, view.now);
+  const inside = points.length > 0 && time !== null && time >= view.start && time <= view.last + 0.5;
+  const one = inside ? nearest(points, time) : atNow(view, column);
   out.classList.toggle("pointed", inside);
+  if (!one) { out.textContent = view.open ? t("hand open") : ""; return ""; }
   const other = inside ? view.kept.filter((p) => p[column] !== undefined) : [];
   const keptReading = other.length ? ` · ${t("kept")} ${words(nearest(other, one[0]))}` : "";
   out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}${keptReading}` : words(one);
@@ -158,16 +179,16 @@ function drawForce(view) {
   const svg = $("force");
   if (!svg) return;
   const values = view.curve.filter((p) => p[3] !== undefined), settled = view.band.filter((b) => b[6] !== undefined).map((b) => b[6]);
-  $("force-card").classList.toggle("hidden", !values.length);
-  if (!values.length) return;
+  $("force-card").classList.toggle("hidden", !view.newtons);
+  if (!view.newtons) return;
   const highest = Math.max(1, ...values.map((p) => p[3]), ...view.kept.map((p) => p[3] ?? 0), ...settled);
-  const limits = [view.bounds.target_n, view.bounds.damage_low_n].filter((v) => v !== null && v !== undefined && v < 2.5 * highest);
+  const { target_n: target, damage_low_n: damage, ceiling_n: ceiling } = view.bounds, known = (value) => value !== null && value !== undefined;
+  const levels = [{ value: target, name: t("target"), kind: "target" }, known(damage) ? { value: damage, name: t("damage limit"), kind: "limit", right: true } : { value: ceiling < 2.5 * highest ? ceiling : null, name: t("ceiling"), kind: "limit", right: true }].filter((one) => known(one.value));
+  const limits = [target, damage].filter((value) => known(value) && value < 2.5 * highest);
   const c = canvas(svg, view, [0, 1.15 * Math.max(highest, ...limits, ...values.map((p) => Math.min(p[4], 1.5 * p[3])))]);
-  const outline = [...values.map((p) => [p[0], p[4]]), ...[...values].reverse().map((p) => [p[0], p[2]])];
-  // Their words stand above their left ends.
-  const levels = limits.map((v) => [[BOX.l, c.y(v) - 18], [BOX.l + 130, c.y(v)], [c.width, c.y(v)]]);
-  const damage = view.bounds.damage_low_n, ceiling = damage === null || damage === undefined ? view.bounds.ceiling_n : null;
-  svg.innerHTML = `${ground(c, view)}<polygon id="force-interval" clip-path="url(#${c.clip})" points="${c.line(outline)}" fill="var(--curve)" opacity="0.16"/>${compared(c, view, 3)}${forecast(c, view, "force-band", [4, 5, 6], 2, "N", [...drawn(c, view, 3), ...levels])}${level(c, view.bounds.target_n, t("target"), "target")}${level(c, damage, t("damage limit"), "limit")}${ceiling < 2.5 * highest ? level(c, ceiling, t("ceiling"), "limit") : ""}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
+  const intervals = stretches(view.curve, 3).map((one) => `<polygon clip-path="url(#${c.clip})" points="${c.line([...one.map((p) => [p[0], p[4]]), ...[...one].reverse().map((p) => [p[0], p[2]])])}"/>`);
+  const lines = [...drawn(c, view, 3), ...levels.flatMap((one) => levelLines(c, one))];
+  svg.innerHTML = `${ground(c, view)}<g id="force-interval" fill="var(--curve)" opacity="0.16">${intervals.join("")}</g>${compared(c, view, 3)}${forecast(c, view, "force-band", [4, 5, 6], 2, "N", lines)}${levels.map((one) => level(c, one)).join("")}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
 }
 
 function drawReading(view) {

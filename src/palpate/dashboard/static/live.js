@@ -1,5 +1,5 @@
 // The whole page: the pads, the curves, the verdict and what was measured.
-import { $, follow, say, seen, whys } from "/static/poll.js";
+import { $, follow, number, say, seen, whys } from "/static/poll.js";
 import { fixed, range, t } from "/static/words.js";
 import { begin as beginCurves, drawCurves } from "/static/curves.js";
 import { begin as beginHand, drawFingers } from "/static/pads.js";
@@ -10,14 +10,23 @@ const UNITS = { size_mm: [t("Size"), "mm", 1], force_n: [t("Grip force"), "N", 2
 const STATUS = { too_short: t("short hold"), not_settling: t("not settling"), saturated: t("outside range"), fell_back: t("fell back") };
 
 // -- words and numbers -----------------------------------------------------------------------------
+// A round number that is at least this.
+function roundUp(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [1, 1.5, 2, 3, 5, 7.5, 10].map((m) => m * power).find((one) => one >= 0.999 * value);
+}
+
+// The interval on a scale from zero: its length shows how sure the value is, whether the truth is known or not.
 function bar(one) {
   const marks = [one.low, one.value, one.high, ...(typeof one.truth === "number" ? [one.truth] : [])].filter((v) => v !== null);
-  const low = Math.min(...marks), span = Math.max(...marks) - low || 1, x = (v) => `${(4 + (92 * (v - low)) / span).toFixed(2)}%`;
+  const lowest = Math.min(...marks), highest = Math.max(...marks), low = lowest < 0 ? -roundUp(-lowest) : 0, high = highest > 0 ? roundUp(highest) : 0;
+  const span = high - low || 1, x = (v) => `${((100 * (v - low)) / span).toFixed(2)}%`;
   const inside = one.low <= one.truth && one.truth <= one.high;
   // Places in percent, marks in pixels: a wide card must not stretch them.
-  return `<svg aria-hidden="true"><line x1="${x(one.low)}" x2="${x(one.high)}" y1="12" y2="12" stroke="var(--accent)" stroke-width="3"/>
-    <circle cx="${x(one.value)}" cy="12" r="4.5" fill="var(--accent)"/>
-    ${typeof one.truth === "number" ? `<svg x="${x(one.truth)}" overflow="visible"><path d="M-5 0h10l-5 8z" fill="${inside ? "var(--good)" : "var(--bad)"}"/></svg>` : ""}</svg>`;
+  return `<div class="scale num" aria-hidden="true"><span>${number(low)}</span><svg><line x1="0" x2="100%" y1="12" y2="12" stroke="var(--line)" stroke-width="3"/>
+    <line class="interval" x1="${x(one.low)}" x2="${x(one.high)}" y1="12" y2="12" stroke="var(--accent)" stroke-width="7"/>
+    <circle cx="${x(one.value)}" cy="12" r="3.5" fill="var(--surface)" stroke="var(--accent)" stroke-width="2"/>
+    ${typeof one.truth === "number" ? `<svg x="${x(one.truth)}" overflow="visible"><path d="M-5 0h10l-5 8z" fill="${inside ? "var(--good)" : "var(--bad)"}"/></svg>` : ""}</svg><span>${number(high)}</span></div>`;
 }
 
 // Without a hand nothing but a force is measured.
@@ -71,12 +80,13 @@ function drawVerdict(doc) {
   say($("verdict-why"), parts.join("\u00a0· "));
 }
 
-// A link to an item turns to its tab; opened in another window it is a page of its own.
+// A link to an item or a recording turns to its tab; opened in another window it is a page of its own.
 document.addEventListener("click", (event) => {
-  const link = event.target.closest?.("a[data-item]");
+  const link = event.target.closest?.("a[data-item], a[data-recording]");
   if (!link || event.ctrlKey || event.metaKey || event.shiftKey) return;
   event.preventDefault();
-  window.emitEvent("item", link.dataset.item);
+  const [what, name] = Object.entries(link.dataset)[0];
+  window.emitEvent(what, name);
 });
 
 // On a narrow screen the panel lies below the stage: an address of a tab leads to it.

@@ -4,7 +4,7 @@ import { fixed, t, whole as wholeNumber } from "/static/words.js";
 import { color } from "/static/colors.js";
 
 const PAD = { top: 26, margin: 10, wide: 138, tall: 164 }, SIDE_GAP = 56, TRACE_S = 30;
-let built = null, pads = [], chosen = null;
+let built = null, pads = [], chosen = null, caption = 14;
 const traces = [];
 
 // A pad is as wide as it is tall if its pixels are: they lie on a square grid.
@@ -60,7 +60,9 @@ const isSmall = (svg) => svg.clientWidth < 560;
 // The picture shrinks to a phone, its captions don't.
 function view(svg, left, top, width, height) {
   svg.setAttribute("viewBox", `${left} ${top} ${width} ${height}`);
-  svg.style.setProperty("--caption", `${Math.max(14, Math.min(20, (13 * width) / svg.clientWidth))}px`);
+  const scale = Math.min(svg.clientWidth / width, svg.clientHeight / height) || 1;
+  caption = Math.max(14, Math.min(20, 13 / scale));
+  svg.style.setProperty("--caption", `${caption}px`);
 }
 
 // Finger pads at their places; returns how far apart they are drawn.
@@ -83,8 +85,8 @@ function place(svg, doc) {
   }
   const scale = hand.drive === "width" ? (small ? 2.2 : 4.1) : 0;
   const gap = hand.value === null ? 220 : scale ? hand.value * scale : (small ? 170 : 300) * (1 - 0.75 * hand.closed);
-  view(svg, 0, 0, width, small ? 270 : 240);
-  $("opening").setAttribute("y", small ? 262 : 222);
+  view(svg, 0, 0, width, small ? 270 : 244);
+  $("opening").setAttribute("y", small ? 262 : 232);
   const rail = $("rail");
   rail.setAttribute("x", 10);
   rail.setAttribute("width", width - 20);
@@ -101,7 +103,7 @@ function object({ gap, scale, middle }, doc) {
   const words = across > 60, colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
   return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
     ${words ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
-    <text class="soft" x="${middle}" y="136" text-anchor="middle" font-size="${name.length > 14 ? 11 : 13}">${esc(name)}</text>` : ""}`;
+    <text class="soft" x="${middle}" y="137" text-anchor="middle" font-size="${Math.min(caption, (1.6 * across) / name.length)}">${esc(name)}</text>` : ""}`;
 }
 
 function namePads(svg, doc) {

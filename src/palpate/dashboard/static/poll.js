@@ -3,6 +3,7 @@
 import { fixed, lang, t } from "/static/words.js";
 
 const PERIOD_MS = 66, SILENT_MS = 1000, LOST_MS = 1000, LOOK_MS = 100;
+const GREYED = ".figure, .measures, #next-step, .item, .force, .panel-body, .panel-foot";
 export const $ = (id) => document.getElementById(id);
 export const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
 export const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0 };
@@ -15,7 +16,7 @@ export function headline(box, element, text) {
   box.style.setProperty("--letters", Math.max(...text.split(" ").map((word) => word.length)));
 }
 
-const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
+export const number = (value) => fixed(value, 3).replace(/[.,]?0+$/, "");
 const sinceFrame = (s) => (s < 1 ? t("{time} ms ago", { time: fixed(1000 * s, 0) }) : t("{time} s ago", { time: fixed(s, 1) }));
 
 // What the verdict rests on, in pieces; no line ends between a number and its unit.
@@ -61,6 +62,8 @@ function drawLoss(onLost) {
   const lost = server || devices, agoS = (server ? silentMs / 1000 : 0) + (seen.hungS ?? 0);
   if (lost && !document.body.classList.contains("lost")) onLost();
   document.body.classList.toggle("lost", lost);
+  // What is greyed is reported as unavailable too.
+  for (const part of document.querySelectorAll(GREYED)) if (lost) part.ariaDisabled = "true"; else part.removeAttribute("aria-disabled");
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
   const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
@@ -99,6 +102,8 @@ async function tick(draw, onLost) {
 }
 
 export function follow(draw, onLost = () => {}) {
+  // The framework's own words of a lost socket lie outside of all landmarks, unless they are an alert.
+  $("popup")?.setAttribute("role", "alert");
   setInterval(drawLoss, LOOK_MS, onLost);
   tick(draw, onLost);
 }
