@@ -82,12 +82,13 @@ def pictures(browser: Browser, address: str, out: Path) -> None:
 
 
 def calibrate_and_stop(driver: Page) -> None:
-    """Begin a force calibration by the simulated load cell, and stop it at the second placement."""
+    """Begin a force calibration by the simulated load cell, and stop it at a placement."""
     driver.get_by_role("tab", name="Calibrate").click()
     button = driver.locator("#calibrate-force")
     expect(button).to_be_enabled(timeout=60_000)
     button.click()
-    expect(driver.locator("#guide")).to_contain_text("2 of 6", timeout=60_000)
+    # On a fast machine a placement is over before a slower look sees it.
+    driver.wait_for_function("/[2-5] of 6/.test(document.querySelector('#guide').textContent)")
     driver.locator("#stop").click()
     expect(driver.locator("#verdict-text")).to_have_text("calibration stopped", timeout=60_000)
 

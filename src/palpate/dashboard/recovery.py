@@ -14,7 +14,8 @@ class Recovery:
     """Whether an open hand's sheet still shows what the hand held before."""
 
     def __init__(self) -> None:
-        self._held, self._calm_since_s = False, math.inf
+        # What happened before the first frame is not known.
+        self._held, self._calm_since_s = True, math.inf
 
     def step(self, time_s: float, finger_percent: FloatArray, *, open_hand: bool) -> bool:
         """Take a frame; return whether it shows a load that is gone.

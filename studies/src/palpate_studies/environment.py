@@ -223,5 +223,5 @@ def draw_suction(lifted: dict[str, FloatArray]) -> Figure:
             ylabel="mean relative change (%)",
             title="Figure 1b, simulated: negative pressure raises resistance",
         )
-        axis.legend()
+        axis.legend(title="median; thin: each sensor")
     return figure

@@ -285,5 +285,14 @@ def draw_lines(
                     printed = study.published_values
                     style = {"ls": "", "marker": marker, "c": INK, "mfc": "none", "label": label}
                     axis.plot(rating[: len(printed)], printed, **style)
-                axis.legend(fontsize=7, title="lines through means", title_fontsize=7)
+                # Room for the legend: no height is free of readings at every level.
+                lowest, highest = axis.get_ylim()
+                axis.set_ylim(lowest, highest + 0.3 * (highest - lowest))
+                axis.legend(
+                    loc="upper center",
+                    ncols=2,
+                    fontsize=7,
+                    title="lines through means",
+                    title_fontsize=7,
+                )
     return figure

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.unit.dashboard.test_live import SOURCE, frames, progress
 
+from palpate.dashboard.frames import Frames
 from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.grasp_progress import Bounds
 from palpate.dashboard.grip_force import ContactGains, ForceLaws, GripForce
@@ -27,6 +28,12 @@ LAWS = ForceLaws(reading=PixelReading.summed(), early=LAW, settled=LAW)
 PRESSED = 450
 
 
+def pressed(count: int, *, from_s: float = 0.0, rate_hz: float = 500.0) -> Frames:
+    """Return frames of a hand that holds something."""
+    made = frames(count, from_s=from_s, rate_hz=rate_hz, counts=PRESSED)
+    return replace(made, reported=np.full(count, 40.0))
+
+
 @pytest.fixture
 def live() -> Live:
     live = Live()
@@ -41,13 +48,22 @@ def pressed_n() -> float:
 
 
 def test_every_point_of_the_curve_has_its_force(live: Live) -> None:
-    live.add_frames(frames(40, rate_hz=40.0, counts=PRESSED))
+    live.add_frames(pressed(40, rate_hz=40.0))
     assert len(live.curve) == 40
     for point in live.curve:
         assert point.force is not None
         assert point.force.value == pytest.approx(pressed_n(), rel=1e-6)
         assert point.force.low < point.force.value < point.force.high
     assert live.force is live.curve[-1].force
+
+
+def test_an_open_hand_has_no_force_until_its_sheet_is_calm(live: Live) -> None:
+    live.add_frames(pressed(1))
+    live.add_frames(frames(10, from_s=0.1, rate_hz=10.0, counts=320))
+    assert live.force is None
+    live.add_frames(frames(20, from_s=2.0, rate_hz=10.0))
+    assert live.force is not None
+    assert [point.force is None for point in live.curve] == [False] + [True] * 20 + [False] * 10
 
 
 def test_without_a_calibration_there_are_no_newtons() -> None:
@@ -60,16 +76,16 @@ def test_without_a_calibration_there_are_no_newtons() -> None:
 
 def test_what_the_grasp_learned_of_its_contact_counts(live: Live) -> None:
     gain = Gain(log_mean=math.log(1.5), log_sd=0.05, law_sd=LAW.residual_sd)
-    live.add_frames(frames(1, counts=PRESSED))
+    live.add_frames(pressed(1))
     wide = live.force
     live.take_progress(replace(progress(0.0, 5.0), gains=ContactGains(early=gain, settled=gain)))
-    live.add_frames(frames(1, from_s=0.1, counts=PRESSED))
+    live.add_frames(pressed(1, from_s=0.1))
     assert wide is not None
     assert live.force is not None
     assert live.force.value == pytest.approx(1.5 * wide.value)
     assert live.force.high / live.force.low < wide.high / wide.low
     live.clear_curve()
-    live.add_frames(frames(1, from_s=0.2, counts=PRESSED))
+    live.add_frames(pressed(1, from_s=0.2))
     assert live.force is not None
     assert live.force.value == pytest.approx(wide.value), "the next contact is another one"
 
@@ -99,7 +115,7 @@ def test_the_document_has_newtons_marks_and_bounds(live: Live) -> None:
             bounds=Bounds(target_n=3.0, damage_low_n=5.5, ceiling_n=15.0),
         )
     )
-    live.add_frames(replace(frames(1, counts=PRESSED), reported=np.array([40.0])))
+    live.add_frames(pressed(1))
     doc = document(session, GraspForm(), generation=-1, after_s=0.0)
     assert doc["curve"][0][2:] == pytest.approx(
         [live.force.low, live.force.value, live.force.high] if live.force else [], abs=1e-3

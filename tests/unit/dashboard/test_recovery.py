@@ -15,8 +15,12 @@ def steps(recovery: Recovery, *frames: tuple[float, float, bool]) -> list[bool]:
     ]
 
 
-def test_a_hand_that_was_open_all_along_presses_what_its_sheet_shows() -> None:
-    assert steps(Recovery(), (0.0, 0.0, True), (1.0, -30.0, True)) == [False, False]
+def test_a_hand_that_is_open_and_calm_presses_what_its_sheet_shows_then() -> None:
+    assert steps(Recovery(), (0.0, 0.0, True), (1.0, 0.0, True)) == [True, False]
+    assert steps(Recovery(), (0.0, -5.0, True), (9.0, -4.0, True)) == [True, True]
+    recovery = Recovery()
+    steps(recovery, (0.0, 0.0, True), (1.0, 0.0, True))
+    assert steps(recovery, (2.0, -30.0, True)) == [False]
 
 
 def test_the_sheet_of_a_hand_that_opened_shows_a_load_that_is_gone_until_it_is_calm() -> None:

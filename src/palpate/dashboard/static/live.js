@@ -25,7 +25,7 @@ function bar(one) {
   // Places in percent, marks in pixels: a wide card must not stretch them.
   return `<div class="scale num" aria-hidden="true"><span>${number(low)}</span><svg><line x1="0" x2="100%" y1="12" y2="12" stroke="var(--line)" stroke-width="3"/>
     <line class="interval" x1="${x(one.low)}" x2="${x(one.high)}" y1="12" y2="12" stroke="var(--accent)" stroke-width="7"/>
-    <circle cx="${x(one.value)}" cy="12" r="3.5" fill="var(--surface)" stroke="var(--accent)" stroke-width="2"/>
+    <line x1="${x(one.value)}" x2="${x(one.value)}" y1="7" y2="17" stroke="var(--ink)" stroke-width="2"/>
     ${typeof one.truth === "number" ? `<svg x="${x(one.truth)}" overflow="visible"><path d="M-5 0h10l-5 8z" fill="${inside ? "var(--good)" : "var(--bad)"}"/></svg>` : ""}</svg><span>${number(high)}</span></div>`;
 }
 
