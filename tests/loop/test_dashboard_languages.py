@@ -8,7 +8,16 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from tests.loop.test_dashboard import SIMULATED, browser, can_press, fresh, release, served, verdict
+from tests.loop.test_dashboard import (
+    SIMULATED,
+    browser,
+    can_press,
+    drive,
+    fresh,
+    release,
+    served,
+    verdict,
+)
 from tests.loop.test_operator_view import SIZES, at
 
 __all__ = ["browser"]
@@ -60,8 +69,7 @@ def test_no_page_shows_a_text_that_was_not_translated(browser: Browser, address:
         english.goto(f"{address}doctor")
         german.goto(f"{address}recordings")
         fresh(english)
-        if english.locator("#take-over").is_visible():
-            english.locator("#take-over").click()
+        drive(english)
         can_press(english, "#examine")
         english.locator("#examine").click()
         expect(german.locator("#verdict-text")).to_have_text("untersucht")

@@ -15,6 +15,7 @@ from tests.loop.test_dashboard import (
     WIDE,
     browser,
     can_press,
+    drive,
     fresh,
     release,
     served,
@@ -72,8 +73,7 @@ def at(browser: Browser, url: str, size: tuple[int, int], **options: str) -> Ite
     page.set_default_timeout(PATIENCE_MS)
     page.goto(url)
     fresh(page)
-    if page.locator("#take-over").is_visible():
-        page.locator("#take-over").click()
+    drive(page)
     yield page
     context.close()
 

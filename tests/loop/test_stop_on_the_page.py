@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, CDPSession, Page, Request, expect
-from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, fresh, served, serving
+from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, drive, fresh, served, serving
 
 __all__ = ["browser"]
 
@@ -80,8 +80,7 @@ def viewer(browser: Browser, url: str, size: str) -> Iterator[Viewer]:
     page.on("request", lambda one: asked.append(one) if one.url.endswith("/stop") else None)
     page.goto(url)
     fresh(page)
-    if page.locator("#take-over").is_visible():
-        page.locator("#take-over").click()
+    drive(page)
     yield Viewer(page, context.new_cdp_session(page), asked)
     context.close()
 
