@@ -180,6 +180,8 @@ def test_a_recording_has_an_address(page: Page, folder: Path) -> None:
     page.goto(page.url + "/elsewhere.mcap")
     expect(page.locator(".q-notification").first).to_contain_text("no recording of this folder")
     expect(page.locator(".care")).to_have_count(0)
+    expect(page).to_have_url(re.compile("/recordings$"))
+    expect(page.locator(".q-notification")).to_have_count(0)
 
 
 def test_whoever_only_watches_moves_nothing(page: Page, browser: Browser) -> None:

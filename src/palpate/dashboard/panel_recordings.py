@@ -63,6 +63,7 @@ def recordings_panel(
             care.open(recording_named(app_state.settings.folder, name))
         except InputError as error:
             viewer.refuse(error)
+            ui.navigate.history.replace(f"/recordings{viewer.query}")
 
     show()
     ui.timer(2.0, show)
