@@ -108,6 +108,7 @@ def driver(come: Callable[..., Page]) -> Page:
     page = come()
     fresh(page)
     drive(page)
+    expect(page.locator("#who")).to_contain_text("you drive")
     expect(page.locator("#verdict-text")).to_be_visible()
     return page
 
@@ -118,7 +119,7 @@ def drive(page: Page) -> None:
         "() => { const take = document.getElementById('take-over');"
         " if (take.checkVisibility()) take.click(); }"
     )
-    expect(page.locator("#who")).to_contain_text("you drive")
+    expect(page.locator("#take-over")).to_be_hidden()
 
 
 def fresh(page: Page) -> None:
