@@ -11,24 +11,18 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from palpate_studies.scoreboard import as_first_table, as_table, read_claims, with_table
-
-DOCS = Path(__file__).parent
-#: Page -> its table.
-PAGES = {DOCS.parent / "README.md": as_first_table, DOCS / "scoreboard.md": as_table}
+from palpate_studies.scoreboard_tables import generated_pages
 
 
 def main() -> int:
     """Write or check every page."""
-    claims, stale = read_claims(DOCS), list[str]()
-    for page, table in PAGES.items():
-        now = page.read_text()
-        wanted = with_table(now, table(claims))
-        if wanted != now:
-            stale.append(page.name)
-            if "--check" not in sys.argv:
-                page.write_text(wanted)
-    return 1 if stale and "--check" in sys.argv else 0
+    pages = generated_pages(Path(__file__).parent)
+    stale = {page: text for page, text in pages.items() if page.read_text() != text}
+    if "--check" in sys.argv:
+        return 1 if stale else 0
+    for page, text in stale.items():
+        page.write_text(text)
+    return 0
 
 
 if __name__ == "__main__":

@@ -15,7 +15,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from palpate_studies.scoreboard import code_hash, keep
+from palpate_studies.scoreboard import keep
+from palpate_studies.study_code import code_hash
 
 #: `palpate` of this interpreter, installed or not on the path.
 RUN = "import sys; from palpate.cli import main; sys.exit(main())"
@@ -27,7 +28,7 @@ def main() -> None:
     name, origin, keys, *note = sys.argv[1:end]
     arguments = ["study", *sys.argv[end + 1 :]]
     # Before the study runs: the code may change while it does.
-    ran = code_hash()
+    ran = code_hash(arguments[1])
     done = subprocess.run(
         [sys.executable, "-c", RUN, *arguments, "--json"],
         check=True,

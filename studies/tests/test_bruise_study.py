@@ -13,7 +13,15 @@ from tests.pdf_fonts import check_all_fonts
 from palpate.produce.bruise.model import BruiseModel
 from palpate_studies import bruise, bruise_data
 from palpate_studies.bruise_data import Examined, examine
-from palpate_studies.bruise_scores import CHANGE, SAME_WIDTH, THRESHOLD, Scored, area, area_lost
+from palpate_studies.bruise_scores import (
+    CHANGE,
+    SAME_WIDTH,
+    THRESHOLD,
+    TREES,
+    Scored,
+    area,
+    area_lost,
+)
 from palpate_studies.bruise_table6 import CLOSURE_MM, COLUMNS, DROPPED, SIZE_MM, grasped
 from palpate_studies.bruise_tables import reliability
 from palpate_studies.fruit_ranges import BRUISES
@@ -69,12 +77,12 @@ def test_the_report_holds_every_way_and_writes_its_models(
     document = json.loads(json.dumps(found.payload, allow_nan=False))
     for level in ("paper", "field"):
         ways = document["ways"][level]
-        assert {THRESHOLD, CHANGE, SAME_WIDTH} < set(ways)
-        assert len(ways) == 16
+        assert {THRESHOLD, CHANGE, SAME_WIDTH, *TREES.values()} < set(ways)
+        assert len(ways) == 18
         assert all(0 <= way["auc"] <= 1 for way in ways.values())
         assert set(document["table6"][level]["recorded, 20 s"]) == set(COLUMNS)
         assert document["apples"][level]["learn"] == 20
-        assert sum(row["level"] == level for row in document["compared"]) == 6
+        assert sum(row["level"] == level for row in document["compared"]) == 8
         assert level in models[level][2.5].learned_on
     assert "Calibration inputs" in " ".join(found.provenance)
     found.write(tmp_path)

@@ -6,43 +6,37 @@ import json
 import re
 import shutil
 import tomllib
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
 from palpate.errors import InputError
-from palpate_studies.scoreboard import (
-    BEGIN,
-    END,
-    Claim,
+from palpate_studies.catalogue import STUDIES
+from palpate_studies.scoreboard import keep, quotes, read_claims, read_findings, read_kept
+from palpate_studies.scoreboard_tables import (
+    as_findings,
     as_first_table,
+    as_looks,
     as_table,
-    code_hash,
-    keep,
-    quotes,
-    read_claims,
+    generated_pages,
+    marks,
     with_table,
 )
+from palpate_studies.study_code import code_hash, study_files
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 
 
-@pytest.mark.parametrize(
-    ("page", "table"), [(ROOT / "README.md", as_first_table), (DOCS / "scoreboard.md", as_table)]
-)
-def test_the_tables_of_claims_are_what_the_kept_results_say(
-    page: Path, table: Callable[[Sequence[Claim]], str]
-) -> None:
-    text = page.read_text()
-    wanted = with_table(text, table(read_claims(DOCS)))
-    assert text == wanted, f"{page} is stale: run python docs/generate_scoreboard.py"
+def test_generated_tables_are_what_the_kept_results_say() -> None:
+    for page, wanted in generated_pages(DOCS).items():
+        assert page.read_text() == wanted, f"{page} is stale: run docs/generate_scoreboard.py"
 
 
 def test_the_first_page_has_no_table_of_results_but_the_generated_one() -> None:
     text = (ROOT / "README.md").read_text()
-    outside = text.split(BEGIN)[0] + text.split(END)[1]
+    begin, end = marks("scoreboard")
+    outside = text.split(begin)[0] + text.split(end)[1]
     assert not re.findall(r"^\|.*\d.*\|$", outside, flags=re.MULTILINE)
 
 
@@ -54,19 +48,19 @@ def test_pages_quote_kept_results() -> None:
 
 
 def test_every_kept_result_says_what_made_it_and_is_used() -> None:
-    rows = tomllib.loads((DOCS / "claims.toml").read_text())["claim"]
+    document = tomllib.loads((DOCS / "claims.toml").read_text())
+    rows = [row for kind in ("claim", "finding", "page") for row in document[kind]]
     named = {row[key] for row in rows for key in ("result", "second_result") if key in row}
-    for path in sorted((DOCS / "kept").glob("*.json")):
-        document = json.loads(path.read_text())
-        assert document["origin"] in ("real", "simulated")
-        assert document["command"].startswith("palpate study ")
-        assert re.fullmatch(r"[0-9a-f]{64}", document["code_sha256"] or 64 * "0")
-        assert (document["code_sha256"] is None) == path.stem.startswith("earlier-")
-        assert path.stem in named
-    for claim in read_claims(DOCS):
-        assert claim.verdict in ("ours", "rival", "undecided")
-        if claim.name in {row["name"] for row in rows if row["result"].startswith("earlier-")}:
-            assert "earlier" in claim.note or claim.verdict == "rival"
+    assert {one.name for one in read_kept(DOCS)} == named
+    for one in read_kept(DOCS):
+        assert json.loads((DOCS / "kept" / f"{one.name}.json").read_text())["origin"] in (
+            "real",
+            "simulated",
+        )
+        assert one.command.startswith(f"palpate study {one.study}")
+        assert one.study in STUDIES
+        assert re.fullmatch(r"[0-9a-f]{64}", one.code_sha256)
+        assert one.note, f"{one.name} does not say how often it was looked at"
 
 
 @pytest.fixture
@@ -78,9 +72,14 @@ def docs(tmp_path: Path) -> Path:
         command="palpate study one",
         origin="real",
         figures={
-            "rows": [{"method": "a, b", "error": 0.1234}, {"method": "c", "error": 0.2}],
+            "rows": [
+                {"method": "a, b", "error": 0.1234},
+                {"method": "c", "error": 0.2, "ends": [1, 3]},
+            ],
             "pair": {"difference": -0.1, "low": -0.2, "high": 0.01, "verdict": "undecided"},
         },
+        note="Looked at once.",
+        code_sha256="1" * 64,
     )
     keep(
         "two",
@@ -97,19 +96,41 @@ def docs(tmp_path: Path) -> Path:
         '[[claim]]\nname = "x"\nclaim = "error"\nresult = "one"\ncount = "3"\n'
         'ours = "{100*rows[method=a, b]/error:.1f} %"\nrival = "{rows[method=c]/error}"\n'
         'rival_name = "c"\ndifference = "pair"\nverdict = "undecided"\n'
-        'quotes = [["page.md", "{rows[method=c]/error:.2f}"]]\nsecond_result = "two"\n'
+        'quotes = [["page.md", "{rows[method=c]/error:.2f} to {rows[method=c]/ends/1}"]]\n'
+        'second_result = "two"\n'
         'second = "{error:.1f}"\nsecond_difference = "pair"\nsecond_verdict = "rival"\n'
         'second_quotes = [["page.md", "second {error:.2f}"]]\n'
+        '[[finding]]\nfound = "0.1 is wrong"\nresult = "one"\n'
+        'now = "{rows[method=c]/error:.1f}"\n'
+        '[[page]]\nresult = "two"\nquotes = [["page.md", "alone {error}"]]\n'
     )
     return tmp_path
 
 
-def test_a_kept_result_has_the_hash_of_the_code_that_ran(docs: Path) -> None:
-    hashes = [
-        json.loads((docs / "kept" / f"{name}.json").read_text())["code_sha256"]
-        for name in ("one", "two")
-    ]
-    assert hashes == [code_hash(), "0" * 64]
+def test_what_made_a_result_is_read_and_shown(docs: Path) -> None:
+    one, two = read_kept(docs)
+    assert (one.name, one.study, two.command) == ("one", "one", "palpate study one --second")
+    table = as_looks([one, two])
+    assert "`11111111` | Looked at once. |" in table
+    assert "`00000000` | - |" in table
+
+
+def test_a_finding_has_the_figures_of_its_result(docs: Path) -> None:
+    table = as_findings(read_findings(docs))
+    assert "| 0.1 is wrong | 0.2 | real | `palpate study one` |" in table
+    path = docs / "claims.toml"
+    path.write_text(path.read_text().replace('now = "{rows[method=c]', 'now = "{rows[method=x]'))
+    with pytest.raises(InputError, match=r"0\.1 is wrong: 0 rows"):
+        read_findings(docs)
+
+
+def test_the_code_of_a_study_is_what_it_imports(tmp_path: Path) -> None:
+    files = {path.name for path in study_files("rupture")}
+    assert {"rupture.py", "damage_learning.py", "errors.py"} <= files
+    assert not files & {"scoreboard.py", "controller.py", "report.py", "cli.py"}
+    assert "model.json" in {path.name for path in study_files("bruise")}
+    assert "controller.py" in {path.name for path in study_files("size")}
+    assert code_hash("rupture") == code_hash("rupture") != code_hash("presses")
 
 
 def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
@@ -118,7 +139,11 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     assert claim.difference == "-0.100 (-0.200 to +0.010)"
     assert claim.second == "0.5 (difference +0.300, +0.100 to +0.400)"
     assert "| **the rival**: 0.5 (difference" in as_table([claim])
-    assert quotes(docs) == [("x", "page.md", "0.20"), ("x", "page.md", "second 0.50")]
+    assert quotes(docs) == [
+        ("x", "page.md", "0.20 to 3"),
+        ("x", "page.md", "second 0.50"),
+        ("two", "page.md", "alone 0.5"),
+    ]
     assert "| 12.3 % | 0.2 (c) |" in as_table([claim])
 
 
@@ -129,6 +154,7 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
         ('second_verdict = "rival"', 'second_verdict = "ours"', "its interval 'rival'"),
         ("method=c]/error}", "method=d]/error}", "0 rows"),
         ('difference = "pair"', 'difference = "pear"', "no 'pear'"),
+        ("ends/1", "ends/2", "no '2'"),
     ],
 )
 def test_a_claim_that_its_result_does_not_support_is_refused(
@@ -137,7 +163,7 @@ def test_a_claim_that_its_result_does_not_support_is_refused(
     path = docs / "claims.toml"
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InputError, match=complaint):
-        read_claims(docs)
+        read_claims(docs), quotes(docs)
 
 
 def test_a_figure_changed_on_a_page_or_in_a_result_is_noticed(tmp_path: Path) -> None:

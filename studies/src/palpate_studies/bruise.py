@@ -20,6 +20,7 @@ from palpate_studies.bruise_scores import (
     CHANGE,
     SAME_WIDTH,
     THRESHOLD,
+    TREES,
     Scored,
     area_lost,
     locate,
@@ -105,7 +106,12 @@ def report(
 ) -> StudyReport:
     """Score everything and put it into tables."""
     scores = {
-        level: score_all(of_purpose(examined, "test", level), models[level]) for level in LEVELS
+        level: score_all(
+            of_purpose(examined, "test", level),
+            models[level],
+            learned=of_purpose(examined, "learn", level),
+        )
+        for level in LEVELS
     }
     sizes = {level: by_size(examined, level, models[level][EARLY_S]) for level in LEVELS}
     beyond = {level: beyond_touch(examined, level, models[level][EARLY_S]) for level in LEVELS}
@@ -167,7 +173,7 @@ def _ways(scores: Mapping[str, Scored]) -> dict[str, dict[str, object]]:
 
 
 def _compared(level: str, scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
-    """Return ours against each way that needs no learning, paired by sensor."""
+    """Return ours against each way that needs no learning and boosted trees, paired by sensor."""
     return [
         {
             "level": level,
@@ -176,7 +182,7 @@ def _compared(level: str, scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
             **area_lost(scores[way(names, EARLY_S)], scores[rival]).as_json(),
         }
         for names, label in SHOWN.items()
-        for rival in (THRESHOLD, CHANGE, SAME_WIDTH)
+        for rival in (THRESHOLD, CHANGE, SAME_WIDTH, TREES[names])
     ]
 
 

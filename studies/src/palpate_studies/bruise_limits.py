@@ -19,7 +19,6 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
-from palpate.errors import needing
 from palpate.produce.bruise.learning import learn_bruises
 from palpate.produce.bruise.model import Example, usable_references
 from palpate.produce.bruise.shape import LoadShape, contrast, middle_of, shape_of
@@ -28,6 +27,7 @@ from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid
 from palpate.twin.ranges import PAPER, uniform
 from palpate.twin.world import World
+from palpate_studies.baselines.bruise_trees import tree_scores
 from palpate_studies.bruise_data import PLACED_WITHIN_MM
 from palpate_studies.bruise_grasps import CLOSURE_MM
 from palpate_studies.bruise_scores import EARLIER, FIRST_MET, area
@@ -186,19 +186,14 @@ def _examples(
 
 def areas_of(learned: Sequence[Example], tested: Sequence[Example]) -> dict[str, dict[str, float]]:
     """Return the area under the ROC curve of each judge, first met and with an earlier record."""
-    with needing("bruise-limits", extra="produce"):
-        from sklearn.ensemble import HistGradientBoostingClassifier
     ours = learn_bruises(learned, learned_on="loads straight from the mechanics")
     truth = np.array([one.bruised for one in tested])
     found: dict[str, dict[str, float]] = {"ours": {}, "boosted trees": {}}
     for label, names in (("first_met", FIRST_MET), ("with_earlier_record", EARLIER)):
         values = [_values(each, names) for each in (learned, tested)]
-        trees = HistGradientBoostingClassifier(
-            max_iter=300, learning_rate=0.05, max_leaf_nodes=15, random_state=0
-        )
-        trees.fit(values[0], [one.bruised for one in learned])
+        trees = tree_scores(values[0], [one.bruised for one in learned], tested=values[1])
         found["ours"][label] = area(truth, ours.judges[names].log_odds(values[1]))
-        found["boosted trees"][label] = area(truth, trees.decision_function(values[1]))
+        found["boosted trees"][label] = area(truth, trees)
     return found
 
 

@@ -14,6 +14,7 @@ from palpate.arrays import FloatArray
 from palpate.produce.bruise.learning import learn_bruises
 from palpate.produce.bruise.model import REFERENCES, BruiseModel, at_share
 from palpate.produce.bruise.shape import contrast, finger_contrast, slopes
+from palpate_studies.baselines.bruise_trees import tree_scores
 from palpate_studies.bootstrap import bootstrap_interval
 from palpate_studies.bruise_data import CUTOFFS_S, EARLY_S, SIDES_AROUND, Examined
 from palpate_studies.protocol.paired import Difference, IntArray, drawn_difference
@@ -24,6 +25,11 @@ CHANGE = "change of the 20 s mean since before, closed by contact"
 SAME_WIDTH = "change of the 20 s mean since before, at one width (the paper's way)"
 #: Of what is reported as ours.
 EARLIER, KIND, FIRST_MET = "history+class", "class", "class+item"
+#: The strongest learner on the same numbers, by references.
+TREES = {
+    names: f"boosted trees against {names.replace('+', ' and ')}, 2.5 s"
+    for names in (KIND, EARLIER)
+}
 FALSE_ALARMS = 0.05
 
 
@@ -123,11 +129,19 @@ def felt_of(
 
 def log_odds(felt: Felt, model: BruiseModel, names: str) -> FloatArray:
     """Return the log odds of every side against some references."""
-    values = np.concatenate([felt[name] for name in names.split("+")], axis=1)
-    return model.judges[names].log_odds(values)
+    return model.judges[names].log_odds(_numbers(felt, names))
 
 
-def score_all(tested: Sequence[Examined], models: Mapping[float, BruiseModel]) -> dict[str, Scored]:
+def _numbers(felt: Felt, names: str) -> FloatArray:
+    return np.concatenate([felt[name] for name in names.split("+")], axis=1)
+
+
+def score_all(
+    tested: Sequence[Examined],
+    models: Mapping[float, BruiseModel],
+    *,
+    learned: Sequence[Examined],
+) -> dict[str, Scored]:
     """Return the scores of every way on the test apples; way -> scores."""
     means = {
         name: np.array([one.presses[name].mean_percent for one in tested])
@@ -149,6 +163,11 @@ def score_all(tested: Sequence[Examined], models: Mapping[float, BruiseModel]) -
             scores[way(names, cutoff_s)] = log_odds(felt[cutoff_s], models[cutoff_s], names)
         both = [log_odds(one, models[EARLY_S], names) for one in (felt[EARLY_S], again)]
         scores[f"{way(names, EARLY_S)}, two grasps"] = np.mean(both, axis=0)
+    taught, bruised = felt_of(learned), [one.bruised for one in learned]
+    for names, name in TREES.items():
+        scores[name] = tree_scores(
+            _numbers(taught, names), bruised, tested=_numbers(felt[EARLY_S], names)
+        )
     return {name: scored(tested, score) for name, score in scores.items()}
 
 

@@ -13,6 +13,7 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.holds import read_holds
+from palpate.twin.ranges import ranges_of
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.press_data import read_presses
 from palpate_studies.realism_quantities import (
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SENSORS, PRESSES, HOLDS = 12, 8, 3
+#: Levels whose resistance at rest is compared.
+RESTING = (*LEVELS, "low-rest")
 SUMMED, NEXT = "gain scatter, eight places", "gain from eight places to the next"
 #: Quantity -> (source, what is compared of it). The twin's value should not be the smaller one.
 COMPARED: dict[str, tuple[str, str]] = {
@@ -112,7 +115,8 @@ def command(
     Example: palpate study realism --ladders ladders.csv --presses presses.csv.gz --holds holds.csv
     """
     real = real_quantities(ladders=ladders, presses=presses, holds=holds or ())
-    report(real).emit(as_json=as_json, out=out)
+    rest_ohm = [one.rest_ohm for one in read_ladders(ladders)] if ladders else []
+    report(real, rest_ohm=rest_ohm).emit(as_json=as_json, out=out)
 
 
 def real_quantities(
@@ -157,8 +161,10 @@ def twin_quantities(*, level: str, sensors: int = SENSORS) -> dict[str, FloatArr
     }
 
 
-def report(real: Mapping[str, Quantities], *, sensors: int = SENSORS) -> StudyReport:
-    """Compare every quantity of every file with both levels."""
+def report(
+    real: Mapping[str, Quantities], *, sensors: int = SENSORS, rest_ohm: Sequence[float] = ()
+) -> StudyReport:
+    """Compare every quantity of every file with both levels; `rest_ohm` is of real sensors."""
     twin = {level: twin_quantities(level=level, sensors=sensors) for level in LEVELS}
     compared = {
         name: [
@@ -177,7 +183,7 @@ def report(real: Mapping[str, Quantities], *, sensors: int = SENSORS) -> StudyRe
     return StudyReport(
         name="realism",
         title="The twin compared with real recordings",
-        provenance=_provenance(sensors, given=bool(real)),
+        provenance=[*_provenance(sensors, given=bool(real)), *_at_rest(rest_ohm)],
         tables=tables,
         payload={
             "study": "realism",
@@ -186,6 +192,10 @@ def report(real: Mapping[str, Quantities], *, sensors: int = SENSORS) -> StudyRe
             "twin": {
                 level: {name: _quantiles(values) for name, values in twin[level].items()}
                 for level in LEVELS
+            },
+            "rest_ohm": {
+                **({"real": _ends(rest_ohm) | {"sensors": len(rest_ohm)}} if rest_ohm else {}),
+                **{level: _ends(ranges_of(level).rest_ohm_log) for level in RESTING},
             },
         },
         figures={"realism": lambda: draw(real, twin)},
@@ -212,6 +222,22 @@ def _provenance(sensors: int, *, given: bool) -> list[str]:
     if not given:
         lines.append("No real recordings were given (--ladders, --presses, --holds): twin alone.")
     return lines
+
+
+def _ends(values: Sequence[float]) -> dict[str, float]:
+    return {"low": min(values), "high": max(values)}
+
+
+def _at_rest(rest_ohm: Sequence[float]) -> list[str]:
+    if not rest_ohm:
+        return []
+    low, high = (end / 1000 for end in ranges_of("field").rest_ohm_log)
+    return [
+        f"At rest these {len(rest_ohm)} real sensors of the ladders have "
+        f"{min(rest_ohm) / 1000:.1f} to {max(rest_ohm) / 1000:.1f} kohm, `field` has {low:g} to "
+        f"{high:g}: there the reference resistor fits. The level `low-rest` is for one that does "
+        "not."
+    ]
 
 
 def _table(name: str, comparisons: Sequence[Comparison]) -> Table:

@@ -1,31 +1,26 @@
 """The scoreboard: every claim as data, its figures taken from kept results of studies.
 
-`docs/claims.toml` states what is claimed; `docs/kept/NAME.json` holds what a study gave, with its
-command, seeds, date and the hash of the code that ran. A figure on a page that neither gives fails
-a test. Studies take minutes to hours, so they are not run again there; `keep` writes a new result.
+`docs/claims.toml` states what is claimed, what was criticised, and what pages quote;
+`docs/kept/NAME.json` holds what a study gave, with its command, seeds, date and the hash of its
+code. A figure on a page that neither gives fails a test. Studies take minutes to hours, so they are
+not run again there; `keep` writes a new result.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-import palpate
-import palpate_studies
 from palpate.errors import InputError
 from palpate.files import atomic_path
 
-#: Between these lines a page holds the claims' table, and nothing else.
-BEGIN, END = "<!-- scoreboard: begin -->", "<!-- scoreboard: end -->"
 _PART = re.compile(r"([^/\[\]]+)(?:\[([^\]]*)\])?")
-_VERDICTS = {"ours": "ours", "rival": "the rival", "undecided": "undecided"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +67,74 @@ class Claim:
     first_page: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One point of criticism, and what its command gives now.
+
+    Attributes
+    ----------
+    found, now : str
+        What was found, and the figures of the kept result in words.
+    command : str
+        What regenerates them.
+    origin : str
+        ``"real"`` or ``"simulated"``.
+    """
+
+    found: str
+    now: str
+    command: str
+    origin: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """A kept result without its figures: what made it, and how often it was looked at."""
+
+    name: str
+    command: str
+    made_on: str
+    code_sha256: str
+    note: str
+
+    @property
+    def study(self) -> str:
+        """The study that gave it."""
+        return self.command.split()[2]
+
+
+def read_kept(docs: Path) -> list[Kept]:
+    """Read what made every kept result, by name."""
+    return [
+        Kept(
+            name=path.stem,
+            **{key: one[key] for key in ("command", "made_on", "code_sha256", "note")},
+        )
+        for path in sorted((docs / "kept").glob("*.json"))
+        for one in [_kept(docs, path.stem)]
+    ]
+
+
+def read_findings(docs: Path) -> list[Finding]:
+    """Read the points of criticism, with every figure taken from its kept result.
+
+    Raises
+    ------
+    InputError
+        If one names a figure that its result does not hold.
+    """
+    return [
+        Finding(
+            found=row["found"],
+            now=_filled(row["now"], kept["figures"], claim=row["found"]),
+            command=row.get("command", kept["command"]),
+            origin=kept["origin"],
+        )
+        for row in _rows(docs, "finding")
+        for kept in [_kept(docs, row["result"])]
+    ]
+
+
 def read_claims(docs: Path) -> list[Claim]:
     """Read the claims, with every figure taken from its kept result.
 
@@ -81,19 +144,23 @@ def read_claims(docs: Path) -> list[Claim]:
         If a claim names a figure that its result does not hold, or a verdict that its interval does
         not support.
     """
-    rows = tomllib.loads((docs / "claims.toml").read_text())["claim"]
-    return [_claim(row, docs) for row in rows]
+    return [_claim(row, docs) for row in _rows(docs, "claim")]
 
 
 def quotes(docs: Path) -> list[tuple[str, str, str]]:
-    """Return claim, page and text that the page has to hold, figures filled in."""
-    rows = tomllib.loads((docs / "claims.toml").read_text())["claim"]
+    """Return claim or result, page and text that the page has to hold, figures filled in."""
     return [
-        (row["name"], page, _filled(text, _kept(docs, row[result])["figures"], claim=row["name"]))
-        for row in rows
+        (name, page, _filled(text, _kept(docs, row[result])["figures"], claim=name))
+        for row in (*_rows(docs, "claim"), *_rows(docs, "page"))
+        for name in [row.get("name", row["result"])]
         for result, quoted in (("result", "quotes"), ("second_result", "second_quotes"))
         for page, text in row.get(quoted, [])
     ]
+
+
+def _rows(docs: Path, kind: str) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = tomllib.loads((docs / "claims.toml").read_text()).get(kind, [])
+    return rows
 
 
 def _claim(row: Mapping[str, Any], docs: Path) -> Claim:
@@ -169,9 +236,12 @@ def _filled(text: str, figures: Any, *, claim: str) -> str:
 
 
 def _looked_up(path: str, figures: Any, *, claim: str) -> Any:
-    """Follow a path such as ``rows[method=ours;rate=0.05]/firmness``."""
+    """Follow a path such as ``rows[method=ours;rate=0.05]/firmness`` or ``interval/0``."""
     found = figures
     for part in path.split("/"):
+        if isinstance(found, list) and part.isdecimal() and int(part) < len(found):
+            found = found[int(part)]
+            continue
         match = _PART.fullmatch(part)
         if match is None or not isinstance(found, dict) or match.group(1) not in found:
             raise InputError(f"claims.toml: {claim}: no {part!r} of {path!r} in its result")
@@ -193,7 +263,7 @@ def keep(
     origin: str,
     figures: Mapping[str, Any],
     note: str = "",
-    code_sha256: str | None = None,
+    code_sha256: str,
 ) -> Path:
     """Write what a study gave to `docs/kept`, with what made it.
 
@@ -211,14 +281,14 @@ def keep(
         The part of the study's JSON that claims may quote.
     note : str
         Seeds, looks, and what was cut short.
-    code_sha256 : str, optional
-        `code_hash` when the study began; without, the present one.
+    code_sha256 : str
+        `study_code.code_hash` of the study when it began.
     """
     document = {
         "command": command,
         "origin": origin,
         "made_on": date.today().isoformat(),
-        "code_sha256": code_sha256 or code_hash(),
+        "code_sha256": code_sha256,
         "note": note,
         "figures": figures,
     }
@@ -226,82 +296,3 @@ def keep(
     with atomic_path(path) as partial:
         partial.write_text(json.dumps(document, allow_nan=False, indent=1) + "\n")
     return path
-
-
-def code_hash() -> str:
-    """Return the SHA-256 of all Python files of product and studies, by path."""
-    found = hashlib.sha256()
-    for package in (palpate, palpate_studies):
-        root = Path(str(package.__file__)).parent
-        for path in sorted(root.rglob("*.py")):
-            found.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    return found.hexdigest()
-
-
-def as_table(claims: Sequence[Claim]) -> str:
-    """Return the Markdown table of all claims, for the scoreboard."""
-    columns = ("claim", "", "n", "ours", "strongest rival", "difference (90 %)", "better")
-    rows = [
-        (
-            one.claim + (f" ({one.note})" if one.note else ""),
-            one.origin,
-            one.count,
-            one.ours,
-            f"{one.rival} ({one.rival_name})",
-            one.difference or "not paired",
-            _VERDICTS[one.verdict],
-            _with_verdict(one) or "none yet",
-            f"`{one.command}`",
-        )
-        for one in claims
-    ]
-    return _markdown((*columns, "second generator", "command"), rows)
-
-
-def _with_verdict(one: Claim) -> str:
-    """Return the second generator's figures, led by who is better there."""
-    if not one.second_verdict:
-        return one.second
-    return f"**{_VERDICTS[one.second_verdict]}**: {one.second}"
-
-
-def as_first_table(claims: Sequence[Claim]) -> str:
-    """Return the Markdown table of the few claims that the first page shows."""
-    rows = [
-        (
-            one.claim,
-            one.count,
-            one.ours,
-            f"{one.rival} ({one.rival_name})",
-            f"{_VERDICTS[one.verdict]}; {_VERDICTS.get(one.second_verdict, 'not compared')}",
-        )
-        for one in claims
-        if one.first_page
-    ]
-    return _markdown(("", "n", "ours", "strongest rival", "better; on simulated others"), rows)
-
-
-def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
-    return "\n".join(lines)
-
-
-def with_table(page: str, table: str) -> str:
-    """Return a page with the table between its marks.
-
-    Raises
-    ------
-    InputError
-        If the page has no marks, or more than one pair.
-
-    Examples
-    --------
-    >>> with_table(f"a\\n{BEGIN}\\nold\\n{END}\\nb", "new").split("\\n")[2:5]
-    ['', 'new', '']
-    """
-    if page.count(BEGIN) != 1 or page.count(END) != 1:
-        raise InputError(f"a page needs one {BEGIN} and one {END}")
-    before, rest = page.split(BEGIN)
-    after = rest.split(END)[1]
-    return f"{before}{BEGIN}\n\n{table}\n\n{END}{after}"

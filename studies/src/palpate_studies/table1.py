@@ -81,7 +81,7 @@ def report(*, families: Sequence[str] = (FITTED_FAMILY,), repeats: int = REPEATS
             *_provenance(sensors),
             *(sentence(misfit[name], of=f"Table 1 by the family {name}") for name in families),
         ],
-        tables=[_table(name, results[name]) for name in families],
+        tables=[error_table(name, results[name]) for name in families],
         payload={
             "study": "table1",
             "origin": "twin",
@@ -166,7 +166,8 @@ def _entries(
     ]
 
 
-def _table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]) -> Table:
+def error_table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | None]]]) -> Table:
+    """Return the errors of the study's JSON as its table, inputs marked."""
     rows = []
     for index, cutoff_s in enumerate(CUTOFFS_S):
         cells = [f"{cutoff_s:g}"]

@@ -59,7 +59,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             *_provenance(sensors, repeats, found),
             *(sentence(misfit[level], of=f"Table 4 by the level {level}") for level in LEVELS),
         ],
-        tables=[_line_table(level, lines[level]) for level in LEVELS]
+        tables=[line_table(level, lines[level]) for level in LEVELS]
         + [
             Table(
                 title="Why the slopes differ: largest slope over smallest among the four sheets",
@@ -87,6 +87,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 for level in LEVELS
             },
             "misfit": misfit,
+            "intercepts": {level: _intercepts(lines[level]) for level in LEVELS},
             "slope_ratio": causes,
             "transfer_error_percent": {
                 level: {" / ".join(key): value for key, value in transfers[level].items()}
@@ -142,7 +143,15 @@ def _entries(lines: dict[str, FloatArray]) -> list[Entry]:
     ]
 
 
-def _line_table(level: str, lines: dict[str, FloatArray]) -> Table:
+def _intercepts(lines: dict[str, FloatArray]) -> dict[str, int]:
+    """Count the fits, and those whose intercept has the other sign than the printed one."""
+    values = np.concatenate([found[:, 2] for found in lines.values()])
+    signs = np.repeat([np.sign(PUBLISHED[name][2]) for name in lines], len(values) // len(lines))
+    return {"fits": len(values), "other_sign": int(np.sum(np.sign(values) != signs))}
+
+
+def line_table(level: str, lines: dict[str, FloatArray]) -> Table:
+    """Return the fits of each sheet, shape (sensors, 4), next to the published ones."""
     rows = []
     for name, published in PUBLISHED.items():
         values = lines[name]

@@ -1,0 +1,27 @@
+"""Name the kept results whose study's code has changed since they were made.
+
+Usage: python docs/old_results.py
+
+A changed file need not change a figure: run the printed command again with docs/keep_result.py.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from palpate_studies.scoreboard import read_kept
+from palpate_studies.study_code import code_hash
+
+
+def main() -> None:
+    """Print name, date and command of each."""
+    sys.stdout.writelines(
+        f"{one.name}, made on {one.made_on}: {one.command}\n"
+        for one in read_kept(Path(__file__).parent)
+        if one.code_sha256 != code_hash(one.study)
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""The code that the figures of a study rest on; its hash shows when it has changed since."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import palpate
+import palpate_studies
+from palpate_studies.catalogue import STUDIES
+
+_ROOTS = {
+    str(package.__name__): Path(str(package.__file__)).parent
+    for package in (palpate, palpate_studies)
+}
+#: What words, tables and figures are made of; no figure depends on it.
+_SHOWING = ("palpate.commands", "palpate.plots", "palpate_studies.plots", "palpate_studies.report")
+
+
+def code_hash(study: str) -> str:
+    """Return the SHA-256 of all files of product and studies that a study imports, by path.
+
+    Files of JSON in their folders count too; those that only show what was found do not.
+    """
+    found = hashlib.sha256()
+    for path in study_files(study):
+        found.update(_shown(path).encode() + path.read_bytes())
+    return found.hexdigest()
+
+
+def study_files(study: str) -> list[Path]:
+    """Return those files, in the order in which they are hashed.
+
+    Examples
+    --------
+    >>> names = {path.stem for path in study_files("rupture")}
+    >>> "damage_learning" in names, "controller" in names
+    (True, False)
+    """
+    modules, waiting = dict[str, Path](), [STUDIES[study][0]]
+    while waiting:
+        name = waiting.pop()
+        path = None if name in modules or name.startswith(_SHOWING) else _file_of(name)
+        if path is not None:
+            modules[name] = path
+            waiting += [*_imported(path), name.rpartition(".")[0]]
+    beside = {one for path in modules.values() for one in path.parent.glob("*.json")}
+    return sorted({*modules.values(), *beside}, key=_shown)
+
+
+def _file_of(name: str) -> Path | None:
+    top, *parts = name.split(".")
+    if top not in _ROOTS:
+        return None
+    place = _ROOTS[top].joinpath(*parts)
+    path = place / "__init__.py" if place.is_dir() else place.with_name(f"{place.name}.py")
+    return path if path.is_file() else None
+
+
+def _imported(path: Path) -> Iterator[str]:
+    """Yield what a file imports when it runs, anywhere in it; names that may be no modules too."""
+    waiting: list[ast.AST] = [ast.parse(path.read_text())]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING":
+            waiting += node.orelse
+            continue
+        if isinstance(node, ast.Import):
+            yield from (one.name for one in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{one.name}" for one in node.names)
+        waiting += ast.iter_child_nodes(node)
+
+
+def _shown(path: Path) -> str:
+    return next(
+        f"{name}/{path.relative_to(root).as_posix()}"
+        for name, root in _ROOTS.items()
+        if path.is_relative_to(root)
+    )
