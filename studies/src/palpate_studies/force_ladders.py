@@ -178,16 +178,32 @@ def _table(title: str, summary: Rows) -> Table:
     }
     shown = [key for key in keys if key in summary[0]]
     rows = [[one["ladder"], one["model"], *(f"{one[key]:.3g}" for key in shown)] for one in summary]
+    rows += [
+        ["mean of ladders", mean["model"], *(f"{mean[key]:.3g}" for key in shown)]
+        for mean in _means(summary)
+    ]
+    return Table(title=title, columns=("ladder", "model", *(keys[k] for k in shown)), rows=rows)
+
+
+def _means(summary: Rows) -> Rows:
+    """Return each model's figures, averaged over ladders."""
+    found = []
     for model in dict.fromkeys(one["model"] for one in summary):
         mine = [one for one in summary if one["model"] == model]
-        means = [float(np.mean([one[key] for one in mine])) for key in shown]
-        rows.append(["mean of ladders", model, *(f"{mean:.3g}" for mean in means)])
-    return Table(title=title, columns=("ladder", "model", *(keys[k] for k in shown)), rows=rows)
+        keys = [key for key in mine[0] if key not in ("ladder", "model")]
+        means = {key: float(np.mean([one[key] for one in mine])) for key in keys}
+        found.append({"model": model, **means})
+    return found
 
 
 def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> StudyReport:
     summary = _summary(rows)
-    payload: dict[str, Any] = {"rows": rows, "summary": summary, "level": LEVEL}
+    payload: dict[str, Any] = {
+        "rows": rows,
+        "summary": summary,
+        "means": _means(summary),
+        "level": LEVEL,
+    }
     tables = [_table("New sensor, given its first three weights, medians", summary)]
     if left_out:
         payload["left_out_steps"] = {"rows": left_out, "summary": _summary(left_out)}
