@@ -78,7 +78,7 @@ class Finding:
     command : str
         What regenerates them.
     origin : str
-        ``"real"`` or ``"simulated"``.
+        ``"real"``, ``"simulated"``, or ``"printed"``: from published numbers alone.
     """
 
     found: str
@@ -128,7 +128,7 @@ def read_findings(docs: Path) -> list[Finding]:
             found=row["found"],
             now=_filled(row["now"], kept["figures"], claim=row["found"]),
             command=row.get("command", kept["command"]),
-            origin=kept["origin"],
+            origin=row.get("origin", kept["origin"]),
         )
         for row in _rows(docs, "finding")
         for kept in [_kept(docs, row["result"])]
