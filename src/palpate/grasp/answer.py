@@ -272,6 +272,13 @@ def measured_stiffness(belief: Belief, force: Measurement, *, plan: Plan) -> Mea
     return None if plan.give is None else _stiffness(belief, force, plan, plan.give)
 
 
+def felt_steps(belief: Belief, plan: Plan) -> int:
+    """Return how many steps of the closing a stiffness can be estimated from."""
+    give = plan.give if plan.bend is None else plan.bend.give
+    curve = None if give is None else _closing_curve(belief, plan, give)
+    return 0 if curve is None else int(np.count_nonzero(curve.felt))
+
+
 def _soft_stiffness(
     belief: Belief, force: Measurement, plan: Plan, bend: SoftFingerCompliance
 ) -> Measurement | None:

@@ -10,7 +10,14 @@ from operator import attrgetter
 import numpy as np
 
 from palpate.grasp import target
-from palpate.grasp.answer import FELT_PERCENT, answered, examined, forecast, sure_enough
+from palpate.grasp.answer import (
+    FELT_PERCENT,
+    answered,
+    examined,
+    felt_steps,
+    forecast,
+    sure_enough,
+)
 from palpate.grasp.approaching import begun, look_again, remembered, stood, swept, unreleased
 from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.correcting import come_back, eased, pressed_on
@@ -225,7 +232,6 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
     if belief.still_s < plan.dwell_s:
         return belief, None
     belief = read(belief, plan)
-    felt = [c for c in belief.staircase if c.touch.shared_percent < plan.hint_percent]
     # A gentle squeeze is not corrected afterwards, and may exceed its force to measure the
     # stiffness.
     aimed, why = plan.target_force_n is not None, None
@@ -233,7 +239,10 @@ def _squeeze(belief: Belief, plan: Plan) -> Move:
         goal_n = _NEAR * target.goal_n(plan)
     else:
         goal_n, why = target.gentle_goal(belief, plan)
-    if belief.force_n < goal_n or (not aimed and len(felt) < plan.fewest_steps):
+    borne = belief.met is not None and belief.closure < belief.met[0]
+    measures = not aimed and (why != "gave_way" or borne)
+    few = measures and felt_steps(belief, plan) < plan.fewest_steps
+    if belief.force_n < goal_n or few:
         wish = closed_by(belief, wanted_step(belief, plan, goal_n=goal_n), plan)
         if wish is not None:
             return belief, wish

@@ -84,8 +84,9 @@ class Plan:
     force_step_n : float
         Rise of force aimed at with each step of the squeeze.
     gentle_force_n, gentle_mm : float
-        Where a squeeze without target ends. An object that rigid fingers have squeezed further than
-        `gentle_mm` is given half the force, and so is any by fingers driven by pressure.
+        Where a squeeze without target ends: at this force (half of it by fingers driven by
+        pressure), or once the object has given way so far. Of 163 recorded fruit none ruptured
+        within 1.25 mm of its first touch, and 13 within 2 mm.
     firm_force_n, firm_mm : float
         How hard rigid fingers squeeze on while the stiffness is not known to `stiffness_share` to
         either side, and by how much the object may surely not be deformed more.
@@ -151,7 +152,7 @@ class Plan:
     play: float = 0.3
     force_step_n: float = 0.7
     gentle_force_n: float = 2.0
-    gentle_mm: float = 2.0
+    gentle_mm: float = 1.0
     firm_force_n: float = 6.0
     firm_mm: float = 1.0
     stiffness_share: float = 0.25

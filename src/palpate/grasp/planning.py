@@ -39,6 +39,8 @@ _PRESSURE_STEPS = {
     "resolution": 0.1,
     "rate": 15.0,
     "squeeze_rate": 10.0,
+    # Two ends are all that their stiffness is estimated from.
+    "fewest_steps": 2,
 }
 
 

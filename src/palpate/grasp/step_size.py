@@ -176,6 +176,9 @@ def wanted_step(belief: Belief, plan: Plan, *, goal_n: float) -> float:
         # Beyond the goal a step is only there to be read.
         rise_n *= _BEYOND
     longest = _FURTHER * squeezed(belief, plan) + plan.fine_step
+    if gentle(plan):
+        left_mm = plan.gentle_mm - deformed_mm(belief, plan)
+        longest = min(longest, max(left_mm / mm_per_unit(plan), plan.fine_step))
     if belief.met is not None:
         # It has borne more already.
         longest = max(longest, belief.met[0] - belief.closure)
@@ -214,6 +217,23 @@ def squeezed(belief: Belief, plan: Plan) -> float:
     return float(way + max(force_n[first], 0.0) / slope_n(belief, plan))
 
 
+def gentle(plan: Plan) -> bool:
+    """Whether the squeeze is only there to measure: it is after no force, and lifts nothing."""
+    return plan.target_force_n is None and plan.lift_force_n is None
+
+
+def deformed_mm(belief: Belief, plan: Plan) -> float:
+    """Return how far the object has given way: the squeeze without what the hand gives way."""
+    way_mm = squeezed(belief, plan) * mm_per_unit(plan)
+    give = plan.give if plan.bend is None else plan.bend.give
+    return way_mm if give is None else way_mm - float(give.give_mm(belief.force_n))
+
+
+def mm_per_unit(plan: Plan) -> float:
+    """Return how far the fingers close for a unit of the drive, mm per mm or kPa."""
+    return 1.0 if plan.bend is None else plan.bend.mm_per_kpa
+
+
 def _unknown_step(belief: Belief, plan: Plan) -> float:
     """Return how far closing may go on while nothing is known of the damage limit.
 
@@ -228,8 +248,7 @@ def _unknown_step(belief: Belief, plan: Plan) -> float:
     felt = both & (force_n > FELT * floor_n(plan))
     if not felt.any():
         return math.inf
-    mm_per_unit = 1.0 if plan.bend is None else plan.bend.mm_per_kpa
-    longest = _UNKNOWN_N * (1.0 / plan.steepest_n + 1.0 / (_SOFT_N_PER_MM * mm_per_unit))
+    longest = _UNKNOWN_N * (1.0 / plan.steepest_n + 1.0 / (_SOFT_N_PER_MM * mm_per_unit(plan)))
     return belief.staircase[int(np.argmax(felt))].closure + longest - belief.closure
 
 

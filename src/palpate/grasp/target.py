@@ -8,7 +8,7 @@ from palpate.estimate.measurement import Measurement
 from palpate.grasp.answer import measured_stiffness
 from palpate.grasp.belief import Belief
 from palpate.grasp.plan import Plan
-from palpate.grasp.step_size import force_now, squeezed
+from palpate.grasp.step_size import deformed_mm, force_now
 
 #: An object that is surely stiffer gives way so much less than fingers and pads that a firmer
 #: squeeze would not show how stiff it is.
@@ -24,18 +24,18 @@ def goal_n(plan: Plan) -> float:
 def gentle_goal(belief: Belief, plan: Plan) -> tuple[float, str]:
     """Return where a squeeze without target ends, newtons, and why it ends there.
 
-    An object that has given way a lot is known by then, and what is so soft often bears little. One
-    that surely gives way little is pressed harder, until it is known or is deformed as far as it
-    may be.
+    An object that has given way as far as any fruit bears is pressed no further, whatever is known
+    of it. One that surely gives way little is pressed harder, until it is known or is deformed as
+    far as it may be.
     """
     goal_n = max(plan.gentle_force_n, plan.lift_force_n or 0.0)
     if plan.lift_force_n is not None:
         return goal_n, "force_reached"
+    if deformed_mm(belief, plan) >= plan.gentle_mm:
+        return 0.0, "gave_way"
     if plan.gripper.drive == "pressure":
         # Soft fingers don't feel how far an object gives way: pressing on would teach nothing.
         return 0.5 * goal_n, "force_reached"
-    if squeezed(belief, plan) > plan.gentle_mm:
-        return 0.5 * goal_n, "gave_way"
     if belief.force_n < goal_n:
         return goal_n, "force_reached"
     stiffness = measured_stiffness(belief, force_now(belief, plan), plan=plan)

@@ -21,7 +21,7 @@ from palpate_studies.report import OutOption, StudyReport, Table
 LEVELS: tuple[Level, ...] = ("paper", "field")
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
 #: Seed of the first object: none of them was looked at before the controller was as it is.
-FIRST_SEED = 5_800_000
+FIRST_SEED = 5_900_000
 _COUNTED = ("touch_s", "answer_s", "touch_peak_n", "peak_n")
 
 

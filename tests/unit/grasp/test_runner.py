@@ -31,7 +31,7 @@ def test_holds_measures_and_gives_back(plan: Plan, bench: Any) -> None:
     assert result.previous_width_mm is not None
     assert 0 < result.previous_width_mm - 50.3 <= 0.5, "free, and just short of the object"
     of_the_grasp = [m.name for m in result.moments if m.finger is None]
-    assert of_the_grasp == ["contact", "firm_enough", "answer", "held"]
+    assert of_the_grasp == ["contact", "gave_way", "answer", "held"]
     assert {m.finger for m in result.moments if m.name == "finger_contact"} == {0, 1}
     assert bench.width_mm == 74.0
     assert bench.stops == 1
