@@ -24,7 +24,7 @@ BASE = (
     ("settle demo-recordings/ohm.csv", 0, "relaxation"),
     ("grasp --seed 3 --object strawberry", 0, "SIMULATED"),
     ("pattern --preset paper-3x2 --out sensor", 0, "Written: "),
-    ("init rig.toml --port auto --layout soft-3x2 --gripper none", 0, "written"),
+    ("init rig.toml --port auto --layout soft-3x2 --gripper none", 0, "Written"),
     ("study table1", 2, "pip install ./studies"),
     ("bench settling", 2, "pip install ./studies"),
     ("archive settle archive", 2, "pip install ./archive"),
