@@ -10,6 +10,7 @@ BIN := $(VENV)/bin
 # adds the tests' tools.
 $(VENV)/.base: pyproject.toml archive/pyproject.toml bridges/lerobot-dataset/pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo 'Installing palpate and its libraries in $(VENV) (some minutes)'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --editable ./archive --editable ./bridges/lerobot-dataset
 	touch $@
 
@@ -19,7 +20,7 @@ $(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.tom
 	touch $@ $(VENV)/.base
 
 demo: $(VENV)/.base
-	$(BIN)/palpate grasp --seed 1
+	$(BIN)/palpate grasp --rig sim-rigid --seed 1
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto --dist loadfile

@@ -19,10 +19,10 @@ import subprocess
 import sys
 import tempfile
 import time
-import tty
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -81,26 +81,11 @@ def write_rig(folder: Path, *, port: str, rate_hz: float) -> Path:
     return rig
 
 
-@contextmanager
-def board_on_a_line(rate_hz: float) -> Iterator[tuple[str, int]]:
-    """Run a board in a process of its own; yield the port and the process."""
-    from palpate_studies.benchmarks.pty_board import board
+def board_on_a_line(rate_hz: float) -> AbstractContextManager[tuple[str, int]]:
+    """Run a board in a process of its own; give the port and the process."""
+    from palpate_studies.benchmarks.pty_board import board, on_a_port
 
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    child = os.fork()
-    if child == 0:
-        os.close(slave)
-        with suppress(OSError):
-            board(master, rate_hz=rate_hz)
-        os._exit(0)
-    os.close(master)
-    try:
-        yield os.ttyname(slave), child
-    finally:
-        os.kill(child, 9)
-        os.waitpid(child, 0)
-        os.close(slave)
+    return on_a_port(partial(board, rate_hz=rate_hz))
 
 
 @contextmanager

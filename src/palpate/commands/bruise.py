@@ -113,7 +113,11 @@ def _show(item: str, found: ItemBruise) -> None:
     note = " (simulated)" if found.simulated else ""
     verdict = "bruised" if found.bruised else "sound"
     console.print(f"[bold]{item}: {verdict}[/bold]{note}", highlight=False)
-    table = Table("side", "grasps", "bruised, %", "compared with", "where, if it is")
+    table = Table(box=None, header_style="dim")
+    for column in ("side", "grasps", "bruised, %"):
+        table.add_column(column, justify="right")
+    table.add_column("compared with")
+    table.add_column("where, if it is")
     for side in found.sides:
         table.add_row(
             f"{side.angle_deg:g}°",

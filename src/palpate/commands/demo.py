@@ -60,7 +60,7 @@ def demo(
         from palpate.demo.packhouse import write_packhouse
 
         written = write_packhouse(folder)
-    print("wrote, simulated: " + ", ".join(map(str, written)))
-    print("try:")
+    print("Written, simulated: " + ", ".join(map(str, written)))
+    print("Try:")
     for command in commands:
         print("  " + command.replace(default, str(folder)))

@@ -80,7 +80,8 @@ def _show(item: str, identity: Identity, known: Identifier, *, why: str, simulat
     console = Console()
     note = " (simulated)" if simulated else ""
     console.print(f"[bold]{item}: {identity.kind}[/bold]{note}", highlight=False)
-    table = Table("kind", "probability, %")
+    table = Table("kind", box=None, header_style="dim")
+    table.add_column("probability, %", justify="right")
     for kind, probability in sorted(identity.probability.items(), key=lambda pair: -pair[1]):
         table.add_row("something else" if kind == UNKNOWN else kind, f"{100 * probability:.1f}")
     console.print(table)

@@ -84,9 +84,9 @@ def init(
     text = rig_text(array, gripper=hand, calibration=f"{file.stem}-calibration.json")
     with atomic_path(file) as partial:
         partial.write_text(text)
-    print(f"written: {file}\nnext: palpate doctor --rig {file}")
+    print(f"Written: {file}\nNext: palpate doctor --rig {file}")
     rest = "force and compliance to grasp with it" if hand else "force to read newtons"
-    print(f"then: palpate calibrate rest --rig {file}, and {rest}")
+    print(f"Then: palpate calibrate rest --rig {file}, and {rest}")
 
 
 def _port(port: str | None) -> str:

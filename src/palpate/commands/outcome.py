@@ -38,7 +38,7 @@ def run(app: typer.Typer, arguments: Sequence[str], *, name: str) -> int:
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         verb = context.command_path if context is not None else name
-        message = " ".join(error.format_message().split())
+        message = " ".join(error.format_message().split()).replace("Value error, ", "")
         if message:  # empty where the help was printed instead
             end = "" if message.endswith((".", "?", "!")) else "."
             print(f"{name}: {message}{end} Try `{verb} --help`.", file=sys.stderr)

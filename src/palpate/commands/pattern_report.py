@@ -94,13 +94,15 @@ def print_pattern(drawn: Pattern, expected: RestExpectation, files: list[Path]) 
         layers.add_row(
             layer.name, layer.material, "mirrored" if layer.mirrored else "as is", layer.why
         )
-    pixels = Table("pixel", "x, mm", "y, mm", "contact, mm²", "ohm, see below", box=None)
+    pixels = Table("pixel", box=None)
+    for column in ("x, mm", "y, mm", "contact, mm²", "ohm, see below"):
+        pixels.add_column(column, justify="right")
     for p in drawn.pixels:
         area = p.contact.width * p.contact.height
         pixels.add_row(
             f"R{p.row} C{p.col}",
             *(f"{value:.2f}" for value in (*p.body.centre, area)),
-            f"{expected.rest_ohm(contact_mm2=area):.3g}",
+            _three_digits(expected.rest_ohm(contact_mm2=area)),
         )
     apart_mm = drawn.marks[1][0] - drawn.marks[0][0]
     console.print(fitted(layers, console=console))
@@ -109,7 +111,12 @@ def print_pattern(drawn: Pattern, expected: RestExpectation, files: list[Path]) 
     console.print(f"Resistance: {expected.basis}.", highlight=False)
     console.print(
         f"\nSheet {drawn.width:.2f} x {drawn.height:.2f} mm; after import the upper marks must be "
-        f"{apart_mm:.2f} mm apart, centre to centre.\nWrote {len(files)} files to "
-        f"{files[0].parent}.",
+        f"{apart_mm:.2f} mm apart, centre to centre.\nWritten: {len(files)} files in "
+        f"{files[0].parent}",
         highlight=False,
     )
+
+
+def _three_digits(ohm: float) -> str:
+    rounded = float(f"{ohm:.3g}")
+    return f"{rounded:.0f}" if rounded >= 100 else f"{rounded:g}"

@@ -85,6 +85,8 @@ def ripeness(
         print(json.dumps(ripeness_document(judged), allow_nan=False, indent=1))
     else:
         print_ripeness(judged)
+        if plot is not None:
+            print(f"Written: {plot}")
 
 
 def _names(stages: str, *, ripe: str) -> tuple[str, ...]:

@@ -66,6 +66,7 @@ class Document:
                 "status": str(row.status),
                 "error_of_remaining_percent": _known(scores.of_remaining_percent[index]),
                 "file": row.source,
+                "unit": row.unit,
             }
             if self.until_half_width_percent is not None:
                 cells["decided"] = row.decided
@@ -207,6 +208,7 @@ def _overviews(source: HoldSource) -> list[Overview]:
                         title=title,
                         time_s=column.time_s,
                         values=column.values,
+                        unit=column.unit,
                         spans=column.spans,
                     )
                 )

@@ -209,4 +209,4 @@ def _from_mcap(file: Path, reading: ReadingOptions) -> CutColumn:
     except RecordingError as error:
         raise InputError(f"{file}: {error}") from error
     none = np.zeros(0)
-    return CutColumn(column="", time_s=none, values=none, spans=[], holds=holds)
+    return CutColumn(column="", time_s=none, values=none, unit=unit, spans=[], holds=holds)

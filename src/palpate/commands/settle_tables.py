@@ -49,7 +49,7 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
             console.print(
                 f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
                 f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
-                f"{_text(entry['median_decision_s'])} s)"
+                f"{_short(entry['median_decision_s'])} s)"
                 + ("; the others waited to their end" if others else "")
             )
     for path in written:
@@ -87,16 +87,19 @@ def _print_holds(document: Document, console: Console, *, level: float) -> None:
     scored = any(np.isfinite(row.settled) for row in rows)
     order = by_error(rows)[:ROWS_SHOWN]
     every = len(order) == len(rows)
-    which = f"{len(rows)} holds"
+    several = len({row.cutoff_s for row in rows if row.decided is None}) > 1
+    which = f"{len(rows)} {'predictions' if several else 'holds'}"
     if not every:
         first = "largest errors" if scored else "widest intervals"
         which = f"{ROWS_SHOWN} of {which}, {first} first"
-    headings = ["hold", "cut-off", "predicted", "±"]
+    units = {row.unit for row in rows}
+    in_unit = f" in {units.pop()}" if len(units) == 1 and None not in units else ""
+    headings = ["hold", "cut-off", "predicted", *["unit"] * (len(units) > 1), "±"]
     headings += ["interval"] * (console.width >= WIDE)
     headings += ["settled", "error"] * scored + ["status"]
     table = _table(
         console,
-        f"Value predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
+        f"Value{in_unit} predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
         *headings,
     )
     for index in sorted(order) if every else order:
@@ -131,12 +134,12 @@ def _summary_cells(entry: Mapping[str, Any]) -> list[str]:
         entry["method"],
         cutoff,
         str(entry["holds"]),
-        _text(entry["median_abs_error_percent"]),
-        _text(entry["mean_abs_error_percent"]),
-        _text(entry["p90_abs_error_percent"]),
-        _text(entry["median_error_of_remaining_percent"]),
+        _short(entry["median_abs_error_percent"]),
+        _short(entry["mean_abs_error_percent"]),
+        _short(entry["p90_abs_error_percent"]),
+        _short(entry["median_error_of_remaining_percent"]),
         "-" if coverage is None else f"{coverage:.2f}",
-        _text(entry["median_half_width_percent"]),
+        _short(entry["median_half_width_percent"]),
     ]
 
 
@@ -147,14 +150,28 @@ def _row_cells(row: Prediction) -> dict[str, str]:
     return {
         "hold": row.hold_id + (f" {row.channel}" if row.channel else ""),
         "cut-off": f"{row.cutoff_s:.3g} s",
-        "predicted": _text(row.predicted, 5),
-        "±": f"{half_percent:.2g} %" if np.isfinite(half_percent) else "-",
-        "interval": f"{_text(row.low, 5)}..{_text(row.high, 5)}" if np.isfinite(row.low) else "-",
-        "settled": _text(row.settled, 5),
-        "error": f"{round(error_percent, 6):+.2g} %" if np.isfinite(error_percent) else "-",
+        "predicted": _text(row.predicted),
+        "unit": row.unit or "-",
+        "±": f"{half_percent:.1f} %" if np.isfinite(half_percent) else "-",
+        "interval": f"{_text(row.low)}..{_text(row.high)}" if np.isfinite(row.low) else "-",
+        "settled": _text(row.settled),
+        "error": f"{round(error_percent, 1) + 0.0:+.1f} %" if np.isfinite(error_percent) else "-",
         "status": str(row.status),
     }
 
 
-def _text(figure: float | None, digits: int = 3) -> str:
-    return "-" if figure is None or not np.isfinite(figure) else f"{figure:.{digits}g}"
+def _text(figure: float | None) -> str:
+    """Return a value with four digits or its whole ones."""
+    if figure is None or not np.isfinite(figure):
+        return "-"
+    whole = 1e4 <= abs(figure) < 1e6
+    return f"{figure:.0f}" if whole else f"{figure:#.4g}".rstrip(".")
+
+
+def _short(figure: float | None) -> str:
+    """Return a percentage or a time with as many decimals as its column has room for."""
+    if figure is None or not np.isfinite(figure):
+        return "-"
+    if abs(figure) >= 1e4:
+        return f"{figure:.2g}"
+    return f"{figure:.{2 if abs(figure) < 10 else 1 if abs(figure) < 100 else 0}f}"

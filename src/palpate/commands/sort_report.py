@@ -91,7 +91,9 @@ class SortReport:
             console.print(
                 f"[bold]{one.item_id}[/bold] -> {one.decision.why}{note}", highlight=False
             )
-        table = Table("bin", "items", *(["right"] if found.purity is not None else []))
+        table = Table("bin", box=None, header_style="dim")
+        for column in ("items", *(["right"] if found.purity is not None else [])):
+            table.add_column(column, justify="right")
         for name, (count, right) in found.bins.items():
             table.add_row(name, str(count), *([str(right)] if found.purity is not None else []))
         console.print(table)

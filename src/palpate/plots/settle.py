@@ -23,7 +23,14 @@ FORECAST_POINTS = 15
 #: Recordings drawn whole, points of each at most, and the ratio from which its axis is logarithmic.
 MOST_OVERVIEWS, OVERVIEW_POINTS, LOGARITHMIC_FROM = 3, 20_000, 10.0
 
-VALUE_LABEL = "value (unit of the file)"
+#: Labels of the value's axis, by unit.
+VALUE_LABELS = {
+    None: "value (unit of the file)",
+    "ohm": "resistance (ohm)",
+    "percent": "relative change (%)",
+    "counts": "reading (counts)",
+    "volt": "voltage (V)",
+}
 
 #: The forecast is drawn from this long after the cut-off: nearer, there is nothing to predict.
 SOONEST_S = 0.5
@@ -58,6 +65,8 @@ class Overview:
         Stands above it.
     time_s, values : ndarray, shape (n_times,)
         The recording.
+    unit : str or None
+        Of its values, where it is known.
     spans : sequence of tuple of float
         Beginning and end of each hold, seconds.
     """
@@ -65,6 +74,7 @@ class Overview:
     title: str
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
+    unit: str | None
     spans: Sequence[tuple[float, float]]
 
 
@@ -93,12 +103,18 @@ def settle_figure(
             _draw_panel(axis, panel, methods=methods, horizon_s=horizon_s, level=level)
         for axis in axes.flat[len(panels) :]:
             axis.set_visible(False)
-        for axis in axes[:, 0]:
-            axis.set_ylabel(VALUE_LABEL)
+        one_unit = len({panel.hold.unit for panel in panels}) == 1
+        for place, (axis, panel) in enumerate(zip(axes.flat, panels, strict=False)):
+            if place % columns == 0 or not one_unit:
+                axis.set_ylabel(_value_label(panel.hold.unit))
         for axis in axes.flat[max(0, len(panels) - columns) : len(panels)]:
             axis.set_xlabel("time (s)")
-        legend_below(figure, axes)
+        legend_below(figure, axes, entry_in=1.4)
     return figure
+
+
+def _value_label(unit: str | None) -> str:
+    return VALUE_LABELS.get(unit, f"value ({unit})")
 
 
 def _draw_overview(figure: Figure, row: Any, overview: Overview) -> None:
@@ -116,7 +132,7 @@ def _draw_overview(figure: Figure, row: Any, overview: Overview) -> None:
         axis.annotate(str(number), (begin_s, 0.97), xycoords=("data", "axes fraction"), va="top")
     axis.set_title(overview.title, loc="left")
     axis.set_xlabel("time of the recording (s)")
-    axis.set_ylabel(VALUE_LABEL)
+    axis.set_ylabel(_value_label(overview.unit))
 
 
 def _draw_panel(

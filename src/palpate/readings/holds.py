@@ -35,6 +35,8 @@ class CutColumn:
     #: Shape (n_times,). Its readings, missing ones left out.
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
+    #: Unit of these readings, where it is known; holds are in ohm where a divider made them so.
+    unit: str | None
     #: Beginning and end of each hold, seconds of the recording; as many as `holds`.
     spans: list[tuple[float, float]]
     #: Time 0 is where the hold begins.
@@ -129,7 +131,7 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
                 channel=None,
                 time_s=time_s[rows][sound] - begin_s,
                 values=converter.convert(values[rows][sound]),
-                unit="percent" if unit == "percent" else None,
+                unit="ohm" if converter.divider else unit,
             )
         )
         kept.append((begin_s, end_s))
@@ -137,6 +139,7 @@ def _cut_column(readings: Readings, name: str, cut: CutAt) -> CutColumn:
         column=name,
         time_s=time_s,
         values=values,
+        unit=unit,
         spans=kept,
         holds=holds,
         reason="" if holds else reason,

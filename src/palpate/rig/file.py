@@ -25,7 +25,7 @@ _PARTS = {
     "gripper": "table [gripper]",
     "calibration": '`calibration = "FILE"`',
 }
-_MAKE = "`palpate init` writes a whole one (--gripper for the hand)"
+_MAKE = "`palpate init` writes a whole one (--gripper for the hand); --rig sim-rigid is simulated"
 _EXAMPLE = 'e.g. open = "my_package.my_module:open_array"'
 #: How many load cells a board reads.
 _CELLS = (1, 2)
@@ -184,7 +184,7 @@ def stated_in(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"rig file {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"rig file {path}: {error}") from error
+        raise InputError(f"rig file {path}: not TOML: {error}") from error
 
 
 def open_stated(path: Path, part: str, table: Any, **shared: Any) -> Any:

@@ -37,6 +37,8 @@ class Prediction:
     source: str
     hold_id: str
     channel: str | None
+    #: Unit of the values, where it is known.
+    unit: str | None
     #: By the name that the caller gave it.
     method: str
     #: The prediction rests on samples up to this time alone.
@@ -153,6 +155,7 @@ def _beside_settled(
         source=source,
         hold_id=hold.hold_id,
         channel=hold.channel,
+        unit=hold.unit,
         method=name,
         cutoff_s=cutoff_s,
         decided=decided,

@@ -35,7 +35,7 @@ def test_a_new_file_lies_where_the_rig_file_says(
     assert 0 < min(map(min, made.rest.spread_percent)) < 1
     shown = capsys.readouterr().out
     assert "R3 C1" in shown
-    assert "written: " in shown
+    assert "Written: " in shown
 
 
 def test_renewing_keeps_what_else_the_file_holds(

@@ -27,7 +27,7 @@ def test_what_it_proposes_works_as_typed(
     assert palpate("demo", name) == 0
     shown = capsys.readouterr().out
     assert "simulated" in shown
-    proposed = [line.split() for line in shown.split("try:\n")[1].splitlines()]
+    proposed = [line.split() for line in shown.split("Try:\n")[1].splitlines()]
     assert proposed
     for line in proposed:
         if line[0] == "cd":

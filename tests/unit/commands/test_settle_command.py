@@ -17,6 +17,7 @@ from tests.pdf_fonts import check_fonts
 from palpate.cli import run
 from palpate.commands import settle_tables
 from palpate.commands.settle import settle
+from palpate.demo.recordings import write_recordings
 
 ROW_KEYS = [
     *("hold_id", "channel", "method", "cutoff_s", "predicted", "low", "high", "settled"),
@@ -235,6 +236,22 @@ def test_tables_for_people(holds_csv: Path, capsys: pytest.CaptureFixture[str]) 
     assert captured.err == ""
     for said in ("Value predicted for 20 s", "relaxation", "in 90%", "± fell below 5 %", "h5"):
         assert said in captured.out
+
+
+def test_values_are_shown_with_their_units(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_recordings(tmp_path)
+    assert ran(tmp_path / "ohm.csv", "--cutoff", "1", "--cutoff", "2.5") == 0
+    assert "Value in ohm predicted for 20 s by relaxation: 8 predictions" in capsys.readouterr().out
+    divider = ("--adc-bits", "10", "--reference-ohm", "4700", "--sensor-leg", "upper")
+    assert ran(tmp_path / "counts.csv", *divider) == 0
+    assert "Value in ohm predicted" in capsys.readouterr().out
+    assert ran(tmp_path, "--out", tmp_path / "all.json") == 0
+    heads = next(line for line in capsys.readouterr().out.splitlines() if "cut-off" in line)
+    assert heads.split()[:4] == ["hold", "cut-off", "predicted", "unit"]
+    rows = json.loads((tmp_path / "all.json").read_text())["rows"]
+    assert {row["unit"] for row in rows} == {"ohm", "counts"}
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ command = command_of("port")
 def _by_palpate(seconds: float) -> tuple[float, str]:
     """Return the processor time, and what was lost and late."""
     delays_s = []
-    with on_a_port(partial(board, rate_hz=RATE_HZ)) as port:
+    with on_a_port(partial(board, rate_hz=RATE_HZ)) as (port, _):
         array = SerialArray(
             SerialStream(port), clock=RealClock(), layout=RIGID_LAYOUT, rate_hz=RATE_HZ
         )
@@ -72,7 +72,7 @@ def _by_readline(seconds: float) -> float:
     import serial
 
     with (
-        on_a_port(partial(lines_of_csv, rate_hz=RATE_HZ)) as name,
+        on_a_port(partial(lines_of_csv, rate_hz=RATE_HZ)) as (name, _),
         serial.Serial(name, timeout=1.0) as port,
     ):
         cpu_s, start_s = time.process_time(), time.monotonic()

@@ -16,8 +16,8 @@ from palpate_studies.board_bytes import encode_message
 
 
 @contextmanager
-def on_a_port(act: Callable[[int], None]) -> Iterator[str]:
-    """Run what serves a port's far end, given as a file descriptor; yield the port's name."""
+def on_a_port(act: Callable[[int], None]) -> Iterator[tuple[str, int]]:
+    """Run what serves a port's far end, by its file descriptor; yield the port and the process."""
     master, slave = os.openpty()
     tty.setraw(slave)
     child = os.fork()
@@ -28,7 +28,7 @@ def on_a_port(act: Callable[[int], None]) -> Iterator[str]:
         os._exit(0)
     os.close(master)
     try:
-        yield os.ttyname(slave)
+        yield os.ttyname(slave), child
     finally:
         os.kill(child, 9)
         os.waitpid(child, 0)
