@@ -26,7 +26,10 @@ from palpate.settling.result import SettledEstimate, Status
 
 #: Why a stiffness is only bounded.
 _SOFT_FINGERS = "the soft fingers give way far more than the object"
-_RIGID_FINGERS = "the object gave way too little next to the hand; squeeze it more firmly"
+_RIGID_FINGERS = (
+    "the object gave way too little compared with the hand's own give; a firmer squeeze "
+    "(--target-force-n) would show more"
+)
 
 
 #: Normal variables at five and three points with their probabilities (Gauss-Hermite).
