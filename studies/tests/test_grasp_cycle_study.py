@@ -50,6 +50,23 @@ def test_numbers_and_bounds_are_scored_apart() -> None:
     assert found["size_rms_mm"] == pytest.approx(np.sqrt((0.09 + 0.16 + 0.16) / 3))
 
 
+def test_damage_is_compared_on_the_same_objects() -> None:
+    """Of four objects on two sensors the rival damages two more."""
+    found = list[Cycle]()
+    for number in range(4):
+        ours_on_it = replace(CYCLE, sample=replace(SAMPLE, seed=31_000 + 2 * number))
+        found += [ours_on_it, replace(ours_on_it, way="plain", damaged=number in (1, 2))]
+    report = reported(found, frame_rate_hz=15.0)
+    (row,) = report.payload["compared"]
+    assert (row["rival"], row["difference"]) == ("plain", -0.5)
+    assert row["low"] <= -0.5 <= row["high"]
+    assert report.tables[-1].rows[0][3] == "-500"
+    alone = [one for one in found if one.sample.sheet == SAMPLE.sheet]
+    assert reported(alone, frame_rate_hz=15.0).tables[-1].rows[0][4:] == ("-", "-")
+    # A rival that did not grasp all of them is not compared.
+    assert reported(found[:-1], frame_rate_hz=15.0).payload["compared"] == []
+
+
 def test_what_a_way_does_not_measure_is_null() -> None:
     plain = replace(CYCLE, way="plain", stiffness_status="none", stiffness=np.nan)
     plain = replace(plain, stiffness_low=np.nan, stiffness_high=np.nan, force_error=np.nan)

@@ -16,6 +16,7 @@ from palpate.commands.options import JsonOption
 from palpate.twin.ranges import Level
 from palpate.twin.world import GripperKind
 from palpate_studies.grasp_cycles import EXPECTED_WITHIN_MM, Cycle, Sample, cycles
+from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 
 LEVELS: tuple[Level, ...] = ("paper", "field")
@@ -83,12 +84,13 @@ def reported(found: Sequence[Cycle], *, frame_rate_hz: float) -> StudyReport:
             "10 mm/s until the servo's current shows 2 N.",
             f"An expected size is off by up to {EXPECTED_WITHIN_MM:g} mm.",
         ],
-        tables=[times(summary), answers(summary)],
+        tables=[times(summary), answers(summary), against(compared(found))],
         payload={
             "study": "grasp-cycle",
             "origin": "twin",
             "frame_rate_hz": frame_rate_hz,
             "summary": summary,
+            "compared": compared(found),
             "grasps": [as_row(one) for one in found],
         },
     )
@@ -112,6 +114,25 @@ def scores(found: Sequence[Cycle]) -> dict[str, Any]:
         "force_median_error": _percentile(abs(force), 50),
         **_stiffness(found),
     }
+
+
+def compared(found: Sequence[Cycle]) -> list[dict[str, Any]]:
+    """Return by how much fewer objects ours damages than each rival, of the same objects."""
+    damaged = dict[tuple[str, str, str], dict[int, bool]]()
+    for one in found:
+        group = damaged.setdefault((one.sample.level, one.sample.kind, one.way), {})
+        group[one.sample.seed] = one.damaged
+    sheets = {one.sample.seed: str(one.sample.sheet) for one in found}
+    rows = list[dict[str, Any]]()
+    for (level, kind, way), theirs in damaged.items():
+        ours = damaged.get((level, kind, "ours"), {})
+        if way.startswith("ours") or ours.keys() != theirs.keys():
+            continue
+        mine, rival = ([float(one[seed]) for seed in ours] for one in (ours, theirs))
+        of = [sheets[seed] for seed in ours]
+        difference = paired_difference(mine, rival, of, statistic=np.mean)
+        rows.append({"level": level, "hand": kind, "rival": way, **difference.as_json()})
+    return rows
 
 
 def _stiffness(found: Sequence[Cycle]) -> dict[str, Any]:
@@ -194,6 +215,25 @@ def answers(summary: Sequence[dict[str, Any]]) -> Table:
             for row in summary
         ],
     )
+
+
+def against(rows: Sequence[dict[str, Any]]) -> Table:
+    """Return the table of how many fewer objects are damaged; one sensor gives no interval."""
+    return Table(
+        title="Damaged in 1000: ours less the rival (90 %, by sensor)",
+        columns=("level", "hand", "rival", "difference", "from", "to"),
+        rows=[
+            (
+                *(row["level"], row["hand"], row["rival"]),
+                *(_cell(_thousand(row[name]), "{:+.0f}") for name in ("difference", "low", "high")),
+            )
+            for row in rows
+        ],
+    )
+
+
+def _thousand(share: float | None) -> float | None:
+    return None if share is None else 1000.0 * share
 
 
 def _both(row: dict[str, Any], name: str) -> str:
