@@ -46,8 +46,8 @@ def study_files(study: str) -> list[Path]:
         if path is not None:
             modules[name] = path
             waiting += [*_imported(path), name.rpartition(".")[0]]
-    beside = {one for path in modules.values() for one in path.parent.glob("*.json")}
-    return sorted({*modules.values(), *beside}, key=_shown)
+    in_folders = {one for path in modules.values() for one in path.parent.glob("*.json")}
+    return sorted({*modules.values(), *in_folders}, key=_shown)
 
 
 def _file_of(name: str) -> Path | None:
