@@ -25,8 +25,8 @@ def gentle_goal(belief: Belief, plan: Plan) -> tuple[float, str]:
     """Return where a squeeze without target ends, newtons, and why it ends there.
 
     An object that has given way as far as every recorded fruit bore is pressed no further, whatever
-    is known of it. One that surely gives way little is pressed harder, until it is known or is deformed as
-    far as it may be.
+    is known of it. One that surely gives way little is pressed harder, until it is known or is
+    deformed as far as it may be.
     """
     goal_n = max(plan.gentle_force_n, plan.lift_force_n or 0.0)
     if plan.lift_force_n is not None:
