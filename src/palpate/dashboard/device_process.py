@@ -163,7 +163,8 @@ class DeviceProcess:
         if context is None:
             self._confirm_stop()
         for order in dropped:
-            self._telemetry.note(Ended(order=order, trouble=Message("stopped before it began")))
+            never = Message("stopped before it began")
+            self._telemetry.note(Ended(order=order, trouble=never, stopped=True))
 
     def _next_order(self) -> Order | None:
         """Take the next order, with requests of its own: a stop from now on is meant for it."""
@@ -208,8 +209,15 @@ class DeviceProcess:
             found = self._done(order)
         except (PalpateError, OSError) as error:
             trouble = error_text(error)
+        took_s = self._took_s()
         self._telemetry.note(
-            Ended(order=order, found=found, trouble=trouble, stopped_after_s=self._took_s())
+            Ended(
+                order=order,
+                found=found,
+                trouble=trouble,
+                stopped=found is None and took_s is not None,
+                stopped_after_s=took_s,
+            )
         )
         context = self._context
         if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:

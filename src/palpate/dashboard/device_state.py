@@ -72,6 +72,8 @@ class DeviceState:
         self.health: Health | None = None
         #: Of the last order, if it was a calibration that was stopped or failed.
         self.calibration_failure: CalibrationFailure | None = None
+        #: Whether the last order was a grasp that was stopped before it began to move the hand.
+        self.stopped_early = False
         #: Duration of the last stop, on the rig's clock.
         self.stopped_after_s: float | None = None
         #: Number of the newest stop that the devices' process confirmed.
@@ -143,7 +145,7 @@ class DeviceState:
     def _begin(self, order: Order) -> None:
         self.activity = ACTIVITIES[type(order)]
         self.guide, self.trouble, self.stopped_after_s = None, "", None
-        self.calibration_failure = None
+        self.calibration_failure, self.stopped_early = None, False
         if isinstance(order, OpenRig):
             self.rig_open = False
         if isinstance(order, OpenRig | GraspOrder | Play):
@@ -153,13 +155,16 @@ class DeviceState:
     def _end(self, note: Ended) -> None:
         self.activity = Activity.WATCHING if self.rig_open else Activity.IDLE
         failure = self.calibration_failure = self._failure(note)
+        self.stopped_early = note.stopped and isinstance(note.order, GraspOrder)
         # A stop is a wish, and no trouble.
-        self.trouble = "" if failure is not None and failure.stopped else note.trouble
+        wished = self.stopped_early or (failure is not None and failure.stopped)
+        self.trouble = "" if wished else note.trouble
         self.guide = None
         # A calibration may run on the clock of a bench of its own.
         self.stopped_after_s = None if failure is not None else note.stopped_after_s
         self._file = None
-        if isinstance(note.order, Play):
+        # Of the grasp before, if this one never began.
+        if isinstance(note.order, Play | GraspOrder):
             self.grasped = None
         match note.found:
             case Grasped():
@@ -176,7 +181,7 @@ class DeviceState:
             return None
         self.calibrated = None
         return CalibrationFailure(
-            stopped=note.stopped_after_s is not None,
+            stopped=note.stopped,
             reason=note.trouble,
             step="" if self.guide is None else self.guide.text,
         )

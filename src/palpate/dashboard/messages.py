@@ -69,6 +69,8 @@ class Ended:
     found: Grasped | Calibrated | Health | None = None
     #: Empty, or one line with the problem and the remedy.
     trouble: str = ""
+    #: Whether it was stopped before it had a result, or before it began.
+    stopped: bool = False
     #: If it was stopped: time from the request until the hand received it, on the rig's
     #: clock.
     stopped_after_s: float | None = None

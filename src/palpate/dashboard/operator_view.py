@@ -9,7 +9,7 @@ from palpate.dashboard.language import Language, Message
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.session import Session
 from palpate.grasp.result import Outcome
-from palpate.grasp.verdict import UNKNOWN_FIRMNESS
+from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text
 
 #: The word of each phase.
 PHASES = {
@@ -87,6 +87,8 @@ def operator_view(
 
 def _word(session: Session, headline: Mapping[str, object]) -> str:
     grasped, progress = session.devices.grasped, session.devices.live.progress
+    if _stopped(headline):
+        return OUTCOMES[Outcome.STOPPED][0]
     if session.devices.activity is Activity.GONE or (headline["kind"] == "bad" and grasped is None):
         return _text(headline["text"])
     if session.devices.calibration_failure is not None:
@@ -128,17 +130,24 @@ def _next(session: Session, headline: Mapping[str, object]) -> str:
         return Message("Wait")
     if session.devices.calibration_failure is not None:
         return Message("Repeat it on the page Calibrate, or go on without")
-    if headline["kind"] == "bad" and grasped is None:
+    if headline["kind"] == "bad" and grasped is None and not _stopped(headline):
         return _text(headline.get("why", ""))
     if session.devices.sensor_alone:
         return Message("No gripper: press the pads")
     if session.devices.live.open_hand is False:
         return Message("Press Release: the hand opens")
+    if _stopped(headline):
+        return OUTCOMES[Outcome.STOPPED][1]
     if grasped is None:
         return OUTCOMES[Outcome.HELD][1]
     if _damaged(grasped):
         return Message("Set this item aside")
     return OUTCOMES[grasped.result.outcome][1]
+
+
+def _stopped(headline: Mapping[str, object]) -> bool:
+    """Whether a grasp was stopped, be it before it began."""
+    return headline["text"] == outcome_text(Outcome.STOPPED)
 
 
 def _damaged(grasped: Grasped) -> bool:

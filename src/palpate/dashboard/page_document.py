@@ -219,6 +219,8 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     failure = session.devices.calibration_failure
     if session.devices.activity is Activity.WATCHING and failure is not None:
         return {**_WORDLESS, **_uncalibrated(failure, session.devices.live)}
+    if session.devices.activity is Activity.WATCHING and session.devices.stopped_early:
+        return {**_WORDLESS, "text": outcome_text(Outcome.STOPPED), "kind": "bad"}
     if session.devices.activity in _OF_THEIR_OWN:
         # Not the verdict of the grasp before.
         return {**_WORDLESS, "text": session.devices.activity.value, "kind": "busy"}

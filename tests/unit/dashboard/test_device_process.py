@@ -200,7 +200,8 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     opened.until(lambda update: Began(order=first) in update.notes)
     opened.send(second)
     opened.send(StopNow())
-    assert opened.ended(second).trouble == "stopped before it began"
+    dropped = opened.ended(second)
+    assert (dropped.trouble, dropped.stopped) == ("stopped before it began", True)
     assert not opened.done(OpenHand()).trouble
     # Not later either: what came after the stop has ended, and the dropped one never began.
     assert Began(order=second) not in [note for one in opened.updates for note in one.notes]

@@ -11,6 +11,7 @@ import pytest
 
 from palpate.dashboard.activity import Action, Activity
 from palpate.dashboard.frames import Frames, FrameSource, LinkStatus
+from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.messages import (
     Began,
     Calibrated,
@@ -33,6 +34,7 @@ from palpate.dashboard.orders import (
     ReleaseNow,
     StopNow,
 )
+from palpate.dashboard.page_document import document
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
 from palpate.grasp.result import GraspResult, Outcome
@@ -229,6 +231,27 @@ def test_a_new_grasp_begins_a_new_curve_and_forgets_the_last_verdict(rehearsal: 
     assert rehearsal.session.devices.grasped is None
 
 
+@pytest.mark.parametrize("began", [False, True])
+def test_a_grasp_stopped_before_the_hand_moved_says_so_and_not_how_the_last_one_ended(
+    rehearsal: Rehearsal, *, began: bool
+) -> None:
+    devices = rehearsal.session.devices
+    devices.grasped = Grasped(result=GraspResult(outcome=Outcome.HELD))
+    rehearsal.session.order("a", GRASP)
+    if began:
+        rehearsal.tell(Began(order=GRASP))
+    rehearsal.tell(Ended(order=GRASP, trouble="stopped before it began", stopped=True))
+    page = document(rehearsal.session, GraspForm(), generation=-1, after_s=0.0)
+    assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped on request", "bad")
+    assert page["operator"]["word"] == "Stopped"
+    assert page["operator"]["next"] == "Look at the hand, then press Grasp again"
+    assert not page["trouble"]["text"]
+    assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
+    rehearsal.tell(Began(order=GRASP), Ended(order=GRASP, trouble="no such file"))
+    page = document(rehearsal.session, GraspForm(), generation=-1, after_s=0.0)
+    assert (page["operator"]["word"], page["trouble"]["text"]) == ("Ready", "no such file")
+
+
 def test_devices_that_are_silent_get_no_orders_that_they_would_carry_out_later() -> None:
     silent_s = [0.5]
     session = Session(send=print, silent_s=lambda: silent_s[0])
@@ -251,7 +274,7 @@ def test_a_stopped_calibration_is_known_with_its_step_until_the_next_order(
 ) -> None:
     order = CalibrateForce(file=Path("pad.json"), loads_n=(1.0, 2.0))
     rehearsal.tell(Began(order=order), Guide(text="Lay 2 N on the pad", asks=True))
-    rehearsal.tell(Ended(order=order, trouble="stopped on request", stopped_after_s=0.1))
+    rehearsal.tell(Ended(order=order, trouble="stopped on request", stopped=True))
     failure = rehearsal.session.devices.calibration_failure
     assert failure is not None
     assert (failure.stopped, failure.step) == (True, "Lay 2 N on the pad")
