@@ -44,7 +44,7 @@ MEASURED = ("settled_percent", "size_mm", "force_n")
 #: Moments, by when they came after the start of the grasp.
 MOMENTS = ("contact", "answer")
 QUANTITIES = (*MEASURED, *(f"{name}_s" for name in MOMENTS))
-_LEVEL = "paper"
+_LEVEL = "lab"
 _PERMUTATIONS = 20_000
 
 Floats = NDArray[np.float64]

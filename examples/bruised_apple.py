@@ -62,7 +62,7 @@ def feel_all_sides(
 
 def main() -> None:
     """Fill the store, drop the apple, and ask."""
-    session, rng = Session(SENSOR, level="paper"), np.random.default_rng(7)
+    session, rng = Session(SENSOR, level="lab"), np.random.default_rng(7)
     with Store.open(sys.argv[1] if len(sys.argv) > 1 else "sqlite://") as store:
         for number in range(3):
             name = f"sound-{number + 1}"

@@ -33,7 +33,7 @@ def examined() -> list[Examined]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bruise_data, "REFERENCE_APPLES", 1)
         purposes = {"learn": 20, "test": 4, "small": 1, "off": 1, "around": 2}
-        made = examine(purposes, levels=("paper",), seed=900, processes=1)
+        made = examine(purposes, levels=("lab",), seed=900, processes=1)
     return made + [replace(one, level="field") for one in made]
 
 
@@ -71,11 +71,11 @@ def test_an_early_answer_sees_nothing_later(examined: list[Examined]) -> None:
 def test_the_report_holds_every_way_and_writes_its_models(
     examined: list[Examined], tmp_path: Path
 ) -> None:
-    made = {level: [grasped(level, 70_000, repeats=2)] for level in ("paper", "field")}
+    made = {level: [grasped(level, 70_000, repeats=2)] for level in ("lab", "field")}
     models = bruise.learned_models(examined)
     found = bruise.report(examined, made, models=models)
     document = json.loads(json.dumps(found.payload, allow_nan=False))
-    for level in ("paper", "field"):
+    for level in ("lab", "field"):
         ways = document["ways"][level]
         assert {THRESHOLD, CHANGE, SAME_WIDTH, *TREES.values()} < set(ways)
         assert len(ways) == 18
@@ -89,12 +89,12 @@ def test_the_report_holds_every_way_and_writes_its_models(
     assert (tmp_path / "figure17.png").stat().st_size > 10_000
     assert (tmp_path / "bruise-reliability.png").stat().st_size > 10_000
     check_all_fonts(tmp_path)
-    models["paper"][2.5].save(tmp_path / "model.json")
-    assert BruiseModel.load(tmp_path / "model.json") == models["paper"][2.5]
+    models["lab"][2.5].save(tmp_path / "model.json")
+    assert BruiseModel.load(tmp_path / "model.json") == models["lab"][2.5]
 
 
 def test_the_dropped_apple_reads_less_at_the_width_it_had(examined: list[Examined]) -> None:
-    found = grasped("paper", 70_001, repeats=2)
+    found = grasped("lab", 70_001, repeats=2)
     before, after = (found.values("recorded, 20 s", name).mean() for name in ("before", "after"))
     assert before < after < 0
     assert DROPPED.dent_mm < CLOSURE_MM < SIZE_MM

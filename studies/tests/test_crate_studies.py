@@ -58,9 +58,7 @@ def grasp(
     return TimedGrasp(grasp=one, lasted_s=12.0)
 
 
-def made_up(
-    *, levels: Sequence[str] = ("paper", "field"), sensors: int = 2
-) -> list[CrateItemGrasps]:
+def made_up(*, levels: Sequence[str] = ("lab", "field"), sensors: int = 2) -> list[CrateItemGrasps]:
     rng = np.random.default_rng(5)
     found = []
     for level in levels:
@@ -108,7 +106,7 @@ def crates() -> list[CrateItemGrasps]:
 
 def test_ours_beats_size_alone_and_finds_the_stranger(crates: list[CrateItemGrasps]) -> None:
     found = identify.report(crates).payload["summary"]
-    size, ours = (of(found, "paper", m) for m in ("size thresholds", "ours, 3 grasps"))
+    size, ours = (of(found, "lab", m) for m in ("size thresholds", "ours, 3 grasps"))
     assert ours["right"] > size["right"] + 0.1
     assert ours["falsely_unknown"] <= 0.2
     assert (ours["strangers_found"], size["strangers_found"]) == (1.0, 0.0)
@@ -118,10 +116,10 @@ def test_ours_beats_size_alone_and_finds_the_stranger(crates: list[CrateItemGras
 
 
 def test_one_sensor_has_no_other_to_be_taught_on() -> None:
-    report = identify.report(made_up(levels=("paper",), sensors=1))
+    report = identify.report(made_up(levels=("lab",), sensors=1))
     methods = {row["method"] for row in report.payload["summary"]}
     assert "ours, taught on other sensors" not in methods
-    assert {row["level"] for row in report.payload["summary"]} == {"paper"}
+    assert {row["level"] for row in report.payload["summary"]} == {"lab"}
 
 
 def test_what_was_not_measured_is_unknown_to_all(crates: list[CrateItemGrasps]) -> None:
@@ -151,7 +149,7 @@ def test_rules_make_purer_bins_than_guesses_and_leave_some_over(
 ) -> None:
     found = sorting.report(crates).payload["summary"]
     size, one, three = (
-        of(found, "paper", method)
+        of(found, "lab", method)
         for method in ("size thresholds", "ours, one grasp", "ours, up to 3 grasps")
     )
     assert three["purity"] > size["purity"] + 0.2
@@ -214,7 +212,7 @@ def test_rules_of_ones_own_are_checked_against_what_was_taught(
 def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, kinds in (("CRATE_TAUGHT", ["egg"]), ("CRATE_STRANGERS", ["walnut"])):
         monkeypatch.setattr(identify_data, name, dict.fromkeys(kinds))
-    found = measured_crates(level="paper", sensor=7, taught=1, sorted_items=1)
+    found = measured_crates(level="lab", sensor=7, taught=1, sorted_items=1)
     assert [(i.kind, i.teaches, i.known, len(i.grasps)) for i in found] == [
         ("egg", True, True, 2),
         ("egg", False, True, 3),

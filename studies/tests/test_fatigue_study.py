@@ -11,7 +11,7 @@ from palpate_studies.fatigue_cycles import Wearing
 @pytest.fixture(scope="module")
 def worn() -> Wearing:
     """One sensor through a few cycles, with a pause after the fourth."""
-    return Wearing(0, level="paper", cycles=8, checked_at=(4,))
+    return Wearing(0, level="lab", cycles=8, checked_at=(4,))
 
 
 def test_in_the_rhythm_the_rest_of_the_calibration_stays(worn: Wearing) -> None:

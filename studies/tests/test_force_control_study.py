@@ -27,7 +27,7 @@ from palpate_studies.protocol.parts import SeenBeforeError
 
 
 def made(*, force_share: float, damaged: bool = False, limited: bool = False) -> Gripped:
-    one = task(7, level="paper")
+    one = task(7, level="lab")
     force_n = force_share * one.target_n
     return Gripped(
         task=one,
@@ -105,7 +105,7 @@ def test_the_report_says_simulated() -> None:
 
 @pytest.mark.parametrize("kind", ["rigid", "soft"])
 def test_a_soft_thing_is_not_pressed_to_its_target(kind: GripperKind) -> None:
-    drawn = task(7, level="paper")
+    drawn = task(7, level="lab")
     tender = replace(
         drawn.obj,
         contact="linear",
@@ -129,7 +129,7 @@ def test_percentages_are_also_given_of_everything_that_was_to_be_gripped() -> No
 
 
 def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
-    found = paper_loop(task(700_000, level="paper"), EXPONENTIAL)
+    found = paper_loop(task(700_000, level="lab"), EXPONENTIAL)
     assert found.on_target_s is not None
     assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
@@ -137,16 +137,16 @@ def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
 
 
 def test_a_fixed_closing_is_not_scored_on_what_it_was_chosen_on() -> None:
-    chosen = chosen_extra([task(0, level="paper")])
+    chosen = chosen_extra([task(0, level="lab")])
     with pytest.raises(SeenBeforeError, match="paper 0 was used"):
-        best_fixed(task(0, level="paper"), chosen)
-    assert best_fixed(task(1, level="paper"), chosen).method == "best fixed extra closing"
+        best_fixed(task(0, level="lab"), chosen)
+    assert best_fixed(task(1, level="lab"), chosen).method == "best fixed extra closing"
 
 
 def test_ours_is_compared_on_the_things_that_both_gripped() -> None:
     near, far = made(force_share=1.0), made(force_share=1.5)
     rival = replace(far, method="rival")
-    other = replace(near, task=task(8, level="paper"), method="ours")
+    other = replace(near, task=task(8, level="lab"), method="ours")
     (row,) = compare([near, rival, other])
     assert (row["cases"], row["ours_near"], row["rival_near"]) == (1, 1.0, 0.0)
     assert row["difference"] == -1.0
@@ -162,9 +162,7 @@ def test_ours_without_its_limit_is_compared_with_rivals_alone() -> None:
 
 def test_presence_counts_what_was_missed_and_imagined() -> None:
     def session(name: str, empty: int, outcome: str, said: int) -> Session:
-        return Session(
-            level="paper", name=name, empty_tries=empty, outcome=outcome, said_empty=said
-        )
+        return Session(level="lab", name=name, empty_tries=empty, outcome=outcome, said_empty=said)
 
     counted = report(
         [

@@ -10,7 +10,7 @@ import pytest
 from palpate_studies.grasp_cycle import reported, scores
 from palpate_studies.grasp_cycles import Cycle, Sample, cycles, ours
 
-SAMPLE = Sample(seed=31_000, level="paper", kind="rigid")
+SAMPLE = Sample(seed=31_000, level="lab", kind="rigid")
 CYCLE = Cycle(
     sample=SAMPLE,
     way="ours",

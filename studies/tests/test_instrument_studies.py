@@ -103,27 +103,27 @@ def test_published_entries_stand_as_printed() -> None:
 
 
 def test_stiffer_sheets_change_more_at_one_width(made: dict[str, StudyReport]) -> None:
-    assert made["table2"].payload["sensors_in_order"]["paper"] == 1
+    assert made["table2"].payload["sensors_in_order"]["lab"] == 1
 
 
 def test_slopes_differ_by_their_force_range_not_by_the_sheet(
     made: dict[str, StudyReport],
 ) -> None:
-    ratio = made["table4"].payload["slope_ratio"]["paper"]
+    ratio = made["table4"].payload["slope_ratio"]["lab"]
     assert ratio["mean change, each sheet over its own forces"] > 1.4
     assert ratio["mean change, local slope at one force of all"] < 1.25
     assert ratio["summed excess: exponent of the power law, own forces"] < 1.25
 
 
 def test_suction_raises_resistance(made: dict[str, StudyReport]) -> None:
-    change = np.array(made["environment"].payload["suction_change_percent"]["paper"])
+    change = np.array(made["environment"].payload["suction_change_percent"]["lab"])
     assert np.all(np.diff(change, axis=1) > 0)
 
 
 def test_spikes_fall_to_a_median_and_mains_to_a_notch(made: dict[str, StudyReport]) -> None:
     rms = {
         (row["chain"], row["disturbance"]): row["rms_points"]
-        for row in made["noise"].payload["levels"]["paper"]
+        for row in made["noise"].payload["levels"]["lab"]
     }
     plain = "250 Hz, no filter"
     assert rms["250 Hz, median of 5", "motor spikes"] < 0.1 * rms[plain, "motor spikes"]
@@ -139,7 +139,7 @@ def test_scaling_mends_dead_pixels_on_flat_things(made: dict[str, StudyReport]) 
     (row,) = (
         row
         for row in made["pixels"].payload["dead"]
-        if (row["level"], row["tested_on"], row["dead"]) == ("paper", "flat", 4)
+        if (row["level"], row["tested_on"], row["dead"]) == ("lab", "flat", 4)
     )
     errors = row["median_abs_error_percent"]
     assert errors["sum scaled to all pixels"] < 0.5 * errors["left out of the sum"]
@@ -149,7 +149,7 @@ def test_slow_closing_needs_the_clock_at_its_end(made: dict[str, StudyReport]) -
     errors = {
         (row["speed_mm_per_s"], row["clock"]): row["median_abs_error_percent"]
         for row in made["speed"].payload["rows"]
-        if (row["level"], row["method"]) == ("paper", "recorded")
+        if (row["level"], row["method"]) == ("lab", "recorded")
     }
     assert errors[3.0, "start of actuation"] > 3 * errors[3.0, "end of actuation"]
 
@@ -158,7 +158,7 @@ def test_a_fixture_keeps_a_ball_near_the_middle() -> None:
     def shares(*, fixture: bool) -> list[float]:
         spread = []
         for trial in range(6):
-            session, ball = Session(1, level="paper", trial=trial), drawn("ball-44lbs", seed=1)
+            session, ball = Session(1, level="lab", trial=trial), drawn("ball-44lbs", seed=1)
             session.place(ball, fixture=fixture)
             reading = session.grasp(ball.size_mm, width_mm=ball.size_mm - 3.0, hold_s=3.0)
             spread.append(float(np.ptp(reading.change_percent)))

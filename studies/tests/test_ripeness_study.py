@@ -38,7 +38,7 @@ def station() -> Iterator[Felt]:
     with pytest.MonkeyPatch.context() as few:
         few.setattr(ripeness_station, "LABELLED_GRASPS", FEW_GRASPS)
         few.setattr(ripeness_station, "REFERENCE_GRASPS", 2 * FEW_GRASPS)
-        yield run_station(41, level="paper", gripper="rigid", aging=True, labelled=0, others=1)
+        yield run_station(41, level="lab", gripper="rigid", aging=True, labelled=0, others=1)
 
 
 def test_a_station_feels_every_day_through_the_devices(station: Felt) -> None:
@@ -167,7 +167,7 @@ def test_limits_are_those_of_spots_and_boundaries(station: Felt) -> None:
 
 def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_path: Path) -> None:
     felt = made_up(station, worn=-0.2, labelled_fruits=6)
-    made = report({("paper", "rigid", True): [felt], ("paper", "rigid", False): [felt]})
+    made = report({("lab", "rigid", True): [felt], ("lab", "rigid", False): [felt]})
     made.write(tmp_path)
     document = json.loads((tmp_path / "ripeness.json").read_text())
     assert [one["aging"] for one in document["conditions"]] == [True, False]
@@ -200,7 +200,7 @@ def test_any_condition_is_reported_alone(station: Felt, tmp_path: Path) -> None:
 def test_where_no_fruit_ripened_there_is_no_figure_16(station: Felt) -> None:
     felt = made_up(station, worn=0.0, labelled_fruits=6)
     never = tuple(replace(fruit, half_day=30.0) for fruit in felt.others)
-    made = report({("paper", "soft", True): [replace(felt, others=never)]})
+    made = report({("lab", "soft", True): [replace(felt, others=never)]})
     assert set(made.figures) == {"ripeness"}
     assert not any("Figure 16" in table.title for table in made.tables)
 
@@ -208,8 +208,8 @@ def test_where_no_fruit_ripened_there_is_no_figure_16(station: Felt) -> None:
 def test_conditions_are_chosen_by_any_of_their_parts() -> None:
     assert tuple(chosen()) == CONDITIONS
     assert chosen(level="field") == [("field", "rigid", True), ("field", "soft", True)]
-    assert chosen(gripper="soft", aging=False) == [("paper", "soft", False)]
-    assert chosen(level="paper", gripper="rigid", aging=True) == [("paper", "rigid", True)]
+    assert chosen(gripper="soft", aging=False) == [("lab", "soft", False)]
+    assert chosen(level="lab", gripper="rigid", aging=True) == [("lab", "rigid", True)]
 
 
 def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
@@ -223,4 +223,4 @@ def test_a_condition_that_is_not_compared_is_refused_before_any_grasp(
 def test_a_study_without_fruit_to_judge_says_so(station: Felt) -> None:
     felt = made_up(station, worn=0.0, labelled_fruits=6)
     with pytest.raises(InputError, match="judge more with --fruits"):
-        report({("paper", "rigid", True): [replace(felt, others=())]})
+        report({("lab", "rigid", True): [replace(felt, others=())]})

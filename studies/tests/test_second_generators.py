@@ -69,7 +69,7 @@ def test_the_study_pairs_ours_with_that_day_alone(tmp_path: Path) -> None:
 
 
 def other() -> OtherSheet:
-    return other_sheet(draw_sheet(np.random.default_rng(3), layout=RIGID_LAYOUT, level="paper"))
+    return other_sheet(draw_sheet(np.random.default_rng(3), layout=RIGID_LAYOUT, level="lab"))
 
 
 def test_another_sheet_follows_no_power_law() -> None:
@@ -107,7 +107,7 @@ def test_a_world_takes_the_sheet_that_it_is_given() -> None:
 
 def test_things_to_grip_keep_size_and_target_and_lose_their_law() -> None:
     for seed, name in ((960_000, "layered"), (960_001, "foam"), (960_002, "dough")):
-        first, second = task(seed, level="paper"), task(seed, level="paper", second=True)
+        first, second = task(seed, level="lab"), task(seed, level="lab", second=True)
         assert second.obj.name == name
         assert (second.obj.size_mm, second.target_n) == (first.obj.size_mm, first.target_n)
 

@@ -15,7 +15,7 @@ from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed
 
 
 def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
-    found = followed(3, level="paper", staircases=1)
+    found = followed(3, level="lab", staircases=1)
     assert list(found) == list(staircases.METHODS)
     (now,) = found["now"]
     assert (now.force_n > FAINT_N).all()
@@ -58,21 +58,21 @@ def test_table5_report(tmp_path: Path) -> None:
     check_all_fonts(tmp_path)
     document = json.loads((tmp_path / "table5.json").read_text())
     rows = {(row["level"], row["technique"]): row for row in document["rows"]}
-    assert rows["paper", "exponential, 2.5 s"]["published_n"] == 0.14
+    assert rows["lab", "exponential, 2.5 s"]["published_n"] == 0.14
     assert rows["field", "ours, 1 s"]["published_ratio"] is None
-    assert rows["paper", "ours, 2.5 s"]["ratio"] == 1
+    assert rows["lab", "ours, 2.5 s"]["ratio"] == 1
     assert "Simulated" in (tmp_path / "table5.md").read_text()
     assert {row["mean_abs_error_of_force_n"] for row in document["rows"]} == {0.6}
     assert {row["mean_abs_error_n"] for row in document["rows"]} == {0.2}
     # Four entries, none within 0.1 to 0.3 N but that of 0.14 N.
-    assert document["misfit"]["paper"]["predicted"] == {"entries": 4, "missed": 3}
+    assert document["misfit"]["lab"]["predicted"] == {"entries": 4, "missed": 3}
     assert (tmp_path / "figure12.png").stat().st_size > 1000
 
 
 def test_stiffness_report_counts_what_was_not_answered(tmp_path: Path) -> None:
     given = stiffness.Answer(
         gripper="rigid",
-        level="paper",
+        level="lab",
         squeeze="10 N",
         object="spring, flat",
         truth=2.0,

@@ -27,7 +27,7 @@ def test_a_signal_ends_the_study_with_the_hand_safe(
             return super().command(wanted)
 
     monkeypatch.setattr(force_control_grasps, "TwinGripper", Gripper)
-    tasks = [task(seed, level="paper") for seed in (8, 9)]
+    tasks = [task(seed, level="lab") for seed in (8, 9)]
     with pytest.raises(KeyboardInterrupt):
         list(gripped(tasks, damage=learned_damage(seed=1), extra={}))
     assert len(worlds) == 1

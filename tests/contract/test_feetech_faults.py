@@ -150,7 +150,7 @@ def test_what_can_not_be_opened_is_one_line(
 
 
 def test_a_grasp_through_the_jaw(gripper: FeetechGripper, world: World) -> None:
-    calibration = calibrated(seed=5, level="paper", apart_from="strawberry")
+    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)
     result = run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
     truth = world.truth()

@@ -30,7 +30,7 @@ from palpate.twin.objects import Truth
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    calibration = calibrated(seed=5, level="paper", apart_from="tomato", kind="soft")
+    calibration = calibrated(seed=5, level="lab", apart_from="tomato", kind="soft")
     return plan_grasp(calibration, gripper=TwinGripper(world_of("soft")))
 
 

@@ -138,7 +138,7 @@ def world_for(kind: str) -> World:
 
 @cache
 def plan_for(kind: str) -> Plan:
-    calibration = calibrated(seed=5, level="paper", apart_from=OBJECTS[kind], kind=kind)
+    calibration = calibrated(seed=5, level="lab", apart_from=OBJECTS[kind], kind=kind)
     return plan_grasp(calibration, gripper=TwinGripper(world_of(kind)))
 
 

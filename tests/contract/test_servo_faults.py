@@ -315,7 +315,7 @@ def test_what_can_not_be_opened_is_one_line(
 def test_opened_by_a_rig_file(
     world: World, bus: ServoBus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calibration = calibrated(seed=5, level="paper", apart_from="strawberry")
+    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
     calibration.save(tmp_path / "pad.json")
     opener = SimpleNamespace(array=lambda: TwinArray(world))
     monkeypatch.setitem(sys.modules, "my_bench", opener)
@@ -346,7 +346,7 @@ def plan() -> Plan:
     world = world_of("rigid")
     bus = ServoBus(world)
     gripper = on_servo(world, bus)
-    calibration = calibrated(seed=5, level="paper", apart_from="strawberry")
+    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
     plan = plan_grasp(calibration, gripper=gripper)
     gripper.close()
     bus.close()

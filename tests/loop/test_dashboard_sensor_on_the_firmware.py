@@ -95,7 +95,7 @@ def address(board: PressedBoard, tmp_path_factory: pytest.TempPathFactory) -> It
     made = ["init", str(rig), "--port", board.port, "--layout", RIGID_LAYOUT.name]
     made += ["--gripper", "none", "--rate-hz", "100", *wiring()]
     assert run(build_app(), made, name="palpate") == 0
-    calibrated(seed=SHEET, level="paper", apart_from=BALL).save(folder / "rig-calibration.json")
+    calibrated(seed=SHEET, level="lab", apart_from=BALL).save(folder / "rig-calibration.json")
     with served(folder, "--rig", str(rig)) as address:
         yield address
 

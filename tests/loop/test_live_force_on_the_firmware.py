@@ -28,7 +28,7 @@ RATE_HZ, HELD_S = 250.0, 4.0
 
 
 def test_newtons_with_an_interval_at_every_frame() -> None:
-    calibration = calibrated(seed=3, level="paper", apart_from="ball-44lbs")
+    calibration = calibrated(seed=3, level="lab", apart_from="ball-44lbs")
     clock = ManualClock(50.0)
     ball = draw_object(np.random.default_rng(3), "ball-44lbs")
     world = World(ball, seed=5, sheet_seed=3, clock=clock, layout=RIGID_LAYOUT)

@@ -21,7 +21,7 @@ MOVES = st.lists(
 @given(
     moves=MOVES,
     name=st.sampled_from(sorted(OBJECTS)),
-    level=st.sampled_from(["paper", "field"]),
+    level=st.sampled_from(["lab", "field"]),
     seed=st.integers(0, 1000),
 )
 def test_any_staircase_stays_physical(

@@ -82,7 +82,7 @@ class SimulatedCrate:
             array=table.array,
             gripper=table.gripper,
             clock=table.clock,
-            calibration=calibrated(seed=seed, level="paper", apart_from=""),
+            calibration=calibrated(seed=seed, level="lab", apart_from=""),
             origin="twin",
         )
         crate = mixed_crate(

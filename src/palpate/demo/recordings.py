@@ -40,7 +40,7 @@ def write_recordings(folder: Path) -> list[Path]:
         )
     ):
         obj = draw_object(np.random.default_rng([_SEED, number]), "ecoflex-10")
-        world = World(obj, seed=_SEED + number, level="paper")
+        world = World(obj, seed=_SEED + number, level="lab")
         time_s, counts = _recorded(world, touch_mm=obj.size_mm)
         path = folder / name
         with atomic_path(path) as temporary:

@@ -92,7 +92,7 @@ _PROTOCOLS: dict[GripperKind, _Protocol] = {
 
 
 #: How much the sheets and hands of the built-in rigs scatter.
-_LEVEL = "paper"
+_LEVEL = "lab"
 
 
 def open_rigid(*, object_name: str | None, seed: int) -> Rig:

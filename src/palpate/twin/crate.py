@@ -144,7 +144,7 @@ class CrateTable:
     `seed`: seed of the session.
     """
 
-    def __init__(self, *, sensor: int, seed: int, level: str = "paper") -> None:
+    def __init__(self, *, sensor: int, seed: int, level: str = "lab") -> None:
         self._world = World(None, seed=seed, sheet_seed=sensor, level=level)
         self.array, self.gripper = TwinArray(self._world), TwinGripper(self._world)
 

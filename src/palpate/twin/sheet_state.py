@@ -22,7 +22,7 @@ class SheetState:
     >>> from palpate.sensor.array import RIGID_LAYOUT
     >>> from palpate.twin.velostat import draw_sheet, two_mode_creep
     >>> rng = np.random.default_rng(1)
-    >>> sheet = draw_sheet(rng, layout=RIGID_LAYOUT, level="paper")
+    >>> sheet = draw_sheet(rng, layout=RIGID_LAYOUT, level="lab")
     >>> creep = two_mode_creep(rng, 1.0)
     >>> rest = SheetState.unloaded(8, creep=creep)
     >>> load_n = np.full(8, 2.0)

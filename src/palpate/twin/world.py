@@ -39,7 +39,7 @@ class World:
     `seed`: seed of this session: placements, scatter from grasp to grasp, noise.
     `sheet_seed`: seed of the sensor and the gripper, the same for worlds that share them; `seed` by
         default.
-    `level` ("paper", "field" or "low-rest"): how much everything scatters (`palpate.twin.ranges`).
+    `level` ("lab", "field" or "low-rest"): how much everything scatters (`palpate.twin.ranges`).
     `gripper` ("rigid" or "soft"): width-driven fingers, or pneumatic ones driven by pressure.
     `layout`: pixels and readout; by default the paper's for this kind of gripper.
     `clock`: the clock that the devices move; its own by default.
@@ -68,7 +68,7 @@ class World:
         *,
         seed: int,
         sheet_seed: int | None = None,
-        level: str = "paper",
+        level: str = "lab",
         gripper: GripperKind = "rigid",
         layout: ArrayLayout | None = None,
         clock: ManualClock | None = None,

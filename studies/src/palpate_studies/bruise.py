@@ -197,7 +197,7 @@ def _provenance(examined: Sequence[Examined]) -> list[str]:
         f"Simulated, both levels. Table 6: one apple, {REPEATS} grasps before and after its fall "
         f"at one width on each of {SENSORS} sensors; median sensor's mean ± sd (range of means).",
         "Published: the paper's Table 6. Calibration inputs, marked *: the width (not printed) was "
-        "set so that the level paper gives the change after 20 s before the fall, the depth of the "
+        "set so that the level lab gives the change after 20 s before the fall, the depth of the "
         "dent so that it gives the one after. All else is a prediction.",
         "Both twin fingers carry one force, so both read less of a dented apple at one width. The "
         "published columns have the sound finger read as before (2 x 13.0 - 3.75 = 22.3 %): "

@@ -25,7 +25,7 @@ from palpate.produce.bruise.shape import LoadShape, contrast, middle_of, shape_o
 from palpate.twin.mechanics import HandCompliance, series_force_n
 from palpate.twin.objects import TwinObject
 from palpate.twin.placement import PixelGrid
-from palpate.twin.ranges import PAPER, uniform
+from palpate.twin.ranges import LAB, uniform
 from palpate.twin.world import World
 from palpate_studies.baselines.bruise_trees import tree_scores
 from palpate_studies.bruise_data import PLACED_WITHIN_MM
@@ -38,8 +38,8 @@ from palpate_studies.twin_apple import Apple, draw_apple
 #: Force at which both fingers feel the paper's 10 % and close on, newtons.
 _CONTACT_N = 0.6
 #: Scatter (log sd) of the gain of a pixel, and of the width at contact, mm: none, and the sheet's
-#: own at the level `paper` with what a search in frames leaves of the width.
-_READINGS = {"without error": (0.0, 0.0), "gains as the sheet's": (PAPER.place_pixel_log_sd, 0.05)}
+#: own at the level `lab` with what a search in frames leaves of the width.
+_READINGS = {"without error": (0.0, 0.0), "gains as the sheet's": (LAB.place_pixel_log_sd, 0.05)}
 #: Apples that the study learns from, seed, and apples on one gripper.
 _AS_STUDY, SEED, PER_SENSOR = 984, 7, 24
 
@@ -89,10 +89,10 @@ def report(apples: int) -> StudyReport:
         name="bruise-limits",
         title="What limits detecting a bruise from one grasp (simulated)",
         provenance=[
-            f"Simulated, level paper: {apples} apples tested and as many others to learn from, "
+            f"Simulated, level lab: {apples} apples tested and as many others to learn from, "
             "drawn and laid as in the study `bruise`, seeds of their own. Loads come straight from "
             "the twin's mechanics, without sheet or frames; the class is known without error.",
-            f"Scatter of the sheet's gains: {100 * PAPER.place_pixel_log_sd:.0f} % of a pixel from "
+            f"Scatter of the sheet's gains: {100 * LAB.place_pixel_log_sd:.0f} % of a pixel from "
             "grasp to grasp. Sheets also creep, saturate and differ in law: this is a bound.",
         ],
         tables=[
@@ -114,9 +114,9 @@ def drawn(apples: int, *, seed: int) -> list[dict[str, Side | bool]]:
     for number in range(apples):
         if number % PER_SENSOR == 0:
             hand = HandCompliance(
-                finger_mm_per_n=uniform(rng, PAPER.finger_mm_per_n),
-                pad_travel_mm=uniform(rng, PAPER.pad_travel_mm),
-                pad_force_n=uniform(rng, PAPER.pad_force_n),
+                finger_mm_per_n=uniform(rng, LAB.finger_mm_per_n),
+                pad_travel_mm=uniform(rng, LAB.pad_travel_mm),
+                pad_force_n=uniform(rng, LAB.pad_force_n),
             )
         bruised = number % 2 == 1
         placed = replace(BRUISES, height_mm=(-PLACED_WITHIN_MM, PLACED_WITHIN_MM))
@@ -147,7 +147,7 @@ def _side(obj: TwinObject, hand: HandCompliance, grid: PixelGrid, rng: np.random
     assert obj.faces is not None
     felt_mm = (_CONTACT_N / obj.force_at_1mm_n) ** (2.0 / 3.0) + hand.deflection_mm(_CONTACT_N)
     force_n = series_force_n(obj, felt_mm + CLOSURE_MM, compliance=hand)
-    off_mm = PAPER.off_centre * grid.pitch_mm * rng.uniform(-1.0, 1.0, 2)
+    off_mm = LAB.off_centre * grid.pitch_mm * rng.uniform(-1.0, 1.0, 2)
     shares = obj.faces.pixel_shares(
         (force_n / obj.force_at_1mm_n) ** (2.0 / 3.0),
         grid=grid,

@@ -41,7 +41,7 @@ CALIBRATION_INPUTS = (("recorded, 20 s", "before"), ("recorded, 20 s", "after"))
 SENSORS, REPEATS, FIRST_SENSOR = 3, 10, 70_000
 #: The apple: round and of middling firmness. The width, which the paper doesn't print, gives the
 #: published change before; the depth of the fresh dent the one after (-21.4 and -13.0 %: median of
-#: 16 other sensors, seeds 71000 to 71015, at level paper).
+#: 16 other sensors, seeds 71000 to 71015, at level lab).
 SIZE_MM, FIRMNESS_N, CLOSURE_MM = 66.0, 16.0, 1.2
 DROPPED = Bruise(
     angle_deg=0.0, height_mm=0.0, diameter_mm=28.0, depth_mm=9.8, softness=0.35, dent_mm=0.22

@@ -59,7 +59,7 @@ def report(*, sensors: int = SENSORS) -> StudyReport:
             f"{STEP_MM:g} mm a second until a finger's mean change (median of {SMOOTH} frames) "
             "crosses the threshold; force from the simulated load cell.",
             "The paper has no such data (its future work). The twin's threshold of force per pixel "
-            "is an assumed range (0.05-0.2 N at `paper`, 0-0.1 N at `field`), which bounds these "
+            "is an assumed range (0.05-0.2 N at `lab`, 0-0.1 N at `field`), which bounds these "
             "figures from below.",
             "Linearity: settled readings on a stiff sheet; largest distance from the best line "
             "through all forces up to the span, in percent of the span. Power law: fitted up to "

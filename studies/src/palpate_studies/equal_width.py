@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 SENSORS = 3
 SEED = 1
 CLOSURE_MM = 3.0
-#: The data that set the spread of the level `paper`; to be stated wherever these tables are shown.
+#: The data that set the spread of the level `lab`; to be stated wherever these tables are shown.
 CALIBRATION_INPUT = (
-    "The level `paper` got its scatter from grasp to grasp so as to be of the size of the "
+    "The level `lab` got its scatter from grasp to grasp so as to be of the size of the "
     "published standard deviations, and its sheets so as to reach such changes; the twin's objects "
     "are guesses in the ratio of their makers' ratings. So agreement of single entries shows "
     "little; order, linearity and what is lost at `field` are predictions."

@@ -96,7 +96,7 @@ def report(
 def _provenance(
     found: dict[str, list[Wearing]], cycles: int, checked_at: Sequence[int]
 ) -> list[str]:
-    sensors, pauses = len(found["paper"]), sum(at < cycles for at in checked_at)
+    sensors, pauses = len(found["lab"]), sum(at < cycles for at in checked_at)
 
     def each(of: Callable[[Wearing], str]) -> str:
         return "; ".join(f"{level}: {', '.join(map(of, found[level]))}" for level in LEVELS)

@@ -110,7 +110,7 @@ def sampled(count: int, *, seed: int) -> list[Cell]:
 
 @cache
 def _plan(kind: GripperKind) -> Plan:
-    calibration = calibrated(seed=SHEET, level="paper", apart_from="", kind=kind)
+    calibration = calibrated(seed=SHEET, level="lab", apart_from="", kind=kind)
     gripper = TwinGripper(World(None, seed=SHEET, gripper=kind))
     return plan_grasp(
         calibration, gripper=gripper, target_force_n=_TARGET_N, longest_s=_LONGEST_S, hold_s=1.5

@@ -47,7 +47,7 @@ def reported(found: Sequence[Struck]) -> StudyReport:
         name="faults",
         title="Single faults in a grasp",
         provenance=[
-            f"Simulated, level paper: {len(found)} of {len(cells())} grasps of "
+            f"Simulated, level lab: {len(found)} of {len(cells())} grasps of "
             f"{', '.join(OBJECTS)} at half, full and twice the speed, each with an object and a "
             "session of its own; one sheet and gripper of each kind.",
             f"The ceiling is {FORCE_CEILING_N:g} N. Forces are the twin's own. Rigid fingers "

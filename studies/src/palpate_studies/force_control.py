@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from palpate.estimate.damage import DamageModel
     from palpate.twin.world import GripperKind
 
-LEVELS = ("paper", "field")
+LEVELS = ("lab", "field")
 #: The first seed of the shown grasps; others were used to build the controller.
 FIRST_SEED = 800_000
 #: That of the second generator, written down before anything was scored on it; an earlier look at

@@ -21,7 +21,7 @@ from palpate_studies.other_things import other_thing
 STIFFNESS_N = (0.5, 50.0)
 #: Sizes within the stroke: soft fingers need some of it to press.
 SIZES_MM: dict[str, tuple[float, float]] = {"rigid": (25.0, 60.0), "soft": (42.0, 60.0)}
-#: Targets: below the first, a sheet of the level `paper` may feel nothing at all.
+#: Targets: below the first, a sheet of the level `lab` may feel nothing at all.
 TARGETS_N = (1.5, 8.0)
 #: Softer things yield at more deformation in mm, as fruit does: median and log sd of what they
 #: stand. Correlation of stiffness and strength then is about that of recorded fruit.

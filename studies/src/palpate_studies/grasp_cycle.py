@@ -19,7 +19,7 @@ from palpate_studies.grasp_cycles import EXPECTED_WITHIN_MM, Cycle, Sample, cycl
 from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 
-LEVELS: tuple[Level, ...] = ("paper", "field")
+LEVELS: tuple[Level, ...] = ("lab", "field")
 KINDS: tuple[GripperKind, ...] = ("rigid", "soft")
 #: Seed of the first object: none of them was looked at before the controller was as it is.
 FIRST_SEED = 5_900_000

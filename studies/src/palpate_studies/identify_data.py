@@ -22,7 +22,7 @@ from palpate.twin.crate import CrateItem, CrateTable, draw_crate
 from palpate.twin.crate_kinds import CRATE_STRANGERS, CRATE_TAUGHT
 from palpate_studies.other_crates import other_item
 
-LEVELS = ("paper", "field")
+LEVELS = ("lab", "field")
 #: Grasps of each item that is taught, and of each that is sorted.
 TAUGHT_GRASPS, SORTED_GRASPS = 2, 3
 #: A simulated clock starts here.

@@ -132,11 +132,9 @@ def report(*, sensors: int = SENSORS, chains: Mapping[str, Chain] = CHAINS) -> S
                 ]
                 for level in LEVELS
             },
-            "delay_ms": {
-                name: _delay_ms(holds["paper"][0], chain) for name, chain in chains.items()
-            },
+            "delay_ms": {name: _delay_ms(holds["lab"][0], chain) for name, chain in chains.items()},
         },
-        figures={"noise": lambda: draw(holds["paper"][0])},
+        figures={"noise": lambda: draw(holds["lab"][0])},
     )
 
 

@@ -22,7 +22,7 @@ from palpate.twin.world import World
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stoppable import uninterrupted
 
-LEVELS = ("paper", "field")
+LEVELS = ("lab", "field")
 FIRST_SEED = 300_000
 #: Tries of one session, and how many of them find nothing before something is put there; drawn
 #: from 0 to this, and one session in four never gets anything.

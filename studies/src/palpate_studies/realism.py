@@ -207,9 +207,9 @@ def _provenance(sensors: int, *, given: bool) -> list[str]:
         f"Simulated: {sensors} sensors of each level, {PRESSES} presses and {HOLDS} holds of each, "
         "read with 16 bit so that the converter adds nothing. Real: the files named.",
         "`field` is meant to be no kinder than the real recordings; its ranges were set and "
-        "widened by this comparison, so agreement shows nothing about an estimator. `paper` "
+        "widened by this comparison, so agreement shows nothing about an estimator. `lab` "
         "scatters as the paper's Tables 2 to 6 do and is kinder than these recordings in many "
-        "rows: results at `paper` alone are no promise for a sensor outside such a setup.",
+        "rows: results at `lab` alone are no promise for a sensor outside such a setup.",
         "Real presses visit places of a sheet that is one pixel: our pixels, one per press, stand "
         "for the places, and their sum for eight places pressed at once. Real places keep their "
         "gain from one repeat to the next (to about 0.1) and neighbours are alike, so half a "

@@ -47,12 +47,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Levels of the twin that the study has conditions at.
-StudiedLevel: TypeAlias = Literal["paper", "field"]
+StudiedLevel: TypeAlias = Literal["lab", "field"]
 CONDITIONS: tuple[Condition, ...] = (
-    ("paper", "rigid", True),
-    ("paper", "soft", True),
-    ("paper", "rigid", False),
-    ("paper", "soft", False),
+    ("lab", "rigid", True),
+    ("lab", "soft", True),
+    ("lab", "rigid", False),
+    ("lab", "soft", False),
     ("field", "rigid", True),
     ("field", "soft", True),
 )
@@ -115,12 +115,12 @@ def chosen(
     Raises
     ------
     InputError
-        If there are none: sensors that do not age are compared at level paper alone.
+        If there are none: sensors that do not age are compared at level lab alone.
 
     Examples
     --------
     >>> chosen(gripper="soft", aging=True)
-    [('paper', 'soft', True), ('field', 'soft', True)]
+    [('lab', 'soft', True), ('field', 'soft', True)]
     """
     asked = (level, gripper, aging)
     found = [
@@ -130,7 +130,7 @@ def chosen(
     ]
     if not found:
         raise InputError(
-            "at level field every sensor ages; leave --no-aging out, or take --level paper"
+            "at level field every sensor ages; leave --no-aging out, or take --level lab"
         )
     return found
 

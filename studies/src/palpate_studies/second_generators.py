@@ -60,7 +60,7 @@ def command(
         name: [
             one
             for seed in range(BRUISE_SEED, BRUISE_SEED + apple_sensors)
-            for one in examine({"test": APPLES}, levels=["paper"], seed=seed, remade=remade)
+            for one in examine({"test": APPLES}, levels=["lab"], seed=seed, remade=remade)
         ]
         for name, remade in APPLE_WAYS.items()
         if apple_sensors
@@ -96,7 +96,7 @@ def report(
             "Ripening: virtual sensors, whose errors are as large as the twin's were on "
             "development sensors; no grasp is simulated. Each rule is taught with labelled fruit "
             "of the generator that it judges.",
-            "Bruises: grasps on the twin at level paper, judged by the model that palpate ships, "
+            "Bruises: grasps on the twin at level lab, judged by the model that palpate ships, "
             "which was learned on the first generator. The same apples, sides and sensors.",
         ),
         tables=[_ripe_table(ripe), *([_bruise_table(apples)] if apples else [])],

@@ -20,7 +20,7 @@ from palpate_studies.staircase_data import FollowedForce, followed
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEVELS = ("paper", "field")
+LEVELS = ("lab", "field")
 #: Method -> what it is, in the order of the table.
 METHODS = {
     "settled": "law of settled readings",

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LEVELS = ("paper", "field")
+LEVELS = ("lab", "field")
 #: Two decades, N/mm.
 RANGE_N_PER_MM = (0.5, 50.0)
 #: Objects have that secant stiffness under this force, newtons; and their sizes.

@@ -1,4 +1,7 @@
-"""The code that the figures of a study rest on; its hash shows when it has changed since."""
+"""The code that the figures of a study rest on; its hash shows when it has changed since.
+
+What a file says is hashed, not how it is written: comments, docstrings and line breaks don't count.
+"""
 
 from __future__ import annotations
 
@@ -26,8 +29,30 @@ def code_hash(study: str) -> str:
     """
     found = hashlib.sha256()
     for path in study_files(study):
-        found.update(_shown(path).encode() + path.read_bytes())
+        found.update(_shown(path).encode() + _said(path))
     return found.hexdigest()
+
+
+def _said(path: Path) -> bytes:
+    """Return what a file says: the syntax tree without docstrings, or all of it where it is data.
+
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "one.py"
+    >>> texts = "def f(): 'Say.'; return 1", "def f(): return (1)  # so", "def f(): return 2"
+    >>> one, same, other = ((file.write_text(text), _said(file))[1] for text in texts)
+    >>> one == same, same == other
+    (True, False)
+    """
+    if path.suffix != ".py":
+        return path.read_bytes()
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(
+            node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+        ) and ast.get_docstring(node, clean=False):
+            # A body of a docstring alone stays a body.
+            node.body = node.body[1:] or [ast.Pass()]
+    return ast.dump(tree).encode()
 
 
 def study_files(study: str) -> list[Path]:

@@ -66,7 +66,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 columns=("lines fitted to", *LEVELS),
                 rows=[
                     [name, *(f"{causes[level][name]:.2f}" for level in LEVELS)]
-                    for name in causes["paper"]
+                    for name in causes["lab"]
                 ],
             ),
             Table(
@@ -74,7 +74,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
                 columns=("law", "fitted to", "tested on", *LEVELS),
                 rows=[
                     [*key, *(f"{transfers[level][key]:.1f}" for level in LEVELS)]
-                    for key in transfers["paper"]
+                    for key in transfers["lab"]
                 ],
             ),
         ],
@@ -170,7 +170,7 @@ def line_table(level: str, lines: dict[str, FloatArray]) -> Table:
 
 
 def _provenance(sensors: int, repeats: int, found: dict[str, list[dict[str, Pairs]]]) -> list[str]:
-    low, high = force_window(found["paper"][0], sheets=tuple(PUBLISHED))
+    low, high = force_window(found["lab"][0], sheets=tuple(PUBLISHED))
     slopes = [abs(slope) for _, slope, _ in PUBLISHED.values()]
     max_slope, min_slope = max(slopes), min(slopes)
     return [

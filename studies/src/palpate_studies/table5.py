@@ -33,7 +33,7 @@ from palpate_studies.report import OutOption, StudyReport, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEVELS = ("paper", "field")
+LEVELS = ("lab", "field")
 MATERIALS = ("ecoflex-10", "dragonskin-10", "dragonskin-20", "dragonskin-30")
 #: Five widths of each sheet, as closures beyond contact, mm (the paper does not print them).
 CLOSURES_MM = (2.0, 2.5, 3.0, 3.5, 4.0)
@@ -359,7 +359,7 @@ def _figure(rows: Sequence[dict[str, Any]]) -> Figure:
     with new_figure(width_in=6.0, height_in=3.8) as (figure, axes):
         panel = axes[0, 0]
         place = np.arange(len(ALL_ROWS))
-        looks = (("paper", -0.12, BLUE, "o"), ("field", 0.12, ORANGE, "s"))
+        looks = (("lab", -0.12, BLUE, "o"), ("field", 0.12, ORANGE, "s"))
         for level, shift, colour, marker in looks:
             values = [row["mean_abs_error_n"] for row in rows if row["level"] == level]
             panel.plot(values, place + shift, marker, color=colour, label=f"simulated, {level}")

@@ -29,7 +29,7 @@ def twin_holds(
     *,
     repeats: int,
     family: str | None = None,
-    level: str = "paper",
+    level: str = "lab",
     materials: Sequence[str] = MATERIALS,
     closures_mm: Sequence[float] = CLOSURES_MM,
     seed: int = 1,
@@ -47,7 +47,7 @@ def twin_holds(
         Sensors.
     family : str, optional
         Relaxation family; drawn for each sensor by default.
-    level : {"paper", "field"}
+    level : {"lab", "field"}
         Scatter of the twin.
     materials : sequence of str
         Names in `palpate.twin.objects.OBJECTS`.

@@ -29,7 +29,7 @@ SETTLED_MEAN_S = 0.5
 GAP_MM, SPEED_MM_PER_S, STILL_S, PAUSE_S = 6.0, 40.0, 2.0, 20.0
 HOLD_S = 20.0
 #: Every result on the twin is given at both of its levels.
-LEVELS = ("paper", "field")
+LEVELS = ("lab", "field")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +76,7 @@ class Session:
     ----------
     sensor : int
         Seed of the sensor and the gripper.
-    level : {"paper", "field"}
+    level : {"lab", "field"}
         Scatter of the twin.
     trial : int
         Seed of what changes from session to session.

@@ -48,7 +48,7 @@ def test_what_a_sheet_remembers_is_no_touch(plan: Plan, bench: Any) -> None:
     assert result.size_mm.low <= bench.size_mm <= result.size_mm.high
 
 
-@pytest.mark.parametrize("level", ["paper", "field"])
+@pytest.mark.parametrize("level", ["lab", "field"])
 def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
     """Resistances rise with the speed of the fingers, and fall as they slow down or by noise."""
     calibration = calibrated(seed=5, level=level, apart_from="strawberry")

@@ -94,7 +94,7 @@ def test_block_pairs_are_of_the_drive(kind: Any) -> None:
 
 
 def test_a_calibration_fits_its_own_kind_of_hand() -> None:
-    rigid = calibrated(seed=3, level="paper", apart_from="apple")
+    rigid = calibrated(seed=3, level="lab", apart_from="apple")
     with pytest.raises(CalibrationError, match="driven by pressure: its calibration needs 4"):
         plan_grasp(rigid, gripper=TwinGripper(World(None, seed=3, gripper="soft")))
     block = BlockPairs(

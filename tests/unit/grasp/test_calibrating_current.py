@@ -33,7 +33,7 @@ def bench_of(world: World) -> Bench:
 
 @pytest.fixture(scope="module")
 def rigid() -> Calibration:
-    return calibrated(seed=4, level="paper", apart_from="")
+    return calibrated(seed=4, level="lab", apart_from="")
 
 
 def test_current_while_closing_is_a_line_in_force(rigid: Calibration) -> None:

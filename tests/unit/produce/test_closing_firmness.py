@@ -63,9 +63,9 @@ def test_its_doubt_is_what_scatter_of_the_steps_makes() -> None:
 
 @pytest.fixture(scope="module")
 def watched() -> tuple[ClosingWatch, GraspResult, list[Observation], list[Belief]]:
-    calibration = calibrated(seed=5, level="paper", apart_from="ball-44lbs")
+    calibration = calibrated(seed=5, level="lab", apart_from="ball-44lbs")
     world = World(
-        draw_object(np.random.default_rng(5), "ball-44lbs"), seed=5, sheet_seed=5, level="paper"
+        draw_object(np.random.default_rng(5), "ball-44lbs"), seed=5, sheet_seed=5, level="lab"
     )
     gripper = TwinGripper(world)
     plan = plan_grasp(calibration, gripper=gripper, target_force_n=5.0, hold_s=0.0)

@@ -78,13 +78,13 @@ def grasped(world: World, plan: Plan) -> Felt:
 @cache
 def on_sensor(seed: int) -> dict[float, Felt]:
     """Return one grasp each of a small and a large fruit that are alike in all else."""
-    calibration = calibrated(seed=seed, level="paper", apart_from="avocado", kind="soft")
+    calibration = calibrated(seed=seed, level="lab", apart_from="avocado", kind="soft")
     fruit = draw_avocado(np.random.default_rng(3)).spot(0.0, rng=np.random.default_rng(4))
     found = {}
     for size_mm in SIZES_MM:
         obj = replace(fruit, size_mm=size_mm, force_at_1mm_n=2.5)
         world = World(
-            obj, seed=seed, sheet_seed=seed, level="paper", gripper="soft", frame_rate_hz=10.0
+            obj, seed=seed, sheet_seed=seed, level="lab", gripper="soft", frame_rate_hz=10.0
         )
         plan = plan_grasp(
             calibration,

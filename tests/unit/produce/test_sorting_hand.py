@@ -53,7 +53,7 @@ def table() -> CrateTable:
 
 @pytest.fixture(scope="module")
 def hand(table: CrateTable) -> SortingHand:
-    calibration = calibrated(seed=7, level="paper", apart_from="")
+    calibration = calibrated(seed=7, level="lab", apart_from="")
     return SortingHand(
         array=table.array,
         gripper=table.gripper,

@@ -25,7 +25,7 @@ RATE_HZ = 15.0
 
 @cache
 def twin_rest(
-    seed: int, level: str = "paper", gripper: str = "rigid"
+    seed: int, level: str = "lab", gripper: str = "rigid"
 ) -> tuple[FrameColumns, ArrayLayout]:
     """Ten seconds of a twin that nothing touches."""
     world = World(None, seed=seed, level=level, gripper="soft" if gripper == "soft" else "rigid")
@@ -287,7 +287,7 @@ def test_groups_cover_a_mask_once() -> None:
     assert np.array_equal(total, mask.astype(int))
 
 
-@pytest.mark.parametrize("level", ["paper", "field"])
+@pytest.mark.parametrize("level", ["lab", "field"])
 def test_healthy_twins_raise_no_fault(level: str) -> None:
     faults = [
         (seed, found.code)

@@ -9,11 +9,11 @@ import pytest
 
 from palpate.settling.result import FloatArray
 from palpate.twin.devices import ServoCurrent
-from palpate.twin.ranges import PAPER, Ranges
+from palpate.twin.ranges import LAB, Ranges
 
 #: No warmth, so that friction alone differs; 40 mA of it and none by load.
 PLAIN = replace(
-    PAPER,
+    LAB,
     servo_friction_ma=(40.0, 40.0),
     servo_friction_share=(0.0, 0.0),
     servo_friction_along=(0.0, 0.0),

@@ -23,13 +23,13 @@ def step_response(creep: Creep, time_s: np.ndarray) -> np.ndarray:
     return creep.instant - np.expm1(-time_s[:, None] / creep.tau_s) @ creep.weight
 
 
-def sheet(family: str = "two-mode", *, seed: int = 1, level: str = "paper") -> Sheet:
+def sheet(family: str = "two-mode", *, seed: int = 1, level: str = "lab") -> Sheet:
     rng = np.random.default_rng(seed)
     return draw_sheet(rng, layout=RIGID_LAYOUT, level=level, family=family)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@pytest.mark.parametrize("level", ["paper", "field"])
+@pytest.mark.parametrize("level", ["lab", "field"])
 def test_every_family_settles_to_one_at_the_horizon(family: str, level: str) -> None:
     creep = sheet(family, level=level).family.draw(np.random.default_rng(2))
     assert step_response(creep, np.array([SETTLED_S])).item() == pytest.approx(1.0, abs=1e-12)
@@ -106,7 +106,7 @@ def test_suction_takes_a_share_of_the_conductance_away() -> None:
 def test_aging_leaves_the_other_draws_alone() -> None:
     # What follows the sheet in its stream is the gripper: an aging range must not shift it.
     rng = np.random.default_rng(5)
-    draw_sheet(rng, layout=RIGID_LAYOUT, level="paper", family="two-mode")
+    draw_sheet(rng, layout=RIGID_LAYOUT, level="lab", family="two-mode")
     assert rng.uniform() == pytest.approx(0.2032528361145648)
 
 

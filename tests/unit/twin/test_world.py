@@ -32,7 +32,7 @@ def change(world: World, time_s: float) -> float:
     return mean_change(relative_change_percent(ohm, rest_ohm=rest)).item()
 
 
-@pytest.mark.parametrize("level", ["paper", "field"])
+@pytest.mark.parametrize("level", ["lab", "field"])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_more_closing_more_force_less_resistance(level: str, family: str) -> None:
     worlds = [held(c, level=level, family=family) for c in (0.5, 1.0, 2.0, 3.0)]

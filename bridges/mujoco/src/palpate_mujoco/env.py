@@ -46,7 +46,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         Grip force to reach and keep.
     rate_mm_per_s : float
         Speed of the fingers.
-    level : {"paper", "field"}
+    level : {"lab", "field"}
         How much sheets scatter; each reset draws another.
     hand : {"widowx", "so101"}
         Like which robot's.
@@ -75,7 +75,7 @@ class GraspEnv(gymnasium.Env[Felt, NDArray[np.float32]]):
         object_name: str | None = None,
         target_force_n: float = 3.0,
         rate_mm_per_s: float = 20.0,
-        level: str = "paper",
+        level: str = "lab",
         hand: str = "widowx",
     ) -> None:
         if object_name is not None and object_name not in OBJECTS:

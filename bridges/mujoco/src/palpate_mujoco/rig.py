@@ -13,7 +13,7 @@ from palpate_mujoco.hand import SO101, WIDOWX, Hand
 from palpate_mujoco.world import MujocoWorld
 
 
-def open_mujoco(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
+def open_mujoco(*, object_name: str | None, seed: int, level: str = "lab") -> Rig:
     """Open a hand like the WidowX 250's with an object between its fingers.
 
     The object and the sheet are those that the rig `sim-rigid` draws for the same seed.
@@ -26,7 +26,7 @@ def open_mujoco(*, object_name: str | None, seed: int, level: str = "paper") -> 
     return _opened("mujoco", WIDOWX, object_name=object_name, seed=seed, level=level)
 
 
-def open_so101(*, object_name: str | None, seed: int, level: str = "paper") -> Rig:
+def open_so101(*, object_name: str | None, seed: int, level: str = "lab") -> Rig:
     """Open a hand like the SO-101's, as `open_mujoco` does.
 
     Raises

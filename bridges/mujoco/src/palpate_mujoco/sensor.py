@@ -45,7 +45,7 @@ class PadSensor:
         Of what differs from touch to touch, and of noise.
     sheet_seed : int, optional
         Of the sheet; `seed` by default.
-    level : {"paper", "field"}
+    level : {"lab", "field"}
         How much sheets scatter (`palpate.twin.ranges`).
     clock : ManualClock, optional
         The clock that the array moves; one that starts at the model's time by default.
@@ -86,7 +86,7 @@ class PadSensor:
         layout: ArrayLayout = RIGID_LAYOUT,
         seed: int,
         sheet_seed: int | None = None,
-        level: str = "paper",
+        level: str = "lab",
         clock: ManualClock | None = None,
         frame_rate_hz: float = 15.0,
         oversampling: int = 1,

@@ -60,7 +60,7 @@ class MujocoWorld:
         *,
         seed: int,
         sheet_seed: int | None = None,
-        level: str = "paper",
+        level: str = "lab",
         hand: Hand = WIDOWX,
     ) -> None:
         self.seed, self.level = seed, level
