@@ -22,12 +22,11 @@ $(VENV)/.dev: $(wildcard pyproject.toml */pyproject.toml bridges/*/pyproject.tom
 demo: $(VENV)/.base
 	$(BIN)/palpate grasp --rig sim-rigid --seed 1
 
-# One more at work than there are cores, for tests of the page mostly wait; each with one thread of
-# linear algebra, for more of them only get in each other's way.
+# One thread of linear algebra for each that works: more of them only get in each other's way.
 test: export OMP_NUM_THREADS = 1
 test: export OPENBLAS_NUM_THREADS = 1
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $$(( $$(getconf _NPROCESSORS_ONLN) + 1 )) --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 # ROS 2 from wheels, in an environment of its own that sees the development one.
 ROS_VENV := .venv-ros

@@ -138,7 +138,7 @@ def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
 
 def test_a_fixed_closing_is_not_scored_on_what_it_was_chosen_on() -> None:
     chosen = chosen_extra([task(0, level="lab")])
-    with pytest.raises(SeenBeforeError, match="paper 0 was used"):
+    with pytest.raises(SeenBeforeError, match="lab 0 was used"):
         best_fixed(task(0, level="lab"), chosen)
     assert best_fixed(task(1, level="lab"), chosen).method == "best fixed extra closing"
 

@@ -131,7 +131,7 @@ def test_spikes_fall_to_a_median_and_mains_to_a_notch(made: dict[str, StudyRepor
 
 
 def test_own_noise_sees_less_force_than_the_fixed_threshold(made: dict[str, StudyReport]) -> None:
-    (fixed, own), *_ = made["detection-limit"].payload["weakest_n"]["paper, flat (springs)"]
+    (fixed, own), *_ = made["detection-limit"].payload["weakest_n"]["lab, flat (springs)"]
     assert 0.0 < own < fixed < 5.0
 
 

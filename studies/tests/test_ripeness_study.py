@@ -179,8 +179,8 @@ def test_the_report_is_whole_and_says_that_it_is_simulated(station: Felt, tmp_pa
     assert "Simulated throughout" in text
     assert "prints no numbers in Figure 16" in text
     # Shown in detail: the first condition of each gripper.
-    assert "paper, rigid, aging: true stage" in text
-    assert "paper, rigid, not aging: true stage" not in text
+    assert "lab, rigid, aging: true stage" in text
+    assert "lab, rigid, not aging: true stage" not in text
     for stem in ("figure16", "ripeness"):
         assert (tmp_path / f"{stem}.png").stat().st_size > 10_000
         check_fonts(tmp_path / f"{stem}.pdf")

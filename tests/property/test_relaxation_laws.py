@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -88,6 +88,7 @@ def test_nothing_positive_is_predicted_at_or_below_zero(
     ),
     st.floats(0.01, 0.99),
 )
+@example(drawn=(np.array([[1.6e-35, 69.0], [69.0, 1.6e-35]]), np.array([0.01, 0.01])), level=0.5)
 def test_always_finite_and_inside_its_interval(
     drawn: tuple[np.ndarray, np.ndarray], level: float
 ) -> None:

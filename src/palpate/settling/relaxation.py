@@ -40,6 +40,8 @@ FURTHEST = 10.0
 #: Window lengths at which calibration residuals are taken, s.
 CALIBRATION_WINDOWS_S = (0.5, 1.0, 1.75, 2.5, 3.5, 5.0, 7.0, 10.0, 14.0)
 
+#: A hold with samples below this share of its largest is nothing that only has a ratio.
+_LEAST_SHARE = 1e-12
 _TINY = float(np.finfo(float).tiny)
 
 
@@ -267,7 +269,8 @@ def _by_sign(values: FloatArray) -> Iterator[tuple[NDArray[np.intp], FloatArray,
 
     Counted from the last sample, so that a constant hold stays exactly so.
     """
-    above_zero = np.asarray((values > 0).all(axis=1))
+    least, most = values.min(axis=1), values.max(axis=1)
+    above_zero = np.asarray((least > 0) & (least > _LEAST_SHARE * most))
     for positive, alike in ((True, above_zero), (False, ~above_zero)):
         [rows] = alike.nonzero()
         if rows.size:

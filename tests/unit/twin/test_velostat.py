@@ -113,5 +113,5 @@ def test_aging_leaves_the_other_draws_alone() -> None:
 def test_unknown_names_are_listed() -> None:
     with pytest.raises(ValueError, match="two-mode, slow-power, hetero"):
         sheet("exponential")
-    with pytest.raises(ValueError, match="paper, field"):
-        sheet(level="lab")
+    with pytest.raises(ValueError, match="lab, field"):
+        sheet(level="paper")
