@@ -14,7 +14,7 @@ import pytest
 
 from palpate.cli import build_app, run
 from palpate_studies import other_presses as other_presses_module
-from palpate_studies import presses
+from palpate_studies import press_models, presses
 from palpate_studies.other_presses import MOTIONS, other_presses
 from palpate_studies.press_data import Press, read_presses
 from palpate_studies.press_figure import draw_followed
@@ -219,6 +219,7 @@ def test_presses_of_sheets_of_another_law(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(other_presses_module, "_SHEETS", 2)
+    monkeypatch.setattr(press_models, "_ROUNDS", 10)
     few = {motion: other_presses(motion, seed=3)[::8] for motion in MOTIONS}
     held_s = {
         motion: [p.trace.time_s[p.last_held] - p.trace.time_s[p.trace.told] for p in each]

@@ -30,6 +30,8 @@ _RELEASE_WEIGHT = 5.0
 #: learn.
 _ALL_UNTIL, _EVERY = 30, 4
 _TICK_S = 0.02
+#: Trees of the boosted rival; not tuned.
+_ROUNDS = 200
 
 Prediction: TypeAlias = tuple[FloatArray, FloatArray]
 Follower: TypeAlias = Callable[[Press], Prediction]
@@ -136,7 +138,7 @@ def trees(train: Presses) -> Follower:
     with needing("gradient boosting", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingRegressor
     machine = HistGradientBoostingRegressor(
-        loss="absolute_error", max_iter=200, random_state=0, early_stopping=False
+        loss="absolute_error", max_iter=_ROUNDS, random_state=0, early_stopping=False
     )
     inputs = np.concatenate([_inputs(press)[_seen(press)] for press in train])
     machine.fit(inputs, _pooled(train, log_change), sample_weight=_weight(train))
