@@ -41,7 +41,7 @@ def document(
     ----------
     session : Session
         As it is now.
-    wishes : Wishes
+    form : GraspForm
         Settings of the next grasp.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
