@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
-from scipy.stats import norm
 
 from palpate.arrays import FloatArray
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.measurement import Measurement
+from palpate.estimate.normal import normal_density
 from palpate.settling.result import Status
 
 #: Exponents of force over indentation and how common they are: 1 a flat or layered body, 1.5 a
@@ -133,7 +133,7 @@ def object_stiffness(
     possible = deformed > force_n / STIFFEST_N_PER_MM
     deformed = np.where(possible, deformed, force_n / STIFFEST_N_PER_MM)
     relaxed = log_force - np.log(held.scale) - held.shape * np.log(deformed)
-    likely = sum(share * norm.pdf(relaxed, mean, sd) for share, mean, sd in _RELAXED)
+    likely = sum(share * normal_density(relaxed, mean, sd) for share, mean, sd in _RELAXED)
     weight = np.where(possible, likely, 0.0)
     rigid = weight.sum() < 1e-3 * _DRAWS
     stiffness = np.clip(force_n / deformed, SOFTEST_N_PER_MM, STIFFEST_N_PER_MM)

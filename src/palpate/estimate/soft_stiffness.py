@@ -16,13 +16,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from palpate.estimate.closing_stiffness import ClosingSteps
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.feldman_cousins import bounded_interval, bounded_middle
 from palpate.estimate.measurement import Measurement
+from palpate.estimate.normal import normal_density
 from palpate.settling.result import Status
 
 #: Relative to the last force of the same contact, the first force that a sheet feels has this error
@@ -110,13 +110,13 @@ def _together(
         return None
     then_n = np.linspace(0.0, 0.95, _FORCES) * force_n
     softness = way_mm / (force_n - then_n)
-    likely = norm.pdf(then_n, first_n, math.hypot(_FIRST_SD * first_n, curve.floor_n))
+    likely = normal_density(then_n, first_n, math.hypot(_FIRST_SD * first_n, curve.floor_n))
     if first > 0:
         # Nothing was felt one step before: no more than a faint force can have been there.
         step_mm = float(curve.width_mm[first - 1]) - touched_mm
         most_n = curve.faint_n + step_mm / softness
         doubt_n = np.hypot(curve.floor_n, give.residual_mm / softness)
-        likely = likely * norm.cdf((most_n - then_n) / doubt_n)
+        likely = likely * ndtr((most_n - then_n) / doubt_n)
     if not likely.sum() > 0:
         return None
     mean = float(np.average(np.log(softness), weights=likely))
