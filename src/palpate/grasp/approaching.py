@@ -12,7 +12,7 @@ from palpate.grasp.belief import Belief, Touch
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.step_size import approach_step, closure_of, pressed, safe_step, whole
-from palpate.grasp.sweep import Sweep
+from palpate.grasp.sweep import Sweep, blind_s
 from palpate.gripper.interface import GripperCommand
 
 #: How long a pixel hides its own fall under load: the rise that a movement and a rising load make
@@ -42,15 +42,15 @@ _SHORT_STEPS, _SHORT_OF_FORCE = 0.4, 0.8
 #: A movement that is shortened to a safe length is not steady, and an unsteady one reads like a
 #: touch.
 _HASTE_SHARE = 0.85
-#: An expected size may have this error and the hand still comes near at full speed, mm.
-_EXPECTED_MM = 6.0
+#: An expected size may have this error and the hand still touches as gently as without it, mm.
+_EXPECTED_MM = 5.0
 
 
 def sweep_rate(belief: Belief, plan: Plan) -> float:
     """Return how fast the hand may close without knowing where the object is.
 
-    From a touch until it stops it goes a step and a half of the approach: through the frame in
-    which the touch falls, the lag of the sheet, and the latency of the gripper.
+    From a touch until it stops it goes two steps of the approach: through the frame in which the
+    touch falls, the lag of the sheet, and the latency of the gripper.
     """
     late_s = belief.period_s + _SHEET_LAG_S + plan.safety.latency_s
     return min(_OVERRUN_STEPS * approach_step(plan) / late_s, plan.gripper.fastest)
@@ -62,7 +62,9 @@ def begun(belief: Belief, plan: Plan, *, rows: tuple[int, ...] | None = None) ->
     `rows`: of the pixels that are watched; all by default.
     """
     end, rate = plan.gripper.span, sweep_rate(belief, plan)
-    near, slowed = _near(plan), belief.sweep is not None
+    # Once the hand has slowed down, and before the object can be there, it must feel again.
+    near = _near(plan) - rate * blind_s(belief.period_s)
+    slowed = belief.sweep is not None
     if not slowed and near - belief.closure > approach_step(plan):
         end, rate = near, max(rate, _hasty_rate(belief, plan))
     sweep = Sweep(

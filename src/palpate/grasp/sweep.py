@@ -44,6 +44,17 @@ _MEDIAN_SQUARE = 0.4549
 _CURRENT_SD, _GEARS_SHARE = 4.5, 0.15
 
 
+def blind_s(period_s: float) -> float:
+    """Return how long a way that follows on a faster one notices no gentle touch.
+
+    `period_s`: time between two frames.
+
+    >>> round(blind_s(1 / 15), 2), round(blind_s(1 / 250), 2)
+    (0.51, 0.36)
+    """
+    return _SLOWED_S + _APART_S + _FEWEST * max(period_s, _NOW_S)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
     """A way at one speed, and what was read on it lately.

@@ -14,6 +14,7 @@ from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import Outcome
 from palpate.grasp.runner import run_grasp
+from palpate.grasp.sweep import blind_s
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
@@ -72,6 +73,27 @@ def test_slowing_down_before_an_expected_size_is_no_touch(level: str) -> None:
         felt_s[expected] = [time_s for phase, time_s in phases if phase is Phase.FELT]
     assert len(felt_s[False]) == len(felt_s[True]) == 1
     assert felt_s[True][0] <= felt_s[False][0]
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 250.0])
+def test_a_hand_that_expects_a_size_feels_again_before_the_object_can_be_there(
+    rate_hz: float,
+) -> None:
+    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
+    berry = draw_object(np.random.default_rng(11), "strawberry")
+    world = World(berry, seed=11, sheet_seed=5, level="lab", frame_rate_hz=rate_hz)
+    gripper = TwinGripper(world)
+    plan = plan_grasp(calibration, gripper=gripper, expect_size_mm=berry.size_mm - 5.0)
+    slowed = list[tuple[float, float]]()
+
+    def watch(belief: Belief) -> None:
+        if belief.sweep is not None and belief.sweep.slowed and not slowed:
+            left_mm = gripper.state().width_mm - berry.size_mm
+            slowed.append((left_mm / belief.sweep.rate, blind_s(belief.period_s)))
+
+    run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch])
+    [(before_s, blind)] = slowed
+    assert blind <= before_s < blind + 0.3
 
 
 def test_a_sheet_that_keeps_the_whole_touch_is_lost(plan: Plan, bench: Any) -> None:
