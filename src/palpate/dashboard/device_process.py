@@ -58,6 +58,7 @@ from palpate.rig import Rig, open_rig
 from palpate.rig.recorded import recording_info
 from palpate.rig.sensor_only import SensorRig, names_no_gripper, open_sensor
 from palpate.sensor.health import Health
+from palpate.sensor.serial_array import SerialArray
 from palpate.twin.paced_array import PacedArray
 
 #: A silent sensor must not make an order wait; a lost one is asked again after a while.
@@ -221,7 +222,7 @@ class DeviceProcess:
         )
         context = self._context
         if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
-            self._telemetry.begin(context.source(), events=context.link_events)
+            self._show(context)
         self._telemetry.set_plan(None)
 
     def _done(self, order: Order) -> Grasped | Calibrated | Health | None:
@@ -285,7 +286,14 @@ class DeviceProcess:
             on_stopped=self._confirm_stop,
             open_bench=self._benches.get(rig.name),
         )
-        self._telemetry.begin(context.source(), events=context.link_events)
+        self._show(context)
+
+    def _show(self, context: JobContext) -> None:
+        """Show the rig's frames from now on."""
+        twin = isinstance(context.array, PacedArray) and not isinstance(
+            context.rig.array, SerialArray
+        )
+        self._telemetry.begin(context.source(), events=context.link_events, linked=not twin)
 
     def _watch(self, context: JobContext) -> None:
         """Read one frame and show it; record it if that was asked for."""

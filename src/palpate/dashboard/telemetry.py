@@ -68,6 +68,7 @@ class Telemetry:
         self._notes: list[Note] = []
         self._source: FrameSource | None = None
         self._events: Callable[[], LinkEvents] = LinkEvents
+        self._linked = True
         self._tally = _Tally()
         self._recent: deque[tuple[float, int]] = deque()
         self._periods_s: deque[float] = deque(maxlen=_PERIODS)
@@ -95,13 +96,23 @@ class Telemetry:
         if at_once:
             self._hurry.set()
 
-    def begin(self, source: FrameSource, *, events: Callable[[], LinkEvents] = LinkEvents) -> None:
-        """Frames are another source's from now on; `events` returns what its link counted."""
+    def begin(
+        self,
+        source: FrameSource,
+        *,
+        events: Callable[[], LinkEvents] = LinkEvents,
+        linked: bool = True,
+    ) -> None:
+        """Frames are another source's from now on; `events` returns what its link counted.
+
+        Without a link a gap in the numbers is no loss: a twin's frames pass while nobody reads.
+        """
         with self._lock:
             self._frames.clear()
             self._recent.clear()
             self._periods_s.clear()
             self._tally, self._source, self._events = _Tally(), source, events
+            self._linked = linked
             self._notes.append(source)
 
     def set_plan(self, plan: Plan | None) -> None:
@@ -131,7 +142,8 @@ class Telemetry:
         with self._lock:
             tally = self._tally
             if tally.sequence is not None:
-                tally.lost += max(0, frame.sequence - tally.sequence - 1)
+                gap = max(0, frame.sequence - tally.sequence - 1)
+                tally.lost += gap if self._linked else 0
                 wall_s = now_s - tally.arrived_s
                 old_s = tally.period_s
                 self._periods_s.append(wall_s)

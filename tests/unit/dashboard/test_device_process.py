@@ -254,6 +254,7 @@ def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path)
     made = Calibration.load(ended.found.file)
     assert np.allclose(made.rest_ohm, ended.found.rest_ohm)
     assert np.abs(ended.found.change_percent).max() < 20
+    assert {update.link.lost for update in opened.updates} == {0}
     assert made.force.force_n, "the force readings stay"
 
 
@@ -263,6 +264,7 @@ def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: P
     made = Calibration.load(ended.found.file)
     assert made.force_law["pairs"] >= 8
     assert made.held_out["error_percent"] == dict(ended.found.held_out)
+    assert {update.link.lost for update in opened.updates} == {0}, "it skips what nobody reads"
     # It can be grasped with at once.
     order = GraspOrder(target_force_n=None, recording=tmp_path / "after.mcap")
     opened.send(order)
