@@ -32,6 +32,10 @@ from palpate.grasp.verdict import outcome_text
 __all__ = ["browser"]
 
 SIZES = {"phone": (390, 844), "tablet": (820, 1180), "wide": (1920, 1080)}
+#: Sizes that only the layout is checked in.
+LARGE = {"large": (2560, 1440)}
+#: Least sizes of what is read from two metres, px: the next step and the force.
+NEXT_PX, FORCE_PX = 20, 40
 LOCALES = {"en": "en-US", "de": "de-DE"}
 FITS = """() => [...document.querySelectorAll('#verdict-why, #verdict-text, %s')].filter((part) => {
     const box = part.getBoundingClientRect();
@@ -87,6 +91,46 @@ def fits(page: Page) -> None:
     assert page.evaluate(beyond) == [0, 0]
 
 
+def letters_px(page: Page, part: str) -> float:
+    return page.evaluate(f"parseFloat(getComputedStyle(document.querySelector('{part}')).fontSize)")
+
+
+#: Contrast of a part's letters on their ground (WCAG 2), with all that fades them.
+CONTRAST = """(name) => {
+    const part = document.querySelector(name);
+    const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
+    const solid = (one) => (rgb(getComputedStyle(one).backgroundColor)[3] ?? 1) === 1;
+    const light = (c) => [0.2126, 0.7152, 0.0722].reduce((sum, w, i) => {
+        const v = c[i] / 255;
+        return sum + w * (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+    }, 0);
+    let ground = part, faded = 1;
+    while (!solid(ground)) ground = ground.parentElement;
+    for (let one = part; one; one = one.parentElement) faded *= +getComputedStyle(one).opacity;
+    const behind = rgb(getComputedStyle(ground).backgroundColor).slice(0, 3);
+    const own = rgb(getComputedStyle(part).color);
+    const letters = behind.map((v, i) => faded * own[i] + (1 - faded) * v);
+    const [a, b] = [light(letters), light(behind)].sort((x, y) => y - x);
+    return (a + 0.05) / (b + 0.05);
+}"""
+
+
+@pytest.mark.parametrize("shade", ["light", "dark"])
+def test_what_is_greyed_can_be_read(browser: Browser, address: str, shade: str) -> None:
+    """Checkers of contrast leave out what is reported as unavailable; eyes do not."""
+    size = (WIDE["width"], WIDE["height"])
+    with (
+        at(browser, address, size, **SHADES[shade], **CALM) as page,
+        at(browser, f"{address}operate", size, **SHADES[shade], **CALM),
+    ):
+        # Who came last drives.
+        expect(page.locator("#grasp")).to_be_disabled()
+        assert page.evaluate(CONTRAST, "#grasp") >= 4.5
+        page.context.set_offline(True)
+        expect(page.locator("#lost-title")).to_have_text("No connection")
+        assert page.evaluate(CONTRAST, "#measure-size_mm .value") >= 4.5
+
+
 #: Lays out one text after the other; returns those that do not fit.
 LAID_OUT = """([words, nexts, whys]) => {
     const [word, why, next] = ['verdict-text', 'verdict-why', 'next-text'].map(
@@ -118,7 +162,7 @@ LAID_OUT = """([words, nexts, whys]) => {
 }"""
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [*SIZES, *LARGE])
 @pytest.mark.parametrize("code", LOCALES)
 def test_all_that_it_can_say_fits(browser: Browser, address: str, code: str, size: str) -> None:
     tr = language_for(code, "")
@@ -127,7 +171,8 @@ def test_all_that_it_can_say_fits(browser: Browser, address: str, code: str, siz
     nexts = [next_step for _, next_step in OUTCOMES.values()]
     nexts += [Message("check its cable and power; it goes on as soon as it answers")]
     whys = [outcome_text(outcome) for outcome in Outcome]
-    with at(browser, f"{address}operate", SIZES[size], locale=LOCALES[code]) as page:
+    pixels = {**SIZES, **LARGE}[size]
+    with at(browser, f"{address}operate", pixels, locale=LOCALES[code]) as page:
         capital = [tr(word)[:1].upper() + tr(word)[1:] for word in words]
         texts = [capital, *([tr(text) for text in group] for group in (nexts, whys))]
         assert page.evaluate(LAID_OUT, texts) == []
@@ -157,9 +202,9 @@ def test_the_words_of_a_loss_fit(browser: Browser, address: str, size: str) -> N
             assert page.evaluate(LOSS_LAID_OUT, words) == []
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [*SIZES, *LARGE])
 def test_a_grasp_from_ready_to_the_next_item(browser: Browser, address: str, size: str) -> None:
-    with at(browser, f"{address}operate", SIZES[size]) as page:
+    with at(browser, f"{address}operate", {**SIZES, **LARGE}[size]) as page:
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
         fits(page)
         can_press(page, "#grasp")
@@ -171,8 +216,9 @@ def test_a_grasp_from_ready_to_the_next_item(browser: Browser, address: str, siz
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-good")
         expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-4]\.\d$"))
         fits(page)
-        size_px = "parseFloat(getComputedStyle(document.querySelector('#verdict-text')).fontSize)"
-        assert page.evaluate(size_px) >= 72
+        assert letters_px(page, "#verdict-text") >= 72
+        assert letters_px(page, "#next-text") >= NEXT_PX
+        assert letters_px(page, "#force-now") >= FORCE_PX
         release(page)
         expect(page.locator("#next-text")).to_have_text(re.compile("^Put the next item in"))
         expect(page.locator("#force-now")).to_have_text("–")
