@@ -315,6 +315,26 @@ def test_a_page_that_is_loaded_again_does_not_forget_a_stop(browser: Browser, ad
         assert len(one.asked) == asked
 
 
+#: The stop arrives first, though Grasp was pressed by someone who did not know of it yet.
+OVERTAKEN = """async () => {
+    await fetch('/stop', { method: 'POST' });
+    document.getElementById('grasp').click();
+}"""
+
+
+def test_what_a_stop_overtakes_does_not_begin_after_it(browser: Browser, address: str) -> None:
+    with viewer(browser, address, "laptop") as one:
+        page = one.page
+        drive(page)
+        expect(page.locator("#grasp")).to_be_enabled()
+        page.route("**/live?*", lambda route: route.abort())
+        page.evaluate(OVERTAKEN)
+        expect(page.locator(".q-notification")).to_contain_text("stopped before it began")
+        page.unroute("**/live?*")
+        fresh(page)
+        expect(page.locator("#verdict-text")).to_have_text("ready")
+
+
 def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:
     with serving(tmp_path, *SIMULATED) as (url, process), viewer(browser, url, "laptop") as one:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()

@@ -111,7 +111,9 @@ def _begin(app_state: AppState, client: Client, *, script: str) -> Viewer:
     client.on_connect(lambda: app_state.session.join(client.id, tab=client.tab_id))
     client.on_delete(lambda: app_state.session.leave(client.id))
     query = f"?lang={tr.code}" if asked else ""
-    return Viewer(app_state.session, viewer_id=client.id, tr=tr, query=query)
+    viewer = Viewer(app_state.session, viewer_id=client.id, tr=tr, query=query)
+    ui.on("press", lambda event: viewer.pressed(event.args))
+    return viewer
 
 
 def _translated(parts: str, tr: Language) -> str:

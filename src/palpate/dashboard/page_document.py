@@ -90,6 +90,7 @@ def document(
         ),
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
         "measured": _measured(session, tr),
+        "stops": session.stops,
         "stopped_after_s": session.devices.stopped_after_s,
         "recording": None if session.devices.recording is None else session.devices.recording.name,
     }

@@ -72,7 +72,8 @@ class Session:
         self.target_force_n: float | None = None
         #: The rig asked for last.
         self.rig: OpenRig | None = None
-        self._stops = 0
+        #: How often anyone pressed stop.
+        self.stops = 0
 
     # -- who drives -----------------------------------------------------------------------------
 
@@ -196,9 +197,9 @@ class Session:
 
     def stop(self) -> int:
         """Stop what runs, at once, whoever asks; return the number by which it is confirmed."""
-        self._stops += 1
-        self._send(StopNow(self._stops))
-        return self._stops
+        self.stops += 1
+        self._send(StopNow(self.stops))
+        return self.stops
 
     def _request(self, viewer: str, action: Action, request: Request) -> None:
         self._check(action, viewer)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from palpate.dashboard.activity import Action
-from palpate.dashboard.language import ENGLISH, Language, error_text
+from palpate.dashboard.language import ENGLISH, Language, Message, error_text
 from palpate.dashboard.orders import Order
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
@@ -33,6 +33,7 @@ class Viewer:
     ) -> None:
         self._session, self._id = session, viewer_id
         self.tr, self.query = tr, query
+        self._knew_stops = session.stops
         self._refreshers: list[tuple[Callable[[], None], ui.element | None]] = []
 
     @property
@@ -40,13 +41,21 @@ class Viewer:
         """Whether this viewer drives."""
         return self._session.driver == self._id
 
+    def pressed(self, knew_stops: object) -> None:
+        """Take in how many stops the page knew of when something on it was pressed.
+
+        A press of stop has a faster way than all others: what was pressed before it may come later.
+        """
+        if isinstance(knew_stops, int):
+            self._knew_stops = knew_stops
+
     def order(self, order: Order) -> None:
         """Order something; a refusal is shown."""
-        self._try(lambda: self._session.order(self._id, order))
+        self._try(lambda: self._session.order(self._id, order), moves=True)
 
     def release(self) -> None:
         """Give the object back."""
-        self._try(lambda: self._session.release(self._id))
+        self._try(lambda: self._session.release(self._id), moves=True)
 
     def confirm(self) -> None:
         """Report that the step that was asked for is done."""
@@ -122,8 +131,10 @@ class Viewer:
         for refresher, _ in self._refreshers:
             refresher()
 
-    def _try(self, press: Callable[[], None]) -> None:
+    def _try(self, press: Callable[[], None], *, moves: bool = False) -> None:
         try:
+            if moves and self._knew_stops < self._session.stops:
+                raise InputError(Message("stopped before it began"))
             press()
         except InputError as error:
             self.refuse(error)

@@ -13,7 +13,7 @@ from palpate.dashboard.viewer import Viewer
 
 def test_what_left_the_page_is_no_longer_refreshed() -> None:
     called: list[str] = []
-    viewer = Viewer(cast(Session, None), viewer_id="a")
+    viewer = Viewer(Session(send=print), viewer_id="a")
     row = SimpleNamespace(is_deleted=False)
     viewer.on_refresh(lambda: called.append("page"))
     viewer.on_refresh(lambda: called.append("row"), of=cast(ui.element, row))

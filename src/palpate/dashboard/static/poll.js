@@ -6,7 +6,7 @@ const PERIOD_MS = 66, SILENT_MS = 1000, LOST_MS = 1000, LOOK_MS = 100;
 const GREYED = ".figure, .measures, #next-step, .item, .force, .panel-body, .panel-foot";
 export const $ = (id) => document.getElementById(id);
 export const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
-export const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0 };
+export const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0, stops: null };
 // A screen reader speaks of what is written: nothing is, unless it changed.
 export const say = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
 
@@ -86,7 +86,7 @@ async function tick(draw, onLost) {
     seen.band.push(...doc.band.filter((b) => b[0] > newest));
     if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
     if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
-    Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s });
+    Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops });
     if ($("link") && $("verdict")) {
       drawHead(doc);
       draw(doc);
@@ -105,5 +105,7 @@ export function follow(draw, onLost = () => {}) {
   // The framework's own words of a lost socket lie outside of all landmarks, unless they are an alert.
   $("popup")?.setAttribute("role", "alert");
   setInterval(drawLoss, LOOK_MS, onLost);
+  // Before the press itself, on the same way: what a stop overtakes must not begin after it.
+  window.addEventListener("click", () => window.emitEvent?.("press", seen.stops), true);
   tick(draw, onLost);
 }
