@@ -53,6 +53,8 @@ def test_what_a_learner_sees_of_a_frame_is_what_came_before_it() -> None:
     np.testing.assert_allclose(since_start_s, time_s)
     assert since_moved_s[20] == 0.0
     assert since_moved_s[35] == pytest.approx(13 / 15)
+    # A sheet that reads above its rest, as an open hand may: still a number.
+    assert np.isfinite(numbers_of(time_s, excess - 0.9, pairs=pairs)).all()
 
 
 def test_scores_of_known_errors() -> None:

@@ -56,7 +56,7 @@ def last_steps(observations: Sequence[Observation], *, plan: Plan, give: Complia
                 stop[-1].gripper.width_mm - widths_mm[last],
                 force_n,
                 float(give.give_mm(force_n)),
-                float(np.log1p(total_excess(excess))),
+                float(np.log1p(max(float(total_excess(excess)), 0.0))),
                 float(mean_change(change)),
                 float(np.max(fingers)),
                 float(largest_change(change)),

@@ -130,7 +130,7 @@ def _read(array: TwinArray, rest_ohm: FloatArray, plan: Plan) -> tuple[list[floa
     return [
         float(np.log(law_n)),
         float(np.log(early_n)),
-        float(np.log1p(total_excess(excess[-1]))),
+        float(np.log1p(max(float(total_excess(excess[-1])), 0.0))),
         float(mean[-1]),
         float(np.asarray(forecast)[0]),
         float(np.max(finger_means(change[-1], finger_of_row=plan.layout.finger_of_row))),

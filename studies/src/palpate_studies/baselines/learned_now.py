@@ -42,7 +42,7 @@ def numbers_of(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> 
     read = np.asarray(reading.reading(excess), dtype=float)
     log = np.log(np.maximum(read, 1e-3))
     total = total_excess(excess)
-    strongest = excess.max(axis=(1, 2)) / np.maximum(total, 1e-3)
+    strongest = excess.max(axis=(1, 2)) / np.maximum(total, 0.01)
     forces_n = [np.asarray(law.force_n(read).value) for law in (early, settled)]
     ago = [_before(log, time_s, ago_s=ago_s) for ago_s in _AGO_S]
     recent = np.stack([log, *ago])
@@ -51,7 +51,7 @@ def numbers_of(time_s: FloatArray, excess: FloatArray, *, pairs: ForcePairs) -> 
             *forces_n,
             *np.log(np.maximum(forces_n, 0.01)),
             log,
-            np.log1p(total),
+            np.log1p(np.maximum(total, 0.0)),
             strongest,
             *(log - one for one in ago),
             recent.max(axis=0) - log,
