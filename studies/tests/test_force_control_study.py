@@ -139,7 +139,7 @@ def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
 
 
 def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
-    laws = learned_laws([task(seed, level="lab") for seed in (700_000, 700_004)])
+    laws = learned_laws([task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
     with pytest.raises(SeenBeforeError, match="lab 175000 was used"):
         learned_loop(task(700_001, level="lab"), RIDGE, laws=laws)
     found = learned_loop(task(700_016, level="lab"), RIDGE, laws=laws)
