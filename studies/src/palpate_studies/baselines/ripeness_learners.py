@@ -73,10 +73,10 @@ def learned_stage(
         from sklearn.preprocessing import StandardScaler
     make: dict[str, Callable[[], Any]] = {
         "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000)),
-        # As for bruises, but smaller leaves: a hundred labelled days are few.
+        # Smaller leaves than usual: a hundred labelled days are few.
         "trees": lambda: HistGradientBoostingClassifier(
-            max_iter=300,
-            learning_rate=0.05,
+            max_iter=100,
+            learning_rate=0.1,
             max_leaf_nodes=15,
             min_samples_leaf=5,
             random_state=0,
