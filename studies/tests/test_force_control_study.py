@@ -10,7 +10,9 @@ import pytest
 from palpate.twin.friction import N_PER_G
 from palpate.twin.objects import FRICTION
 from palpate.twin.world import GripperKind
+from palpate_studies.baselines.learned_loop import LOOPS, _taught, learned_laws, learned_loop
 from palpate_studies.baselines.paper_loop import EXPONENTIAL, paper_loop
+from palpate_studies.baselines.told_everything import RIDGE
 from palpate_studies.force_control import compare, scores
 from palpate_studies.force_control import report as force_report
 from palpate_studies.force_control_baselines import best_fixed, chosen_extra
@@ -134,6 +136,20 @@ def test_the_papers_line_as_feedback_says_the_target_where_it_stops() -> None:
     assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
     assert found.force_n == pytest.approx(found.task.target_n, rel=0.4)
     assert found.on_target_s > EXPONENTIAL.waits_s
+
+
+def test_a_learned_law_is_feedback_on_sensors_that_it_never_saw() -> None:
+    laws = learned_laws([task(seed, level="lab") for seed in (700_000, 700_004, 700_008)])
+    with pytest.raises(SeenBeforeError, match="lab 175000 was used"):
+        learned_loop(task(700_001, level="lab"), RIDGE, laws=laws)
+    found = learned_loop(task(700_016, level="lab"), RIDGE, laws=laws)
+    assert found.method == LOOPS[RIDGE]
+    assert found.said_n == pytest.approx(found.task.target_n, rel=0.05)
+    assert found.force_n == pytest.approx(found.task.target_n, rel=0.6)
+    # It learned from holds that the hand really had: the calibrated law is off by some percent.
+    rows = _taught(task(700_000, level="lab"))
+    assert 1 <= len(rows) <= 13
+    assert all(abs(log) < 1.0 for _, log in rows)
 
 
 def test_a_fixed_closing_is_not_scored_on_what_it_was_chosen_on() -> None:

@@ -22,9 +22,10 @@ from palpate.produce.records import Grasp
 from palpate.produce.ripeness.firmness import firmness_of
 from palpate.produce.ripeness.stages import STAGES
 from palpate_studies import ripeness_station
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS
 from palpate_studies.ripeness import CONDITIONS, chosen, report
 from palpate_studies.ripeness_felt import REFERENCE_ID, Felt, drift_of
-from palpate_studies.ripeness_scores import judged, scores
+from palpate_studies.ripeness_scores import compared, judged, scores
 from palpate_studies.ripeness_station import DAYS, draw_labelled, run_station
 from palpate_studies.ripeness_tables import Condition, named
 from palpate_studies.twin_avocado import Avocado, draw_avocado
@@ -143,6 +144,29 @@ def test_the_reference_object_keeps_what_drift_would_lose(station: Felt) -> None
     assert found["ours"]["within_one"] == 1.0
     assert found["settled change"]["exact"] < 0.6
     assert found["days_to_ripe"]["coverage"] > 0.7
+
+
+def test_learners_are_rivals_that_see_the_labels_of_every_station(station: Felt) -> None:
+    felt, other = (made_up(station, worn=0.0, labelled_fruits=n) for n in (6, 12))
+    alone, taught = judged(felt, name="a"), judged(felt, taught=[other], name="a")
+    for learner in STAGE_LEARNERS:
+        assert scores(alone)[learner]["exact"] > 0.5
+        assert scores(taught)[learner]["exact"] > 0.75
+    assert [row.said["trees"] for row in alone] != [row.said["trees"] for row in taught]
+    assert [row.said["ours"] for row in alone] == [row.said["ours"] for row in taught]
+
+
+def test_differences_are_paired_by_fruit(station: Felt) -> None:
+    rows = judged(made_up(station, worn=0.0), name="a")
+    assert len({row.fruit for row in rows}) == 10
+    never = [replace(row, said=row.said | {"one day alone": row.said["ours"]}) for row in rows]
+    always = [
+        replace(row, said=row.said | {"one day alone": (row.truth + 1) % 4, "ours": row.truth})
+        for row in rows
+    ]
+    for judgements, difference in ((never, 0.0), (always, -1.0)):
+        (row,) = (one for one in compared(judgements) if one["rival"] == "one day alone")
+        assert (row["difference"], row["cases"], row["specimens"]) == (difference, 40, 10)
 
 
 def test_labelled_fruits_show_every_stage() -> None:

@@ -66,6 +66,9 @@ def test_the_study_pairs_ours_with_that_day_alone(tmp_path: Path) -> None:
     for row in document["ripeness"]:
         assert row["fruit_days"] == row["wrong_less_one_day"]["cases"] == 16
         assert row["wrong_less_one_day"]["specimens"] == 4
+        for learner, exact in row["exact_learned"].items():
+            less = row["wrong_less_learned"][learner]["difference"]
+            assert less == pytest.approx(exact - row["exact"])
 
 
 def other() -> OtherSheet:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,11 @@ from tests.pdf_fonts import check_all_fonts
 from palpate.estimate.damage_learning import read_closings
 from palpate.estimate.measurement import Measurement
 from palpate_studies import hybrid, size, slip
+from palpate_studies.baselines.told_everything import LEARNERS
 from palpate_studies.hybrid_data import read_curves, read_sheets
 from palpate_studies.hybrid_grasps import fixed_closing
 from palpate_studies.hybrid_world import Curve, Lag, RecordedSheet, RecordedWorld
-from palpate_studies.size_grasps import Sized
+from palpate_studies.size_grasps import Sized, deeper_mm, errors_mm, sized
 
 
 def said(value: float, half: float = 0.3) -> Measurement:
@@ -32,6 +34,9 @@ def test_scores_of_sizes() -> None:
             same_steps=None,
             ours=said(ours),
             damaged=False,
+            damaged_by_same_steps=number == 0,
+            pressed_to_mm=33.5,
+            steps=np.zeros(3),
         )
         for number, (published, ours) in enumerate([(36.0, 35.1), (34.0, 35.5), (35.0, 34.9)])
     ]
@@ -41,6 +46,11 @@ def test_scores_of_sizes() -> None:
     assert ours["coverage"] == pytest.approx(2 / 3)
     assert ours["worst_mm"] == pytest.approx(0.5)
     assert size.scores(berries, "same_steps")["rms_mm"] is None
+    assert size.scores(berries, "same_steps")["damaged"] == 1
+    # Contact was seen at 35, 33 and 34 mm, a step within the answers.
+    assert deeper_mm(berries) == pytest.approx(0.5)
+    # One sensor alone: there is no other to learn on.
+    assert size.scores(berries, "ridge")["answered"] == 0
 
 
 def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
@@ -48,12 +58,28 @@ def test_size_study_is_finite_and_says_simulated(tmp_path: Path) -> None:
     report.write(tmp_path)
     stored = json.loads((tmp_path / "size.json").read_text())
     assert stored["origin"] == "twin"
-    assert [row["strawberries"] for row in stored["summary"]] == [2] * 8
+    assert [row["strawberries"] for row in stored["summary"]] == [2] * 2 * len(size.WAYS)
     ours = [row for row in stored["summary"] if row["way"] == "ours"]
     assert all(row["rms_mm"] < 1.0 for row in ours)
     assert "Simulated" in (tmp_path / "size.md").read_text()
     assert (tmp_path / "figure14.png").stat().st_size > 10_000
     check_all_fonts(tmp_path)
+
+
+def test_learners_of_the_size_see_all_that_ours_read_and_no_fruit_of_the_same_sensor() -> None:
+    berries = list(sized("lab", sensors=range(300, 303), berries=3))
+    for learner in LEARNERS:
+        errors = errors_mm(berries, learner)
+        assert np.sqrt(np.mean(errors**2)) < 1.5
+        # What a sensor shows of its own fruit changes nothing in its answers.
+        other = [
+            replace(one, true_mm=one.true_mm + 5.0) if one.sensor == 300 else one for one in berries
+        ]
+        moved = errors_mm(other, learner) - errors
+        np.testing.assert_allclose(moved[:3], -5.0)
+        assert np.abs(moved[3:]).max() > 0.01
+    widths = [one.steps[1:].reshape(-1, 9)[:, 0] for one in berries]
+    assert all(one[-1] == 0.0 and one.min() == 0.0 and one[0] > 0.5 for one in widths)
 
 
 def test_slip_study_sees_and_stays_quiet(tmp_path: Path) -> None:

@@ -10,18 +10,51 @@ import numpy as np
 import pytest
 from tests.pdf_fonts import check_all_fonts
 
+from palpate.rig.simulated import calibrated
 from palpate_studies import staircases, stiffness, table5
-from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed
+from palpate_studies.baselines.learned_now import numbers_of
+from palpate_studies.protocol.parts import SeenBeforeError
+from palpate_studies.staircase_data import FAINT_N, FollowedForce, followed, learned_from
 
 
 def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
     found = followed(3, level="lab", staircases=1)
-    assert list(found) == list(staircases.METHODS)
+    assert list(found) == ["settled", "early", "now"]
     (now,) = found["now"]
     assert (now.force_n > FAINT_N).all()
     assert np.median(np.abs(np.log(now.value_n / now.force_n))) < 0.3
     assert (now.low_n <= now.value_n).all()
     assert (now.value_n <= now.high_n).all()
+
+
+def test_learners_follow_sheets_that_they_never_saw() -> None:
+    laws = learned_from([4, 5], level="lab", staircases=1)
+    with pytest.raises(SeenBeforeError, match="4 was used"):
+        followed(4, level="lab", staircases=1, laws=laws)
+    found = followed(3, level="lab", staircases=1, laws=laws)
+    assert list(found) == list(staircases.METHODS)
+    (now,), (trees,) = found["now"], found["trees"]
+    np.testing.assert_array_equal(trees.force_n, now.force_n)
+    assert np.median(np.abs(trees.value_n - trees.force_n)) < 1.0
+    scores = staircases._scores([trees], [now])
+    assert (scores["coverage"], scores["mean_half_width_n"]) == (None, None)
+    runs = dict.fromkeys(staircases.LEVELS, found)
+    assert [row["rival"] for row in staircases._compared(runs)] == 2 * [*staircases.RIVALS]
+
+
+def test_what_a_learner_sees_of_a_frame_is_what_came_before_it() -> None:
+    pairs = calibrated(seed=3, level="lab", apart_from="").force
+    time_s = np.arange(40) / 15
+    excess = np.full((40, 4, 2), 0.3)
+    excess[20:] *= 2.0
+    seen = numbers_of(time_s, excess, pairs=pairs)
+    np.testing.assert_array_equal(seen[:20], numbers_of(time_s[:20], excess[:20], pairs=pairs))
+    since_moved_s, since_start_s = seen[:, -2:].T
+    np.testing.assert_allclose(since_start_s, time_s)
+    assert since_moved_s[20] == 0.0
+    assert since_moved_s[35] == pytest.approx(13 / 15)
+    # A sheet that reads above its rest, as an open hand may: still a number.
+    assert np.isfinite(numbers_of(time_s, excess - 0.9, pairs=pairs)).all()
 
 
 def test_scores_of_known_errors() -> None:

@@ -142,12 +142,16 @@ def close_until(
     return closed
 
 
-def drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> None:
+def drive(world: World, gripper: TwinGripper, closure: float, *, kind: GripperKind) -> float:
+    """Go to a closure and wait until the hand is there; return the servo current on the way, mA."""
     limits = gripper.limits
     closure = min(closure, limits.span)
     way = abs(closure - limits.closure(gripper.state()))
     gripper.command(GripperCommand(target=limits.target(closure), rate=_RATE[kind]))
-    world.clock.sleep_s(way / _RATE[kind] + 0.05)
+    world.clock.sleep_s(0.9 * way / _RATE[kind])
+    current_ma = gripper.state().current_ma
+    world.clock.sleep_s(0.1 * way / _RATE[kind] + 0.05)
+    return current_ma
 
 
 def blindly_lifted(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from palpate.errors import InputError
+from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.reference_object import Drift
 from palpate.produce.ripeness.rule import judge_by_first_day
 from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learned_stage, numbers_of
 from palpate_studies.fruit_ranges import AVOCADO_BOUNDS_N
+from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.ripeness_felt import Felt, days_of, drift_of, labelled_of, rule_of
 from palpate_studies.ripeness_station import DAYS
 from palpate_studies.twin_avocado import Avocado
@@ -27,9 +30,12 @@ WAYS = {
     "one day alone": "firmness of that day against learned boundaries, reference used",
     "own first day": "no labels: softening since the item's first day, reference used",
     "settled change": "the paper's way: change at one width or pressure, learned thresholds",
+    **STAGE_LEARNERS,
 }
 
 
+#: Means of a day that learners see besides the firmness.
+_MEASURED = ("stiffness_n_per_mm", "force_n", "settled_percent", "size_mm", "width_mm")
 #: Distances from a boundary (ln of the force at 1 mm) between which errors are counted separately.
 MARGINS = (0.0, np.log(1.1), np.log(1.25), np.log(1.5), np.inf)
 
@@ -40,6 +46,8 @@ class Judged:
 
     Attributes
     ----------
+    fruit : str
+        Its name, of the sensor too.
     truth : int
         True stage.
     said : dict of str to int
@@ -59,6 +67,7 @@ class Judged:
         stage: each meets another spot of the fruit.
     """
 
+    fruit: str
     truth: int
     said: dict[str, int]
     wait_days: float
@@ -71,12 +80,23 @@ class Judged:
     possible: float
 
 
-def judged(felt: Felt) -> list[Judged]:
-    """Judge every fruit that was not labelled, on every day by its days up to then."""
+def judged(felt: Felt, *, taught: Sequence[Felt] = (), name: str = "") -> list[Judged]:
+    """Judge every fruit that was not labelled, on every day by its days up to then.
+
+    Parameters
+    ----------
+    felt : Felt
+        What one station felt.
+    taught : sequence of Felt
+        Other stations, whose labelled fruits the learners see too.
+    name : str
+        Of the station.
+    """
     drift = drift_of(felt)
     with_reference, without = (rule_of(felt, one) for one in (drift, None))
     single = _single_day(felt, drift)
     published, sign = _published(felt)
+    learners = _learners([felt, *taught])
     found = []
     for number, fruit in enumerate(felt.others):
         days, raw = (days_of(felt, f"fruit-{number}", one) for one in (drift, None))
@@ -90,8 +110,10 @@ def judged(felt: Felt) -> list[Judged]:
             if felt.grasps[0].drive == "width":
                 own = STAGES.index(judge_by_first_day(days[:count]).stage)
             change = felt.as_published[f"fruit-{number}", day]
+            shown = _shown(felt, f"fruit-{number}", days[:count], raw[:count])
             found.append(
                 Judged(
+                    fruit=f"{name}/{number}",
                     truth=STAGES.index(fruit.stage(day)),
                     said={
                         "ours": STAGES.index(ours.stage),
@@ -99,6 +121,7 @@ def judged(felt: Felt) -> list[Judged]:
                         "one day alone": _likeliest(single, days[count - 1].firmness),
                         "own first day": own,
                         "settled change": _likeliest(published, sign * change),
+                        **{learner: stage(shown) for learner, stage in learners.items()},
                     },
                     wait_days=fruit.day_of(RIPE) - day,
                     value_days=wait.value,
@@ -147,6 +170,25 @@ def scores(rows: Sequence[Judged]) -> dict[str, Any]:
     return found
 
 
+def compared(rows: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return the share of wrong stages of ours less that of each other way, by fruit."""
+    wrong = {
+        way: [float(row.said[way] != row.truth) for row in rows]
+        for way in WAYS
+        if all(row.said[way] >= 0 for row in rows)
+    }
+    return [
+        {
+            "rival": way,
+            **paired_difference(
+                wrong["ours"], wrong[way], [row.fruit for row in rows], statistic=np.mean
+            ).as_json(),
+        }
+        for way in wrong
+        if way != "ours"
+    ]
+
+
 def ours_exact(rows: Sequence[Judged]) -> float:
     """Return the share of fruit days on which ours is the true stage."""
     return float(np.mean([row.said["ours"] == row.truth for row in rows]))
@@ -175,6 +217,42 @@ def confusion(rows: Sequence[Judged]) -> NDArray[np.int64]:
     for row in rows:
         table[row.truth, row.said["ours"]] += 1
     return table
+
+
+def _learners(stations: Sequence[Felt]) -> dict[str, Callable[[Sequence[float]], int]]:
+    """Learn the stage of a day from every labelled fruit, shown up to that day."""
+    rows, stages = list[list[float]](), list[int]()
+    for felt in stations:
+        freed, raw = (labelled_of(felt, drift) for drift in (drift_of(felt), None))
+        for number, (fruit, days) in enumerate(freed):
+            for count in range(1, len(days) + 1):
+                so_far = days[:count], raw[number][1][:count]
+                rows.append(_shown(felt, f"labelled-{number}", *so_far))
+                stages.append(STAGES.index(fruit.stage(round(days[count - 1].day))))
+    return {learner: learned_stage(learner, rows, stages) for learner in STAGE_LEARNERS}
+
+
+def _shown(
+    felt: Felt, item_id: str, days: Sequence[DayFelt], raw: Sequence[DayFelt]
+) -> list[float]:
+    """Return what a learner sees: firmness freed of drift and raw, means of that day's grasps.
+
+    And the settled change at one width or pressure. A mean that no grasp gave is 0.
+    """
+    day = round(days[-1].day)
+    first = min(grasp.taken_at for grasp in felt.grasps if grasp.item_id == item_id).date()
+    today = [
+        grasp.measurements
+        for grasp in felt.grasps
+        if grasp.item_id == item_id and (grasp.taken_at.date() - first).days == day
+    ]
+    means = [
+        float(np.mean(values)) if values else 0.0
+        for name in _MEASURED
+        for values in [[one[name].value for one in today if name in one]]
+    ]
+    change = felt.as_published[item_id, day]
+    return [*numbers_of(days), *numbers_of(raw), *means, change]
 
 
 def _single_day(felt: Felt, drift: Drift) -> Boundaries:

@@ -54,6 +54,26 @@ def accuracy_table(each: Mapping[Condition, Mapping[str, Any]]) -> Table:
     )
 
 
+def compared_table(each: Mapping[Condition, Sequence[Mapping[str, Any]]]) -> Table:
+    """Return a table of the wrong stages of ours less those of every other way."""
+    return Table(
+        title="Wrong stages: ours less the other way, points (90 % over fruits)",
+        columns=("level", "gripper", "aging", "other way", "difference", "who errs less"),
+        rows=[
+            [
+                *_cells(condition),
+                one["rival"],
+                "{:+.1f} ({:+.1f} to {:+.1f})".format(
+                    *(100 * one[key] for key in ("difference", "low", "high"))
+                ),
+                one["verdict"].replace("rival", "the other way"),
+            ]
+            for condition, rows in each.items()
+            for one in rows
+        ],
+    )
+
+
 def sensors_table(by_sensor: Mapping[Condition, Sequence[float]]) -> Table:
     """Return a table of how often ours was right on each sensor."""
     return Table(

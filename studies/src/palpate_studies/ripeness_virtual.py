@@ -8,7 +8,7 @@ rule of course and stages alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from palpate.errors import InputError
 from palpate.produce.ripeness.firmness import DayFelt
 from palpate.produce.ripeness.rule import RipenessRule
 from palpate.produce.ripeness.stages import RIPE, STAGES, Boundaries
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS, learned_stage, numbers_of
 from palpate_studies.twin_avocado import Avocado, draw_avocado
 
 #: Mornings, labelled fruits and grasps of each on a day, and grasps of those that are judged.
@@ -37,6 +38,8 @@ class VirtualDay:
         Sensor and number of the fruit.
     exact, exact_one_day : bool
         Whether ours, and thresholds on that day's firmness alone, named the true stage.
+    exact_learned : dict of str to bool
+        The same of learners that are shown all days up to that one.
     covered : bool or None
         Whether the interval of the days to ripe holds the truth; None where it is ripe already.
     """
@@ -44,6 +47,7 @@ class VirtualDay:
     fruit: str
     exact: bool
     exact_one_day: bool
+    exact_learned: dict[str, bool]
     covered: bool | None
 
 
@@ -72,11 +76,14 @@ def judged_days(
         [day.firmness for days in taught for day in days],
         [label for each in labels for label in each],
     )
+    rows = [numbers_of(days[: count + 1]) for days in taught for count in range(DAYS)]
+    ranks = [STAGES.index(label) for each in labels for label in each]
+    learners = {name: learned_stage(name, rows, ranks) for name in STAGE_LEARNERS}
     found = []
     for number, fruit in enumerate(others):
         days = _felt(fruit, rng, mornings[DAYS:], grasps=GRASPS)
         found += [
-            _judged(fruit, days[: count + 1], rule, single, name=f"{sensor}/{number}")
+            _judged(fruit, days[: count + 1], rule, single, learners, name=f"{sensor}/{number}")
             for count in range(DAYS)
         ]
     return found
@@ -114,6 +121,7 @@ def _judged(
     days: Sequence[DayFelt],
     rule: RipenessRule,
     single: Boundaries,
+    learners: Mapping[str, Callable[[Sequence[float]], int]],
     *,
     name: str,
 ) -> VirtualDay:
@@ -127,5 +135,8 @@ def _judged(
         fruit=name,
         exact=judged.stage == truth,
         exact_one_day=one_day == truth,
+        exact_learned={
+            learner: STAGES[stage(numbers_of(days))] == truth for learner, stage in learners.items()
+        },
         covered=judged.days_to_ripe.low <= wait <= judged.days_to_ripe.high if wait > 0 else None,
     )

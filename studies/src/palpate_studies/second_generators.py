@@ -10,6 +10,7 @@ import typer
 
 from palpate.commands.options import JsonOption
 from palpate.produce.bruise.model import default_model
+from palpate_studies.baselines.ripeness_learners import STAGE_LEARNERS
 from palpate_studies.bruise_data import Examined, as_drawn, examine
 from palpate_studies.bruise_scores import (
     EARLIER,
@@ -27,7 +28,8 @@ from palpate_studies.twin_apple import Apple
 from palpate_studies.twin_avocado import Avocado
 
 #: Seeds of the final look. Virtual sensors 0 to 2 were used while this was made; no apples were.
-RIPENESS_SEED, BRUISE_SEED = 94_001, 70
+#: Virtual sensors 94_001 to 94_004 were looked at before learners were rivals.
+RIPENESS_SEED, BRUISE_SEED = 94_101, 70
 #: Apples on each sensor.
 APPLES = 24
 FIRST, SECOND = "first", "second"
@@ -118,13 +120,26 @@ def _ripe(days: Sequence[VirtualDay]) -> dict[str, Any]:
         "exact_one_day": float(np.mean([day.exact_one_day for day in days])),
         "coverage": float(np.mean(covered)),
         "waiting_days": len(covered),
-        "wrong_less_one_day": paired_difference(
-            [float(not day.exact) for day in days],
-            [float(not day.exact_one_day) for day in days],
-            [day.fruit for day in days],
-            statistic=np.mean,
-        ).as_json(),
+        "exact_learned": {
+            learner: float(np.mean([day.exact_learned[learner] for day in days]))
+            for learner in STAGE_LEARNERS
+        },
+        "wrong_less_one_day": _wrong_less(days, [day.exact_one_day for day in days]),
+        "wrong_less_learned": {
+            learner: _wrong_less(days, [day.exact_learned[learner] for day in days])
+            for learner in STAGE_LEARNERS
+        },
     }
+
+
+def _wrong_less(days: Sequence[VirtualDay], rival_exact: Sequence[bool]) -> dict[str, Any]:
+    """Return the share of wrong stages of ours less that of a rival, by fruit."""
+    return paired_difference(
+        [float(not day.exact) for day in days],
+        [float(not exact) for exact in rival_exact],
+        [day.fruit for day in days],
+        statistic=np.mean,
+    ).as_json()
 
 
 def _bruised(found: Sequence[Examined]) -> dict[str, Any]:
@@ -156,6 +171,7 @@ def _ripe_table(rows: Sequence[dict[str, Any]]) -> Table:
             "fruit days",
             "ours",
             "that day alone",
+            *STAGE_LEARNERS.values(),
             "wrong: ours less that day alone, points (90 %)",
             "who errs less",
             "coverage, %",
@@ -166,6 +182,7 @@ def _ripe_table(rows: Sequence[dict[str, Any]]) -> Table:
                 str(row["fruit_days"]),
                 f"{100 * row['exact']:.1f}",
                 f"{100 * row['exact_one_day']:.1f}",
+                *(f"{100 * row['exact_learned'][learner]:.1f}" for learner in STAGE_LEARNERS),
                 "{:+.1f} ({:+.1f} to {:+.1f})".format(
                     *(100 * row["wrong_less_one_day"][key] for key in ("difference", "low", "high"))
                 ),

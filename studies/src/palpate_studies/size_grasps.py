@@ -10,6 +10,8 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.estimate.measurement import Measurement
+from palpate.grasp.belief import Observation
+from palpate.grasp.plan import Plan
 from palpate.grasp.planning import DWELL_S, plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrated
@@ -18,6 +20,8 @@ from palpate.signal.relative import CONTACT_PERCENT, mean_change, relative_chang
 from palpate.twin.devices import TwinArray
 from palpate.twin.objects import TwinObject, draw_object
 from palpate_studies.baselines.size_offset import without_bias
+from palpate_studies.baselines.told_everything import LEARNERS, left_out
+from palpate_studies.size_steps import last_steps, narrowest_mm
 from palpate_studies.stoppable import uninterrupted
 from palpate_studies.twin_session import Session
 
@@ -26,8 +30,8 @@ START_MM, STEP_MM = 46.0, 1.0
 #: The paper gives no waiting time after a step: ours, in which the spike of the movement fades.
 WAIT_S, READ_S = DWELL_S - 0.2, 0.2
 STILL_S = 1.0
-#: Ours on the paper's own steps: no finer one, and no deeper into the fruit than it takes.
-SAME_STEPS = {"fine_step": STEP_MM, "smallest_step": STEP_MM, "fewest_steps": 2}
+#: Ours without a step finer than the paper's, and with no more of them than it takes.
+SAME_STEPS: dict[str, Any] = {"fine_step": STEP_MM, "smallest_step": STEP_MM, "fewest_steps": 2}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +48,13 @@ class Sized:
         The previous width, as in the paper's Figure 13; NaN where contact was never seen.
     same_steps, ours : Measurement or None
         Our estimate from closing in the paper's steps, and from the usual grasp.
-    damaged : bool
-        Whether our usual grasp pressed it beyond its yield force.
+    damaged, damaged_by_same_steps : bool
+        Whether our usual grasp, and the one that gave `same_steps`, pressed it beyond its yield
+        force.
+    pressed_to_mm : float
+        Least width of the grasp that gave `same_steps`.
+    steps : ndarray, shape (numbers,)
+        What that grasp read at its last steps (`size_steps`), for the learners.
     """
 
     sensor: int
@@ -55,6 +64,9 @@ class Sized:
     same_steps: Measurement | None
     ours: Measurement | None
     damaged: bool
+    damaged_by_same_steps: bool
+    pressed_to_mm: float
+    steps: FloatArray
 
 
 def sized(
@@ -79,8 +91,13 @@ def sized(
 def _sized(
     obj: TwinObject, *, level: str, sensor: int, berry: int, calibration: Calibration
 ) -> Sized:
-    same_steps, _ = _grasped(obj, level, sensor, berry, calibration, SAME_STEPS)
-    ours, damaged = _grasped(obj, level, sensor, berry, calibration, {})
+    coarse, fine = (_faced(obj, level, sensor, berry) for _ in range(2))
+    plan = replace(plan_grasp(calibration, gripper=coarse.gripper), **SAME_STEPS)
+    seen = list[Observation]()
+    same_steps = _grasped(coarse, plan, seen)
+    ours = _grasped(fine, plan_grasp(calibration, gripper=fine.gripper))
+    # Driven by width: the calibration always knows how the fingers give way.
+    assert plan.give is not None
     return Sized(
         sensor=sensor,
         berry=berry,
@@ -88,7 +105,10 @@ def _sized(
         published_mm=previous_width_mm(_faced(obj, level, sensor, berry)),
         same_steps=same_steps,
         ours=ours,
-        damaged=damaged,
+        damaged=fine.world.truth().damaged,
+        damaged_by_same_steps=coarse.world.truth().damaged,
+        pressed_to_mm=narrowest_mm(seen),
+        steps=last_steps(seen, plan=plan, give=plan.give),
     )
 
 
@@ -115,29 +135,51 @@ def previous_width_mm(session: Session) -> float:
 
 
 def _grasped(
-    obj: TwinObject,
-    level: str,
-    sensor: int,
-    berry: int,
-    calibration: Calibration,
-    options: dict[str, Any],
-) -> tuple[Measurement | None, bool]:
-    """Grasp it; return the size that was found and whether it took damage."""
-    session = _faced(obj, level, sensor, berry)
-    world, gripper = session.world, session.gripper
-    plan = replace(plan_grasp(calibration, gripper=gripper), **options)
-    array = TwinArray(world)
-    result = uninterrupted(run_grasp(plan, array=array, gripper=gripper, clock=world.clock))
-    return result.size_mm, world.truth().damaged
+    session: Session, plan: Plan, seen: list[Observation] | None = None
+) -> Measurement | None:
+    """Grasp what it faces and return the size that was found; `seen` gathers the readings."""
+    result = uninterrupted(
+        run_grasp(
+            plan,
+            array=TwinArray(session.world),
+            gripper=session.gripper,
+            clock=session.world.clock,
+            subscribers=[] if seen is None else [seen.append],
+        )
+    )
+    return result.size_mm
+
+
+def deeper_mm(found: Sequence[Sized]) -> float | None:
+    """Return how much further than the paper's way `same_steps` pressed, mm, in the median."""
+    # The paper's way stops at the width where it sees the contact, one step within its answer.
+    seen = [one for one in found if np.isfinite(one.published_mm)]
+    further = [one.published_mm - STEP_MM - one.pressed_to_mm for one in seen]
+    return float(np.median(further)) if further else None
 
 
 def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
     """Return estimate minus size of those that have one, shape (n,)."""
+    if way in LEARNERS:
+        return _learned_errors_mm(found, way)
     if way in ("published", "without_bias"):
         seen = [one for one in found if np.isfinite(one.published_mm)]
         errors = np.array([one.published_mm - one.true_mm for one in seen], dtype=float)
         return errors if way == "published" else without_bias(errors, [one.sensor for one in seen])
     return np.array([m.value - true_mm for m, true_mm in measured(found, way)], dtype=float)
+
+
+def _learned_errors_mm(found: Sequence[Sized], learner: str) -> FloatArray:
+    """Return the errors of what was learned on all other sensors; NaN with no other."""
+    true_mm = np.array([one.true_mm for one in found])
+    pressed_to_mm = np.array([one.pressed_to_mm for one in found])
+    thinner_mm = left_out(
+        learner,
+        np.array([one.steps for one in found]),
+        asked=true_mm - pressed_to_mm,
+        specimens=[str(one.sensor) for one in found],
+    )
+    return np.asarray(pressed_to_mm + thinner_mm - true_mm)
 
 
 def measured(found: Sequence[Sized], way: str) -> list[tuple[Measurement, float]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
+from palpate.errors import CalibrationError
 from palpate.estimate.force import ForceLaw
 from palpate.estimate.pixel_law import PixelReading
 from palpate.grasp.calibrating import Bench, measure_rest
@@ -21,6 +23,7 @@ from palpate.signal.relative import excess_conductance
 from palpate.twin.objects import draw_object
 from palpate.twin.velostat import Sheet
 from palpate.twin.world import World
+from palpate_studies.baselines.learned_now import NowLaws, learned_now, numbers_of
 
 #: What is grasped after the calibration: no name is among the faces of the load cell.
 GRASPED = ("ball-40lbs", "ball-55lbs", "springs-2", "springs-6", "tomato", "avocado-day-2")
@@ -37,6 +40,8 @@ _START_MM, _APPROACH_MM_PER_S, _TOUCH_N = 72.0, 10.0, 0.05
 FAINT_N = 0.2
 _FRAME_TIMEOUT_S = 2.0
 
+#: Time, excess conductance of the pixels and reference force of one frame.
+FrameRead: TypeAlias = tuple[float, FloatArray, float]
 #: From the time and the excess conductance of a frame to force and the ends of its interval.
 Reader = Callable[[float, FloatArray], tuple[float, float, float]]
 
@@ -64,24 +69,64 @@ def followed(
     level: str,
     staircases: int,
     remade: Callable[[Sheet], Sheet] | None = None,
+    laws: NowLaws | None = None,
 ) -> Mapping[str, list[FollowedForce]]:
     """Calibrate a sheet as a user does and follow staircases on other objects, by method.
 
-    `remade`: as in `World`.
+    `remade`: as in `World`. `laws`: learned on other sheets; they give no interval.
     """
+    pairs, runs = _used(sensor, level=level, staircases=staircases, remade=remade)
+    found: dict[str, list[FollowedForce]] = {}
+    for frames in runs:
+        for method, read in _readers(pairs).items():
+            found.setdefault(method, []).append(_follow(frames, read, sensor=sensor))
+        for learner, law in (laws or {}).items():
+            value_n = law.on([str(sensor)])(_numbers(frames, pairs))
+            found.setdefault(learner, []).append(_answered(frames, value_n, sensor=sensor))
+    return found
+
+
+def learned_from(
+    sensors: Sequence[int],
+    *,
+    level: str,
+    staircases: int,
+    remade: Callable[[Sheet], Sheet] | None = None,
+) -> NowLaws:
+    """Learn the force now from staircases of some sheets; those that are refused teach nothing."""
+    rows, force_n, sheets = list[FloatArray](), list[float](), list[str]()
+    for sensor in sensors:
+        try:
+            pairs, runs = _used(sensor, level=level, staircases=staircases, remade=remade)
+        except CalibrationError:
+            continue
+        for frames in runs:
+            felt = np.array([one > FAINT_N for *_, one in frames])
+            rows.append(_numbers(frames, pairs)[felt])
+            force_n += [one for *_, one in frames if one > FAINT_N]
+            sheets.append(str(sensor))
+    return learned_now(np.concatenate(rows), force_n=np.array(force_n), sheets=sheets)
+
+
+def _used(
+    sensor: int, *, level: str, staircases: int, remade: Callable[[Sheet], Sheet] | None
+) -> tuple[ForcePairs, list[list[FrameRead]]]:
+    """Return a sheet's calibration and the frames of its staircases."""
     pairs = calibrated(seed=sensor, level=level, apart_from="", remade=remade).force
     rng = np.random.default_rng([sensor, 7])
     names = rng.choice(GRASPED, staircases, replace=False).tolist()
     world = World(None, seed=sensor + 2_000_006, sheet_seed=sensor, level=level, remade=remade)
-    bench = twin_bench(world, start=_START_MM)
-    found: dict[str, list[FollowedForce]] = {}
+    bench, runs = twin_bench(world, start=_START_MM), list[list[FrameRead]]()
     for name in names:
         rest_ohm = np.array(measure_rest(bench, duration_s=1.0).ohm)
         world.place(draw_object(rng, name))
-        frames = list(_staircase(bench, rest_ohm=rest_ohm, rng=rng))
-        for method, read in _readers(pairs).items():
-            found.setdefault(method, []).append(_follow(frames, read, sensor=sensor))
-    return found
+        runs.append(list(_staircase(bench, rest_ohm=rest_ohm, rng=rng)))
+    return pairs, runs
+
+
+def _numbers(frames: Sequence[FrameRead], pairs: ForcePairs) -> FloatArray:
+    time_s, excess, _ = zip(*frames, strict=True)
+    return numbers_of(np.array(time_s), np.array(excess), pairs=pairs)
 
 
 def _readers(pairs: ForcePairs) -> Mapping[str, Reader]:
@@ -103,28 +148,40 @@ def _static(reading: PixelReading, law: ForceLaw) -> Reader:
     return read
 
 
-def _follow(
-    frames: list[tuple[float, FloatArray, float]], read: Reader, *, sensor: int
+def _follow(frames: Sequence[FrameRead], read: Reader, *, sensor: int) -> FollowedForce:
+    answers = np.array([read(time_s, excess) for time_s, excess, _ in frames])
+    return _answered(frames, *answers.reshape(-1, 3).T, sensor=sensor)
+
+
+def _answered(
+    frames: Sequence[FrameRead],
+    value_n: FloatArray,
+    low_n: FloatArray | None = None,
+    high_n: FloatArray | None = None,
+    *,
+    sensor: int,
 ) -> FollowedForce:
-    rows = [(time_s, force_n, *read(time_s, excess)) for time_s, excess, force_n in frames]
-    columns = np.array([row for row in rows if row[1] > FAINT_N]).reshape(-1, 5).T
+    """Gather what was answered where there was enough force; no interval is as wide as nothing."""
+    time_s = np.array([one for one, *_ in frames])
+    force_n = np.array([one for *_, one in frames])
+    felt = force_n > FAINT_N
     return FollowedForce(
         sensor=sensor,
-        time_s=columns[0],
-        force_n=columns[1],
-        value_n=columns[2],
-        low_n=columns[3],
-        high_n=columns[4],
+        time_s=time_s[felt],
+        force_n=force_n[felt],
+        value_n=value_n[felt],
+        low_n=(value_n if low_n is None else low_n)[felt],
+        high_n=(value_n if high_n is None else high_n)[felt],
     )
 
 
 def _staircase(
     bench: Bench, *, rest_ohm: FloatArray, rng: np.random.Generator
-) -> Iterator[tuple[float, FloatArray, float]]:
+) -> Iterator[FrameRead]:
     """Yield time, excess of the pixels and reference force of every frame."""
     gripper, cell, layout = bench.gripper, bench.cell, bench.array.layout
 
-    def frame() -> tuple[float, FloatArray, float]:
+    def frame() -> FrameRead:
         seen = bench.array.read(timeout_s=_FRAME_TIMEOUT_S)
         ohm = pixel_resistance_ohm(seen.counts, layout=layout, oversampling=seen.oversampling)
         known = np.maximum(ohm, layout.divider.least_ohm)

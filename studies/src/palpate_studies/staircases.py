@@ -12,10 +12,11 @@ import typer
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import CalibrationError
+from palpate_studies.baselines.told_everything import LEARNERS, RIDGE, TREES
 from palpate_studies.other_sheets import other_sheet
 from palpate_studies.protocol.paired import paired_difference, rms
 from palpate_studies.report import OutOption, StudyReport, Table
-from palpate_studies.staircase_data import FollowedForce, followed
+from palpate_studies.staircase_data import FollowedForce, followed, learned_from
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,7 +27,16 @@ METHODS = {
     "settled": "law of settled readings",
     "early": "law of readings soon after a movement",
     "now": "both laws, by the time since the reading moved (`live --force`)",
+    RIDGE: f"{LEARNERS[RIDGE]}, learned on other sheets",
+    TREES: f"{LEARNERS[TREES]}, learned on other sheets",
 }
+#: What `now` is compared with.
+RIVALS = ("settled", RIDGE, TREES)
+#: The first sheet that is tested, written down before anything was scored on it; looked at before:
+#: 60_000 to 60_059, and of the second generator 96_100 on and 97_100 to 97_129.
+FIRST_SHEET, SECOND_SHEET = 61_000, 97_300
+#: Sheets that the learners learn from; none of them is tested.
+LEARNING_SHEET, LEARNED_FROM = 1_700_000, 60
 #: Longer than a frame: force was too faint in between.
 _GAP_S = 0.3
 _SECOND = (
@@ -39,7 +49,6 @@ Runs = dict[str, dict[str, list[FollowedForce]]]
 def command(
     sheets: Annotated[int, typer.Option(help="Sheets of each level.", min=1)] = 4,
     staircases: Annotated[int, typer.Option(help="Test staircases of each.", min=1, max=6)] = 2,
-    seed: Annotated[int, typer.Option(help="First sheet.", min=0)] = 0,
     second: Annotated[
         bool,
         typer.Option("--second", help="Sheets with a logarithmic law, play and even creep."),
@@ -52,14 +61,14 @@ def command(
     Example: palpate study staircases --sheets 2
     """
     runs: Runs = {level: {name: [] for name in METHODS} for level in LEVELS}
+    remade, first = (other_sheet, SECOND_SHEET) if second else (None, FIRST_SHEET)
+    taught = range(LEARNING_SHEET, LEARNING_SHEET + LEARNED_FROM)
     for level in LEVELS:
-        for sensor in range(seed, seed + sheets):
+        laws = learned_from(taught, level=level, staircases=staircases, remade=remade)
+        for sensor in range(first, first + sheets):
             try:
                 each = followed(
-                    sensor,
-                    level=level,
-                    staircases=staircases,
-                    remade=other_sheet if second else None,
+                    sensor, level=level, staircases=staircases, remade=remade, laws=laws
                 )
             except CalibrationError as error:
                 # A pixel at the end of its converter: the guided steps refuse such a sheet.
@@ -80,36 +89,42 @@ def _summary(runs: Runs) -> list[dict[str, Any]]:
     ]
 
 
-def _scores(each: Sequence[FollowedForce], settled: Sequence[FollowedForce]) -> dict[str, float]:
+def _scores(
+    each: Sequence[FollowedForce], settled: Sequence[FollowedForce]
+) -> dict[str, float | None]:
     logs = [np.log(np.maximum(one.value_n, 0.01) / one.force_n) for one in each]
     own = [log - np.median(log) for log in logs]
+    half_n = np.concatenate([(one.high_n - one.low_n) / 2 for one in each])
     return {
         "rms_error_n": _rms_n(each),
         "median_sheet_rms_n": _median_sheet_rms_n(each),
         "share_of_settled": _rms_n(each) / _rms_n(settled),
         "rms_log_error": float(np.sqrt(np.mean(np.concatenate(logs) ** 2))),
         "rms_log_error_own_gain_out": float(np.sqrt(np.mean(np.concatenate(own) ** 2))),
-        "coverage": float(np.mean(np.concatenate([one.covered for one in each]))),
-        "mean_half_width_n": float(
-            np.mean(np.concatenate([(one.high_n - one.low_n) / 2 for one in each]))
-        ),
+        # A method that gives no interval covers nothing, and is not asked to.
+        "coverage": float(np.mean(np.concatenate([one.covered for one in each])))
+        if half_n.any()
+        else None,
+        "mean_half_width_n": float(np.mean(half_n)) if half_n.any() else None,
     }
 
 
 def _compared(runs: Runs) -> list[dict[str, Any]]:
-    """Return the RMS error of `now` less that of the settled law on the same frames, by sheet."""
+    """Return the RMS error of `now` less that of each rival on the same frames, by sheet."""
     return [
         {
             "level": level,
+            "rival": rival,
             **paired_difference(
                 _errors_n(runs[level]["now"]),
-                _errors_n(runs[level]["settled"]),
+                _errors_n(runs[level][rival]),
                 [str(one.sensor) for one in runs[level]["now"] for _ in one.force_n],
                 statistic=rms,
             ).as_json(),
         }
         for level in LEVELS
-        if runs[level]["now"]
+        for rival in RIVALS
+        if runs[level][rival]
     ]
 
 
@@ -143,7 +158,7 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
         columns=("level", "method", "what", *columns.values()),
         rows=[
             [one["level"], one["method"], METHODS[one["method"]]]
-            + [f"{one[key]:.2f}" for key in columns]
+            + ["-" if one[key] is None else f"{one[key]:.2f}" for key in columns]
             for one in summary
         ],
     )
@@ -157,6 +172,9 @@ def _report(runs: Runs, *, sheets: int, staircases: int, second: bool) -> StudyR
             "are refused, named on standard error and left out.",
             "`own gain out` is the error with the median of each staircase taken away: what "
             "remains when the gain of that contact is known.",
+            f"The learners learn from staircases of {LEARNED_FROM} other sheets of the level, of "
+            f"the same law (seeds from {LEARNING_SHEET} on): both laws' forces, the readings up to "
+            "4 s ago and the times. They give no interval.",
             *([_SECOND] if second else []),
         ),
         tables=[table],

@@ -8,8 +8,10 @@ secant through the last two answers, up or down, until the line reads the target
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from palpate.settling.recorded import Recorded
 from palpate.settling.result import SettlingMethod
 from palpate.signal.relative import mean_change, relative_change_percent
 from palpate.twin.devices import TwinArray, TwinGripper
-from palpate.twin.world import GripperKind
+from palpate.twin.world import GripperKind, World
 from palpate_studies.force_control_baselines import (
     blindly_lifted,
     close_until,
@@ -50,6 +52,9 @@ class Feedback:
     waits_s: float
 
 
+#: Closure, and the servo's current on the way there (mA) -> force, N.
+ForceReader: TypeAlias = Callable[[float, float], float]
+
 #: The paper's 2.5 s, and the same loop given all of the 20 s.
 EXPONENTIAL = Feedback(
     name="the paper's line, exponential at 2.5 s", method=Exponential(), waits_s=2.5
@@ -59,15 +64,42 @@ PATIENT = Feedback(name="the paper's line, read after 20 s", method=Recorded(), 
 
 def paper_loop(task: Task, feedback: Feedback) -> Gripped:
     """Close to contact, then correct until the line reads the target, and lift."""
-    world = task.world()
-    array, gripper = TwinArray(world), TwinGripper(world)
-    kind, law = task.kind, _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+    law = _line(task.seed // GRASPS_PER_SHEET, task.level, task.kind)
+
+    def reader(array: TwinArray, _gripper: TwinGripper, rest_ohm: FloatArray) -> ForceReader:
+        return lambda _closure, _current_ma: _read(array, rest_ohm, feedback, law)
+
+    return corrected(task, name=feedback.name, reader=reader)
+
+
+def corrected(
+    task: Task,
+    *,
+    name: str,
+    reader: Callable[[TwinArray, TwinGripper, FloatArray], ForceReader],
+    world: World | None = None,
+) -> Gripped:
+    """Close to contact, correct until a reading of the force is on target, and lift.
+
+    Parameters
+    ----------
+    task : Task
+        What is gripped.
+    name : str
+        Of the method.
+    reader : callable
+        Array, gripper and rest values, shape (rows, cols) -> what reads the force after each move.
+    world : World, optional
+        The task's, where the caller looks into it too.
+    """
+    world = task.world() if world is None else world
+    array, gripper, kind = TwinArray(world), TwinGripper(world), task.kind
     rest_ohm = read_ohm(array, seconds=0.5)
     closed = close_until(
         world, gripper, touched_by(array, world, rest_ohm), step=_STEP[kind], kind=kind
     )
-    touched_s = world.clock.now_s()
-    reading_n, step = _read(array, rest_ohm, feedback, law), _STEP[kind] / 2
+    touched_s, force_n = world.clock.now_s(), reader(array, gripper, rest_ohm)
+    reading_n, step = force_n(closed, gripper.state().current_ma), _STEP[kind] / 2
     on_target_s = None
     for _ in range(_MOST_MOVES):
         if abs(reading_n / task.target_n - 1.0) <= _CLOSE_ENOUGH:
@@ -75,15 +107,13 @@ def paper_loop(task: Task, feedback: Feedback) -> Gripped:
             break
         step = _bounded(step, missing_n=task.target_n - reading_n, kind=kind)
         closed = float(np.clip(closed + step, 0.0, gripper.limits.span))
-        drive(world, gripper, closed, kind=kind)
-        before_n, reading_n = reading_n, _read(array, rest_ohm, feedback, law)
+        current_ma = drive(world, gripper, closed, kind=kind)
+        before_n, reading_n = reading_n, force_n(closed, current_ma)
         # The secant through the last two answers; a reading that did not follow asks for as much
         # again in the same direction.
         slope = (reading_n - before_n) / step
         step = (task.target_n - reading_n) / slope if slope > 1e-3 else _STEP[kind]
-    return blindly_lifted(
-        world, task, method=feedback.name, said_n=reading_n, on_target_s=on_target_s
-    )
+    return blindly_lifted(world, task, method=name, said_n=reading_n, on_target_s=on_target_s)
 
 
 def _bounded(step: float, *, missing_n: float, kind: GripperKind) -> float:
