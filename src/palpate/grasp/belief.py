@@ -107,6 +107,9 @@ class Belief:
         End of the last movement; None while the gripper moves.
     touches : tuple of Touch
         Since the last movement ended.
+    strongest : float
+        Largest reading among them. A long hold has tens of thousands, and this is asked at every
+        frame.
     staircase : tuple of Closing
         Every step read so far.
     sweep : Sweep or None
@@ -166,6 +169,7 @@ class Belief:
     proving_from: float | None = None
     still_since_s: float | None = None
     touches: tuple[Touch, ...] = ()
+    strongest: float = float("nan")
     staircase: tuple[Closing, ...] = ()
     sweep: Sweep | None = None
     swept_to: float = float("nan")
@@ -271,7 +275,8 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     if gripper.moving:
         return replace(belief, touches=(), pulls=pulled(belief, gripper, plan))
     touch = _unremembered(_touch(frame.time_s, ohm, belief, plan), belief)
-    return noticed(replace(belief, touches=(*belief.touches, touch)))
+    strongest = max(belief.strongest, touch.reading) if belief.touches else touch.reading
+    return noticed(replace(belief, touches=(*belief.touches, touch), strongest=strongest))
 
 
 def counted(belief: Belief, frame: Frame, **noted: Any) -> Belief:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from operator import attrgetter
 
 import numpy as np
 
@@ -57,7 +56,6 @@ _FALLS = (
 )
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
-_READING = attrgetter("reading")
 
 
 def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
@@ -355,7 +353,7 @@ def _grip_lost(belief: Belief) -> bool:
     """Whether the sheet no longer feels what it felt since the last movement, or in the squeeze."""
     if belief.still_s < 0.3 or len(belief.touches) < 6:
         return False
-    strongest: float = max(map(_READING, belief.touches))
+    strongest = belief.strongest
     came_back = not math.isnan(belief.again)
     if belief.staircase and not came_back:
         strongest = max(strongest, belief.staircase[-1].touch.reading)

@@ -27,6 +27,21 @@ def names(result: GraspResult) -> list[str]:
     return [moment.name for moment in result.moments if moment.finger is None]
 
 
+def test_the_strongest_reading_is_that_since_the_last_movement(plan: Plan, bench: Any) -> None:
+    """Kept up to date, not searched for among tens of thousands at every frame."""
+    fallen = 0
+
+    def compare(belief: Belief) -> None:
+        nonlocal fallen
+        if belief.touches:
+            readings = [touch.reading for touch in belief.touches]
+            assert belief.strongest == max(readings)
+            fallen += readings[0] > readings[-1]
+
+    assert run(plan, bench, watch=compare).outcome is Outcome.HELD
+    assert fallen, "the last reading is not always the strongest"
+
+
 def test_tries_again_until_something_is_there(plan: Plan, bench: Any) -> None:
     bench.size_mm, entered = 0.0, list[str]()
 
