@@ -105,21 +105,20 @@ class StudyReport:
             console.print(f"Written to {out}")
 
     def write(self, out: Path) -> None:
-        """Write `<name>.json`, `<name>.md` and each figure as PNG, SVG and PDF into a folder."""
+        """Write `<name>.json`, `<name>.md` and the files of each figure into a folder."""
         out.mkdir(parents=True, exist_ok=True)
         with atomic_path(out / f"{self.name}.json") as path:
             path.write_text(json.dumps(self.payload, allow_nan=False, indent=1) + "\n")
         body = [f"# {self.title}", *self.provenance, *(t.as_markdown() for t in self.tables)]
         with atomic_path(out / f"{self.name}.md") as path:
             path.write_text("\n\n".join(body) + "\n")
-        from palpate.plots.style import PLOT_ENDINGS, letter_panels, save_figure
+        from palpate.plots.style import letter_panels, save_figures
 
         for stem, draw in self.figures.items():
             with needing("a figure", extra="plots"):
                 figure = draw()
             letter_panels(figure)
-            for ending in PLOT_ENDINGS:
-                save_figure(figure, out / f"{stem}{ending}")
+            save_figures(figure, out / stem)
 
 
 def _print_table(console: Console, table: Table) -> None:
