@@ -18,7 +18,7 @@ from palpate.clock import ManualClock
 from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
 from palpate.dashboard.examining import look_at
 from palpate.dashboard.grasping import grasp, open_hand
-from palpate.dashboard.job_context import BenchOpener, JobContext, state_of
+from palpate.dashboard.job_context import BenchOpener, JobContext, StoppedByUserError, state_of
 from palpate.dashboard.language import Message, error_text
 from palpate.dashboard.messages import (
     Began,
@@ -205,19 +205,19 @@ class DeviceProcess:
             return
         self._telemetry.note(Began(order=order))
         found: Grasped | Calibrated | Health | None = None
-        trouble = ""
+        trouble, stopped = "", False
         try:
             found = self._done(order)
         except (PalpateError, OSError) as error:
-            trouble = error_text(error)
-        took_s = self._took_s()
+            # What fails while a stop is on its way has still failed, and must be told.
+            trouble, stopped = error_text(error), isinstance(error, StoppedByUserError)
         self._telemetry.note(
             Ended(
                 order=order,
                 found=found,
                 trouble=trouble,
-                stopped=found is None and took_s is not None,
-                stopped_after_s=took_s,
+                stopped=stopped,
+                stopped_after_s=self._took_s(),
             )
         )
         context = self._context

@@ -16,6 +16,7 @@ from tests.closings import write_damage_file
 
 from palpate.commands.serve import open_simulated_bench
 from palpate.dashboard.device_process import DeviceProcess
+from palpate.dashboard.job_context import BenchOpener, CellBench
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
@@ -93,9 +94,9 @@ class Page:
 
 
 @contextmanager
-def devices_at_work() -> Iterator[Page]:
+def devices_at_work(open_bench: BenchOpener = open_simulated_bench) -> Iterator[Page]:
     ours, theirs = Pipe()
-    devices = DeviceProcess(theirs, benches={"sim-rigid": open_simulated_bench})
+    devices = DeviceProcess(theirs, benches={"sim-rigid": open_bench})
     thread = threading.Thread(target=devices.run)
     thread.start()
     page = Page(ours)
@@ -206,6 +207,26 @@ def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     # Not later either: what came after the stop has ended, and the dropped one never began.
     assert Began(order=second) not in [note for one in opened.updates for note in one.notes]
     assert not second.recording.exists()
+
+
+def test_what_fails_while_a_stop_is_on_its_way_has_failed(tmp_path: Path) -> None:
+    stop_was_heard = threading.Event()
+
+    def broken(name: str, seed: int) -> CellBench:
+        assert stop_was_heard.wait(60)
+        raise DeviceError("the load cell does not answer")
+
+    first = CalibrateForce(file=tmp_path / "calibration.json")
+    with devices_at_work(broken) as page:
+        assert not page.done(RIG).trouble
+        page.send(first)
+        page.until(lambda update: Began(order=first) in update.notes)
+        page.send(OpenHand())
+        page.send(StopNow())
+        assert page.ended(OpenHand()).stopped
+        stop_was_heard.set()
+        ended = page.ended(first)
+    assert (ended.trouble, ended.stopped) == ("the load cell does not answer", False)
 
 
 def confirmations(page: Page) -> list[int]:
