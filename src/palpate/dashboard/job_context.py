@@ -26,8 +26,9 @@ from palpate.sensor.serial_array import SerialArray
 NO_GRIPPER = "this rig has no gripper: name one in its file (`palpate init --gripper`)"
 #: A stop takes effect within this time while the sensor is silent.
 _PATIENCE_S = 0.1
-#: A frame older than this waited in a buffer.
-_OLD_S = 0.05
+#: A frame older than this waited in a buffer; after reading for this long, it is the link that is
+#: late, and no more is waited for.
+_OLD_S, _CAUGHT_UP_S = 0.05, 1.0
 
 
 class StoppedByUserError(PalpateError):
@@ -138,8 +139,10 @@ class JobContext:
     def catch_up(self) -> None:
         """Read what waited while nobody did: nothing is decided on old frames."""
         array, clock = self.watched(), self.rig.clock
+        until_s = clock.now_s() + _CAUGHT_UP_S
         while clock.now_s() - array.read(timeout_s=FRAME_TIMEOUT_S).time_s > _OLD_S:
-            pass
+            if clock.now_s() > until_s:
+                return
 
 
 class WatchedArray:

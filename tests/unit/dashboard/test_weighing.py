@@ -38,6 +38,7 @@ class PadAndUser:
         self.load_n, self.sequence, self.seen = 0.0, 0, list[str]()
         self.context: JobContext | None = None
         self.gives_up_at = ""
+        self.late_s = 0.0
 
     def read(self, *, timeout_s: float) -> Frame:
         self._obey()
@@ -47,7 +48,7 @@ class PadAndUser:
         counts = 64 * 1024 / (1.0 + ohm / RIGID_LAYOUT.divider.reference_ohm)
         self.sequence += 1
         return Frame(
-            time_s=self.clock.now_s(),
+            time_s=self.clock.now_s() - self.late_s,
             sequence=self.sequence,
             counts=np.full((4, 2), round(counts), dtype=np.int32),
             oversampling=64,
@@ -160,3 +161,10 @@ def test_a_sensor_alone_is_calibrated_from_nothing(pad: PadAndUser, tmp_path: Pa
     assert saved.rest_ohm == pytest.approx(made.rest_ohm)
     context.stop_hand()
     assert context.reacted_s is not None
+
+
+def test_a_link_that_is_always_late_is_not_waited_for(pad: PadAndUser) -> None:
+    assert pad.context is not None
+    pad.late_s = 0.2
+    pad.context.catch_up()
+    assert 1.0 < pad.clock.now_s() < 1.3
