@@ -211,6 +211,10 @@ class DeviceProcess:
         except (PalpateError, OSError) as error:
             # What fails while a stop is on its way has still failed, and must be told.
             trouble, stopped = error_text(error), isinstance(error, StoppedByUserError)
+        context = self._context
+        if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
+            # Before the end is told: whoever orders the next must not find a link without a frame.
+            self._show(context)
         self._telemetry.note(
             Ended(
                 order=order,
@@ -220,9 +224,6 @@ class DeviceProcess:
                 stopped_after_s=self._took_s(),
             )
         )
-        context = self._context
-        if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
-            self._show(context)
         self._telemetry.set_plan(None)
 
     def _done(self, order: Order) -> Grasped | Calibrated | Health | None:

@@ -30,6 +30,8 @@ from palpate.errors import InputError
 
 #: The devices' process reports twenty times a second; silent for longer than this, it hangs.
 _HUNG_S = 1.0
+#: A link that is late for less than this refuses nothing: every order looks at its own frames.
+_MISSING_S = 1.0
 _NEEDS_FRAMES = (Action.GRASP, Action.CALIBRATE, Action.EXAMINE)
 _NEEDS_OPEN_HAND = (Action.GRASP, Action.EXAMINE)
 
@@ -145,7 +147,8 @@ class Session:
             return Message("no rig is open: choose one")
         if devices.sensor_alone and action in (Action.GRASP, Action.RELEASE):
             return Message("this rig has no gripper")
-        if action in _NEEDS_FRAMES and devices.live.link.stale:
+        link = devices.live.link
+        if action in _NEEDS_FRAMES and link.stale and not link.age_s <= _MISSING_S:
             return Message("no fresh frames: check the link")
         if action in _NEEDS_OPEN_HAND and devices.live.open_hand is False:
             return Message("the hand is not open: release first")

@@ -16,6 +16,7 @@ from tests.closings import write_damage_file
 
 from palpate.commands.serve import open_simulated_bench
 from palpate.dashboard.device_process import DeviceProcess
+from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.job_context import BenchOpener, CellBench
 from palpate.dashboard.messages import (
     Began,
@@ -277,6 +278,9 @@ def test_rest_is_calibrated_into_the_file_and_used(opened: Page, tmp_path: Path)
     assert np.abs(ended.found.change_percent).max() < 20
     assert {update.link.lost for update in opened.updates} == {0}
     assert made.force.force_n, "the force readings stay"
+    notes = [note for update in opened.updates for note in update.notes]
+    since = notes[notes.index(Began(order=ended.order)) : notes.index(ended)]
+    assert any(isinstance(note, FrameSource) for note in since), "the next order finds its link"
 
 
 def test_the_force_is_calibrated_on_the_simulated_cell(opened: Page, tmp_path: Path) -> None:

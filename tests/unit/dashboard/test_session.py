@@ -168,6 +168,15 @@ def test_a_stale_sensor_does_not_grasp_but_the_hand_still_opens(rehearsal: Rehea
     assert rehearsal.sent == [OpenHand()]
 
 
+def test_a_sensor_that_is_late_for_a_moment_refuses_nothing(rehearsal: Rehearsal) -> None:
+    rehearsal.tell(link=LinkStatus(frames=9, age_s=1.2, stale=True))
+    with pytest.raises(InputError, match="no fresh frames"):
+        rehearsal.session.order("a", Examine())
+    rehearsal.tell(link=LinkStatus(frames=9, age_s=0.3, stale=True))
+    rehearsal.session.order("a", Examine())
+    assert rehearsal.sent == [Examine()]
+
+
 def test_nothing_is_grasped_before_a_rig_is_open() -> None:
     rehearsal = Rehearsal()
     rehearsal.session.join("a")
