@@ -233,8 +233,12 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         verdict(page, "Stopped")
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-bad")
         expect(page.locator("#next-text")).to_have_text("Press Release: the hand opens")
+        # It still grips, and the headline is not repeated below it.
+        expect(page.locator("#force-now")).to_have_text(re.compile(r"^\d\.\d$"))
+        expect(page.locator("#verdict-why")).to_have_text(re.compile(r"^stopped \d+ ms after"))
         fits(page)
         release(page)
+        expect(page.locator("#force-now")).to_have_text("–")
 
 
 def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address: str) -> None:
