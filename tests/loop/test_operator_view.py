@@ -241,6 +241,16 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         expect(page.locator("#force-now")).to_have_text("–")
 
 
+#: Words of levels in the curve of force that the line of another level runs through.
+STRUCK_OUT = """() => [...document.querySelectorAll('#force text.level')].filter((words) => {
+    const box = words.getBoundingClientRect();
+    return [...document.querySelectorAll('#force line.level')].some((line) => {
+        const { top } = line.getBoundingClientRect();
+        return box.top < top && top < box.bottom;
+    });
+}).map((words) => words.textContent)"""
+
+
 def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address: str) -> None:
     with at(browser, address, SIZES["wide"]) as page:
         target = page.get_by_label("Target force").first
@@ -248,6 +258,9 @@ def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address
         can_press(page, "#grasp")
         page.locator("#grasp").click()
         verdict(page, "holding")
+        # Target and ceiling lie close together.
+        expect(page.locator("#force text.level")).to_have_count(2)
+        assert page.evaluate(STRUCK_OUT) == []
         release(page)
         verdict(page, "the object was damaged")
         target.fill("")
