@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate.twin.mechanics import object_force_n
-from palpate_studies.stiffness import FIRM_N, SIZES_MM, object_of
+from palpate_studies.stiffness import FIRM_N, SIZES_MM, Answer, object_of, scores
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 5.0, 50.0])
@@ -18,3 +18,25 @@ def test_every_object_has_the_secant_stiffness_that_was_asked_for(stiffness: flo
     assert {obj.contact for obj in drawn} == {"linear", "hertz"}
     assert min(sum(obj.relaxing_share) for obj in drawn) < 0.05
     assert max(sum(obj.relaxing_share) for obj in drawn) > 0.1
+
+
+def test_a_bound_that_excludes_nothing_rigid_has_no_upper_end() -> None:
+    """A grasp reports every wide interval as a bound; only some of them reach what is rigid."""
+    wide, unbounded = (
+        Answer(
+            gripper="soft",
+            level="lab",
+            squeeze="gentle",
+            object="spring, flat",
+            truth=2.0,
+            value=1.0,
+            low=0.5,
+            high=high,
+            status="at_least",
+        )
+        for high in (2.5, 500.0)
+    )
+    found = scores([wide, unbounded, unbounded])
+    assert found["no_upper_end"] == 2
+    assert found["median_abs_error_percent"] is None, "the middle of what is possible"
+    assert scores([wide, wide, unbounded])["median_abs_error_percent"] == pytest.approx(50.0)

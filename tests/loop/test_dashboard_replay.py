@@ -88,8 +88,9 @@ def test_a_replay_is_moved_paused_and_sped_up_by_its_timeline(page: Page) -> Non
     expect(page.locator("#played")).to_have_text(re.compile(r"^0\.0 / "))
     expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
     expect(page.locator("#fingers .pad.touching")).to_have_count(0)
-    # All of its curve is known from the start; what is still to come lies under a veil.
-    expect(page.locator("#force .future")).to_be_attached()
+    # All of its curve is known from the start; what is still to come lies under a veil, no words.
+    for svg in ("force", "curve"):
+        expect(page.locator(f"#{svg} .future ~ .settles")).to_be_attached()
     seek(page, 0.8)
     verdict(page, "holding")
     expect(page.locator("#fingers .pad.touching")).to_have_count(2)
@@ -142,6 +143,7 @@ def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folde
     fresh(page)
     # No contact, nothing to compare with.
     expect(page.locator("polyline.kept")).to_have_count(0)
+    expect(page.locator("#force-card .kept-key")).to_be_hidden()
     grasp(page)
     expect(page.locator("#force polyline.kept")).to_be_attached()
     release(page)

@@ -83,7 +83,9 @@ def test_a_pixel_is_shown_near_by_a_tap_and_by_keys(page: Page) -> None:
     page.locator(".cell[data-row='2'][data-col='1']").click()
     expect(page.locator("#pixel-name")).to_have_text("R2 C1")
     expect(page.locator("#pixel-ohm")).to_have_text(re.compile(r"^[\d,]+ ohm$"))
-    expect(page.locator("#pixel-range")).to_have_text(re.compile(r"last 30 s: \d+ to \d+ ohm"))
+    expect(page.locator("#pixel-range")).to_have_text(
+        re.compile(r"last 30 s: [\d,]+ to [\d,]+ ohm")
+    )
     expect(page.locator("#pixel-trace polyline")).to_be_attached()
     page.locator("#fingers").focus()
     page.keyboard.press("ArrowUp")

@@ -131,6 +131,15 @@ def test_it_has_pixels_and_newtons_but_nothing_that_grasps(page: Page) -> None:
     expect(page.locator("#force-card")).to_be_visible()
     for grasping in ("#grasp", "#release", "#measure-size_mm"):
         expect(page.locator(grasping)).to_be_hidden()
+    # Nothing grips, nothing is forecast, no finger moves.
+    expect(page.locator("#force-title")).to_have_text("Force, N")
+    expect(page.locator("#measure-force_n .name")).to_have_text("Force now")
+    expect(page.locator("#pad-1 .name")).to_have_text(re.compile("^pad 1 "))
+    for key in page.locator(".key.of-hand").all():
+        expect(key).to_be_hidden()
+    # The one number has the whole row.
+    boxes = [page.locator(one).bounding_box() for one in ("#measure-force_n", "#verdict")]
+    assert len({box and (box["x"], box["width"]) for box in boxes}) == 1
     expect(page.get_by_label("Target force")).to_be_hidden()
     expect(page.get_by_label("Rig")).to_be_visible()
     expect(page.locator("#stop")).to_be_visible()
@@ -148,7 +157,10 @@ def test_a_press_is_read_in_newtons(page: Page, board: PressedBoard) -> None:
 def test_a_tap_on_a_pixel_shows_its_ohm(page: Page) -> None:
     page.locator(".cell[data-row='0'][data-col='0']").click()
     expect(page.locator("#pixel-name")).to_have_text("R0 C0")
-    expect(page.locator("#pixel-ohm")).to_have_text(re.compile(r"^[\d,]+ ohm$"))
+    expect(page.locator("#pixel-ohm")).to_have_text(re.compile(r"^\d+,\d{3} ohm$"))
+    expect(page.locator("#pixel-range")).to_have_text(
+        re.compile(r"^last 30 s: \d+,\d{3} to \d+,\d{3} ohm$")
+    )
 
 
 def test_the_operator_view_shows_the_force_and_no_button_that_moves(
@@ -161,6 +173,9 @@ def test_the_operator_view_shows_the_force_and_no_button_that_moves(
     expect(page.locator("#force-now")).to_have_text(re.compile(r"^[1-9]\d*\.\d$"))
     for grasping in ("#grasp", "#release", ".item"):
         expect(page.locator(grasping)).to_be_hidden()
+    page.set_viewport_size({"width": 390, "height": 844})
+    boxes = [page.locator(one).bounding_box() for one in ("#stop", "#verdict")]
+    assert len({box and (box["x"], box["width"]) for box in boxes}) == 1
     context.close()
 
 

@@ -78,6 +78,8 @@ def test_a_kiosk_fills_its_screen_and_leads_nowhere(
         expect(page.locator("#simulated")).to_be_visible()
         expect(page.locator("a")).to_have_count(0)
         expect(page.locator("#shade")).to_be_hidden()
+        boxes = [page.locator(one).bounding_box() for one in ("#simulated", "#verdict")]
+        assert len({box and box["x"] for box in boxes}) == 1, "the head begins where the rest does"
         fits(page)
         breaks_no_rule(page)
 

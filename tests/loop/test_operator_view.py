@@ -233,8 +233,22 @@ def test_a_stop_says_what_to_do(browser: Browser, address: str) -> None:
         verdict(page, "Stopped")
         expect(page.locator("#shape")).to_have_attribute("href", "#shape-bad")
         expect(page.locator("#next-text")).to_have_text("Press Release: the hand opens")
+        # It still grips, and the headline is not repeated below it.
+        expect(page.locator("#force-now")).to_have_text(re.compile(r"^\d\.\d$"))
+        expect(page.locator("#verdict-why")).to_have_text(re.compile(r"^stopped \d+ ms after"))
         fits(page)
         release(page)
+        expect(page.locator("#force-now")).to_have_text("–")
+
+
+#: Words of levels in the curve of force that the line of another level runs through.
+STRUCK_OUT = """() => [...document.querySelectorAll('#force text.level')].filter((words) => {
+    const box = words.getBoundingClientRect();
+    return [...document.querySelectorAll('#force line.level')].some((line) => {
+        const { top } = line.getBoundingClientRect();
+        return box.top < top && top < box.bottom;
+    });
+}).map((words) => words.textContent)"""
 
 
 def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address: str) -> None:
@@ -244,6 +258,9 @@ def test_a_damaged_item_is_set_aside_and_reported_once(browser: Browser, address
         can_press(page, "#grasp")
         page.locator("#grasp").click()
         verdict(page, "holding")
+        # Target and ceiling lie close together.
+        expect(page.locator("#force text.level")).to_have_count(2)
+        assert page.evaluate(STRUCK_OUT) == []
         release(page)
         verdict(page, "the object was damaged")
         target.fill("")

@@ -134,9 +134,10 @@ def _header(
         dark.set_value(not is_dark)
 
     with ui.element("header").classes("bar"):
-        ui.html('<h1 class="brand">palpate<small id="rig-name"></small></h1>', sanitize=False)
+        brand = '<h1 class="brand">palpate<small id="rig-name"></small></h1>'
+        ui.html(brand, sanitize=False).classes("contents")
         badge = f'<span id="simulated" class="badge-sim hidden">{tr("SIMULATED")}</span>'
-        ui.html(badge, sanitize=False)
+        ui.html(badge, sanitize=False).classes("contents")
         ui.element("div").classes("grow")
         ui.html(
             '<span id="link" class="pill num" data-state="waiting"><span class="dot"></span>'

@@ -28,8 +28,8 @@ def calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
         heading(tr("1. Rest"))
         paragraph(
             tr(
-                "What each pixel reads with nothing on it. Take everything off the fingers; the "
-                "hand opens, and the sensor is left alone for some seconds."
+                "What each pixel reads with nothing on it. Take everything off the sensor and "
+                "leave it alone for some seconds; a gripper opens first."
             )
         )
         rest = ui.button(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -31,6 +32,9 @@ VALUE_LABELS = {
     "counts": "reading (counts)",
     "volt": "voltage (V)",
 }
+
+#: A letter of a title, and what no title of a column has room for: the axis of the next, inches.
+_LETTER_IN, _AXIS_IN = 0.056, 0.65
 
 #: The forecast is drawn from this long after the cut-off: nearer, there is nothing to predict.
 SOONEST_S = 0.5
@@ -99,8 +103,10 @@ def settle_figure(
         for row, overview in enumerate(overviews):
             _draw_overview(figure, grid[row], overview)
         axes = grid[above:]
+        letters = int((figure.get_figwidth() / columns - _AXIS_IN) / _LETTER_IN)
         for axis, panel in zip(axes.flat, panels, strict=False):
             _draw_panel(axis, panel, methods=methods, horizon_s=horizon_s, level=level)
+            axis.set_title(_folded(panel.title, letters), loc="left")
         for axis in axes.flat[len(panels) :]:
             axis.set_visible(False)
         one_unit = len({panel.hold.unit for panel in panels}) == 1
@@ -111,6 +117,15 @@ def settle_figure(
             axis.set_xlabel("time (s)")
         legend_below(figure, axes, entry_in=1.4)
     return figure
+
+
+def _folded(title: str, letters: int) -> str:
+    """Fold the lines of a title that are longer than this many letters.
+
+    >>> _folded("a-hold\\nerror +2 % of settled, 30 % of the rest", 30).splitlines()
+    ['a-hold', 'error +2 % of settled, 30 % of', 'the rest']
+    """
+    return "\n".join(textwrap.fill(line, letters) for line in title.splitlines())
 
 
 def _value_label(unit: str | None) -> str:
@@ -163,7 +178,6 @@ def _draw_panel(
                 for until_s in times_s
             ]
             _draw_forecast(axis, times_s, forecast, name=name, band=rank == 0, level=level)
-    axis.set_title(panel.title, loc="left")
     axis.set_xlim(min(0.0, float(hold.time_s[0])), horizon_s * 1.03)
 
 

@@ -58,6 +58,9 @@ _STYLE: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
     "legend.frameon": False,
+    # Ticks between powers of ten are shorter; their numbers stand in one line with the others.
+    "xtick.minor.pad": 5.0,
+    "ytick.minor.pad": 5.0,
     "lines.linewidth": 1.4,
     "lines.markersize": 5,
     "svg.hashsalt": "palpate",
@@ -111,13 +114,17 @@ def new_figure(
 
 
 def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> None:
-    """Put one legend for all axes below the figure, in as many columns of entries as fit."""
+    """Put one legend for all axes below the figure, row by row in as many columns as fit."""
     entries: dict[str, Any] = {}
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     columns = min(len(entries), max(1, int(figure.get_figwidth() / entry_in)))
-    figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns)
+    # A legend is filled column by column.
+    labels = [label for first in range(columns) for label in [*entries][first::columns]]
+    figure.legend(
+        [entries[label] for label in labels], labels, loc="outside lower center", ncols=columns
+    )
 
 
 def letter_panels(figure: Figure) -> None:

@@ -13,11 +13,11 @@ import numpy as np
 import typer
 
 from palpate.commands.options import JsonOption
+from palpate.estimate.compliance import STIFFEST_N_PER_MM
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
-from palpate.settling.result import Status
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
@@ -148,9 +148,10 @@ def _kind_of(obj: TwinObject) -> str:
     return f"{relaxing}, {'round' if obj.contact == 'hertz' else 'flat'}"
 
 
-def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
+def scores(answers: Sequence[Answer]) -> dict[str, Any]:
+    """Return how near answers come, how wide they are, and how many exclude no rigid object."""
     given = [one for one in answers if np.isfinite(one.value)]
-    open_above = sum(one.status == Status.SATURATED for one in given)
+    open_above = sum(map(_open_above, given))
     # Mostly without an upper end, the middle of what is possible is no value to be judged.
     valued = 2 * open_above < len(given)
     error = [100 * abs(one.value / one.truth - 1) for one in given]
@@ -167,19 +168,24 @@ def _scores(answers: Sequence[Answer]) -> dict[str, Any]:
     }
 
 
+def _open_above(answer: Answer) -> bool:
+    """Whether nothing rigid is excluded; a grasp reports other wide intervals as bounds too."""
+    return answer.high >= STIFFEST_N_PER_MM
+
+
 def _summary(answers: Sequence[Answer]) -> list[dict[str, Any]]:
     """Return scores of each hand, level and squeeze: of all, by stiffness, and by kind."""
     summary = []
     for key in dict.fromkeys(_kind(one) for one in answers):
         mine = [one for one in answers if _kind(one) == key]
         named = dict(zip(("gripper", "level", "squeeze"), key, strict=True))
-        summary.append({**named, "range": "all", **_scores(mine)})
+        summary.append({**named, "range": "all", **scores(mine)})
         for low, high in pairwise(EDGES_N_PER_MM):
             part = [one for one in mine if low <= one.truth < high]
-            summary.append({**named, "range": f"{low:g}-{high:g} N/mm", **_scores(part)})
+            summary.append({**named, "range": f"{low:g}-{high:g} N/mm", **scores(part)})
         for kind in sorted({one.object for one in mine}):
             part = [one for one in mine if one.object == kind]
-            summary.append({**named, "range": kind, **_scores(part)})
+            summary.append({**named, "range": kind, **scores(part)})
     return summary
 
 
@@ -276,7 +282,7 @@ def _draw(panel: Axes, answers: Sequence[Answer]) -> None:
         (False, "#0072B2", "#88B8DA", "90 % interval"),
         (True, "#777777", "#CCCCCC", "no upper end"),
     ):
-        mine = [one for one in answers if (one.status == Status.SATURATED) == open_above]
+        mine = [one for one in answers if _open_above(one) == open_above]
         ends = np.array([(max(o.value - o.low, 0), max(o.high - o.value, 0)) for o in mine]).T
         panel.errorbar(
             [one.truth for one in mine],

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.plots.pixel_colors import FALL, RISE, change_colormap, is_dark, pixel_color
-from palpate.plots.style import PLOT_ENDINGS, log_axis, new_figure, save_figure
+from palpate.plots.style import PLOT_ENDINGS, legend_below, log_axis, new_figure, save_figure
 
 
 @pytest.fixture
@@ -41,6 +41,31 @@ def test_fonts_in_pdf_can_be_edited(written: Path) -> None:
 def test_an_axis_within_one_decade_has_numbers(written: Path) -> None:
     labels = re.findall(r"<text[^>]*>([^<]*)</text>", (written / "plot.svg").read_text())
     assert {"1", "2", "5"} <= set(labels)
+
+
+def test_numbers_between_powers_of_ten_stand_in_line_with_them() -> None:
+    with new_figure() as (figure, axes):
+        axes[0, 0].plot([0.02, 2.0], [0.0, 1.0])
+        log_axis(axes[0, 0].xaxis)
+    figure.draw_without_rendering()
+    labels = axes[0, 0].xaxis.get_ticklabels(which="both")
+    tops = [one.get_window_extent().y1 for one in labels if one.get_text() in {"0.1", "0.2", "0.5"}]
+    assert len(tops) == 3
+    assert max(tops) - min(tops) < 0.5
+
+
+def test_a_legend_below_is_read_row_by_row() -> None:
+    names = ["before", "after", "alone", "before, published", "after, published"]
+    with new_figure() as (figure, axes):
+        for name in names:
+            axes[0, 0].plot([0.0, 1.0], label=name)
+        legend_below(figure, axes, entry_in=2.3)
+    figure.draw_without_rendering()
+    places = {}
+    for text in figure.legends[0].get_texts():
+        box = text.get_window_extent()
+        places[text.get_text()] = (-round(box.y0 / 10), box.x0)
+    assert sorted(places, key=places.__getitem__) == names
 
 
 def test_png_is_sharp_in_print(written: Path) -> None:

@@ -31,8 +31,10 @@ export function drawKept(doc) {
   button.ariaPressed = kept !== null;
   const words = kept ? t("Stop comparing") : t("Keep to compare");
   if (button.textContent !== words) button.textContent = words;
+  // Without a contact no kept curve is drawn.
+  const grasp = doc.replay ? doc.replay.grasp : doc.grasp, drawn = kept !== null && typeof grasp?.touched_s === "number";
   for (const key of document.querySelectorAll(".kept-key")) {
-    key.classList.toggle("hidden", !kept);
+    key.classList.toggle("hidden", !drawn);
     key.lastElementChild.textContent = kept?.name ?? "";
   }
 }

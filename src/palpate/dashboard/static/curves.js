@@ -78,9 +78,10 @@ function happened(c, view) {
   return out;
 }
 
+// The band, and its words: they are drawn over all else.
 function forecast(c, view, id, [low, value, high], digits, unit, lines) {
   const band = view.band.filter((b) => b[high] !== undefined);
-  if (!band.length) return "";
+  if (!band.length) return ["", ""];
   // It speaks of the hold: a movement after the last forecast ends it.
   const last = band[band.length - 1], after = view.moves.find(([from]) => from > last[0]), until = Math.max(after ? after[0] : view.last, last[0]);
   const now = band.filter((b) => b[0] <= view.now).pop() ?? band[0];
@@ -88,9 +89,9 @@ function forecast(c, view, id, [low, value, high], digits, unit, lines) {
   const outline = [...shown.map((b) => [b[0], b[high]]), ...[...shown].reverse().map((b) => [b[0], b[low]])];
   const above = Math.min(...shown.map((b) => c.y(b[high]))) - 8, below = Math.max(...shown.map((b) => c.y(b[low]))) + 18;
   const [words, left, base] = place(c, [`${settles} ${range(now[low], now[high], digits)}`, settles], c.x(until) + 10, above, below, lines);
-  return `<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${seen.band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
-    <polyline points="${c.line(shown.map((b) => [b[0], b[value]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/></g>
-    <text class="settles" id="${id}-settles" x="${left}" y="${base}" font-size="13">${words}</text>`;
+  return [`<g clip-path="url(#${c.clip})"><polygon id="${id}" data-half-width="${(now[high] - now[low]) / 2}" data-count="${seen.band.length}" points="${c.line(outline)}" fill="var(--band)" opacity="0.28"/>
+    <polyline points="${c.line(shown.map((b) => [b[0], b[value]]))}" fill="none" stroke="var(--band)" stroke-width="2.5" stroke-dasharray="7 5"/></g>`,
+    `<text class="settles" id="${id}-settles" x="${left}" y="${base}" font-size="13">${words}</text>`];
 }
 
 // Points with a value, in stretches: what has none between them is a gap.
@@ -124,16 +125,19 @@ function compared(c, view, column) {
   return stretches(view.kept, column).map((points) => `<polyline class="kept" clip-path="url(#${c.clip})" points="${c.line(points.map((p) => [p[0], p[column]]))}"/>`).join("");
 }
 
-// A line over all of the curve; its words are at its left end, or its right.
-function level(c, { value, name, kind, right }) {
-  const beyond = value > c.high, at = beyond ? BOX.t + 1 : c.y(value), from = right ? `x="${c.width - BOX.r - 4}" text-anchor="end"` : `x="${BOX.l + 6}"`;
-  return `<line class="level ${kind}" data-value="${value}" x1="${BOX.l}" x2="${c.width - BOX.r}" y1="${at}" y2="${at}" ${beyond ? 'opacity="0"' : ""}/><text class="level ${kind}" ${from} y="${beyond ? BOX.t + 12 : at - 5}" font-size="12">${name} ${fixed(value, 1)} N${beyond ? " ↑" : ""}</text>`;
+// Whether another level runs where the words of this one would be: they go below its own line.
+const crowded = (c, { value }, levels) => levels.some((one) => one.value > value && c.y(value) - c.y(one.value) < 18);
+
+// A line over all of the curve, and its words: at its left end, or its right.
+function level(c, one, levels) {
+  const { value, name, kind, right } = one, beyond = value > c.high, at = beyond ? BOX.t + 1 : c.y(value), from = right ? `x="${c.width - BOX.r - 4}" text-anchor="end"` : `x="${BOX.l + 6}"`;
+  return [`<line class="level ${kind}" data-value="${value}" x1="${BOX.l}" x2="${c.width - BOX.r}" y1="${at}" y2="${at}" ${beyond ? 'opacity="0"' : ""}/>`, `<text class="level ${kind}" ${from} y="${beyond ? BOX.t + 12 : crowded(c, one, levels) ? at + 14 : at - 5}" font-size="12">${name} ${fixed(value, 1)} N${beyond ? " ↑" : ""}</text>`];
 }
 
 // A level with its words, as lines that no other words may cross.
-function levelLines(c, { value, right }) {
-  const at = c.y(Math.min(value, c.high)), above = at - 18, [begins, ends] = right ? [c.width - BOX.r - 140, c.width] : [BOX.l, BOX.l + 130];
-  return [[[BOX.l, at], [c.width, at]], [[begins, above], [ends, above]]];
+function levelLines(c, one, levels) {
+  const { value, right } = one, at = c.y(Math.min(value, c.high)), words = crowded(c, one, levels) ? at + 18 : at - 18, [begins, ends] = right ? [c.width - BOX.r - 140, c.width] : [BOX.l, BOX.l + 130];
+  return [[[BOX.l, at], [c.width, at]], [[begins, words], [ends, words]]];
 }
 
 function ending(c, view, column) {
@@ -187,8 +191,9 @@ function drawForce(view) {
   const limits = [target, damage].filter((value) => known(value) && value < 2.5 * highest);
   const c = canvas(svg, view, [0, 1.15 * Math.max(highest, ...limits, ...values.map((p) => Math.min(p[4], 1.5 * p[3])))]);
   const intervals = stretches(view.curve, 3).map((one) => `<polygon clip-path="url(#${c.clip})" points="${c.line([...one.map((p) => [p[0], p[4]]), ...[...one].reverse().map((p) => [p[0], p[2]])])}"/>`);
-  const lines = [...drawn(c, view, 3), ...levels.flatMap((one) => levelLines(c, one))];
-  svg.innerHTML = `${ground(c, view)}<g id="force-interval" fill="var(--curve)" opacity="0.16">${intervals.join("")}</g>${compared(c, view, 3)}${forecast(c, view, "force-band", [4, 5, 6], 2, "N", lines)}${levels.map((one) => level(c, one)).join("")}${ending(c, view, 3)}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
+  const lines = [...drawn(c, view, 3), ...levels.flatMap((one) => levelLines(c, one, levels))];
+  const [band, settles] = forecast(c, view, "force-band", [4, 5, 6], 2, "N", lines), drawnLevels = levels.map((one) => level(c, one, levels));
+  svg.innerHTML = `${ground(c, view)}<g id="force-interval" fill="var(--curve)" opacity="0.16">${intervals.join("")}</g>${compared(c, view, 3)}${band}${drawnLevels.map(([line]) => line).join("")}${ending(c, view, 3)}${settles}${drawnLevels.map(([, words]) => words).join("")}${reading(c, view, svg, 3, (p) => `${fixed(p[3], 2)} N ${range(p[2], p[4], 2)}`)}`;
 }
 
 function drawReading(view) {
@@ -199,7 +204,8 @@ function drawReading(view) {
   // Never closer than this: noise must not look like a signal.
   const middle = (Math.max(...values) + Math.min(...values)) / 2, half = Math.max(4, 0.56 * (Math.max(...values) - Math.min(...values)));
   const c = canvas(svg, view, [middle - half, middle + half]);
-  svg.innerHTML = `${ground(c, view)}${compared(c, view, 1)}${forecast(c, view, "band", [1, 2, 3], 1, "%", drawn(c, capped, 1))}${ending(c, capped, 1)}${reading(c, capped, svg, 1, (p) => `${fixed(p[1], 1)} %`)}`;
+  const [band, settles] = forecast(c, view, "band", [1, 2, 3], 1, "%", drawn(c, capped, 1));
+  svg.innerHTML = `${ground(c, view)}${compared(c, view, 1)}${band}${ending(c, capped, 1)}${settles}${reading(c, capped, svg, 1, (p) => `${fixed(p[1], 1)} %`)}`;
 }
 
 export function drawCurves(doc) {

@@ -29,20 +29,22 @@ function bar(one) {
     ${typeof one.truth === "number" ? `<svg x="${x(one.truth)}" overflow="visible"><path d="M-5 0h10l-5 8z" fill="${inside ? "var(--good)" : "var(--bad)"}"/></svg>` : ""}</svg><span>${number(high)}</span></div>`;
 }
 
-// Without a hand nothing but a force is measured.
+// Without a hand nothing but a force is measured, nothing is forecast, and nothing moves.
 function hideUnmeasured(doc) {
   const alone = doc.source !== null && doc.hand === null && doc.grasp === null;
+  document.body.classList.toggle("alone", alone);
+  say($("force-title"), alone ? t("Force, N") : t("Grip force, N"));
   for (const name of Object.keys(UNITS)) $(`measure-${name}`)?.classList.toggle("hidden", alone && !(name === "force_n" && doc.measured.force_now));
 }
 
 const between = (one, digits) => t("{low} to {high}", { low: fixed(one.low, digits), high: fixed(one.high, digits) });
 const interval = (one, digits) => `90 %: ${between(one, digits)}`;
 
-function drawMeasures(measured) {
+function drawMeasures({ measured, hand }) {
   for (const [name, [title, unit, digits]] of Object.entries(UNITS)) {
     const card = $(`measure-${name}`), one = measured.values[name];
     if (!card) continue;
-    if (name === "force_n" && measured.force_now && measured.holds) { drawForceNow(card, measured.force_now, one, measured.decided); continue; }
+    if (name === "force_n" && measured.force_now && measured.holds) { drawForceNow(card, measured.force_now, one, { decided: measured.decided, hand }); continue; }
     card.dataset.decided = measured.decided;
     const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : `<span>${t("so far")}</span>`;
     const truth = one && typeof one.truth === "number" ? one.truth : null;
@@ -60,11 +62,11 @@ function drawMeasures(measured) {
 }
 
 // While something is held the number is of now; the answer stands below it.
-function drawForceNow(card, now, answer, decided) {
+function drawForceNow(card, now, answer, { decided, hand }) {
   card.dataset.decided = true;
   card.title = t("force now, with its 90 % interval");
   const settled = answer && answer.value !== null ? `${decided ? t("answer") : t("so far")} ${fixed(answer.value, 2)} N ${range(answer.low, answer.high, 2)}` : "";
-  card.innerHTML = `<div class="name"><span>${t("Grip force now")}</span></div><div class="value num">${fixed(now.value, 2)} <span>N</span></div>
+  card.innerHTML = `<div class="name"><span>${hand ? t("Grip force now") : t("Force now")}</span></div><div class="value num">${fixed(now.value, 2)} <span>N</span></div>
     <div class="range num">${interval(now, 2)}</div><div class="range num">${settled}</div>`;
 }
 
@@ -98,4 +100,4 @@ beginHand();
 beginCurves();
 beginTimeline();
 beginKept();
-follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc.measured); hideUnmeasured(doc); lookAtPanel(); });
+follow((doc) => { drawVerdict(doc); drawTimeline(doc); drawKept(doc); drawFingers(doc); drawCurves(doc); drawMeasures(doc); hideUnmeasured(doc); lookAtPanel(); });

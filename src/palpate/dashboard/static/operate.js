@@ -7,7 +7,7 @@ import { fixed, t } from "/static/words.js";
 // What the headline adds to the word above it.
 function beyond(word, text) {
   const [short, long] = [word.toLowerCase(), text.toLowerCase()];
-  return long.endsWith(short) ? "" : long.startsWith(`${short}: `) ? text.slice(short.length + 2) : text;
+  return long.endsWith(short) || long.startsWith(`${short} `) ? "" : long.startsWith(`${short}: `) ? text.slice(short.length + 2) : text;
 }
 
 function draw(doc) {
@@ -17,8 +17,8 @@ function draw(doc) {
   headline(card, $("verdict-text"), operator.word);
   say($("verdict-why"), [beyond(operator.word, verdict.text), ...whys(doc)].filter(Boolean).join("\u00a0· "));
   say($("next-text"), operator.next);
-  // An open hand presses nothing; without a hand the pads are pressed by whatever lies on them.
-  const pressed = doc.hand === null || ["grasping", "replaying"].includes(doc.activity), now = pressed ? measured.force_now : null;
+  // An open hand presses nothing, one that was stopped still does; without a hand the pads are pressed by whatever lies on them.
+  const pressed = doc.hand === null || doc.hand.open === false || ["grasping", "replaying"].includes(doc.activity), now = pressed ? measured.force_now : null;
   say($("force-now"), fixed(now?.value, 1));
   say($("force-target"), doc.hand !== null ? t("target: {target}", operator) : now ? `90 %: ${t("{low} to {high}", { low: fixed(now.low, 1), high: fixed(now.high, 1) })}` : "");
 }

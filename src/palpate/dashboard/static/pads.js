@@ -103,7 +103,7 @@ function object({ gap, scale, middle }, doc) {
   const words = across > 60, colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
   return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
     ${words ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
-    <text class="soft" x="${middle}" y="137" text-anchor="middle" font-size="${Math.min(caption, (1.6 * across) / name.length)}">${esc(name)}</text>` : ""}`;
+    <text class="soft" x="${middle}" y="137" text-anchor="middle" font-size="${Math.min(caption, (1.4 * across) / name.length)}">${esc(name)}</text>` : ""}`;
 }
 
 function namePads(svg, doc) {
@@ -111,7 +111,7 @@ function namePads(svg, doc) {
   pads.forEach((pad, i) => {
     const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = touching.includes(i);
     group.classList.toggle("touching", touches);
-    group.lastElementChild.innerHTML = `${t("finger {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${!touches ? "" : isSmall(svg) ? `<tspan x="${pad.width / 2}" dy="1.15em">${t("contact")}</tspan>` : ` · ${t("contact")}`}`;
+    group.lastElementChild.innerHTML = `${doc.hand ? t("finger {n}", { n: pad.finger }) : t("pad {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${!touches ? "" : isSmall(svg) ? `<tspan x="${pad.width / 2}" dy="1.15em">${t("contact")}</tspan>` : ` · ${t("contact")}`}`;
   });
 }
 
@@ -140,7 +140,7 @@ function drawChosen(doc) {
   const end = points.length ? points[points.length - 1][0] : 0;
   const line = points.map(([time, v]) => `${(300 * (1 - (end - time) / TRACE_S)).toFixed(1)},${(38 - 34 * ((v - low) / span)).toFixed(1)}`).join(" ");
   $("pixel-trace").innerHTML = `<polyline points="${line}" fill="none" stroke="var(--curve)" stroke-width="1.5" vector-effect="non-scaling-stroke"/>`;
-  $("pixel-range").textContent = points.length ? t("last {s} s: {low} to {high} ohm", { s: TRACE_S, low: fixed(low, 0), high: fixed(Math.max(...values), 0) }) : "";
+  $("pixel-range").textContent = points.length ? t("last {s} s: {low} to {high} ohm", { s: TRACE_S, low: wholeNumber(low), high: wholeNumber(Math.max(...values)) }) : "";
 }
 
 function choose(row, col) {

@@ -128,9 +128,22 @@ def draw_sizes(levels: Mapping[str, Mapping[str, Sequence[Mapping[str, Any]]]]) 
     """Draw the share found against the bruise's diameter: level -> label -> rows by size."""
     with new_figure(columns=len(levels), width_in=7.2, height_in=3.6) as (figure, axes):
         for axis, (level, ways) in zip(axes[0], levels.items(), strict=True):
-            for (label, rows), colour in zip(ways.items(), (ORANGE, BLUE), strict=False):
+            looks = ((ORANGE, "s"), (BLUE, "o"))
+            for (label, rows), (colour, marker) in zip(ways.items(), looks, strict=False):
                 middle = [0.5 * (row["from_mm"] + row["to_mm"]) for row in rows]
-                axis.plot(middle, [row["found"] for row in rows], "o-", color=colour, label=label)
+                found = [row["found"] for row in rows]
+                # The one below shows where both are the same, and none is cut by the axis.
+                size = 7 if marker == "s" else 4
+                axis.plot(
+                    middle,
+                    found,
+                    "-",
+                    marker=marker,
+                    ms=size,
+                    color=colour,
+                    label=label,
+                    clip_on=False,
+                )
             axis.axvline(11.3, color=INK, lw=0.8, ls=":")
             axis.text(11.6, 1.02, "1 cm²", fontsize=8, va="bottom")
             axis.set(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from palpate.estimate.measurement import Measurement
-from palpate.plots.style import BLUE, GREEN, GREY, INK, ORANGE, legend_below, new_figure
+from palpate.plots.style import BLUE, GREEN, GREY, ORANGE, legend_below, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,7 +71,7 @@ def hybrid_figure(found: Sequence[Gripped]) -> Figure:
                 label=fruit,
             )
         for axis in (force_axis, limit_axis):
-            axis.axline((1, 1), slope=1, color=GREY, lw=0.8)
+            axis.axline((1, 1), slope=1, color=GREY, lw=0.8, label="equal")
             axis.set(xscale="log", yscale="log")
             for scale in (axis.xaxis, axis.yaxis):
                 scale.set_major_locator(FixedLocator(FORCES_N))
@@ -79,9 +79,7 @@ def hybrid_figure(found: Sequence[Gripped]) -> Figure:
                 scale.set_minor_locator(NullLocator())
         force_axis.set(xlabel="true grip force (N)", ylabel="reported force, with its interval (N)")
         limit_axis.set(xlabel="force of rupture (N)", ylabel="true grip force (N)")
-        limit_axis.text(
-            0.05, 0.93, "above the line: ruptured", transform=limit_axis.transAxes, color=INK
-        )
+        limit_axis.set_title("above the line: ruptured")
         legend_below(figure, axes)
         figure.suptitle("Recorded fruit on recorded sheets (simulated grasps)")
     return figure

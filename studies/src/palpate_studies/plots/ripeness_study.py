@@ -70,8 +70,10 @@ def study_figure(
             axis.vlines(true, low, high, color=BLUE, alpha=0.25, lw=1)
             axis.plot(true, value, ".", color=BLUE, ms=4)
             axis.plot([0, _LONGEST], [0, _LONGEST], color=INK, lw=0.8)
-            axis.set(xlabel="true days to ripe", title=f"simulated:\n{name}", xlim=(0, _LONGEST))
-            axis.set_ylim(0, _LONGEST)
+            # No dot is cut by the frame.
+            ends = (-0.02 * _LONGEST, 1.02 * _LONGEST)
+            axis.set(title=f"simulated:\n{name}", xlim=ends, ylim=ends)
+            axis.set_xlabel(f"true days to ripe ({_LONGEST:g}: or more)")
         if waits:
             axes[0][1].set_ylabel("predicted days to ripe, 90 % interval")
     return figure
