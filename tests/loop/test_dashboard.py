@@ -365,6 +365,26 @@ def test_everything_comes_from_here_and_is_reached_by_keyboard(
     assert page.evaluate("document.body.classList.contains('body--dark')")
 
 
+#: Every answer of the server arrives 1.5 s after it was given, by the page's own timers.
+_SLOW = """() => {
+    const asked = window.fetch;
+    window.fetch = (...what) => new Promise((answer, refuse) => {
+        what[1]?.signal?.addEventListener('abort', () => refuse(what[1].signal.reason));
+        asked(...what).then((reply) => setTimeout(answer, 1500, reply), refuse);
+    });
+}"""
+
+
+def test_a_slow_connection_is_told_and_still_shows_what_comes(come: Callable[..., Page]) -> None:
+    page = come()
+    fresh(page)
+    page.evaluate(_SLOW)
+    expect(page.locator("#lost-title")).to_have_text("No connection")
+    drawn = page.evaluate("Number(document.body.dataset.drawn)")
+    page.wait_for_function("(drawn) => document.body.dataset.drawn > drawn + 1", arg=drawn)
+    expect(page.locator("#lost")).to_be_visible()
+
+
 def test_a_damage_file_has_the_page_ask_for_the_kind(
     come: Callable[..., Page], tmp_path: Path
 ) -> None:

@@ -131,8 +131,9 @@ def test_what_is_greyed_can_be_read(browser: Browser, address: str, shade: str) 
         assert page.evaluate(CONTRAST, "#measure-size_mm .value") >= 4.5
 
 
-#: Lays out one text after the other; returns those that do not fit.
-LAID_OUT = """([words, nexts, whys]) => {
+#: Lays out one text after the other, in the page's own letters; returns those that do not fit.
+LAID_OUT = """async ([words, nexts, whys]) => {
+    await document.fonts.ready;
     const [word, why, next] = ['verdict-text', 'verdict-why', 'next-text'].map(
         (id) => document.getElementById(id));
     const parts = ['#verdict', '#verdict-text', '#verdict-why', '#shape', '#next-step',

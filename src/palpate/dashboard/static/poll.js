@@ -2,7 +2,8 @@
 // nobody. Draws itself what every view has: the head, and the loss of the connection.
 import { fixed, lang, t } from "/static/words.js";
 
-const PERIOD_MS = 66, SILENT_MS = 1000, LOST_MS = 1000, LOOK_MS = 100;
+// An answer may come long after the connection counts as lost: asking again would make a slow one slower.
+const PERIOD_MS = 66, GIVEN_UP_MS = 4000, LOST_MS = 1000, LOOK_MS = 100;
 const GREYED = ".figure, .measures, #next-step, .item, .force, .panel-body, .panel-foot";
 export const $ = (id) => document.getElementById(id);
 export const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
@@ -78,7 +79,7 @@ async function tick(draw, onLost) {
   const began = performance.now();
   try {
     const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : -1e9;
-    const reply = await fetch(`/live?generation=${seen.generation}&after_s=${last}&lang=${lang}`, { cache: "no-store", signal: AbortSignal.timeout(SILENT_MS) });
+    const reply = await fetch(`/live?generation=${seen.generation}&after_s=${last}&lang=${lang}`, { cache: "no-store", signal: AbortSignal.timeout(GIVEN_UP_MS) });
     const doc = await reply.json();
     if (doc.generation !== seen.generation) Object.assign(seen, { generation: doc.generation, curve: [], band: [] });
     seen.curve.push(...doc.curve);
