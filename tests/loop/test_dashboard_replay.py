@@ -150,6 +150,8 @@ def test_two_recordings_lie_over_each_other_contact_on_contact(page: Page, folde
     row(page).get_by_role("button", name="Replay").click()
     expect(page.locator("#timeline")).to_be_visible()
     expect(page.locator("#force polyline.kept")).to_be_attached()
+    # What comes above the curves has come: they move away from under the pointer no more.
+    expect(page.get_by_role("button", name="Back to the rig")).to_be_visible()
     page.locator("#force").hover(position={"x": 120, "y": 60})
     expect(page.locator("#force-at")).to_contain_text("kept")
     page.get_by_role("button", name="Stop comparing").click()

@@ -71,12 +71,12 @@ def operator_view(
     headline : mapping
         The verdict as the whole page shows it.
     target_force_n : float or None
-        What the next grasp is to reach, if none runs; None is a gentle squeeze.
+        What the next grasp is to reach, if none is shown; None is a gentle squeeze.
     tr : Language
         What the operator reads.
     """
-    if session.devices.activity is Activity.GRASPING:
-        target_force_n = session.target_force_n
+    if session.devices.activity in (Activity.GRASPING, Activity.REPLAYING):
+        target_force_n = session.shown_target_n
     gentle = target_force_n is None
     return {
         "word": _capital(tr(_word(session, headline))),

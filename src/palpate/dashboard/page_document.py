@@ -227,14 +227,14 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
         return {**_WORDLESS, "text": session.devices.activity.value, "kind": "busy"}
     grasped, progress = session.devices.grasped, session.devices.live.progress
     if grasped is not None:
-        headline = verdict(grasped.result, target_force_n=session.target_force_n)
+        headline = verdict(grasped.result, target_force_n=session.shown_target_n)
         low_n = None if progress is None else progress.bounds.damage_low_n
         if (grasped.truth or {}).get("damaged"):
             damaged = Message("the object was damaged")
             headline |= {"text": damaged, "why": headline["text"], "firmness": None}
         elif _limit_passed(grasped, damage_low_n=low_n):
             headline["why"] = Message("the force passed the damage limit before it was known")
-        kind = kind_of(grasped, target_force_n=session.target_force_n, damage_low_n=low_n)
+        kind = kind_of(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
         return {**headline, "kind": kind}
     if progress is None:
         text = session.devices.activity.value
@@ -246,7 +246,7 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     text = _PHASES.get(progress.phase) or outcome_text(progress.answer.outcome)
     if not progress.decided:
         return {**_WORDLESS, "text": text, "kind": "busy"}
-    headline = verdict(progress.answer, target_force_n=session.target_force_n)
+    headline = verdict(progress.answer, target_force_n=session.shown_target_n)
     kind = "warn" if headline["on_target"] is False else "good"
     return {**headline, "text": text, "kind": kind}
 

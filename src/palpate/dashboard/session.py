@@ -77,6 +77,14 @@ class Session:
         #: How often anyone pressed stop.
         self.stops = 0
 
+    @property
+    def shown_target_n(self) -> float | None:
+        """What the grasp on the page is after: the recorded one, else the last that was ordered."""
+        progress = self.devices.live.progress
+        if self.devices.activity is Activity.REPLAYING and progress is not None:
+            return progress.bounds.target_n
+        return self.target_force_n
+
     # -- who drives -----------------------------------------------------------------------------
 
     def join(self, viewer: str, *, tab: str | None = None) -> bool:

@@ -293,3 +293,23 @@ def test_a_missed_target_is_not_green_while_it_holds_either() -> None:
         session.target_force_n = target_n
         card = document(session, GraspForm(), generation=-1, after_s=0.0)["verdict"]
         assert (card["text"], card["kind"]) == ("holding", kind)
+
+
+def test_a_replay_is_judged_by_its_own_target() -> None:
+    """Not by that of the grasp that was ordered last, nor by what the form has for the next."""
+    session = Session(send=lambda message: None)
+    session.target_force_n, session.devices.activity = 2.0, Activity.REPLAYING
+    reached = replace(
+        progress(9.0, 1.0),
+        phase="hold",
+        answer=GraspResult(
+            outcome=Outcome.HELD, force_n=replace(FORCE, value=3.0, low=2.8, high=3.2)
+        ),
+        decided=True,
+        bounds=Bounds(target_n=3.0),
+    )
+    session.devices.live.take_progress(reached)
+    shown = document(session, GraspForm(target_force_n=2.0), generation=-1, after_s=0.0)
+    assert (shown["verdict"]["on_target"], shown["verdict"]["target_force_n"]) == (True, 3.0)
+    assert shown["verdict"]["kind"] == "good"
+    assert shown["operator"]["target"] == "3 N"
