@@ -209,11 +209,11 @@ class DeviceProcess:
         try:
             found = self._done(order)
         except (PalpateError, OSError) as error:
-            # What fails while a stop is on its way has still failed, and must be told.
+            # What fails while a stop is on its way has still failed, and is reported as that.
             trouble, stopped = error_text(error), isinstance(error, StoppedByUserError)
         context = self._context
         if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
-            # Before the end is told: whoever orders the next must not find a link without a frame.
+            # Before the end is reported: the next order must not find a link without a frame.
             self._show(context)
         self._telemetry.note(
             Ended(
