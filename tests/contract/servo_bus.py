@@ -8,6 +8,7 @@ at only when somebody looks at the world.
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import threading
@@ -52,8 +53,8 @@ class ServoBus:
 
     `silent`: set it, and nothing is answered any more.
     `spoilt`: number of the next replies that have a wrong CRC.
-    `late_s`: replies are late by this, seconds of real time: what was asked is answered all the
-        same.
+    `late_s`: replies are late by this, seconds of real time, and keep their order: what was asked
+        is answered all the same. Without end (`inf`), what was asked is done, and no reply comes.
     `deaf`: goals of its position are acknowledged, and not followed: it goes where it went before.
     `position_error`: error of the reported position, steps.
     """
@@ -249,9 +250,15 @@ class LineEnd:
         self._thread.start()
 
     def send(self, data: bytes, *, late_s: float = 0.0) -> None:
-        """Send bytes, now or later by `late_s` (real time)."""
-        if late_s:
-            self._held.append((time.monotonic() + late_s, data))
+        """Send bytes, now or later by `late_s` (real time), behind all that were sent before.
+
+        Bytes that are late without end are lost.
+        """
+        if late_s == math.inf:
+            return
+        if late_s or self._held:
+            behind_s = self._held[-1][0] if self._held else 0.0
+            self._held.append((max(time.monotonic() + late_s, behind_s), data))
         else:
             os.write(self._master, data)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import termios
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import cycle
 from typing import Any
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, needing
@@ -16,12 +16,11 @@ from palpate.gripper.x_series import HARDWARE_ERROR, HardwareError, PacketError,
 _TRIES = 3
 #: How long a reply may take by default: the adapter holds bytes back for up to 16 ms.
 REPLY_S = 0.05
-#: After a reply that did not come, or was another's, the line must be silent for this many times
-#: that long before the next question: a late reply must not be taken for the next one's.
-_SILENT_TIMES = 2.0
+#: Sizes of the reads that tell late replies from the next one, in turn, bytes: nothing else that is
+#: asked for has one of them.
+_MARKS = tuple(range(32, 48))
 #: Instructions, of both protocols.
 _PING, _READ, _WRITE, _REBOOT = 0x01, 0x02, 0x03, 0x08
-_LOOK_S = 0.002
 
 
 class RefusedError(DeviceError):
@@ -57,11 +56,15 @@ class ServoLine:
         #: The servo's state in its last reply: not 0 means a hardware error.
         self.alerted = 0
         self._id, self._layout = servo_id, packets
+        #: Whether replies to earlier questions may still come.
+        self._behind, self._marks = False, cycle(_MARKS)
         self._reply_ms = 1e3 * reply_s
         self._port: Any = sdk.PortHandler(port)
         # The SDK's own 34 ms are too few on a busy machine.
         self._port.setPacketTimeout = self._allow_reply
         self._packets: Any = sdk.PacketHandler(packets.version)
+        fast = (False,) if packets is PROTOCOL_2 else ()
+        self._receive: Any = lambda: self._packets.rxPacket(self._port, *fast)
         try:
             opened = self._port.setBaudRate(baud)
         except OSError as error:
@@ -98,10 +101,8 @@ class ServoLine:
         """Write a register without waiting for an answer: for a servo that does not answer."""
         data = value.to_bytes(register.size, "little", signed=value < 0)
         given = self._layout.place(register.address) + data
-        packet = self._layout.request(self._id, _WRITE, given)
         with self._port_there():
-            self._packets.txPacket(self._port, packet)
-        self._port.is_using = False
+            self._send(self._layout.request(self._id, _WRITE, given))
 
     def reboot(self) -> None:
         """Restart the servo: the only way to clear a hardware error. Its torque is off then."""
@@ -120,17 +121,20 @@ class ServoLine:
         """Make one exchange, again if it failed on the line; return the `answer` bytes it gave."""
         layout, result = self._layout, self._sdk.COMM_RX_TIMEOUT
         for _ in range(_TRIES):
+            packet = layout.request(self._id, instruction, given)
             with self._port_there():
-                reply, result, error = self._packets.txRxPacket(
-                    self._port, layout.request(self._id, instruction, given)
-                )
-                whole = result == self._sdk.COMM_SUCCESS
-                if whole and layout.answers(reply, number=self._id, size=answer):
-                    self.alerted, code = error & layout.alert, error & ~layout.alert
-                    if code:
-                        raise RefusedError(f"{self.name} refused: {_reason(code)}", code=code)
-                    return bytes(reply[layout.data_at : layout.data_at + answer])
-                self._silence()
+                if self._behind and (result := self._catch_up()) != self._sdk.COMM_SUCCESS:
+                    if instruction != _READ:
+                        self._send(packet)  # no order waits for a line that is late
+                    continue
+                reply, result, error = self._packets.txRxPacket(self._port, packet)
+            whole = result == self._sdk.COMM_SUCCESS
+            if whole and layout.answers(reply, number=self._id, size=answer):
+                self.alerted, code = error & layout.alert, error & ~layout.alert
+                if code:
+                    raise RefusedError(f"{self.name} refused: {_reason(code)}", code=code)
+                return bytes(reply[layout.data_at : layout.data_at + answer])
+            self._behind = True
         if result != self._sdk.COMM_RX_TIMEOUT:
             raise DeviceError(
                 f"{self.name}: replies are damaged or late ({_TRIES} tries): check the cable, that "
@@ -140,16 +144,31 @@ class ServoLine:
             f"{self.name} does not reply ({_TRIES} tries): check its power, cable, number and baud"
         )
 
-    def _silence(self) -> None:
-        """Throw away what still comes, until nothing has come for a while."""
-        quiet_s = 1e-3 * _SILENT_TIMES * self._reply_ms
-        until_s = time.monotonic() + quiet_s
-        give_up_s = until_s + quiet_s
-        while (now_s := time.monotonic()) < min(until_s, give_up_s):
-            if self._port.getBytesAvailable():
-                self._port.clearPort()
-                until_s = now_s + quiet_s
-            time.sleep(_LOOK_S)
+    def _catch_up(self) -> int:
+        """Ask what only this question's reply can be, and drop all that comes before it.
+
+        Replies carry no number of their question, but come in its order: once the one of this size
+        is here, none of an earlier question can come any more, however late they are.
+        Returns the SDK's result.
+        """
+        layout, size = self._layout, next(self._marks)
+        self._send(layout.request(self._id, _READ, layout.place(0) + layout.place(size)))
+        self._allow_reply(size)
+        result: int = self._sdk.COMM_SUCCESS
+        while self._behind and result == self._sdk.COMM_SUCCESS:
+            reply, result = self._receive()
+            if result == self._sdk.COMM_SUCCESS:
+                self._behind = not (
+                    layout.answers(reply, number=self._id, size=size)
+                    and not reply[layout.error_at] & ~layout.alert
+                )
+        return result
+
+    def _send(self, packet: list[int]) -> None:
+        """Send a packet whose reply is not waited for here."""
+        self._behind = True
+        self._packets.txPacket(self._port, packet)
+        self._port.is_using = False
 
     def _allow_reply(self, size: int) -> None:
         self._port.setPacketTimeoutMillis(self._reply_ms + size * self._port.tx_time_per_byte)
