@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+import re
 
 from nicegui import ui
 
@@ -52,8 +53,8 @@ def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
     result = tr("Healthy") if health.healthy else tr.many("{n} fault", "{n} faults", faults)
     findings = "".join(
         f"<p lang='en' class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
-        f"<b>{html.escape(found.where)}</b>: {html.escape(found.text)}. "
-        f"{html.escape(found.check[:1].upper() + found.check[1:])}.</p>"
+        f"<b>{html.escape(found.where)}</b>: {_sentence(found.text)} "
+        f"{_sentence(found.check[:1].upper() + found.check[1:])}</p>"
         for found in health.findings
     )
     link = health.link
@@ -82,6 +83,12 @@ def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
         f"<th class='r'>{tr('at rest')}</th><th class='r'>{tr('noise')}</th>"
         f"<th class='r'>{tr('drift')}</th></tr>{pixels}</table>"
     )
+
+
+def _sentence(found: str) -> str:
+    """Return words of a finding, which are written for a terminal, as HTML."""
+    signed = re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", html.escape(found))
+    return re.sub("`([^`]+)`", r"<code>\1</code>", signed) + "."
 
 
 def _number(value: float, unit: str, digits: int, tr: Language) -> str:

@@ -1,0 +1,28 @@
+"""The doctor's report on the page: the same findings as in a terminal, set for a page."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from palpate.dashboard.language import Language
+from palpate.dashboard.panel_doctor import report
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.health import FrameColumns, examine
+
+
+def test_commands_are_marked_and_negative_numbers_have_a_minus_sign() -> None:
+    counts = np.rint(np.random.default_rng(2).normal(300, 0.6, (150, 4, 2))).astype(np.int32)
+    columns = FrameColumns(time_s=np.arange(150) / 15, sequence=np.arange(150), counts=counts)
+    known_ohm = 1.01 * columns.rest_ohm(layout=RIGID_LAYOUT)
+    known_ohm[1, 0] *= 2.0
+    health = examine(columns, layout=RIGID_LAYOUT, known_ohm=known_ohm)
+    assert any("`palpate calibrate rest`" in one.check for one in health.findings)
+    assert any(" -" in one.text for one in health.findings)
+    shown = report(health, layout=RIGID_LAYOUT, tr=Language("en"))
+    assert "<code>palpate calibrate rest</code>" in shown
+    assert "`" not in shown
+    words = re.sub(r"<[^>]*>", "", shown)
+    assert "\N{MINUS SIGN}" in words
+    assert not re.search(r"(?<!\w)-\d", words)
