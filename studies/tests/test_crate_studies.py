@@ -26,6 +26,7 @@ from palpate_studies.identify_data import (
     CrateItemGrasps,
     measured_crates,
     read_crates,
+    squeeze_in_words,
     write_crates,
 )
 
@@ -207,6 +208,8 @@ def test_rules_of_ones_own_are_checked_against_what_was_taught(
     arguments = ["--crates", str(tmp_path / "in.json"), "--rules", str(rules)]
     assert run(app, arguments, name="study") == 2
     assert "line 2: class 'pear' was not taught" in capsys.readouterr().err
+    assert run(app, [*arguments[:2], "--target-force-n", "5"], name="study") == 2
+    assert "in.json was grasped already" in capsys.readouterr().err
 
 
 def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,3 +227,8 @@ def test_a_crate_is_measured_by_grasps(monkeypatch: pytest.MonkeyPatch) -> None:
     size = [one.grasp.measurements["size_mm"].value for one in found[1].grasps]
     assert np.mean(size) == pytest.approx(found[1].size_mm, rel=0.05)
     assert found[1].stiffness_n_per_mm > 50
+    firm = measured_crates(level="lab", sensor=7, taught=1, sorted_items=0, target_force_n=6.0)
+    for squeezed, force_n, said in ((found[0], 3.0, "gently"), (firm[0], 6.0, "to 6 N")):
+        pressed = squeezed.grasps[0].grasp.measurements["force_n"]
+        assert pressed.value == pytest.approx(force_n, abs=1.2)
+        assert squeeze_in_words([squeezed]) == f"Every item is squeezed {said}."

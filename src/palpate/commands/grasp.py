@@ -13,8 +13,13 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.grasp_store import open_memory
-from palpate.commands.options import JsonOption, RigOption, SeedOption, StoreOption
-from palpate.errors import InputError
+from palpate.commands.options import (
+    JsonOption,
+    RigOption,
+    SeedOption,
+    StoreOption,
+    TargetForceOption,
+)
 
 if TYPE_CHECKING:
     from palpate.commands.grasp_limit import Limit
@@ -53,9 +58,7 @@ def grasp(
         ),
     ] = None,
     seed: SeedOption = 0,
-    target_force_n: Annotated[
-        float | None, typer.Option(help="Grip force to reach; a gentle squeeze by default.")
-    ] = None,
+    target_force_n: TargetForceOption = None,
     expect_size_mm: Annotated[
         float | None,
         typer.Option(
@@ -103,15 +106,9 @@ def grasp(
     from palpate.grasp.document import grasp_document
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
-    from palpate.grasp.safety import FORCE_CEILING_N
     from palpate.grasp.verdict import verdict
     from palpate.rig import open_rig
 
-    if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
-        raise InputError(
-            f"--target-force-n {target_force_n:g}: must be above 0 and at most "
-            f"{FORCE_CEILING_N:g} N, the force ceiling"
-        )
     limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
         memory = open_memory(stack, item_id=item, store=store, angle_deg=angle_deg)

@@ -9,6 +9,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from palpate.commands import completion
+from palpate.errors import InputError
 
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
@@ -55,6 +56,29 @@ DpiOption: TypeAlias = Annotated[
     int | None,
     typer.Option(
         "--dpi", help="Dots per inch of a .png plot; 300 by default.", min=30, max=2400, metavar="N"
+    ),
+]
+
+
+def _possible(target_force_n: float | None) -> float | None:
+    """Refuse a force that no grasp may reach."""
+    from palpate.grasp.safety import FORCE_CEILING_N
+
+    if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
+        raise InputError(
+            f"--target-force-n {target_force_n:g}: must be above 0 and at most "
+            f"{FORCE_CEILING_N:g} N, the force ceiling"
+        )
+    return target_force_n
+
+
+#: Give it the default None.
+TargetForceOption: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--target-force-n",
+        help="Grip force to reach; a gentle squeeze by default.",
+        callback=_possible,
     ),
 ]
 

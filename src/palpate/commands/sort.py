@@ -7,7 +7,13 @@ from typing import Annotated
 
 import typer
 
-from palpate.commands.options import JsonOption, QuietOption, SeedOption, StoreOption
+from palpate.commands.options import (
+    JsonOption,
+    QuietOption,
+    SeedOption,
+    StoreOption,
+    TargetForceOption,
+)
 from palpate.commands.progress import progress
 from palpate.errors import InputError
 
@@ -31,6 +37,7 @@ def sort(
             metavar="FILE",
         ),
     ] = None,
+    target_force_n: TargetForceOption = None,
     store: StoreOption = None,
     batch: Annotated[
         str | None,
@@ -49,26 +56,30 @@ def sort(
 ) -> None:
     """Sort items into bins by readable rules; report why, how purely and how fast.
 
-    What is unsure is grasped again, as often as the rules allow. With a rig, items, grasps and
+    What is unsure is grasped again, as often as the rules allow. A firmer squeeze
+    (--target-force-n) tells kinds apart better; --damage keeps it below what produce bears. With a
+    rig, items, grasps and
     verdicts go to the store; a simulated crate goes there only with --store.
 
     Example: palpate sort --rules rules.toml --rig sim-rigid --items 12 --seed 1
     """
     from palpate.commands.sort_report import SortReport
     from palpate.commands.sort_run import sort_from_store, sort_with_rig
-    from palpate.commands.sort_supply import SimulatedCrate, open_supply
+    from palpate.commands.sort_supply import SimulatedCrate, Squeeze, open_supply
     from palpate.estimate.damage_file import DamageFile
     from palpate.produce.sorting.rules_file import read_rules
 
     book = read_rules(rules)
     limit = None if damage is None else DamageFile.load(damage).model
     if rig is None:
-        if limit is not None:
-            raise InputError(f"--damage {damage}: nothing is grasped; name a --rig")
+        for option, given in (("--damage", damage), ("--target-force-n", target_force_n)):
+            if given is not None:
+                raise InputError(f"{option} {given}: nothing is grasped; name a --rig")
         report = SortReport(book=book, dry=True)
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:
-        supply = open_supply(rig, seed=seed, items=items, taught=taught, damage=limit)
+        squeeze = Squeeze(target_force_n=target_force_n, damage=limit)
+        supply = open_supply(rig, seed=seed, items=items, taught=taught, squeeze=squeeze)
         # Over a real hand people are asked for items: a bar would be in the way.
         crate = isinstance(supply, SimulatedCrate)
         try:

@@ -23,6 +23,14 @@ _STRANGERS_SHARE = 1 / 6
 _SIMULATED = "sim-rigid"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Squeeze:
+    """How hard items are pressed: as a grasp's plan has it."""
+
+    target_force_n: float | None = None
+    damage: DamageModel | None = None
+
+
 class Supply(Protocol):
     """Items, one after the other, and the hand that grasps them."""
 
@@ -67,9 +75,7 @@ class SimulatedCrate:
     teaching: Mapping[str, CrateItem]
 
     @classmethod
-    def open(
-        cls, *, seed: int, items: int, taught: int, damage: DamageModel | None = None
-    ) -> SimulatedCrate:
+    def open(cls, *, seed: int, items: int, taught: int, squeeze: Squeeze) -> SimulatedCrate:
         """Calibrate a sensor of the twin as a user would, and draw a crate."""
         from palpate.rig import Rig
         from palpate.rig.simulated import calibrated
@@ -90,7 +96,7 @@ class SimulatedCrate:
         )
         teaching = draw_crate(list(CRATE_TAUGHT) * taught, seed=seed + 1, prefix=f"taught-{seed}")
         return cls(
-            hand=_hand(rig, damage),
+            hand=_hand(rig, squeeze),
             calibration=rig.calibration.as_text(),
             table=table,
             crate={item.item_id: item for item in crate},
@@ -137,12 +143,12 @@ class NamedByLine:
     rig: Rig
 
     @classmethod
-    def open(cls, name: str, *, damage: DamageModel | None = None) -> NamedByLine:
+    def open(cls, name: str, *, squeeze: Squeeze) -> NamedByLine:
         """Open a rig."""
         from palpate.rig import open_rig
 
         rig = open_rig(name)
-        return cls(hand=_hand(rig, damage), calibration=rig.calibration.as_text(), rig=rig)
+        return cls(hand=_hand(rig, squeeze), calibration=rig.calibration.as_text(), rig=rig)
 
     def names(self) -> Iterator[str]:
         """Yield names until the input ends or a line is empty."""
@@ -168,19 +174,17 @@ class NamedByLine:
         self.rig.close()
 
 
-def open_supply(
-    rig: str, *, seed: int, items: int, taught: int, damage: DamageModel | None = None
-) -> Supply:
-    """Open the rig of a name; its grasps keep to a learned damage limit.
+def open_supply(rig: str, *, seed: int, items: int, taught: int, squeeze: Squeeze) -> Supply:
+    """Open the rig of a name; every item is pressed alike.
 
     Raises `InputError` or `DeviceError` if there is no such rig, or it does not open.
     """
     if rig == _SIMULATED:
-        return SimulatedCrate.open(seed=seed, items=items, taught=taught, damage=damage)
-    return NamedByLine.open(rig, damage=damage)
+        return SimulatedCrate.open(seed=seed, items=items, taught=taught, squeeze=squeeze)
+    return NamedByLine.open(rig, squeeze=squeeze)
 
 
-def _hand(rig: Rig, damage: DamageModel | None) -> SortingHand:
+def _hand(rig: Rig, squeeze: Squeeze) -> SortingHand:
     from palpate.grasp.planning import plan_grasp
     from palpate.produce.sorting.hand import SortingHand
     from palpate.produce.store.writing import calibration_id_of
@@ -189,7 +193,12 @@ def _hand(rig: Rig, damage: DamageModel | None) -> SortingHand:
         array=rig.array,
         gripper=rig.gripper,
         clock=rig.clock,
-        plan=plan_grasp(rig.calibration, gripper=rig.gripper, damage=damage),
+        plan=plan_grasp(
+            rig.calibration,
+            gripper=rig.gripper,
+            target_force_n=squeeze.target_force_n,
+            damage=squeeze.damage,
+        ),
         rig=rig.name,
         origin=rig.origin,
         calibration_id=calibration_id_of(rig.calibration.as_text()),

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from palpate.commands.options import JsonOption
+from palpate.commands.options import JsonOption, TargetForceOption
+from palpate.errors import InputError
 from palpate.produce.identify.identifier import FALSE_REJECT, UNKNOWN, Identifier, TaughtItem
 from palpate.produce.identify.items import touches_of
 from palpate_studies.baselines.lda_background import LdaBackground
@@ -20,6 +21,7 @@ from palpate_studies.identify_data import (
     CrateItemGrasps,
     measured_crates,
     read_crates,
+    squeeze_in_words,
     write_crates,
 )
 from palpate_studies.identify_tables import (
@@ -72,6 +74,7 @@ def command(
         bool,
         typer.Option("--second", help="Two cultivars of each kind, with a skin on softer flesh."),
     ] = False,
+    target_force_n: TargetForceOption = None,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -79,17 +82,28 @@ def command(
 
     Example: palpate study identify --out reports
     """
-    found = crates_of(crates, sensors=sensors, items=items, second=second)
+    found = crates_of(
+        crates, sensors=sensors, items=items, second=second, target_force_n=target_force_n
+    )
     report(found, second=second).emit(as_json=as_json, out=out)
     if out is not None:
         write_crates(found, out / "crates.json")
 
 
 def crates_of(
-    path: Path | None, *, sensors: int, items: int, second: bool = False
+    path: Path | None,
+    *,
+    sensors: int,
+    items: int,
+    second: bool = False,
+    target_force_n: float | None = None,
 ) -> list[CrateItemGrasps]:
     """Return crates from a file, or grasp them; `second`: of the second generator."""
     if path is not None:
+        if target_force_n is not None:
+            raise InputError(
+                f"--target-force-n: what {path} holds was grasped already; leave it out"
+            )
         return read_crates(path)
     first = SECOND_SENSOR if second else FIRST_SENSOR
     return [
@@ -97,7 +111,12 @@ def crates_of(
         for level in LEVELS
         for sensor in range(first, first + sensors)
         for item in measured_crates(
-            level=level, sensor=sensor, taught=TAUGHT, sorted_items=items, second=second
+            level=level,
+            sensor=sensor,
+            taught=TAUGHT,
+            sorted_items=items,
+            second=second,
+            target_force_n=target_force_n,
         )
     ]
 
@@ -227,7 +246,8 @@ def report(crates: Sequence[CrateItemGrasps], *, second: bool = False) -> StudyR
             *([_SECOND] if second else []),
             f"Simulated: {sensors} sensors and grippers, each calibrated by a user's steps, then "
             "taught with items of each kind (two grasps each), then a crate that it never saw. "
-            "Every measurement is that of a grasp by the controller; no method knows the truth.",
+            "Every measurement is that of a grasp by the controller; no method knows the truth. "
+            + squeeze_in_words(crates),
             "Ranges of the kinds were fixed beforehand (palpate_studies.fruit_ranges). Several "
             "kinds overlap in both size and stiffness, and strangers may feel like a taught kind.",
         ),

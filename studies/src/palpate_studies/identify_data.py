@@ -49,6 +49,8 @@ class CrateItemGrasps:
         Its true secant stiffness at 2 N, of its mean side.
     damaged : bool
         Whether any grasp pressed it beyond its yield.
+    target_force_n : float or None
+        What it was pressed to; None for a gentle squeeze.
     grasps : tuple of TimedGrasp
         In order.
     """
@@ -63,6 +65,7 @@ class CrateItemGrasps:
     stiffness_n_per_mm: float
     damaged: bool
     grasps: tuple[TimedGrasp, ...]
+    target_force_n: float | None = None
 
     @property
     def named(self) -> str:
@@ -70,8 +73,21 @@ class CrateItemGrasps:
         return self.kind if self.known else UNKNOWN
 
 
+def squeeze_in_words(crates: Sequence[CrateItemGrasps]) -> str:
+    """Return a sentence on how hard the items of crates were pressed."""
+    forces = {item.target_force_n for item in crates}
+    said = sorted("gently" if n is None else f"to {n:g} N" for n in forces)
+    return f"Every item is squeezed {' or '.join(said)}."
+
+
 def measured_crates(
-    *, level: str, sensor: int, taught: int, sorted_items: int, second: bool = False
+    *,
+    level: str,
+    sensor: int,
+    taught: int,
+    sorted_items: int,
+    second: bool = False,
+    target_force_n: float | None = None,
 ) -> list[CrateItemGrasps]:
     """Calibrate a sensor, grasp a number of items of each kind to teach it, then a crate to sort.
 
@@ -84,7 +100,7 @@ def measured_crates(
         array=table.array,
         gripper=table.gripper,
         clock=table.clock,
-        plan=plan_grasp(calibration, gripper=table.gripper),
+        plan=plan_grasp(calibration, gripper=table.gripper, target_force_n=target_force_n),
         rig="sim-rigid",
         origin="twin",
         calibration_id=calibration.sensor_id,
@@ -128,6 +144,7 @@ def _grasped(
         stiffness_n_per_mm=stiffness,
         damaged=damaged,
         grasps=tuple(found),
+        target_force_n=hand.plan.target_force_n,
     )
 
 

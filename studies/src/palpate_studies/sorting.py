@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.commands.options import JsonOption
+from palpate.commands.options import JsonOption, TargetForceOption
 from palpate.estimate.measurement import Measurement
 from palpate.produce.identify.identifier import Identifier, as_labelled
 from palpate.produce.sorting.conditions import Evidence, KindIs, SizeWithin
@@ -37,7 +37,13 @@ from palpate_studies.identify import (
     summed,
 )
 from palpate_studies.identify_baselines import Guess, guesses
-from palpate_studies.identify_data import LEVELS, SORTED_GRASPS, CrateItemGrasps, write_crates
+from palpate_studies.identify_data import (
+    LEVELS,
+    SORTED_GRASPS,
+    CrateItemGrasps,
+    squeeze_in_words,
+    write_crates,
+)
 from palpate_studies.plots.sorting import purity_figure
 from palpate_studies.report import OutOption, StudyReport, Table
 
@@ -82,6 +88,7 @@ def command(
     rules: Annotated[
         Path | None, typer.Option(help="Rules file; by default one bin per kind.", metavar="FILE")
     ] = None,
+    target_force_n: TargetForceOption = None,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -90,7 +97,7 @@ def command(
     Example: palpate study sorting --out reports
     """
     book = BOOK if rules is None else read_rules(rules)
-    found = crates_of(crates, sensors=sensors, items=items)
+    found = crates_of(crates, sensors=sensors, items=items, target_force_n=target_force_n)
     if rules is not None:
         check_kinds(book, taught={item.kind for item in found if item.teaches}, path=rules)
     report(found, book=book).emit(as_json=as_json, out=out)
@@ -186,10 +193,9 @@ def report(crates: Sequence[CrateItemGrasps], *, book: RuleBook = BOOK) -> Study
         provenance=(
             f"Simulated: {len(sorting)} items sorted, a quarter of them strangers; taught and "
             "measured as in `palpate study identify`. Right is where the rules would send the item "
-            "if everything of it were known.",
+            "if everything of it were known. " + squeeze_in_words(crates),
             f"Items per hour count {CARRY_S:g} s to bring and carry away an item and {TURN_S:g} s "
-            "to turn it for another grasp: assumed, not simulated. Approaching in 1 mm steps from "
-            "the open hand is most of the rest.",
+            "to turn it for another grasp: assumed, not simulated.",
             f"Pressed beyond their yield in up to {SORTED_GRASPS} grasps: {damaged} of "
             f"{len(sorting)} items.",
         ),

@@ -293,28 +293,37 @@ def test_items_before_other_fingers_are_named_line_by_line(
         assert kept.grasps_of("A17")
 
 
-def test_a_damage_file_makes_the_hand_gentler(
+def test_a_damage_file_makes_the_hand_gentler_and_a_target_firmer(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig, path = tmp_path / "rig.toml", tmp_path / "size.toml"
     rig.write_text('use = "sim-rigid"\n')
     path.write_text(BY_SIZE)
+    limited, firm = ("--damage", write_damage_file(tmp_path)), ("--target-force-n", "9")
     peak_n = []
-    for n, told in enumerate(((), ("--damage", write_damage_file(tmp_path)))):
+    for n, told in enumerate(((), limited, firm, limited + firm)):
         store = tmp_path / f"{n}.sqlite"
         monkeypatch.setattr("sys.stdin", io.StringIO("A17\n\n\n"))
         status, _, _ = palpate("sort", "--rules", path, "--rig", rig, "--store", store, *told)
         assert status == 0
         with Store.open(store) as kept:
             peak_n.append(kept.grasps_of("A17")[0].peak_force_n)
-    assert 0 < peak_n[1] < 0.9 * peak_n[0]
+    gentle_n, limited_n, firm_n, firm_but_limited_n = peak_n
+    assert 0 < limited_n < 0.9 * gentle_n
+    assert gentle_n + 1.0 < firm_n < 10.0
+    assert firm_but_limited_n < gentle_n
 
 
-def test_a_damage_file_needs_a_hand(palpate: Palpate, tmp_path: Path, rules: Path) -> None:
+def test_how_hard_to_press_needs_a_hand(palpate: Palpate, tmp_path: Path, rules: Path) -> None:
     file = write_damage_file(tmp_path)
-    status, _, err = palpate("sort", "--rules", rules, "--damage", file)
+    for told in (("--damage", file), ("--target-force-n", "5")):
+        status, _, err = palpate("sort", "--rules", rules, *told)
+        assert status == 2
+        assert told[0] in err
+        assert "nothing is grasped; name a --rig" in err
+    status, _, err = palpate("sort", "--rules", rules, "--target-force-n", "900")
     assert status == 2
-    assert "nothing is grasped; name a --rig" in err
+    assert "force ceiling" in err
 
 
 def test_soft_fingers_can_not_decide_on_class_or_size(palpate: Palpate, tmp_path: Path) -> None:

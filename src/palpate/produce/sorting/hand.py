@@ -54,7 +54,7 @@ class SortingHand:
     array: PressureArray
     gripper: Gripper
     clock: Clock
-    #: A gentle squeeze.
+    #: By default a gentle squeeze.
     plan: Plan
     #: As they stand in the records of grasps.
     rig: str
