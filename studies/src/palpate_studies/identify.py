@@ -101,9 +101,7 @@ def crates_of(
     """Return crates from a file, or grasp them; `second`: of the second generator."""
     if path is not None:
         if target_force_n is not None:
-            raise InputError(
-                f"--target-force-n: what {path} holds was grasped already; leave it out"
-            )
+            raise InputError(f"--target-force-n: {path} was grasped already; leave one of them out")
         return read_crates(path)
     first = SECOND_SENSOR if second else FIRST_SENSOR
     return [
