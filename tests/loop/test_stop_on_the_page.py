@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, CDPSession, Page, Request, expect
+from playwright.sync_api import Browser, CDPSession, Page, Request, Route, expect
 from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, drive, fresh, served, serving
 
 __all__ = ["browser"]
@@ -333,6 +333,51 @@ def test_what_a_stop_overtakes_does_not_begin_after_it(browser: Browser, address
         page.unroute("**/live?*")
         fresh(page)
         expect(page.locator("#verdict-text")).to_have_text("ready")
+
+
+def test_while_orders_can_not_be_sent_it_says_so_and_keeps_none(
+    browser: Browser, address: str
+) -> None:
+    """Answers come, the socket of the presses is away: kept, a press would move the hand later."""
+    with viewer(browser, address, "laptop") as one:
+        page = one.page
+        drive(page)
+        expect(page.locator("#grasp")).to_be_enabled()
+        page.evaluate("window.socket.disconnect(); document.getElementById('grasp').click()")
+        expect(page.locator("#lost-title")).to_have_text("No connection")
+        expect(page.locator("#lost-why")).to_contain_text("Only STOP can be sent")
+        expect(page.locator("#lost-why")).not_to_contain_text("values shown are old")
+        asked = len(one.asked)
+        page.mouse.click(*one.middle)
+        one.confirmed(after=asked)
+        page.evaluate("window.socket.connect()")
+        expect(page.locator("#lost")).to_be_hidden()
+        expect(page.locator("#verdict-text")).to_have_text("ready")
+        drive(page)
+        page.locator("#grasp").click()
+        expect(page.locator("body")).to_have_attribute("data-activity", "grasping")
+        page.mouse.click(*one.middle)
+        one.confirmed(after=asked + 1)
+
+
+def test_a_press_that_comes_late_moves_nothing(browser: Browser, address: str) -> None:
+    def late(route: Route) -> None:
+        reply = route.fetch()
+        told = reply.json()
+        route.fulfill(response=reply, json=told | {"server_s": told["server_s"] - 10.0})
+
+    with viewer(browser, address, "laptop") as one:
+        page = one.page
+        drive(page)
+        page.route("**/live?*", late)
+        drawn = int(page.locator("body").get_attribute("data-drawn") or 0)
+        page.wait_for_function(
+            "drawn => Number(document.body.dataset.drawn) > drawn + 1", arg=drawn
+        )
+        page.locator("#grasp").click()
+        expect(page.locator(".q-notification")).to_contain_text("s late: press again")
+        expect(page.locator("body")).not_to_have_attribute("data-activity", "grasping")
+        page.unroute_all(behavior="wait")
 
 
 def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import os
 import socket
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -130,7 +131,7 @@ def _routes(app_state: AppState) -> None:
             after_s=after_s,
             tr=language_for(lang, ""),
         )
-        return JSONResponse(found)
+        return JSONResponse(found | {"server_s": time.monotonic()})
 
     @app.get("/grasps.csv")
     def grasps() -> Response:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 
 from nicegui import ui
@@ -11,6 +13,10 @@ from palpate.dashboard.language import ENGLISH, Language, Message, error_text
 from palpate.dashboard.orders import Order
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
+
+#: What moves the hand is refused when its press arrives later than this; a slow server may take a
+#: second or two.
+_LATE_S = 4.0
 
 
 class Viewer:
@@ -26,14 +32,23 @@ class Viewer:
         What the viewer reads.
     query : str
         What the viewer's address asked for, and links keep: ``?lang=de``, or nothing.
+    now_s : callable
+        The clock that the page is told.
     """
 
     def __init__(
-        self, session: Session, *, viewer_id: str, tr: Language = ENGLISH, query: str = ""
+        self,
+        session: Session,
+        *,
+        viewer_id: str,
+        tr: Language = ENGLISH,
+        query: str = "",
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._session, self._id = session, viewer_id
         self.tr, self.query = tr, query
-        self._knew_stops = session.stops
+        self._knew_stops, self._now_s = session.stops, now_s
+        self._pressed_s = math.inf
         self._refreshers: list[tuple[Callable[[], None], ui.element | None]] = []
 
     @property
@@ -41,13 +56,16 @@ class Viewer:
         """Whether this viewer drives."""
         return self._session.driver == self._id
 
-    def pressed(self, knew_stops: object) -> None:
-        """Take in how many stops the page knew of when something on it was pressed.
+    def pressed(self, known: object) -> None:
+        """Take in what the page knew when something on it was pressed.
 
-        A press of stop has a faster way than all others: what was pressed before it may come later.
+        How many stops: a press of stop has a faster way than all others, and what was pressed
+        before it may come later. When, by the clock of this server: a network that was away
+        delivers what it kept.
         """
-        if isinstance(knew_stops, int):
-            self._knew_stops = knew_stops
+        match known:
+            case {"stops": int(stops), "at_s": int() | float() as at_s}:
+                self._knew_stops, self._pressed_s = stops, float(at_s)
 
     def order(self, order: Order) -> None:
         """Order something; a refusal is shown."""
@@ -133,12 +151,22 @@ class Viewer:
 
     def _try(self, press: Callable[[], None], *, moves: bool = False) -> None:
         try:
-            if moves and self._knew_stops < self._session.stops:
-                raise InputError(Message("stopped before it began"))
+            if moves:
+                self._check_fresh()
             press()
         except InputError as error:
             self.refuse(error)
         self.refresh()
+
+    def _check_fresh(self) -> None:
+        """Refuse what was pressed before a stop, or so long ago that nobody expects it now."""
+        if self._knew_stops < self._session.stops:
+            raise InputError(Message("stopped before it began"))
+        late_s = self._now_s() - self._pressed_s
+        if late_s > _LATE_S:
+            raise InputError(
+                Message("the press came {late_s:.0f} s late: press again", late_s=late_s)
+            )
 
     def refuse(self, error: Exception) -> None:
         """Show why something can't be."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import cast
 
+import pytest
 from nicegui import ui
 
+from palpate.dashboard.orders import Examine
 from palpate.dashboard.session import Session
 from palpate.dashboard.viewer import Viewer
 
@@ -27,3 +29,23 @@ def test_what_left_the_page_is_no_longer_refreshed() -> None:
     row.is_deleted = False
     viewer.refresh()
     assert called == ["page"] * 2
+
+
+def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A network that was away delivers what it kept: by then nobody expects a movement."""
+    sent: list[object] = []
+    refused: list[str] = []
+    monkeypatch.setattr(ui, "notify", lambda text, **options: refused.append(text))
+    now_s = [100.0]
+    session = Session(send=sent.append)
+    session.join("a")
+    viewer = Viewer(session, viewer_id="a", now_s=lambda: now_s[0])
+    for at_s, said in ((100.0, ""), (96.5, ""), (88.0, "the press came 12 s late: press again")):
+        viewer.pressed({"stops": session.stops, "at_s": at_s})
+        viewer.order(Examine())
+        assert ("late" in said) == any("late" in one for one in refused), refused
+    assert refused[-1] == "the press came 12 s late: press again"
+    viewer.pressed({"stops": session.stops, "at_s": 101.0})
+    now_s[0] = 130.0
+    viewer.release()
+    assert refused[-1] == "the press came 29 s late: press again"

@@ -3,11 +3,11 @@
 import { fixed, lang, t } from "/static/words.js";
 
 // An answer may come long after the connection counts as lost: asking again would make a slow one slower.
-const PERIOD_MS = 66, GIVEN_UP_MS = 4000, LOST_MS = 1000, LOOK_MS = 100;
+const PERIOD_MS = 66, GIVEN_UP_MS = 4000, LOST_MS = 1000, LOOK_MS = 100, RETRY_MS = 250;
 const GREYED = ".figure, .measures, #next-step, .item, .force, .panel-body, .panel-foot";
 export const $ = (id) => document.getElementById(id);
 export const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
-export const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0, stops: null };
+export const seen = { generation: -1, curve: [], band: [], at: performance.now(), hungS: null, drawn: 0, stops: null, serverS: null, askedAt: 0, socketAt: Infinity, vain: false };
 // A screen reader speaks of what is written: nothing is, unless it changed.
 export const say = (element, text) => { if (element && element.textContent !== text) element.textContent = text; };
 
@@ -55,12 +55,24 @@ function drawHead(doc) {
   say($("trouble-text"), doc.trouble.text);
 }
 
+// Presses travel by the framework's socket, which can be away while answers still come.
+function awayMs() {
+  if (window.socket?.connected) {
+    // Soon back: by itself it may wait for seven seconds although the server answers again.
+    if (seen.socketAt === Infinity) window.socket.io.reconnectionDelay(RETRY_MS).reconnectionDelayMax(2 * RETRY_MS);
+    Object.assign(seen, { socketAt: performance.now(), vain: false });
+    return 0;
+  }
+  return performance.now() - seen.socketAt;
+}
+
 // Everything on the stage is old once the server, or the process behind it, says nothing more.
 function drawLoss(onLost) {
   const pill = $("link"), box = $("lost");
   if (!pill || !box) return;
   const silentMs = performance.now() - seen.at, server = silentMs > LOST_MS, devices = seen.hungS !== null;
-  const lost = server || devices, agoS = (server ? silentMs / 1000 : 0) + (seen.hungS ?? 0);
+  const unsentMs = awayMs(), unsent = unsentMs > LOST_MS || (seen.vain && unsentMs > 0);
+  const lost = server || devices || unsent, agoS = Math.max((server ? silentMs / 1000 : 0) + (seen.hungS ?? 0), unsent ? unsentMs / 1000 : 0);
   if (lost && !document.body.classList.contains("lost")) onLost();
   document.body.classList.toggle("lost", lost);
   // What is greyed is reported as unavailable too.
@@ -68,11 +80,13 @@ function drawLoss(onLost) {
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
   const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
-  headline(box, $("lost-title"), server ? t("No connection") : t("The devices are silent"));
-  $("lost-why").textContent = [`${ago}.`, server ? t("palpate serve does not answer.") : "", t("The values shown are old; the hand may still move or hold.")].filter(Boolean).join(" ");
+  headline(box, $("lost-title"), server || unsent ? t("No connection") : t("The devices are silent"));
+  const why = server ? t("palpate serve does not answer.") : unsent ? t("Only STOP can be sent; the page connects again by itself.") : "";
+  const old = server || devices ? t("The values shown are old; the hand may still move or hold.") : "";
+  $("lost-why").textContent = [`${ago}.`, why, old].filter(Boolean).join(" ");
   pill.dataset.state = "stale";
   $("link-age").textContent = "";
-  $("link-text").textContent = `${server ? t("NO CONNECTION") : t("DEVICES SILENT")} · ${ago}`;
+  $("link-text").textContent = `${server || unsent ? t("NO CONNECTION") : t("DEVICES SILENT")} · ${ago}`;
 }
 
 async function tick(draw, onLost) {
@@ -87,7 +101,7 @@ async function tick(draw, onLost) {
     seen.band.push(...doc.band.filter((b) => b[0] > newest));
     if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
     if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
-    Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops });
+    Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
     if ($("link") && $("verdict")) {
       drawHead(doc);
       draw(doc);
@@ -102,11 +116,24 @@ async function tick(draw, onLost) {
   setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)), draw, onLost);
 }
 
+// Before the press itself, on the same way: what a stop overtakes must not begin after it, nor what
+// comes so late that nobody expects it any more (by the server's clock).
+function pressed(press) {
+  if (awayMs() > 0 && !press.target.closest("#stop, a")) {
+    // It would be kept, and the hand would move at some later moment.
+    press.stopImmediatePropagation();
+    press.preventDefault();
+    seen.vain = true;
+    return;
+  }
+  const atS = seen.serverS === null ? null : seen.serverS + (performance.now() - seen.askedAt) / 1000;
+  window.emitEvent?.("press", { stops: seen.stops, at_s: atS });
+}
+
 export function follow(draw, onLost = () => {}) {
   // The framework's own words of a lost socket lie outside of all landmarks, unless they are an alert.
   $("popup")?.setAttribute("role", "alert");
   setInterval(drawLoss, LOOK_MS, onLost);
-  // Before the press itself, on the same way: what a stop overtakes must not begin after it.
-  window.addEventListener("click", () => window.emitEvent?.("press", seen.stops), true);
+  window.addEventListener("click", pressed, true);
   tick(draw, onLost);
 }
