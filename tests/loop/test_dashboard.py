@@ -385,6 +385,30 @@ def test_a_slow_connection_is_told_and_still_shows_what_comes(come: Callable[...
     expect(page.locator("#lost")).to_be_visible()
 
 
+#: The next answer never comes, as when a network goes away unnoticed; those asked for later do.
+#: Resolves to whether the page came back while it still waited for that one.
+_ONE_NEVER_COMES = """() => new Promise((told) => {
+    const asked = window.fetch;
+    window.fetch = (...what) => {
+        if (!String(what[0]).startsWith('/live')) return asked(...what);
+        window.fetch = asked;
+        return new Promise((_, refuse) => {
+            const drawn = Number(document.body.dataset.drawn);
+            what[1].signal.addEventListener('abort', () => {
+                told(Number(document.body.dataset.drawn) > drawn);
+                refuse(what[1].signal.reason);
+            });
+        });
+    };
+})"""
+
+
+def test_an_answer_that_never_comes_holds_up_no_later_one(come: Callable[..., Page]) -> None:
+    page = come()
+    fresh(page)
+    assert page.evaluate(_ONE_NEVER_COMES)
+
+
 def test_a_damage_file_has_the_page_ask_for_the_kind(
     come: Callable[..., Page], tmp_path: Path
 ) -> None:

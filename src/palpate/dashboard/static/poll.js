@@ -2,8 +2,8 @@
 // nobody. Draws itself what every view has: the head, and the loss of the connection.
 import { fixed, lang, t } from "/static/words.js";
 
-// An answer may come long after the connection counts as lost: asking again would make a slow one slower.
-const PERIOD_MS = 66, GIVEN_UP_MS = 4000, LOST_MS = 1000, LOOK_MS = 100, RETRY_MS = 250;
+// A slow answer is still taken long after the connection counts as lost.
+const PERIOD_MS = 66, GIVEN_UP_MS = 4000, BESIDE_MS = 2000, LOST_MS = 1000, LOOK_MS = 100, RETRY_MS = 250;
 const GREYED = ".figure, .measures, #next-step, .item, .force, .panel-body, .panel-foot";
 export const $ = (id) => document.getElementById(id);
 export const esc = (text) => String(text).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
@@ -89,31 +89,44 @@ function drawLoss(onLost) {
   $("link-text").textContent = `${server || unsent ? t("NO CONNECTION") : t("DEVICES SILENT")} · ${ago}`;
 }
 
+function take(doc, began) {
+  if (doc.generation !== seen.generation) Object.assign(seen, { generation: doc.generation, curve: [], band: [] });
+  const after = (points) => ([time]) => !points.length || time > points[points.length - 1][0];
+  seen.curve.push(...doc.curve.filter(after(seen.curve)));
+  seen.band.push(...doc.band.filter(after(seen.band)));
+  if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
+  if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
+  Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
+}
+
+let asked = 0, taken = 0, next = 0;
+
 async function tick(draw, onLost) {
-  const began = performance.now();
+  const began = performance.now(), number = (asked += 1);
+  // A network that went away unnoticed never answers: the next one does not wait for it to be given up.
+  next = setTimeout(tick, BESIDE_MS, draw, onLost);
   try {
     const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : -1e9;
     const reply = await fetch(`/live?generation=${seen.generation}&after_s=${last}&lang=${lang}`, { cache: "no-store", signal: AbortSignal.timeout(GIVEN_UP_MS) });
     const doc = await reply.json();
-    if (doc.generation !== seen.generation) Object.assign(seen, { generation: doc.generation, curve: [], band: [] });
-    seen.curve.push(...doc.curve);
-    const newest = seen.band.length ? seen.band[seen.band.length - 1][0] : -1e9;
-    seen.band.push(...doc.band.filter((b) => b[0] > newest));
-    if (seen.curve.length > 4500) seen.curve.splice(0, seen.curve.length - 4500);
-    if (seen.band.length > 900) seen.band.splice(0, seen.band.length - 900);
-    Object.assign(seen, { at: performance.now(), hungS: doc.link.hung_s, stops: doc.stops, serverS: doc.server_s, askedAt: began });
-    if ($("link") && $("verdict")) {
-      drawHead(doc);
-      draw(doc);
-      document.body.dataset.activity = doc.activity;
-      document.body.dataset.recording = doc.recording ?? "";
-      document.body.dataset.drawn = seen.drawn += 1;
-      drawLoss(onLost);
+    if (number > taken) {
+      taken = number;
+      take(doc, began);
+      if ($("link") && $("verdict")) {
+        drawHead(doc);
+        draw(doc);
+        document.body.dataset.activity = doc.activity;
+        document.body.dataset.recording = doc.recording ?? "";
+        document.body.dataset.drawn = seen.drawn += 1;
+        drawLoss(onLost);
+      }
     }
   } catch {
     // drawLoss says how long nothing came.
   }
-  setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)), draw, onLost);
+  if (number < asked) return;
+  clearTimeout(next);
+  next = setTimeout(tick, Math.max(10, PERIOD_MS - (performance.now() - began)), draw, onLost);
 }
 
 // Before the press itself, on the same way: what a stop overtakes must not begin after it, nor what
