@@ -47,10 +47,13 @@ def ask(address: str, method: str, path: str, body: object = None) -> Any:
         sys.exit(f"{method} {path}: {json.loads(refused.read())['detail']}")
 
 
-def wait(address: str, reached: Callable[[dict[str, Any]], bool]) -> None:
-    """Ask for the state until it is as wanted."""
+def wait(address: str, reached: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Ask for the state until it is as wanted, and return it."""
     until_s = time.monotonic() + PATIENCE_S
-    while not reached(state := ask(address, "GET", "/state")):
+    while True:
+        state: dict[str, Any] = ask(address, "GET", "/state")
+        if reached(state):
+            return state
         if time.monotonic() > until_s:
             sys.exit(f"waited {PATIENCE_S:g} s, and it is {state['activity']}: {state['trouble']}")
         time.sleep(POLL_S)
@@ -58,8 +61,10 @@ def wait(address: str, reached: Callable[[dict[str, Any]], bool]) -> None:
 
 def measure(address: str, item_id: str) -> dict[str, Any]:
     """Grasp what lies between the fingers, give it back, and return the result."""
-    wait(address, lambda at: at["activity"] == "watching" and at["fresh"])
-    begun = ask(address, "POST", "/grasp", {"item_id": item_id})
+    ready = wait(address, lambda at: at["activity"] == "watching" and at["fresh"])
+    # Whoever stops from now on stops this order too, even if it comes later.
+    order = {"item_id": item_id, "stops": ready["stops"]}
+    begun = ask(address, "POST", "/grasp", order)
     # The grasp may end by itself: nothing there, slipped, stopped.
     wait(address, lambda at: at["activity"] == "watching" or at["answered"])
     if ask(address, "GET", "/state")["activity"] == "grasping":

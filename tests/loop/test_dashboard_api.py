@@ -99,6 +99,20 @@ def test_a_grasp_from_its_order_to_its_result_and_its_item(machine: Machine) -> 
     assert item["grasps"][0]["recording"].endswith(grasp["recording"])
 
 
+def test_an_order_that_a_stop_overtook_does_not_begin_after_it(machine: Machine) -> None:
+    known = machine.ask("GET", "/state")[1]["stops"]
+    assert machine.ask("POST", "/stop") == (200, {"stopped": True})
+    status, refused = machine.ask("POST", "/grasp", {"stops": known})
+    assert (status, refused["detail"].partition(":")[0]) == (409, "stopped before it began")
+    state = machine.ask("GET", "/state")[1]
+    assert (state["activity"], state["stops"]) == ("watching", known + 1)
+    assert machine.ask("POST", "/grasp", {"stops": state["stops"]})[0] == 202
+    machine.until(lambda at: at["phase"] is not None)
+    assert machine.ask("POST", "/stop") == (200, {"stopped": True})
+    machine.until(lambda at: at["activity"] == "watching")
+    assert machine.ask("POST", "/release")[0] == 202
+
+
 def test_a_stop_ends_a_grasp_whoever_drives(machine: Machine) -> None:
     assert machine.ask("POST", "/grasp", {})[0] == 202
     machine.until(lambda at: at["phase"] not in (None, "wait"))

@@ -40,6 +40,11 @@ class GraspRequest(BaseModel):
     )
     item_id: str = Field("", max_length=80, description="What it is, to keep it in the store.")
     kind: str = Field("", max_length=80, description="Kind of produce, for its damage limit.")
+    stops: int | None = Field(
+        None,
+        ge=0,
+        description="`stops` of the state as the sender knew it: refused if a stop came since.",
+    )
 
 
 class GraspBegun(BaseModel):
@@ -121,8 +126,10 @@ def _act(api: FastAPI, app_state: AppState) -> None:
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
+        if wanted.stops is not None and wanted.stops < session.stops:
+            raise HTTPException(409, "stopped before it began: ask for the state, then order again")
         try:
-            order = app_state.grasp_order(**wanted.model_dump())
+            order = app_state.grasp_order(**wanted.model_dump(exclude={"stops"}))
         except InputError as error:
             raise HTTPException(422, str(error)) from error
         with _allowed():

@@ -22,5 +22,6 @@ def state_document(session: Session) -> dict[str, object]:
         "hand_open": live.open_hand,
         "driver": session.driver is not None,
         "trouble": session.devices.trouble,
+        "stops": session.stops,
         "stopped_after_s": session.devices.stopped_after_s,
     }
