@@ -57,7 +57,7 @@ def sort(
     """Sort items into bins by readable rules; report why, how purely and how fast.
 
     What is unsure is grasped again, as often as the rules allow. A firmer squeeze
-    (--target-force-n) tells kinds apart better; --damage keeps it below what produce bears. With a
+    (--target-force-n) distinguishes better; --damage keeps it below what produce bears. With a
     rig, items, grasps and
     verdicts go to the store; a simulated crate goes there only with --store.
 
