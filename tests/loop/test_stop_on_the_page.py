@@ -12,7 +12,16 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, CDPSession, Page, Request, Route, expect
-from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, drive, fresh, served, serving
+from tests.loop.test_dashboard import (
+    PATIENCE_MS,
+    SIMULATED,
+    browser,
+    drive,
+    fresh,
+    release,
+    served,
+    serving,
+)
 
 __all__ = ["browser"]
 
@@ -358,6 +367,8 @@ def test_while_orders_can_not_be_sent_it_says_so_and_keeps_none(
         expect(page.locator("body")).to_have_attribute("data-activity", "grasping")
         page.mouse.click(*one.middle)
         one.confirmed(after=asked + 1)
+        expect(page.locator("body")).to_have_attribute("data-activity", "watching")
+        release(page)
 
 
 def test_a_press_that_comes_late_moves_nothing(browser: Browser, address: str) -> None:
