@@ -97,6 +97,7 @@ class DeviceProcess:
         self._stop_number = self._stop_confirmed = 0
         self._writer: RecordingWriter | None = None
         self._troubled = ""
+        self._grasping = False
         self._telemetry = Telemetry(connection.send, on_lost=lambda: self._hear(Shutdown()))
 
     def run(self) -> None:
@@ -134,8 +135,11 @@ class DeviceProcess:
             case Shutdown():
                 self._gone.set()
                 self._stop(context)
-            case ReleaseNow():
+            case ReleaseNow() if self._grasping and not self._requests.stop.is_set():
                 self._requests.release.set()
+            case ReleaseNow():
+                # The grasp that it is meant for is stopped, or has ended: the hand opens next.
+                self._append(OpenHand())
             case Confirm():
                 self._confirmed.set()
             case Seek() | Pause() | SetSpeed() if (playback := self._playback) is not None:
@@ -146,11 +150,14 @@ class DeviceProcess:
             case Seek() | Pause():
                 pass  # the replay has just ended
             case _:
-                with self._lock:
-                    self._orders.append(message)
-                self._arrived.set()
+                self._append(message)
         if context is not None and isinstance(context.array, PacedArray):
             context.array.hurry()
+
+    def _append(self, order: Order) -> None:
+        with self._lock:
+            self._orders.append(order)
+        self._arrived.set()
 
     def _stop(self, context: JobContext | None) -> None:
         """Stop what runs, and whatever was to run next: no order may outlive a stop."""
@@ -206,11 +213,14 @@ class DeviceProcess:
         self._telemetry.note(Began(order=order))
         found: Grasped | Calibrated | Health | None = None
         trouble, stopped = "", False
+        self._grasping = isinstance(order, GraspOrder)
         try:
             found = self._done(order)
         except (PalpateError, OSError) as error:
             # What fails while a stop is on its way has still failed, and is reported as that.
             trouble, stopped = error_text(error), isinstance(error, StoppedByUserError)
+        finally:
+            self._grasping = False
         context = self._context
         if isinstance(order, Play | CalibrateRest | CalibrateForce) and context is not None:
             # Before the end is reported: the next order must not find a link without a frame.

@@ -195,6 +195,23 @@ def test_a_stop_mid_grasp_leaves_the_hand_where_it_was(opened: Page, tmp_path: P
     assert not opened.done(OpenHand()).trouble
 
 
+def test_a_release_right_after_a_stop_opens_the_hand(opened: Page, tmp_path: Path) -> None:
+    """It comes while what was stopped still ends: its recording is being written."""
+    order = GraspOrder(target_force_n=None, recording=tmp_path / "stopped.mcap")
+    opened.send(order)
+    opened.until(lambda update: update.frames is not None and update.frames.reported[-1] < 60.0)
+    opened.send(StopNow())
+    opened.send(ReleaseNow())
+    assert not opened.ended(OpenHand()).trouble
+    notes = [note for update in opened.updates for note in update.notes]
+    (ended,) = [note for note in notes if isinstance(note, Ended) and note.order == order]
+    assert isinstance(ended.found, Grasped)
+    assert ended.found.result.outcome is Outcome.STOPPED
+    # One that comes when a grasp has just ended by itself is not lost either.
+    opened.send(ReleaseNow())
+    assert not opened.ended(OpenHand()).trouble
+
+
 def test_no_order_outlives_a_stop(opened: Page, tmp_path: Path) -> None:
     first = GraspOrder(target_force_n=None, recording=tmp_path / "first.mcap")
     second = GraspOrder(target_force_n=None, recording=tmp_path / "second.mcap")
