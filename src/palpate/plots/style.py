@@ -119,12 +119,15 @@ def legend_below(figure: Figure, axes: Any, *, entry_in: float = _ENTRY_IN) -> N
     for axis in axes.flat:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    columns = min(len(entries), max(1, int(figure.get_figwidth() / entry_in)))
-    # A legend is filled column by column.
-    labels = [label for first in range(columns) for label in [*entries][first::columns]]
-    figure.legend(
-        [entries[label] for label in labels], labels, loc="outside lower center", ncols=columns
-    )
+    most = min(len(entries), max(1, int(figure.get_figwidth() / entry_in)))
+    for columns in range(most, 0, -1):
+        # A legend is filled column by column.
+        labels = [label for first in range(columns) for label in [*entries][first::columns]]
+        handles = [entries[label] for label in labels]
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            return
+        legend.remove()
 
 
 def letter_panels(figure: Figure) -> None:

@@ -54,6 +54,17 @@ def test_numbers_between_powers_of_ten_stand_in_line_with_them() -> None:
     assert max(tops) - min(tops) < 0.5
 
 
+def test_a_legend_below_is_never_cut() -> None:
+    """Long names: fewer columns than were asked for."""
+    with new_figure(columns=1, width_in=7.2, height_in=4.4) as (figure, axes):
+        for name in ("short", "a long name " * 6, "another long name " * 4):
+            axes[0, 0].plot([0, 1], [0, 1], label=name)
+        legend_below(figure, axes, entry_in=2.3)
+    (legend,) = figure.legends
+    assert 0 < legend.get_window_extent().width <= figure.bbox.width
+    assert legend.get_texts()[0].get_text() == "short"
+
+
 def test_a_legend_below_is_read_row_by_row() -> None:
     names = ["before", "after", "alone", "before, published", "after, published"]
     with new_figure() as (figure, axes):
