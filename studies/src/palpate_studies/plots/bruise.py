@@ -75,7 +75,7 @@ def draw_roc(
     levels: Mapping[str, Mapping[str, tuple[NDArray[np.bool_], FloatArray]]],
 ) -> Figure:
     """Draw ROC curves: level -> label -> truth and score of each side."""
-    with new_figure(columns=len(levels), width_in=7.2, height_in=4.4) as (figure, axes):
+    with new_figure(columns=len(levels), width_in=7.2, height_in=5.2) as (figure, axes):
         for axis, (level, ways) in zip(axes[0], levels.items(), strict=True):
             axis.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=":")
             for (label, (truth, score)), colour in zip(ways.items(), _COLOURS, strict=False):
