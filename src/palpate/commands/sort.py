@@ -65,7 +65,7 @@ def sort(
     """
     from palpate.commands.sort_report import SortReport
     from palpate.commands.sort_run import sort_from_store, sort_with_rig
-    from palpate.commands.sort_supply import SimulatedCrate, Squeeze, open_supply
+    from palpate.commands.sort_supply import ItemSqueeze, SimulatedCrate, open_supply
     from palpate.estimate.damage_file import DamageFile
     from palpate.produce.sorting.rules_file import read_rules
 
@@ -78,7 +78,7 @@ def sort(
         report = SortReport(book=book, dry=True)
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:
-        squeeze = Squeeze(target_force_n=target_force_n, damage=limit)
+        squeeze = ItemSqueeze(target_force_n=target_force_n, damage=limit)
         supply = open_supply(rig, seed=seed, items=items, taught=taught, squeeze=squeeze)
         # Over a real hand people are asked for items: a bar would be in the way.
         crate = isinstance(supply, SimulatedCrate)

@@ -24,7 +24,7 @@ _SIMULATED = "sim-rigid"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Squeeze:
+class ItemSqueeze:
     """How hard items are pressed: as a grasp's plan has it."""
 
     target_force_n: float | None = None
@@ -75,7 +75,7 @@ class SimulatedCrate:
     teaching: Mapping[str, CrateItem]
 
     @classmethod
-    def open(cls, *, seed: int, items: int, taught: int, squeeze: Squeeze) -> SimulatedCrate:
+    def open(cls, *, seed: int, items: int, taught: int, squeeze: ItemSqueeze) -> SimulatedCrate:
         """Calibrate a sensor of the twin as a user would, and draw a crate."""
         from palpate.rig import Rig
         from palpate.rig.simulated import calibrated
@@ -143,7 +143,7 @@ class NamedByLine:
     rig: Rig
 
     @classmethod
-    def open(cls, name: str, *, squeeze: Squeeze) -> NamedByLine:
+    def open(cls, name: str, *, squeeze: ItemSqueeze) -> NamedByLine:
         """Open a rig."""
         from palpate.rig import open_rig
 
@@ -174,7 +174,7 @@ class NamedByLine:
         self.rig.close()
 
 
-def open_supply(rig: str, *, seed: int, items: int, taught: int, squeeze: Squeeze) -> Supply:
+def open_supply(rig: str, *, seed: int, items: int, taught: int, squeeze: ItemSqueeze) -> Supply:
     """Open the rig of a name; every item is pressed alike.
 
     Raises `InputError` or `DeviceError` if there is no such rig, or it does not open.
@@ -184,7 +184,7 @@ def open_supply(rig: str, *, seed: int, items: int, taught: int, squeeze: Squeez
     return NamedByLine.open(rig, squeeze=squeeze)
 
 
-def _hand(rig: Rig, squeeze: Squeeze) -> SortingHand:
+def _hand(rig: Rig, squeeze: ItemSqueeze) -> SortingHand:
     from palpate.grasp.planning import plan_grasp
     from palpate.produce.sorting.hand import SortingHand
     from palpate.produce.store.writing import calibration_id_of
