@@ -3,15 +3,17 @@
 Settled values
     `predict_settled` predicts where holds settle to, `SettlingStream` does so sample by sample;
     methods are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`.
-    `read_holds` yields each `Hold` of a file; `read_recording` and `cut_holds` find them in any
-    table, as `Readings`.
+    `read_holds` returns each `Hold` of a file, `plot_holds` draws them; `read_recording` and
+    `cut_holds` find them in any table, as `Readings`.
 Grasps
-    `open_rig` opens a `Rig`, `plan_grasp` makes a `Plan`, `run_grasp` returns a `GraspResult` with
-    an `Outcome`; each quantity measured is a `Measurement`.
+    `open_rig` opens a `Rig`; its `read` returns a `Reading`, its `grasp` a `Grip` that holds until
+    it is released. Below them, `plan_grasp` makes a `Plan`, and `run_grasp` returns a `GraspResult`
+    with an `Outcome`; each quantity measured is a `Measurement`.
 Recordings
     `load_recording`.
 Shared
-    `Status` is how an estimate came about; `PalpateError` is the root of what is raised.
+    `Status` is how an estimate came about; `PalpateError` is the root of what is raised, and
+    `InputError` says that an argument can't be used.
 
 Names are loaded on first use, so that ``import palpate`` costs nothing.
 """
@@ -21,17 +23,22 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from palpate.version import __version__ as __version__
+
 if TYPE_CHECKING:
-    from palpate.errors import PalpateError
+    from palpate.errors import InputError, PalpateError
     from palpate.estimate.measurement import Measurement
     from palpate.grasp.plan import Plan
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.result import GraspResult, Outcome
     from palpate.grasp.runner import run_grasp
     from palpate.holds import Hold, read_holds
+    from palpate.plots.holds import plot_holds
     from palpate.readings import Readings, cut_holds, read_recording
     from palpate.recording import load_recording
     from palpate.rig import Rig, open_rig
+    from palpate.rig.grip import Grip
+    from palpate.rig.reading import Reading
     from palpate.settling.exponential import Exponential
     from palpate.settling.predict import predict_settled
     from palpate.settling.recorded import Recorded
@@ -39,16 +46,17 @@ if TYPE_CHECKING:
     from palpate.settling.result import SettledEstimate, Status
     from palpate.settling.streaming import SettlingStream
 
-__version__ = "0.1.0"
-
 __all__ = [
     "Exponential",
     "GraspResult",
+    "Grip",
     "Hold",
+    "InputError",
     "Measurement",
     "Outcome",
     "PalpateError",
     "Plan",
+    "Reading",
     "Readings",
     "Recorded",
     "Relaxation",
@@ -60,6 +68,7 @@ __all__ = [
     "load_recording",
     "open_rig",
     "plan_grasp",
+    "plot_holds",
     "predict_settled",
     "read_holds",
     "read_recording",
@@ -69,11 +78,14 @@ __all__ = [
 _HOMES = {
     "Exponential": "palpate.settling.exponential",
     "GraspResult": "palpate.grasp.result",
+    "Grip": "palpate.rig.grip",
     "Hold": "palpate.holds",
+    "InputError": "palpate.errors",
     "Measurement": "palpate.estimate.measurement",
     "Outcome": "palpate.grasp.result",
     "PalpateError": "palpate.errors",
     "Plan": "palpate.grasp.plan",
+    "Reading": "palpate.rig.reading",
     "Readings": "palpate.readings",
     "Recorded": "palpate.settling.recorded",
     "Relaxation": "palpate.settling.relaxation",
@@ -85,6 +97,7 @@ _HOMES = {
     "load_recording": "palpate.recording",
     "open_rig": "palpate.rig",
     "plan_grasp": "palpate.grasp.planning",
+    "plot_holds": "palpate.plots.holds",
     "predict_settled": "palpate.settling.predict",
     "read_holds": "palpate.holds",
     "read_recording": "palpate.readings",

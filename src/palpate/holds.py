@@ -5,19 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import InputError
+from palpate.errors import InputError, needing
 from palpate.tables import Kind, Table, read_pieces
 
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
 _OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Hold:
     """One channel of one hold.
 
@@ -41,8 +41,63 @@ class Hold:
     values: NDArray[np.float64]
     unit: str | None = None
 
+    def __repr__(self) -> str:
+        name = self.hold_id if self.channel is None else f"{self.hold_id}:{self.channel}"
+        parts = [f"{self.time_s.size} samples"]
+        if self.time_s.size:
+            parts.append(f"{self.time_s[0]:g} to {self.time_s[-1]:g} s")
+        if self.unit is not None:
+            parts.append(self.unit)
+        return f"Hold({name!r}, {', '.join(parts)})"
 
-def read_holds(
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the samples on matplotlib axes, the current ones by default, and return the axes.
+
+        Raises
+        ------
+        MissingExtraError
+            If matplotlib is not installed.
+        """
+        with needing("a plot", extra="plots"):
+            import matplotlib.pyplot as plt
+        drawn = plt.gca() if axes is None else axes
+        drawn.plot(self.time_s, self.values, label=self.hold_id)
+        drawn.set_xlabel("time (s)")
+        drawn.set_ylabel("value" if self.unit is None else f"value ({self.unit})")
+        return drawn
+
+
+def read_holds(path: str | os.PathLike[str], *, until_s: float = float("inf")) -> list[Hold]:
+    """Read the holds of a file: CSV, gzipped CSV or Parquet.
+
+    Parameters
+    ----------
+    path, until_s
+        As for `iterate_holds`.
+
+    Returns
+    -------
+    list of Hold
+        In the order of the file.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As `iterate_holds`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> file = Path(tempfile.mkdtemp()) / "holds.csv"
+    >>> _ = file.write_text("hold_id,time_s,value\\na,0.0,5\\na,0.1,4\\n")
+    >>> read_holds(file)
+    [Hold('a', 2 samples, 0 to 0.1 s)]
+    """
+    return list(iterate_holds(path, until_s=until_s))
+
+
+def iterate_holds(
     path: str | os.PathLike[str],
     *,
     until_s: float = float("inf"),
@@ -83,7 +138,7 @@ def read_holds(
     >>> from pathlib import Path
     >>> file = Path(tempfile.mkdtemp()) / "holds.csv"
     >>> _ = file.write_text("hold_id,time_s,value\\na,0.0,5\\na,0.1,4\\nb,0.0,7\\n")
-    >>> [(hold.hold_id, hold.values.tolist()) for hold in read_holds(file)]
+    >>> [(hold.hold_id, hold.values.tolist()) for hold in iterate_holds(file)]
     [('a', [5.0, 4.0]), ('b', [7.0])]
     """
     pieces = read_pieces(path, columns=_COLUMNS, optional=_OPTIONAL, progress=progress)

@@ -82,3 +82,15 @@ def test_understand_prediction_draws_its_four_pictures(
     assert [name[:2] for name in drawn] == ["1-", "2-", "3-", "4-"]
     errors = dict(re.findall(r"  (\w+): ([\d.]+) %", capsys.readouterr().out))
     assert float(errors["relaxation"]) < float(errors["exponential"]) < float(errors["recorded"])
+
+
+def test_pick_and_place_shows_newtons_on_the_way_and_places(
+    run: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run("pick_and_place.py")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("Grip(held, size ")
+    forces = [float(line.split()[2]) for line in lines[1:-1]]
+    assert len(forces) == 10
+    assert all(1.0 < force < 4.0 for force in forces)
+    assert lines[-1] == "held (simulated)"

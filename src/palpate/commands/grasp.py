@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,11 +21,8 @@ from palpate.commands.options import (
 )
 
 if TYPE_CHECKING:
-    from palpate.commands.grasp_limit import Limit
-    from palpate.grasp.plan import Plan
     from palpate.grasp.result import GraspResult
     from palpate.grasp.runner import Subscriber, Watcher
-    from palpate.rig import Rig
 
 #: What each outcome means to a script: the answer is no, equipment lost, stopped by the user.
 EXIT_STATUS = {
@@ -108,6 +104,7 @@ def grasp(
     from palpate.grasp.runner import run_grasp
     from palpate.grasp.verdict import verdict
     from palpate.rig import open_rig
+    from palpate.rig.recorded import record_grasp
 
     limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
@@ -128,7 +125,8 @@ def grasp(
             subscribers.append(memory.see)
             watchers.append(memory.watch(plan))
         if record is not None:
-            recorder = _recorder(record, rig=devices, seed=seed, plan=plan, limit=limit)
+            text = None if limit is None else limit.text
+            recorder = record_grasp(record, rig=devices, plan=plan, damage=text)
             subscribers.append(stack.enter_context(recorder))
         result = run_grasp(
             plan,
@@ -175,27 +173,3 @@ def _exit_status(result: GraspResult, *, unkept: bool) -> int:
     if lost is not None and status < _NOT_KEPT:
         print(f"palpate grasp: {lost}", file=sys.stderr)
     return max(status, _NOT_KEPT) if lost is not None or unkept else status
-
-
-@contextmanager
-def _recorder(
-    path: Path, *, rig: Rig, seed: int, plan: Plan, limit: Limit | None
-) -> Iterator[Subscriber]:
-    """Yield a subscriber that writes every observation to a recording."""
-    from palpate.grasp.belief import Observation
-    from palpate.rig.recorded import open_grasp_recording
-
-    with open_grasp_recording(
-        path,
-        rig=rig,
-        seed=seed,
-        target_force_n=plan.target_force_n,
-        expect_size_mm=plan.expect_size_mm,
-        damage=None if limit is None else limit.text,
-        kind="" if limit is None else limit.kind,
-    ) as writer:
-
-        def recorder(observation: Observation) -> None:
-            writer.add_observation(observation.frame, gripper=observation.gripper)
-
-        yield recorder

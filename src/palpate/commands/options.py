@@ -9,7 +9,6 @@ from typing import Annotated, TypeAlias
 import typer
 
 from palpate.commands import completion
-from palpate.errors import InputError
 
 _FILE, _VARIABLE = Path("rig.toml"), "PALPATE_RIG"
 
@@ -62,13 +61,9 @@ DpiOption: TypeAlias = Annotated[
 
 def _possible(target_force_n: float | None) -> float | None:
     """Refuse a force that no grasp may reach."""
-    from palpate.grasp.safety import FORCE_CEILING_N
+    from palpate.grasp.planning import check_target_force
 
-    if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
-        raise InputError(
-            f"--target-force-n {target_force_n:g}: must be above 0 and at most "
-            f"{FORCE_CEILING_N:g} N, the force ceiling"
-        )
+    check_target_force(target_force_n, name="--target-force-n")
     return target_force_n
 
 

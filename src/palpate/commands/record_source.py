@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from palpate import __version__
 from palpate.clock import Clock, RealClock
 from palpate.errors import InputError
 from palpate.gripper.interface import GripperState
@@ -20,6 +19,7 @@ from palpate.sensor.array import PressureArray
 from palpate.sensor.board_array import open_board
 from palpate.sensor.serial_array import SerialArray
 from palpate.sensor.wire_messages import NO_READING
+from palpate.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from palpate.errors import InputError, PalpateError, RecordingError
-from palpate.holds import Hold, read_holds
+from palpate.holds import Hold, iterate_holds
 from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
 from palpate.readings.columns import TimeUnit, Unit
 from palpate.readings.holds import CutAt
@@ -80,7 +80,7 @@ class HoldSource:
         A file of a folder without any is skipped with a line on standard error.
         """
         if self._is_holds(file):
-            for hold in read_holds(file, until_s=until_s, progress=progress):
+            for hold in iterate_holds(file, until_s=until_s, progress=progress):
                 yield replace(hold, unit=self.reading.unit or hold.unit)
             return
         try:

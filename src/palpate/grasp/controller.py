@@ -90,7 +90,7 @@ def _wished(belief: Belief, plan: Plan) -> Move:
             return _release(belief, plan, Outcome.SLIPPED)
         if belief.phase in _HOLDING and (_falls(belief) or _rises(belief, plan)):
             return _release(belief.with_fault(_FALLS), plan, Outcome.SENSOR_LOST)
-        if belief.lasted_s > plan.longest_s:
+        if belief.phase is not Phase.HOLD and belief.lasted_s > plan.longest_s:
             return _release(belief, plan, Outcome.TIMED_OUT)
     return HANDLERS[belief.phase](belief, plan)
 

@@ -120,7 +120,7 @@ class Plan:
     hold_s : float
         How long to hold after the answer, before release.
     longest_s : float
-        A grasp that takes longer is given up: the hand opens.
+        A grasp without an answer by then is given up: the hand opens.
     level : float
         Probability that intervals are meant to cover.
     """

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import CalibrationError
+from palpate.errors import CalibrationError, InputError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.force import ForceLaw, PowerForceLaw
@@ -18,6 +19,7 @@ from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.sheet_creep import OwnCreep
 from palpate.estimate.weights_check import held_out_of_pairs, held_out_of_placements
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
+from palpate.grasp.safety import FORCE_CEILING_N
 from palpate.gripper.interface import Gripper
 from palpate.sensor.calibration import BlockPairs, Calibration, ForcePairs
 from palpate.settling.relaxation import Relaxation
@@ -28,6 +30,8 @@ from palpate.settling.relaxation import Relaxation
 DWELL_S = 0.42
 #: When the sheet counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
+#: Expected sizes below this, mm, are taken for a mistake (guess).
+LEAST_SIZE_MM = 1.0
 #: Pressure-driven fingers: fewest readings on a block; how much steeper than on that block the
 #: force may rise at another opening; steps (kPa) and rate (kPa/s) that bend the fingers about as
 #: far as the steps of a width-driven hand.
@@ -83,13 +87,22 @@ def plan_grasp(
     hold_s : float
         How long to hold after the answer, seconds.
     longest_s : float
-        A grasp that takes longer is given up, seconds.
+        A grasp that has not got its answer by then is given up, seconds.
 
     Raises
     ------
+    InputError
+        If a force or the expected size is out of range.
     CalibrationError
         If the calibration lacks what the grasp needs.
     """
+    check_target_force(target_force_n, name="target_force_n")
+    check_target_force(lift_force_n, name="lift_force_n")
+    if expect_size_mm is not None and not LEAST_SIZE_MM <= expect_size_mm < math.inf:
+        raise InputError(
+            f"expect_size_mm {expect_size_mm:g}: give at least {LEAST_SIZE_MM:g} mm, or leave it "
+            "out"
+        )
     reading, early, settled = laws_of(calibration.force)
     found = _by_width if gripper.limits.drive == "width" else _by_pressure
     return Plan(
@@ -114,6 +127,21 @@ def plan_grasp(
         longest_s=longest_s,
         **found(calibration.block),
     )
+
+
+def check_target_force(force_n: float | None, *, name: str) -> None:
+    """Refuse a force that no grasp may reach; `name` stands in the message.
+
+    Raises
+    ------
+    InputError
+        If it is not above 0, or exceeds the force ceiling.
+    """
+    if force_n is not None and not 0 < force_n <= FORCE_CEILING_N:
+        raise InputError(
+            f"{name} {force_n:g}: must be above 0 and at most {FORCE_CEILING_N:g} N, the force "
+            "ceiling"
+        )
 
 
 def laws_of(pairs: ForcePairs) -> tuple[PixelReading, ForceLaw, ForceLaw]:

@@ -7,10 +7,15 @@ A rig is opened by a function `open(*, object_name, seed) -> Rig`. Built-in ones
 from __future__ import annotations
 
 import importlib
+import math
+import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
 
 from palpate.clock import Clock
 from palpate.errors import DeviceError, InputError
@@ -18,6 +23,11 @@ from palpate.gripper.interface import Gripper
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
 from palpate.sensor.calibration import Calibration
+
+if TYPE_CHECKING:
+    from palpate.grasp.runner import Subscriber
+    from palpate.rig.grip import Grip
+    from palpate.rig.reading import Reader, Reading
 
 ENTRY_POINTS = "palpate.rigs"
 
@@ -28,11 +38,13 @@ BUILT_IN: dict[str, tuple[str, str]] = {
     "sim-firmware": ("palpate.rig.simulated", "open_firmware"),
 }
 DEFAULT_RIG = "sim-rigid"
+#: A frame is missing after this time, seconds: the slowest board sends some 15 a second.
+_FRAME_S = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, eq=False, repr=False)
 class Rig:
-    """Devices that belong together, open.
+    """Devices that belong together, open; leaving a `with` releases the object and closes them.
 
     Attributes
     ----------
@@ -48,6 +60,17 @@ class Rig:
         What lies between the fingers, where the rig knows.
     truth : callable or None
         The twin's own values; on simulated rigs only.
+    seed : int or None
+        What a simulated rig drew its scatter from.
+
+    Examples
+    --------
+    >>> with open_rig("sim-rigid", object_name="tomato", seed=4) as rig:
+    ...     grip = rig.grasp(target_force_n=2.0)
+    ...     held = grip.is_holding
+    ...     result = grip.release()
+    >>> held, str(result.outcome)
+    (True, 'held')
     """
 
     name: str
@@ -58,16 +81,121 @@ class Rig:
     origin: Origin = "hardware"
     subject: str | None = None
     truth: Callable[[], Mapping[str, object]] | None = None
+    seed: int | None = None
+    _reader: Reader | None = field(default=None, init=False)
+    _grip: Grip | None = field(default=None, init=False)
 
     @property
     def simulated(self) -> bool:
         """Whether any of it is simulated."""
         return self.origin != "hardware"
 
+    def read(self) -> Reading:
+        """Return the next frame as a reading; it never moves the hand.
+
+        Raises `DeviceError` if no frame comes, or the grasp that reads them ends.
+        """
+        if self._grip is not None and self._grip.is_holding:
+            return self._grip.read()
+        return self._own_reader().read(self.array.read(timeout_s=_FRAME_S))
+
+    def grasp(
+        self,
+        *,
+        target_force_n: float | None = None,
+        expect_size_mm: float | None = None,
+        damage: str | os.PathLike[str] | None = None,
+        kind: str | None = None,
+        record: str | os.PathLike[str] | None = None,
+    ) -> Grip:
+        """Grasp, and return when the object is held or the attempt has ended.
+
+        What is held stays held, guarded by the control loop, until `Grip.release`.
+
+        Parameters
+        ----------
+        target_force_n : float, optional
+            Grip force to reach, newtons; a gentle squeeze by default.
+        expect_size_mm : float, optional
+            About how thick it is, mm: the hand approaches faster.
+        damage : path, optional
+            File of `palpate calibrate damage`: stay below the limit of such produce.
+        kind : str, optional
+            With `damage`: kind of produce, where known.
+        record : path, optional
+            New .mcap file for every frame until release.
+
+        Raises
+        ------
+        InputError
+            If an option can't be used, or an object is held already.
+        CalibrationError
+            If the calibration lacks what a grasp needs.
+        RecordingError
+            If the recording exists or can't be made.
+        """
+        from palpate.estimate.damage_file import DamageFile
+        from palpate.grasp.planning import plan_grasp
+        from palpate.rig.grip import Grip
+        from palpate.rig.recorded import record_grasp
+
+        if self._grip is not None and self._grip.is_holding:
+            raise InputError("an object is held already; release it first (`Grip.release`)")
+        if kind is not None and damage is None:
+            raise InputError(f"kind {kind!r}: give damage=FILE too, which knows kinds")
+        file = None if damage is None else DamageFile.load(Path(damage))
+        where = f"damage {damage}"
+        known = "" if file is None or kind is None else file.known_kind(kind, where=where)
+        plan = plan_grasp(
+            self.calibration,
+            gripper=self.gripper,
+            target_force_n=target_force_n,
+            expect_size_mm=expect_size_mm,
+            damage=None if file is None else file.model,
+            kind=known,
+            hold_s=math.inf,
+        )
+        recorder: AbstractContextManager[Subscriber | None] = nullcontext()
+        if record is not None:
+            text = None if file is None else file.as_text()
+            recorder = record_grasp(Path(record), rig=self, plan=plan, damage=text)
+        self._grip = Grip(self, plan, reader=self._own_reader(), recorder=recorder)
+        self._grip.start()
+        return self._grip
+
     def close(self) -> None:
-        """Let go of the devices."""
-        self.array.close()
-        self.gripper.close()
+        """Release what `grasp` holds, and close the devices."""
+        try:
+            if self._grip is not None:
+                self._grip.release()
+        finally:
+            self.array.close()
+            self.gripper.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is not None and self._grip is not None:
+            # What is held is not dropped because a script failed.
+            self._grip.stop()
+        self.close()
+
+    def __repr__(self) -> str:
+        parts = [repr(self.name), "simulated" if self.simulated else "hardware", self.subject]
+        return f"Rig({', '.join(part for part in parts if part)})"
+
+    def _own_reader(self) -> Reader:
+        from palpate.rig.reading import Reader
+
+        if self._reader is None:
+            self._reader = Reader(self.calibration)
+        return self._reader
 
 
 def rig_names() -> tuple[str, ...]:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from palpate import __version__
 from palpate.errors import DeviceError
+from palpate.grasp.belief import Observation
+from palpate.grasp.plan import Plan
+from palpate.grasp.runner import Subscriber
 from palpate.recording import RecordingInfo, RecordingWriter
 from palpate.rig import Rig
 from palpate.rig.sensor_only import SensorRig
 from palpate.sensor.array import PressureArray
 from palpate.sensor.serial_array import SerialArray
+from palpate.version import __version__
 
 
 def open_grasp_recording(
@@ -42,6 +47,30 @@ def open_grasp_recording(
         kind=kind,
     )
     return RecordingWriter(path, info=info)
+
+
+@contextmanager
+def record_grasp(path: Path, *, rig: Rig, plan: Plan, damage: str | None) -> Iterator[Subscriber]:
+    """Yield a subscriber that writes every observation of a grasp to a new recording.
+
+    `damage`: text of the damage file that the plan uses.
+
+    Raises `RecordingError` if the file exists or can't be made; `DeviceError` if the board is gone.
+    """
+    with open_grasp_recording(
+        path,
+        rig=rig,
+        seed=rig.seed or 0,
+        target_force_n=plan.target_force_n,
+        expect_size_mm=plan.expect_size_mm,
+        damage=damage,
+        kind=plan.kind,
+    ) as writer:
+
+        def recorder(observation: Observation) -> None:
+            writer.add_observation(observation.frame, gripper=observation.gripper)
+
+        yield recorder
 
 
 def recording_info(rig: Rig | SensorRig, *, seed: int) -> RecordingInfo:

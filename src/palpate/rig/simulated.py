@@ -149,6 +149,7 @@ def _opened(
         origin=origin,
         subject=obj.name,
         truth=partial(_truth, world),
+        seed=seed,
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
+from palpate.holds import Hold
 from palpate.settling.exponential import Exponential
 from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import for_unit
@@ -19,6 +20,8 @@ from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod, joined
 
+#: Cut-off of the paper, seconds (section 2.2).
+CUTOFF_S = 2.5
 #: Holds predicted at once: memory stays the same, however many there are.
 _BLOCK = 4096
 #: Name on the command line and in `predict_settled` -> what makes the method, without calibration.
@@ -45,10 +48,10 @@ def method_named(name: str) -> SettlingMethod:
 
 
 def predict_settled(
-    time_s: ArrayLike,
-    values: ArrayLike,
+    time_s: ArrayLike | Hold,
+    values: ArrayLike | None = None,
     *,
-    cutoff_s: float,
+    cutoff_s: float = CUTOFF_S,
     horizon_s: float = 20.0,
     method: str | SettlingMethod = "relaxation",
     level: float = 0.9,
@@ -58,11 +61,12 @@ def predict_settled(
 
     Parameters
     ----------
-    time_s : array_like, shape (n_times,)
-        Strictly increasing sampling times, seconds; 0 is the actuation or the peak. Sampling may be
-        uneven.
+    time_s : Hold or array_like, shape (n_times,)
+        A hold, with its unit; or strictly increasing sampling times, seconds; 0 is the actuation or
+        the peak. Sampling may be uneven.
     values : array_like, shape (n_times,) or (n_holds, n_times)
-        One hold or a batch of them, in any unit. Samples after the cut-off are not looked at.
+        One hold or a batch of them, in any unit; left out where `time_s` is a hold. Samples after
+        the cut-off are not looked at.
     cutoff_s : float
         The prediction rests on samples with ``time_s <= cutoff_s`` alone.
     horizon_s : float
@@ -94,9 +98,20 @@ def predict_settled(
     >>> settled = predict_settled(time_s, hold, cutoff_s=2.5, method="exponential")
     >>> round(float(settled.value), 6), settled.status.value
     (-60.0, 'ok')
+    >>> whole = Hold(hold_id="a", channel=None, time_s=time_s, values=hold, unit="percent")
+    >>> round(float(predict_settled(whole, method="exponential").value), 6)
+    -60.0
     """
-    times = np.asarray(time_s, dtype=np.float64)
-    samples = np.asarray(values, dtype=np.float64)
+    if isinstance(time_s, Hold):
+        if values is not None:
+            raise InputError("a hold has its values already; leave `values` out")
+        unit = unit or time_s.unit
+        times, samples = time_s.time_s, time_s.values
+    elif values is None:
+        raise InputError("give a Hold, or both time_s and values")
+    else:
+        times = np.asarray(time_s, dtype=np.float64)
+        samples = np.asarray(values, dtype=np.float64)
     if times.ndim != 1 or samples.ndim not in (1, 2) or samples.shape[-1] != times.size:
         raise InputError(
             f"values of shape {samples.shape} don't fit time_s of shape {times.shape}; give time_s "

@@ -141,7 +141,7 @@ def real_quantities(
             NEXT: halves(gains),
         }
     for path in holds:
-        found[path.name] = hold_quantities(list(read_holds(path)))
+        found[path.name] = hold_quantities(read_holds(path))
     return found
 
 

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from palpate.errors import InputError
-from palpate.holds import Hold, read_holds
+from palpate.holds import Hold, iterate_holds, read_holds
 
 HEADER = "hold_id,time_s,value\n"
 RANDOM_BYTES = np.random.default_rng(7).bytes(5000)
@@ -209,7 +209,7 @@ def test_samples_beyond_the_horizon_are_checked_but_not_kept(tmp_path: Path) -> 
 def test_progress_ends_at_one(tmp_path: Path) -> None:
     shares: list[float] = []
     path = written(tmp_path, "holds.csv", HEADER + NOISE)
-    assert len(list(read_holds(path, progress=shares.append))) == 1
+    assert len(list(iterate_holds(path, progress=shares.append))) == 1
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 

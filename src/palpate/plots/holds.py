@@ -1,0 +1,64 @@
+"""`palpate.plot_holds`: holds with the forecast of the default method."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from palpate.errors import InputError
+from palpate.holds import Hold
+from palpate.plots.settle import Panel, settle_figure
+from palpate.plots.style import save_figure
+from palpate.settling.percent import for_unit
+from palpate.settling.predict import CUTOFF_S, method_named
+
+#: Holds drawn at most: more panels can't be read on a page.
+MOST_HOLDS = 9
+
+
+def plot_holds(
+    holds: Sequence[Hold],
+    path: str | os.PathLike[str],
+    *,
+    cutoff_s: float = CUTOFF_S,
+    horizon_s: float = 20.0,
+    method: str = "relaxation",
+    level: float = 0.9,
+) -> None:
+    """Draw holds with their forecasts, and write the figure.
+
+    Parameters
+    ----------
+    holds : sequence of Hold
+        At least one; the first nine are drawn.
+    path : path
+        Of the figure; its ending chooses the format: .png, .svg or .pdf.
+    cutoff_s, horizon_s, method, level
+        As for `palpate.predict_settled`.
+
+    Raises
+    ------
+    InputError
+        If there is no hold, or no such method or format.
+    MissingExtraError
+        If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> time_s = np.arange(0.0, 20.0, 0.1)
+    >>> hold = Hold(hold_id="a", channel=None, time_s=time_s, values=40.0 - 2.0 * np.log1p(time_s))
+    >>> plot_holds([hold], tempfile.mkdtemp() + "/holds.png")
+    """
+    if not holds:
+        raise InputError("no hold to plot; give at least one")
+    drawn = holds[:MOST_HOLDS]
+    figure = settle_figure(
+        [Panel(title=hold.hold_id, hold=hold, cutoff_s=cutoff_s) for hold in drawn],
+        methods={method: for_unit(method_named(method), drawn[0].unit)},
+        horizon_s=horizon_s,
+        level=level,
+    )
+    save_figure(figure, Path(path))

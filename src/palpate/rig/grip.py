@@ -1,0 +1,204 @@
+"""A grasp that goes on holding: the control loop guards it until the object is released."""
+
+from __future__ import annotations
+
+import math
+import threading
+from contextlib import AbstractContextManager
+from dataclasses import replace
+
+from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import Plan
+from palpate.grasp.requests import Requests
+from palpate.grasp.result import GraspResult, Outcome
+from palpate.grasp.runner import Subscriber, run_grasp
+from palpate.rig import Rig
+from palpate.rig.reading import Reader, Reading
+from palpate.twin.paced_array import PacedArray
+
+#: A reading is missing once the loop has had none for this time; the loop itself reports it sooner.
+_READING_S = 2.0
+
+
+class Grip:
+    """An object in the hand, or an attempt that ended; what `Rig.grasp` returns.
+
+    While `is_holding`, the loop reads every frame in a thread of its own, and ends the grasp as
+    `palpate.grasp.safety` says where something is wrong.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: Plan,
+        *,
+        reader: Reader,
+        recorder: AbstractContextManager[Subscriber | None],
+    ) -> None:
+        self._rig, self._plan, self._reader, self._recorder = rig, plan, reader, recorder
+        self._requests, self._known = Requests(), threading.Event()
+        self._array: PacedArray | None = None
+        if rig.simulated:
+            # Simulated time runs ahead until the object is held, then with the clock on the wall.
+            self._array = PacedArray(rig.array, speed=math.inf)
+        self._result = GraspResult(outcome=Outcome.STOPPED)
+        self._failure: BaseException | None = None
+        self._reading: Reading | None = None
+        self._frame = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="palpate-grip", daemon=True)
+
+    def start(self) -> None:
+        """Grasp, and return when the object is held or the attempt has ended.
+
+        Ctrl-C stops the attempt and is raised again.
+        """
+        self._thread.start()
+        try:
+            # A wait without end would keep Ctrl-C out on some systems.
+            while not self._known.wait(0.1):
+                pass
+        except KeyboardInterrupt:
+            self.stop()
+            raise
+        if self._failure is not None:
+            raise self._failure
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether the object is held and guarded."""
+        return self._thread.is_alive()
+
+    @property
+    def result(self) -> GraspResult:
+        """What is known of the grasp; final once it is no longer held."""
+        return self._result
+
+    @property
+    def outcome(self) -> Outcome:
+        """`held`, or how the attempt ended."""
+        return self._result.outcome
+
+    @property
+    def size_mm(self) -> Measurement | None:
+        """The object's extent along the closing axis before contact."""
+        return self._result.size_mm
+
+    @property
+    def stiffness_n_per_mm(self) -> Measurement | None:
+        """The object's own secant stiffness, pads and fingers taken out."""
+        return self._result.stiffness_n_per_mm
+
+    @property
+    def settled_percent(self) -> Measurement | None:
+        """Mean relative change at the 20 s horizon."""
+        return self._result.settled_percent
+
+    @property
+    def settled_force_n(self) -> Measurement | None:
+        """Grip force at the 20 s horizon."""
+        return self._result.force_n
+
+    @property
+    def force_n(self) -> Measurement | None:
+        """Grip force now; the settled force once the object is no longer held."""
+        if self.is_holding and self._reading is not None:
+            return self._reading.force_n
+        return self._result.force_n
+
+    def read(self) -> Reading:
+        """Return the next frame that the loop reads.
+
+        Raises `DeviceTimeoutError` if none comes, `DeviceError` if the grasp ended meanwhile.
+        """
+        with self._frame:
+            if not self._frame.wait(_READING_S):
+                raise DeviceTimeoutError(f"no frame in {_READING_S:g} s; check the sensor's cable")
+            if not self.is_holding or self._reading is None:
+                raise DeviceError(f"the grasp ended: {self.outcome}")
+            return self._reading
+
+    def release(self) -> GraspResult:
+        """Open the hand, wait until it is open, and return the final result.
+
+        Does nothing more where the grasp has ended already.
+        """
+        return self._end(self._requests.release)
+
+    def stop(self) -> GraspResult:
+        """Stop at once: rigid fingers stand still, soft ones vent (`palpate.grasp.safety`)."""
+        return self._end(self._requests.stop)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the result in the JSON form of `palpate grasp`."""
+        from palpate.grasp.document import grasp_document
+
+        rig = self._rig
+        return grasp_document(
+            self._result,
+            target_force_n=self._plan.target_force_n,
+            damage_limit=None,
+            names={},
+            truth=None if rig.truth is None else dict(rig.truth()),
+            subject=rig.subject,
+        )
+
+    def __repr__(self) -> str:
+        parts = [str(self.outcome)]
+        for label, unit, digits, value in (
+            ("size", "mm", 1, self.size_mm),
+            ("force", "N", 2, self.force_n),
+            ("stiffness", "N/mm", 2, self.stiffness_n_per_mm),
+        ):
+            if value is not None:
+                parts.append(f"{label} {value.text(digits=digits)} {unit}")
+        return f"Grip({', '.join(parts)})"
+
+    def _end(self, request: threading.Event) -> GraspResult:
+        request.set()
+        if self._array is not None:
+            self._array.speed = math.inf
+            self._array.hurry()
+        while self._thread.is_alive():
+            self._thread.join(0.1)
+        if self._failure is not None:
+            raise self._failure
+        return self._result
+
+    def _run(self) -> None:
+        try:
+            with self._recorder as record:
+                self._result = run_grasp(
+                    self._plan,
+                    array=self._rig.array if self._array is None else self._array,
+                    gripper=self._rig.gripper,
+                    clock=self._rig.clock,
+                    subscribers=[self._see] if record is None else [record, self._see],
+                    watchers=[self._watch],
+                    requests=self._requests,
+                )
+        except BaseException as error:
+            self._failure = error
+        finally:
+            self._known.set()
+            with self._frame:
+                self._frame.notify_all()
+
+    def _see(self, observation: Observation) -> None:
+        reading = self._reader.read(observation.frame)
+        with self._frame:
+            self._reading = reading
+            self._frame.notify_all()
+
+    def _watch(self, belief: Belief) -> None:
+        if belief.rest_ohm is not None:
+            self._reader.rest_ohm = belief.rest_ohm
+        if belief.phase is Phase.HOLD and not self._known.is_set():
+            self._result = replace(
+                belief.result, outcome=Outcome.HELD, peak_force_n=belief.peak_force_n
+            )
+            if self._array is not None:
+                self._array.speed = 1.0
+            self._known.set()

@@ -1,0 +1,82 @@
+"""One frame as an engineer reads it: resistances, change from rest, force and contact."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.errors import CalibrationError
+from palpate.estimate.force_now import ForceNow
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.planning import force_now
+from palpate.sensor.array import Frame
+from palpate.sensor.calibration import Calibration
+from palpate.sensor.pixel_resistance import pixel_resistance_ohm
+from palpate.signal.relative import CONTACT_PERCENT, excess_conductance, relative_change_percent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """One frame of a rig's sensor.
+
+    Attributes
+    ----------
+    time_s : float
+        When it was scanned, on the rig's clock.
+    resistance_ohm : ndarray, shape (rows, cols)
+        Of each pixel; NaN where one does not read.
+    change_percent : ndarray, shape (rows, cols)
+        Relative to rest (equation 1).
+    force_n : Measurement or None
+        Force now; None where the calibration has no force law.
+    contact : bool
+        Whether a pixel has changed as far as a touch does (paper, section 4.1).
+    """
+
+    time_s: float
+    resistance_ohm: FloatArray
+    change_percent: FloatArray
+    force_n: Measurement | None
+    contact: bool
+
+    def __repr__(self) -> str:
+        force = "no force law" if self.force_n is None else f"{self.force_n.text(digits=2)} N"
+        return (
+            f"Reading({self.time_s:.3f} s, {np.nanmean(self.change_percent):+.1f} %, {force}, "
+            f"{'contact' if self.contact else 'no contact'})"
+        )
+
+
+class Reader:
+    """Turns frames into readings, in the order in which they come.
+
+    `calibration`: of the sensor; its rest values count until `rest_ohm` is set to newer ones.
+    """
+
+    def __init__(self, calibration: Calibration) -> None:
+        self.rest_ohm = calibration.rest_ohm
+        self._layout = calibration.layout
+        self._force: ForceNow | None = None
+        with suppress(CalibrationError):
+            self._force = force_now(calibration.force)
+
+    def read(self, frame: Frame) -> Reading:
+        """Return the reading of the next frame."""
+        ohm = pixel_resistance_ohm(
+            frame.counts, layout=self._layout, oversampling=frame.oversampling
+        )
+        change = relative_change_percent(ohm, rest_ohm=self.rest_ohm)
+        force = None
+        if self._force is not None:
+            excess = excess_conductance(ohm, rest_ohm=self.rest_ohm)
+            force = self._force.step(frame.time_s, excess)
+        return Reading(
+            time_s=frame.time_s,
+            resistance_ohm=ohm,
+            change_percent=change,
+            force_n=force,
+            contact=bool(np.nanmin(change, initial=0.0) <= CONTACT_PERCENT),
+        )

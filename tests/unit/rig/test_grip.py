@@ -1,0 +1,134 @@
+"""A rig as a script uses it: read, grasp, carry, release."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.recording import load_recording
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.world import World
+
+
+def open_tomato() -> palpate.Rig:
+    return palpate.open_rig("sim-rigid", object_name="tomato", seed=4)
+
+
+def test_read_open_hand_shows_rest_and_no_contact() -> None:
+    with open_tomato() as rig:
+        readings = [rig.read() for _ in range(3)]
+    assert [reading.contact for reading in readings] == [False] * 3
+    assert np.abs(readings[-1].change_percent).max() < 3.0
+    assert readings[0].time_s < readings[1].time_s < readings[2].time_s
+
+
+def test_grasp_holds_until_released() -> None:
+    with open_tomato() as rig:
+        grip = rig.grasp(target_force_n=2.0)
+        assert grip.is_holding
+        assert grip.outcome is palpate.Outcome.HELD
+        held = rig.read()
+        assert held.contact
+        assert held.force_n is not None
+        assert held.force_n.low < 2.0 < held.force_n.high
+        assert grip.size_mm is not None
+        result = grip.release()
+        assert not grip.is_holding
+        assert result.outcome is palpate.Outcome.HELD
+        assert rig.gripper.state().width_mm == pytest.approx(rig.gripper.limits.highest, abs=0.5)
+        assert grip.release() is result
+
+
+def test_leaving_the_block_releases_the_object() -> None:
+    with open_tomato() as rig:
+        grip = rig.grasp()
+    assert not grip.is_holding
+    assert grip.outcome is palpate.Outcome.HELD
+
+
+def test_an_error_in_the_block_stops_and_does_not_drop_the_object() -> None:
+    grips: list[palpate.Grip] = []
+
+    def grasp_and_fail(rig: palpate.Rig) -> None:
+        grips.append(rig.grasp())
+        raise ZeroDivisionError
+
+    rig = open_tomato()
+    with pytest.raises(ZeroDivisionError), rig:
+        grasp_and_fail(rig)
+    (grip,) = grips
+    assert grip.outcome is palpate.Outcome.STOPPED
+    width = rig.gripper.state().width_mm
+    assert width is not None
+    assert width < rig.gripper.limits.highest - 10.0
+
+
+def test_grasp_while_holding_is_refused() -> None:
+    with open_tomato() as rig:
+        rig.grasp()
+        with pytest.raises(palpate.InputError, match="release it first"):
+            rig.grasp()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"target_force_n": -1.0}, "target_force_n -1: must be above 0"),
+        ({"target_force_n": 200.0}, "at most 15 N"),
+        ({"target_force_n": float("nan")}, "target_force_n nan"),
+        ({"expect_size_mm": 0.0}, "expect_size_mm 0: give at least 1 mm"),
+        ({"kind": "kiwi"}, "give damage=FILE too"),
+    ],
+)
+def test_grasp_refuses_what_the_command_refuses(options: dict[str, float], message: str) -> None:
+    with open_tomato() as rig:
+        with pytest.raises(palpate.InputError, match=message):
+            rig.grasp(**options)  # type: ignore[arg-type]
+        assert rig.read().time_s < 0.5
+
+
+def test_grasp_records_every_frame_until_release(tmp_path: Path) -> None:
+    file = tmp_path / "grasp.mcap"
+    with open_tomato() as rig:
+        grip = rig.grasp(target_force_n=2.0, record=file)
+        result = grip.release()
+    recording = load_recording(file)
+    assert recording.info.target_force_n == 2.0
+    assert recording.info.seed == 4
+    assert recording.time_s.size == result.frames
+
+
+def test_grasp_of_nothing_ends_without_holding() -> None:
+    world = World(None, seed=4)
+    calibration = open_tomato().calibration
+    with palpate.Rig(
+        name="empty",
+        array=TwinArray(world),
+        gripper=TwinGripper(world),
+        clock=world.clock,
+        calibration=calibration,
+        origin="twin",
+    ) as rig:
+        grip = rig.grasp()
+        assert grip.outcome is palpate.Outcome.NOTHING_THERE
+        assert not grip.is_holding
+
+
+def test_to_dict_is_the_document_of_the_command() -> None:
+    with open_tomato() as rig:
+        document = rig.grasp(target_force_n=2.0).to_dict()
+    assert json.loads(json.dumps(document, allow_nan=False))["outcome"] == "held"
+    assert document["simulated"] is True
+
+
+def test_repr_is_one_short_line() -> None:
+    with open_tomato() as rig:
+        grip = rig.grasp(target_force_n=2.0)
+        texts = [repr(rig), repr(rig.read()), repr(grip)]
+    assert texts[0] == "Rig('sim-rigid', simulated, tomato)"
+    assert texts[2].startswith("Grip(held, size ")
+    assert all("\n" not in text and len(text) < 90 for text in texts)
