@@ -19,7 +19,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Measure": ("grasp", "live", "serve", "record"),
     "Recordings": ("settle", "inspect", "replay", "export", "recover", "archive"),
     "Set up": ("demo", "init", "ports", "flash", "doctor", "calibrate", "pattern"),
-    "Produce": ("items", "report", "ripeness", "bruise", "identify", "sort"),
+    "Produce": ("items", "report", "ripeness", "bruise", "identify", "sort", "qualify"),
     "Research": ("study", "bench"),
 }
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)

@@ -35,6 +35,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.presence",
         "Video 3, closing again until something is there, simulated",
     ),
+    "qualify": (
+        "palpate_studies.qualify",
+        "Agreement with a penetrometer: 720 real apples, and simulated ones on the twin",
+    ),
     "presses": ("palpate_studies.presses", "Force now on real Velostat under a robot's presses"),
     "histories": (
         "palpate_studies.histories",

@@ -1,0 +1,88 @@
+"""Paired readings of the same items: a reference instrument's, and what grasps measured."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import FloatArray
+from palpate.errors import InputError
+from palpate.tables.strict import read_table
+
+#: Fewest items whose scatter is worth a figure: with fewer an interval covers anything (guess).
+FEWEST_ITEMS = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairedReadings:
+    """Readings, one row for each side of an item or each repeat.
+
+    Attributes
+    ----------
+    item : ndarray of int, shape (n_rows,)
+        Number of the item, from 0 on.
+    reference, grasp : ndarray, shape (n_rows,)
+        In units of their own; NaN where that instrument did not read.
+    """
+
+    item: NDArray[np.intp]
+    reference: FloatArray
+    grasp: FloatArray
+
+    @property
+    def items(self) -> int:
+        """How many items there are."""
+        return int(self.item.max()) + 1 if self.item.size else 0
+
+    @property
+    def paired(self) -> NDArray[np.bool_]:
+        """Rows that both instruments read, shape (n_rows,)."""
+        return np.isfinite(self.reference) & np.isfinite(self.grasp)
+
+    def drawn(self, chosen: NDArray[np.intp]) -> PairedReadings:
+        """Return the readings of these items, in this order; one may come more than once."""
+        order = np.argsort(self.item, kind="stable")
+        starts = np.searchsorted(self.item[order], np.arange(self.items + 1))
+        rows = [order[starts[item] : starts[item + 1]] for item in chosen]
+        item = np.repeat(np.arange(chosen.size), [part.size for part in rows])
+        at = np.concatenate(rows)
+        return PairedReadings(item=item, reference=self.reference[at], grasp=self.grasp[at])
+
+
+def read_pairs(path: str | os.PathLike[str]) -> PairedReadings:
+    """Read paired readings from a table with columns ``item_id``, ``reference`` and ``grasp``.
+
+    A column ``side`` is for people; each row is a side or a repeat. Either reading may be empty.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read, or fewer than eight items have both readings.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> path = Path(tempfile.mkdtemp()) / "readings.csv"
+    >>> rows = "".join(f"A{i},left,{70 + i},{50 + i}\\nA{i},right,{71 + i},\\n" for i in range(9))
+    >>> _ = path.write_text("item_id,side,reference,grasp\\n" + rows)
+    >>> readings = read_pairs(path)
+    >>> readings.items, int(readings.paired.sum())
+    (9, 9)
+    """
+    columns = read_table(
+        path,
+        columns={"item_id": "text", "reference": "number or empty", "grasp": "number or empty"},
+    )
+    _, item = np.unique(columns["item_id"].astype(str), return_inverse=True)
+    readings = PairedReadings(item=item, reference=columns["reference"], grasp=columns["grasp"])
+    both = np.unique(item[readings.paired]).size
+    if both < FEWEST_ITEMS:
+        raise InputError(
+            f"{os.fspath(path)}: {both} item(s) with both a reference and a grasp; agreement needs "
+            f"at least {FEWEST_ITEMS}"
+        )
+    return readings

@@ -1,0 +1,83 @@
+"""Scatter of one instrument: between items, and between the sides of an item."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from palpate.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scatter:
+    """Standard deviations by one-way analysis of variance (random effects, unequal groups).
+
+    Attributes
+    ----------
+    between, within : float
+        Between items, and between readings of one item; NaN where no item was read twice.
+    """
+
+    between: float
+    within: float
+
+    @property
+    def repeatability(self) -> float:
+        """Intraclass correlation.
+
+        No instrument can explain a larger share of the variance of a single reading of this one
+        (R squared), however well it reads each item.
+        """
+        total = self.between**2 + self.within**2
+        return self.between**2 / total if total > 0 else math.nan
+
+    def share_within(self, tolerance: float) -> float:
+        """Return how often a single reading is within `tolerance` of the item's own mean."""
+        if not self.within > 0:
+            return math.nan
+        return float(2.0 * norm.cdf(tolerance / self.within) - 1.0)
+
+
+def scatter_of(values: FloatArray, item: NDArray[np.intp]) -> Scatter:
+    """Return the scatter of readings; NaN ones are left out.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_rows,)
+        Readings of one instrument.
+    item : ndarray of int, shape (n_rows,)
+        Number of the item of each.
+
+    References
+    ----------
+    S. R. Searle, G. Casella, C. E. McCulloch, "Variance Components" (1992), section 3.6.
+
+    Examples
+    --------
+    >>> random = np.random.default_rng(1)
+    >>> item = np.repeat(np.arange(400), 2)
+    >>> values = random.normal(0, 2.0, 400)[item] + random.normal(0, 1.0, 800)
+    >>> scatter = scatter_of(values, item)
+    >>> round(scatter.between, 1), round(scatter.within, 1)
+    (1.8, 1.0)
+    """
+    kept = np.isfinite(values)
+    read, groups = values[kept], item[kept]
+    present, group = np.unique(groups, return_inverse=True)
+    count = np.bincount(group)
+    n, k = read.size, present.size
+    if k < 2 or n == k:
+        spread = float(read.std(ddof=1)) if n > 1 else math.nan
+        return Scatter(between=spread, within=math.nan)
+    mean = np.bincount(group, weights=read) / count
+    within_square = float(((read - mean[group]) ** 2).sum()) / (n - k)
+    between_square = float((count * (mean - read.mean()) ** 2).sum()) / (k - 1)
+    per_item = (n - float((count**2).sum()) / n) / (k - 1)
+    return Scatter(
+        between=math.sqrt(max(0.0, (between_square - within_square) / per_item)),
+        within=math.sqrt(within_square),
+    )

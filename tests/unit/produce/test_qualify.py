@@ -1,0 +1,116 @@
+"""Agreement with a reference: estimated figures against the ones that were put in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.produce.qualify.agreement import Demand, agreement_of, measure
+from palpate.produce.qualify.effort import effort_of
+from palpate.produce.qualify.line import deming_line
+from palpate.produce.qualify.readings import PairedReadings
+from palpate.produce.qualify.scatter import scatter_of
+
+BETWEEN, REFERENCE_SD, GRASP_SD, SLOPE = 2.0, 1.0, 0.4, 0.5
+
+
+def made_readings(items: int, *, seed: int, sides: int = 2) -> PairedReadings:
+    random = np.random.default_rng(seed)
+    item = np.repeat(np.arange(items), sides)
+    firmness = random.normal(10.0, BETWEEN, items)[item]
+    return PairedReadings(
+        item=item,
+        reference=firmness + random.normal(0.0, REFERENCE_SD, item.size),
+        grasp=SLOPE * (firmness + random.normal(0.0, GRASP_SD, item.size)) - 1.0,
+    )
+
+
+def test_measure_many_items_finds_what_was_put_in() -> None:
+    measured = measure(made_readings(20_000, seed=1), Demand(tolerance=1.0, limits=(10.0,)))
+    ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
+    assert measured.slope == pytest.approx(1.0 / SLOPE, rel=0.02)
+    assert measured.offset == pytest.approx(2.0, abs=0.1)
+    assert measured.reference.within == pytest.approx(REFERENCE_SD, rel=0.02)
+    assert measured.grasp.within == pytest.approx(GRASP_SD, rel=0.03)
+    assert measured.figures["r_squared_ceiling"] == pytest.approx(ceiling, abs=0.01)
+    assert measured.figures["share_within_ceiling"] == pytest.approx(0.683, abs=0.01)
+    assert measured.figures["share_within"] == pytest.approx(
+        math.erf(1.0 / math.hypot(REFERENCE_SD, GRASP_SD) / math.sqrt(2.0)), abs=0.01
+    )
+    assert measured.figures["share_within_reference"] == pytest.approx(math.erf(0.5), abs=0.01)
+
+
+def test_agreement_intervals_cover_the_ceiling_as_often_as_they_say() -> None:
+    ceiling = BETWEEN**2 / (BETWEEN**2 + REFERENCE_SD**2)
+    found = [
+        agreement_of(made_readings(40, seed=seed), Demand(tolerance=1.0)).figures
+        for seed in range(20)
+    ]
+    covered = [
+        one["r_squared_ceiling"].low <= ceiling <= one["r_squared_ceiling"].high for one in found
+    ]
+    assert 15 <= sum(covered) <= 20
+
+
+def test_agreement_without_a_second_reading_does_not_know_the_ceiling() -> None:
+    found = agreement_of(made_readings(30, seed=2, sides=1), Demand(tolerance=1.0))
+    assert math.isnan(found.figures["r_squared_ceiling"].value)
+    assert found.figures["r_squared"].value > 0.5
+
+
+def test_effort_counts_readings_time_and_items() -> None:
+    demand = Demand(tolerance=1.0)
+    found = agreement_of(made_readings(4000, seed=3), demand)
+    effort = effort_of(found, demand, grasp_s=10.0, handling_s=5.0)
+    # (1.645 x 1.0 / 1.0)^2 = 2.7, and (1.645 x 0.4 / 1.0)^2 = 0.4.
+    assert effort.reference_readings == 3
+    assert effort.grasps == 1
+    assert effort.items_per_hour == pytest.approx(240.0)
+    assert effort.mismatch < 0.25
+
+
+def test_effort_of_unrelated_readings_has_no_number_of_grasps() -> None:
+    random = np.random.default_rng(4)
+    item = np.repeat(np.arange(100), 2)
+    readings = PairedReadings(
+        item=item,
+        reference=random.normal(10.0, 3.0, 100)[item] + random.normal(0.0, 0.1, 200),
+        grasp=random.normal(10.0, 3.0, 100)[item] + random.normal(0.0, 0.1, 200),
+    )
+    demand = Demand(tolerance=0.5)
+    effort = effort_of(agreement_of(readings, demand), demand, grasp_s=10.0, handling_s=0.0)
+    assert effort.grasps is None
+    assert effort.items_per_hour is None
+
+
+def test_confusion_counts_every_pair_once() -> None:
+    readings = made_readings(50, seed=5)
+    found = agreement_of(readings, Demand(tolerance=1.0, limits=(9.0, 11.0)))
+    assert found.confusion.shape == (3, 3)
+    assert found.confusion.sum() == 100
+    assert np.trace(found.confusion) / 100 == pytest.approx(found.figures["same_grade"].value)
+
+
+@given(
+    slope=st.floats(-5.0, 5.0).filter(lambda value: abs(value) > 0.05),
+    offset=st.floats(-10.0, 10.0),
+    ratio=st.floats(0.01, 100.0),
+)
+def test_deming_line_without_errors_is_the_line(slope: float, offset: float, ratio: float) -> None:
+    x = np.array([0.0, 1.0, 2.5, 4.0])
+    found = deming_line(x, offset + slope * x, ratio=ratio)
+    assert found == pytest.approx((slope, offset), abs=1e-5)
+
+
+@given(st.integers(0, 1000))
+def test_scatter_does_not_depend_on_the_order_of_rows(seed: int) -> None:
+    readings = made_readings(12, seed=seed)
+    order = np.random.default_rng(seed).permutation(readings.item.size)
+    one = scatter_of(readings.reference, readings.item)
+    other = scatter_of(readings.reference[order], readings.item[order])
+    assert one.between == pytest.approx(other.between)
+    assert one.within == pytest.approx(other.within)
