@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-ros test-lerobot lint docs wheel wheel-test clean
+.PHONY: demo test test-ros test-lerobot lint docs wheel wheel-test dist-check clean
 
 # The base environment has every extra, the archive and the LeRobot export, so that the README's
 # paths work in it; the development one
@@ -67,6 +67,14 @@ wheel: $(VENV)/.base
 	if command -v avr-g++ >/dev/null; then $(MAKE) -C firmware image; fi
 	rm -rf dist
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+# Source archive and wheel as they are published, and what the index would refuse in them.
+dist-check: $(VENV)/.dev
+	if command -v avr-g++ >/dev/null; then $(MAKE) -C firmware image; fi
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist .
+	$(BIN)/python -m twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
 
 # The wheel in an environment of its own, outside the repository: first as a base install, then
 # with the development environment's libraries for what is optional.

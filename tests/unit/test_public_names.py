@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,11 @@ def test_importing_the_package_loads_no_library() -> None:
     assert "palpate" in loaded
     for heavy in ("numpy", "scipy", "typer", "rich", "matplotlib"):
         assert f"'{heavy}" not in loaded
+
+
+def test_every_place_that_states_the_version_states_the_same() -> None:
+    root = Path(__file__).resolve().parents[2]
+    stated = tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"]
+    citation = (root / "CITATION.cff").read_text()
+    assert palpate.__version__ == stated
+    assert f"\nversion: {stated}\n" in citation
