@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.commands.qualify import count_text, demands_of, grade_names, rows_of
+from palpate.commands.qualify_document import count_text, demands_of, grade_names, rows_of
 from palpate.commands.report_html import Tile, figures, html_page, table, tiles
 from palpate.files import atomic_path
 from palpate.plots.inline_svg import inline_svg
