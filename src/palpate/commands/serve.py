@@ -10,6 +10,7 @@ import typer
 
 from palpate.commands import completion
 from palpate.commands.options import RigOption, SeedOption, StoreOption
+from palpate.commands.serve_line import open_lines
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -71,6 +72,20 @@ def serve(
             metavar="FILE",
         ),
     ] = None,
+    opcua: Annotated[
+        str | None,
+        typer.Option(
+            help="Serve OPC UA; beyond the loopback encrypted, with --token as the password.",
+            metavar="[HOST:]PORT",
+        ),
+    ] = None,
+    modbus: Annotated[
+        str | None,
+        typer.Option(
+            help="Serve Modbus TCP, which has no password: whoever reaches it can grasp.",
+            metavar="[HOST:]PORT",
+        ),
+    ] = None,
     realtime: Annotated[
         bool,
         typer.Option(
@@ -118,6 +133,7 @@ def serve(
         token=token,
         announce=_announce,
         publisher=None if mqtt is None else _publisher(mqtt, folder=folder),
+        lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
     )
 
 

@@ -18,14 +18,14 @@ from pydantic import BaseModel, ConfigDict, Field
 import palpate
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.state_json import state_document
+from palpate.dashboard.station import Station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.line.machine import RefusedError
 from palpate.produce.records import Item
 
 #: All machines drive as one: every client with access is trusted, as on the page.
 DRIVER = "machine"
-#: A stop that is not confirmed by then is answered so.
-STOP_PATIENCE_S = 2.0
 _SCHEMAS = Path(palpate.__file__).parent / "schemas"
 _KNOWN = ("measurement", "grasp", "state", "items", "item")
 
@@ -67,7 +67,7 @@ class Refusal(BaseModel):
     detail: str = Field(description="One line: what, and what to do.")
 
 
-def build_api(app_state: AppState, *, token: bool) -> FastAPI:
+def build_api(app_state: AppState, station: Station, *, token: bool) -> FastAPI:
     """Return the application to mount; `token`: whether visitors must send one."""
     api = FastAPI(
         title="palpate",
@@ -79,7 +79,7 @@ def build_api(app_state: AppState, *, token: bool) -> FastAPI:
     api.openapi = cache(lambda: _described(api, token=token))  # type: ignore[method-assign]
     _refuse_in_one_line(api)
     _look(api, app_state)
-    _act(api, app_state)
+    _act(api, station)
     return api
 
 
@@ -119,45 +119,38 @@ def _look(api: FastAPI, app_state: AppState) -> None:
             return JSONResponse(item_document(app_state.item_store.page(item_id)))
 
 
-def _act(api: FastAPI, app_state: AppState) -> None:
+def _act(api: FastAPI, station: Station) -> None:
     """Add what can be ordered: the same orders that the page gives, by the same rules."""
-    session = app_state.session
 
     @api.post("/grasp", status_code=202, responses=_refusals(400, 409))
     async def grasp(wanted: GraspRequest) -> GraspBegun:
         """Begin a grasp; the object is held until it is released, for a minute at most."""
-        if wanted.stops is not None and wanted.stops < session.stops:
-            raise HTTPException(409, "stopped before it began: ask for the state, then order again")
         try:
-            order = app_state.grasp_order(**wanted.model_dump(exclude={"stops"}))
+            with _allowed():
+                return GraspBegun(recording=station.grasp(DRIVER, **wanted.model_dump()))
         except InputError as error:
             raise HTTPException(422, str(error)) from error
-        with _allowed():
-            session.join(DRIVER)
-            session.order(DRIVER, order)
-        return GraspBegun(recording=order.recording.name)
 
     @api.post("/release", status_code=202, responses=_refusals(409))
     async def release() -> None:
         """Give the object back, or open the hand."""
         with _allowed():
-            session.join(DRIVER)
-            session.release(DRIVER)
+            station.release(DRIVER)
 
     @api.put("/driver", status_code=204)
     async def take_over() -> None:
         """Drive from now on, whoever did before."""
-        session.take_over(DRIVER)
+        station.take_over(DRIVER)
 
     @api.delete("/driver", status_code=204)
     async def leave() -> None:
         """Let somebody else drive."""
-        session.leave(DRIVER)
+        station.leave(DRIVER)
 
     @api.post("/stop", responses={504: {"model": Stopped}})
     async def stop() -> JSONResponse:
         """Stop what runs, whoever drives; answers once it reached the hand, else 504."""
-        stopped = await app_state.stop(patience_s=STOP_PATIENCE_S)
+        stopped = await station.stop()
         return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
@@ -165,7 +158,7 @@ def _act(api: FastAPI, app_state: AppState) -> None:
 def _allowed() -> Iterator[None]:
     try:
         yield
-    except InputError as error:
+    except RefusedError as error:
         raise HTTPException(409, str(error)) from error
 
 

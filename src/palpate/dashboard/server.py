@@ -7,9 +7,9 @@ import os
 import socket
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
@@ -17,9 +17,16 @@ from palpate.dashboard.language import language_for
 from palpate.dashboard.page_document import document
 from palpate.dashboard.publishing import DocumentSink, publish
 from palpate.dashboard.realtime import check_realtime
+from palpate.dashboard.station import STOP_PATIENCE_S, Station
 from palpate.errors import DeviceError, InputError, needing
+from palpate.line.machine import Line
+
+#: Opens one protocol on a station.
+LineOpener: TypeAlias = Callable[[Station], Awaitable[Line]]
 
 _STATIC = Path(__file__).parent / "static"
+#: Controllers of a line see a change after this time at most, seconds.
+_LINE_S = 0.05
 #: A driver whose connection breaks remains the driver for this time.
 _RECONNECT_S = 10.0
 
@@ -32,11 +39,12 @@ def serve(
     token: str | None,
     announce: Callable[[str, str], None],
     publisher: DocumentSink | None = None,
+    lines: Sequence[LineOpener] = (),
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
 
     `announce` gets the address once it can be visited, and its QR code where others can visit it;
-    `publisher` gets every result and the state. The token is in neither.
+    `publisher` gets every result and the state; `lines` serve controllers. The token is in neither.
 
     Raises
     ------
@@ -63,12 +71,15 @@ def serve(
     listening = _listen(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
-    app.mount("/api", build_api(app_state, token=token is not None))
+    station = Station(app_state)
+    app.mount("/api", build_api(app_state, station, token=token is not None))
     _routes(app_state)
     app.router.on_startup.append(app_state.open)
     app.router.on_shutdown.append(app_state.close)
     if publisher is not None:
         _publish(app, app_state, publisher)
+    if lines:
+        _serve_lines(app, station, lines)
     ui.run_with(
         app,
         title="palpate",
@@ -99,7 +110,6 @@ def _routes(app_state: AppState) -> None:
     from fastapi.responses import FileResponse, JSONResponse, Response
     from nicegui import Client, app, ui
 
-    from palpate.dashboard.api import STOP_PATIENCE_S
     from palpate.dashboard.page import TABS, build_operator_page, build_page
 
     # Requested each time: a page must not outlive an update.
@@ -165,6 +175,31 @@ def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:
         for task in running:
             task.cancel()
         publisher.close()
+
+    app.router.on_startup.append(start)
+    app.router.on_shutdown.append(end)
+
+
+def _serve_lines(app: Any, station: Station, lines: Sequence[LineOpener]) -> None:
+    """Let protocols of a line serve the station while the application runs."""
+    open_lines: list[Line] = []
+    running: list[asyncio.Task[None]] = []
+
+    async def refresh() -> None:
+        while True:
+            for line in open_lines:
+                await line.refresh()
+            await asyncio.sleep(_LINE_S)
+
+    async def start() -> None:
+        open_lines.extend([await opener(station) for opener in lines])
+        running.append(asyncio.create_task(refresh()))
+
+    async def end() -> None:
+        for task in running:
+            task.cancel()
+        for line in open_lines:
+            await line.close()
 
     app.router.on_startup.append(start)
     app.router.on_shutdown.append(end)

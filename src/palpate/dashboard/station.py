@@ -1,0 +1,82 @@
+"""The server as a controller of a line sees it: the rules of the page, for OPC UA and Modbus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from palpate.dashboard.app_state import AppState
+from palpate.dashboard.state_json import state_document
+from palpate.errors import InputError
+from palpate.line.machine import RefusedError
+
+#: A stop that is not confirmed by then is answered so, seconds.
+STOP_PATIENCE_S = 2.0
+
+
+class Station:
+    """The commands of one server; see `palpate.line.machine.Machine`."""
+
+    def __init__(self, app_state: AppState) -> None:
+        self._app_state, self._session = app_state, app_state.session
+        self._results = 0
+        app_state.on_result.append(self._count)
+
+    def state(self) -> Mapping[str, Any]:
+        """Return the state document."""
+        return state_document(self._session)
+
+    def result(self) -> tuple[int, Mapping[str, Any] | None]:
+        """Return how many grasps have ended, and the document of the last."""
+        return self._results, self._app_state.result
+
+    def grasp(
+        self,
+        driver: str,
+        *,
+        target_force_n: float | None,
+        item_id: str,
+        kind: str,
+        stops: int | None,
+    ) -> str:
+        """Begin a grasp; return the name of its recording.
+
+        Raises `RefusedError` where it can't begin now, `InputError` for a bad value.
+        """
+        if stops is not None and stops < self._session.stops:
+            raise RefusedError("stopped before it began: ask for the state, then order again")
+        order = self._app_state.grasp_order(
+            target_force_n=target_force_n, item_id=item_id, kind=kind
+        )
+        self._session.join(driver)
+        try:
+            self._session.order(driver, order)
+        except InputError as error:
+            raise RefusedError(str(error)) from error
+        return order.recording.name
+
+    def release(self, driver: str) -> None:
+        """Release the object, or open the hand.
+
+        Raises `RefusedError` where it can't be done now.
+        """
+        self._session.join(driver)
+        try:
+            self._session.release(driver)
+        except InputError as error:
+            raise RefusedError(str(error)) from error
+
+    def take_over(self, driver: str) -> None:
+        """Drive from now on."""
+        self._session.take_over(driver)
+
+    def leave(self, driver: str) -> None:
+        """Let another client drive."""
+        self._session.leave(driver)
+
+    async def stop(self) -> bool:
+        """Stop, whoever drives; return whether the devices confirmed it in time."""
+        return await self._app_state.stop(patience_s=STOP_PATIENCE_S)
+
+    def _count(self, document: Mapping[str, object]) -> None:
+        self._results += 1

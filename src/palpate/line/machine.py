@@ -1,0 +1,102 @@
+"""A station as a controller of a line sees it: one state, one result, three commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, Protocol
+
+
+class State(IntEnum):
+    """States in the manner of PackML (ISA-TR88.00.02), as far as a station has them."""
+
+    #: No rig, no fresh frames, or a hand that is not open: release first.
+    STOPPED = 0
+    #: A grasp can begin.
+    IDLE = 1
+    #: A grasp is under way.
+    EXECUTE = 2
+    #: The object is held and its answer is known: release it.
+    HOLDING = 3
+    #: The devices are gone or at fault.
+    ABORTED = 4
+
+
+class Machine(Protocol):
+    """What a protocol needs of the server. Everything is called on the server's event loop.
+
+    Commands raise `RefusedError` where they can't be carried out now, `InputError` for a bad value.
+    """
+
+    def state(self) -> Mapping[str, Any]:
+        """Return the state document (docs/schemas/state.json)."""
+        ...
+
+    def result(self) -> tuple[int, Mapping[str, Any] | None]:
+        """Return how many grasps have ended in this run, and the document of the last."""
+        ...
+
+    def grasp(
+        self,
+        driver: str,
+        *,
+        target_force_n: float | None,
+        item_id: str,
+        kind: str,
+        stops: int | None,
+    ) -> str:
+        """Begin a grasp; return the name of its recording."""
+        ...
+
+    def release(self, driver: str) -> None:
+        """Release the object, or open the hand."""
+        ...
+
+    def take_over(self, driver: str) -> None:
+        """Drive from now on."""
+        ...
+
+    def leave(self, driver: str) -> None:
+        """Let another client drive."""
+        ...
+
+    async def stop(self) -> bool:
+        """Stop; return whether the devices confirmed that the stop reached the hand."""
+        ...
+
+
+class Line(Protocol):
+    """One protocol, serving."""
+
+    async def refresh(self) -> None:
+        """Show what has changed."""
+        ...
+
+    async def close(self) -> None:
+        """Close every connection."""
+        ...
+
+
+class RefusedError(Exception):
+    """A command that can't be carried out now; its text is one line that says why."""
+
+
+def line_state(document: Mapping[str, Any]) -> State:
+    """Return the state of a station from its state document.
+
+    >>> line_state({"activity": "watching", "fresh": True, "hand_open": True, "trouble": ""}).name
+    'IDLE'
+    >>> line_state({"activity": "grasping", "phase": "hold", "answered": True}).name
+    'HOLDING'
+    """
+    activity = document["activity"]
+    if activity == "gone":
+        return State.ABORTED
+    if activity == "grasping":
+        held = document["phase"] == "hold" and document["answered"]
+        return State.HOLDING if held else State.EXECUTE
+    if activity == "watching":
+        if document["trouble"]:
+            return State.ABORTED
+        return State.IDLE if document["fresh"] and document["hand_open"] else State.STOPPED
+    return State.STOPPED

@@ -1,0 +1,275 @@
+"""OPC UA: one object with state, last result and methods (docs: Connect a packhouse)."""
+
+from __future__ import annotations
+
+import hmac
+import json
+import logging
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from palpate.errors import InputError, needing
+from palpate.line.machine import Machine, RefusedError, line_state
+from palpate.line.results import MEASUREMENTS, PARTS, bin_of, item_of, measured_values
+
+with needing("--opcua", extra="line"):
+    from asyncua import ua
+    from asyncua.common.node import Node
+    from asyncua.crypto.cert_gen import setup_self_signed_certificate
+    from asyncua.crypto.permission_rules import SimpleRoleRuleset, User, UserRole
+    from asyncua.server.server import Server
+    from asyncua.server.user_managers import UserManager
+    from asyncua.ua.status_codes import StatusCodes
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+#: Answers of a method, or the status that refuses it.
+_Answer: TypeAlias = "list[ua.Variant] | ua.StatusCode"
+#: Types of the arguments of `Grasp`, in order; texts may be null.
+_GRASP_TYPES: tuple[Any, ...] = (float, (str, type(None)), (str, type(None)), int)
+
+#: How this protocol is named among those who drive.
+DRIVER = "opcua"
+NAMESPACE, APPLICATION = "urn:palpate:station", "urn:palpate:server"
+#: The user whose password is the token.
+USER = "palpate"
+#: Values of variables before the first refresh.
+_EMPTY: dict[ua.VariantType, Any] = {
+    ua.VariantType.String: "",
+    ua.VariantType.Int32: 0,
+    ua.VariantType.Int64: 0,
+    ua.VariantType.Boolean: False,
+    ua.VariantType.Double: math.nan,
+}
+#: Variables of the state -> how they follow from the state document.
+_STATE: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
+    "State": (ua.VariantType.String, lambda state: line_state(state).name.lower()),
+    "StateNumber": (ua.VariantType.Int32, lambda state: int(line_state(state))),
+    "Activity": (ua.VariantType.String, lambda state: state["activity"]),
+    "Phase": (ua.VariantType.String, lambda state: state["phase"] or ""),
+    "Fresh": (ua.VariantType.Boolean, lambda state: bool(state["fresh"])),
+    "HandOpen": (ua.VariantType.Boolean, lambda state: bool(state["hand_open"])),
+    "Driven": (ua.VariantType.Boolean, lambda state: bool(state["driver"])),
+    "Simulated": (ua.VariantType.Boolean, lambda state: bool(state["simulated"])),
+    "Stops": (ua.VariantType.Int64, lambda state: int(state["stops"])),
+    "Trouble": (ua.VariantType.String, lambda state: state["trouble"] or ""),
+}
+
+
+class _Password(UserManager):
+    """Lets in the user `USER` with one password."""
+
+    def __init__(self, password: str) -> None:
+        self._password = password.encode()
+
+    def get_user(
+        self,
+        iserver: Any,
+        username: str | None = None,
+        password: str | None = None,
+        certificate: Any = None,
+    ) -> User | None:
+        """Return the user if the password is right; None refuses."""
+        right = hmac.compare_digest((password or "").encode(), self._password)
+        return User(role=UserRole.User, name=USER) if username == USER and right else None
+
+
+class OpcUaStation:
+    """Serves a machine.
+
+    `machine`: called on the event loop that `start` runs on.
+    `password`: of the user ``palpate``; None lets anyone in, without encryption.
+    `folder`: where the server's certificate is kept, made at the first start.
+    """
+
+    def __init__(self, machine: Machine, *, password: str | None, folder: Path) -> None:
+        self._machine, self._password, self._folder = machine, password, folder
+        self._server = Server(user_manager=None if password is None else _Password(password))
+        self._state: dict[str, Node] = {}
+        self._result: dict[str, Node] = {}
+        self._shown: dict[str, Any] = {}
+        self._results = -1
+
+    async def start(self, host: str, port: int) -> int:
+        """Listen; return the port, which 0 lets the system choose."""
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        server = self._server
+        await server.init()
+        server.set_endpoint(f"opc.tcp://{host}:{port}/palpate")
+        server.set_server_name("palpate")
+        await server.set_application_uri(APPLICATION)
+        if self._password is None:
+            server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        else:
+            await self._encrypt(host)
+        await self._build(await server.register_namespace(NAMESPACE))
+        await self.refresh()
+        await server.start()
+        listening: Any = server.bserver
+        return int(listening._server.sockets[0].getsockname()[1])
+
+    async def close(self) -> None:
+        """Close every session."""
+        await self._server.stop()
+
+    async def refresh(self) -> None:
+        """Write what has changed since the last time; clients that subscribed are notified."""
+        state = self._machine.state()
+        for name, (kind, value_of) in _STATE.items():
+            await self._write(self._state[name], name, value_of(state), kind)
+        number, result = self._machine.result()
+        if number == self._results:
+            return
+        self._results = number
+        text = ua.VariantType.String
+        values = measured_values(result)
+        for place, name in enumerate(_measured_names()):
+            await self._write(self._result[name], name, values[place], ua.VariantType.Double)
+        document = "" if result is None else json.dumps(result, allow_nan=False)
+        for name, value in (
+            ("Outcome", "" if result is None else str(result["outcome"])),
+            ("Item", item_of(result)),
+            ("Bin", bin_of(result)),
+            ("Document", document),
+        ):
+            await self._write(self._result[name], name, value, text)
+        # Last: a client that waits for this number finds the rest written.
+        await self._write(self._result["Number"], "Number", number, ua.VariantType.Int64)
+
+    async def _encrypt(self, host: str) -> None:
+        key, certificate = self._folder / "opcua-key.pem", self._folder / "opcua-certificate.der"
+        self._folder.mkdir(parents=True, exist_ok=True)
+        await setup_self_signed_certificate(
+            key,
+            certificate,
+            APPLICATION,
+            host,
+            [ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.SERVER_AUTH],
+            {"organizationName": "palpate", "commonName": "palpate"},
+        )
+        key.chmod(0o600)
+        await self._server.load_certificate(str(certificate))
+        await self._server.load_private_key(str(key))
+        self._server.set_security_policy(
+            [ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt],
+            permission_ruleset=SimpleRoleRuleset(),
+        )
+        self._server.set_security_IDs(["Username"])
+
+    async def _build(self, space: int) -> None:
+        station = await self._server.nodes.objects.add_object(space, "Station")
+        for name, (kind, _) in _STATE.items():
+            self._state[name] = await station.add_variable(
+                space, name, _EMPTY[kind], varianttype=kind
+            )
+        self._state["Refusal"] = await station.add_variable(
+            space, "Refusal", "", varianttype=ua.VariantType.String
+        )
+        result = await station.add_object(space, "Result")
+        kinds = dict.fromkeys(("Outcome", "Item", "Bin", "Document"), ua.VariantType.String)
+        kinds["Number"] = ua.VariantType.Int64
+        kinds |= dict.fromkeys(_measured_names(), ua.VariantType.Double)
+        for name, kind in kinds.items():
+            self._result[name] = await result.add_variable(
+                space, name, _EMPTY[kind], varianttype=kind
+            )
+        text, number = ua.VariantType.String, ua.VariantType.Double
+        for name, method, taken, given in (
+            (
+                "Grasp",
+                self._grasp,
+                [
+                    _argument("TargetForceN", number, "0 for a gentle squeeze"),
+                    _argument("Item", text, "empty for none"),
+                    _argument("Kind", text, "of produce, for its damage limit; empty for none"),
+                    _argument("Stops", ua.VariantType.Int64, "Stops as last seen; -1 to ignore"),
+                ],
+                [_argument("Recording", text, "name of the recording")],
+            ),
+            ("Release", self._release, [], []),
+            ("Stop", self._stop, [], [_argument("Stopped", ua.VariantType.Boolean, "confirmed")]),
+            ("TakeOver", self._take_over, [], []),
+            ("Leave", self._leave, [], []),
+        ):
+            await station.add_method(space, name, method, taken, given)
+
+    async def _write(self, node: Node, name: str, value: Any, kind: ua.VariantType) -> None:
+        same = self._shown.get(name)
+        if name in self._shown and (same == value or _both_nan(same, value)):
+            return
+        self._shown[name] = value
+        await node.write_value(ua.Variant(value, kind))
+
+    # -- methods: each returns its answers as variants -----------------------------------------
+
+    async def _grasp(self, parent: Any, *given: ua.Variant) -> _Answer:
+        values = [variant.Value for variant in given]
+        if len(values) != len(_GRASP_TYPES):
+            return _status(StatusCodes.BadArgumentsMissing)
+        if not all(isinstance(*pair) for pair in zip(values, _GRASP_TYPES, strict=True)):
+            return _status(StatusCodes.BadTypeMismatch)
+        target, item, kind, stops = values
+        return await self._obey(
+            lambda: self._machine.grasp(
+                DRIVER,
+                target_force_n=None if target == 0 else target,
+                item_id=item or "",
+                kind=kind or "",
+                stops=None if stops < 0 else stops,
+            )
+        )
+
+    async def _release(self, parent: Any) -> _Answer:
+        return await self._obey(lambda: self._machine.release(DRIVER))
+
+    async def _obey(self, command: Callable[[], str | None]) -> _Answer:
+        """Carry out a command; refuse it with a status, and the reason in `Refusal`."""
+        refusal = ""
+        answer: _Answer
+        try:
+            text = command()
+            answer = [] if text is None else [ua.Variant(text, ua.VariantType.String)]
+        except RefusedError as error:
+            refusal, answer = str(error), _status(StatusCodes.BadInvalidState)
+        except InputError as error:
+            refusal, answer = str(error), _status(StatusCodes.BadInvalidArgument)
+        await self._write(self._state["Refusal"], "Refusal", refusal, ua.VariantType.String)
+        return answer
+
+    async def _stop(self, parent: Any) -> list[ua.Variant]:
+        return [ua.Variant(await self._machine.stop(), ua.VariantType.Boolean)]
+
+    async def _take_over(self, parent: Any) -> list[ua.Variant]:
+        self._machine.take_over(DRIVER)
+        return []
+
+    async def _leave(self, parent: Any) -> list[ua.Variant]:
+        self._machine.leave(DRIVER)
+        return []
+
+
+def _measured_names() -> list[str]:
+    """Return the variables of the measurements: `SizeMm`, `SizeMmLow`, `SizeMmHigh` and so on."""
+    names = []
+    for measurement in MEASUREMENTS:
+        stem = "".join(word.capitalize() for word in measurement.split("_"))
+        names += [stem + ("" if part == "value" else part.capitalize()) for part in PARTS]
+    return names
+
+
+def _argument(name: str, kind: ua.VariantType, about: str) -> ua.Argument:
+    return ua.Argument(
+        Name=name,
+        DataType=ua.NodeId(ua.Int32(kind.value)),
+        ValueRank=-1,
+        Description=ua.LocalizedText(about),
+    )
+
+
+def _status(code: int) -> ua.StatusCode:
+    return ua.StatusCode(ua.UInt32(code))
+
+
+def _both_nan(one: Any, other: Any) -> bool:
+    return all(isinstance(value, float) and math.isnan(value) for value in (one, other))

@@ -1,0 +1,44 @@
+"""The measurements of a grasp document as flat values, in one order for every protocol."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from palpate.grasp.result import Outcome
+
+#: Measurements of a result, in the order of the register map and of the OPC UA variables.
+MEASUREMENTS = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent", "firmness")
+#: Parts of each measurement.
+PARTS = ("value", "low", "high")
+#: Number of each outcome on protocols without text; 0 before the first grasp.
+OUTCOME_NUMBERS = {outcome.value: number for number, outcome in enumerate(Outcome, start=1)}
+
+
+def measured_values(document: Mapping[str, Any] | None) -> list[float]:
+    """Return value, low and high of each measurement; NaN for what is not known.
+
+    >>> values = measured_values({"size_mm": {"value": 40.0, "low": 39.0, "high": None}})
+    >>> values[:3], len(values)
+    ([40.0, 39.0, nan], 15)
+    """
+    found = []
+    for name in MEASUREMENTS:
+        measured = (document or {}).get(name) or {}
+        for part in PARTS:
+            number = measured.get(part)
+            found.append(math.nan if number is None else float(number))
+    return found
+
+
+def bin_of(document: Mapping[str, Any] | None) -> str:
+    """Return the name of the bin of a result; empty without one."""
+    found = (document or {}).get("bin") or {}
+    return str(found.get("name") or "")
+
+
+def item_of(document: Mapping[str, Any] | None) -> str:
+    """Return the item of a result; empty without one."""
+    document = document or {}
+    return str(document.get("item_id") or (document.get("item") or {}).get("id") or "")

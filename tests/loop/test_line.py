@@ -1,0 +1,266 @@
+"""A line's controllers: clients of OPC UA and Modbus against `palpate serve`, on the twin."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import struct
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+from asyncua import Client, ua
+from pymodbus.client import AsyncModbusTcpClient
+from tests.loop.test_dashboard import SIMULATED, served
+from tests.loop.test_dashboard_api import Machine
+
+from palpate.line import modbus
+from palpate.line.machine import State
+
+#: Looks until a state is given up, and the pause between two, seconds.
+MOST_LOOKS, EVERY_S = 3000, 0.02
+_Answer = TypeVar("_Answer")
+
+
+@dataclass(frozen=True)
+class Served:
+    """Addresses of one server."""
+
+    http: str
+    opcua: str
+    modbus: int
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.fixture(scope="module")
+def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    opcua_port, modbus_port = free_port(), free_port()
+    options = (*SIMULATED, "--opcua", str(opcua_port), "--modbus", str(modbus_port))
+    with served(tmp_path_factory.mktemp("line"), *options) as address:
+        yield Served(
+            http=address,
+            opcua=f"opc.tcp://127.0.0.1:{opcua_port}/palpate",
+            modbus=modbus_port,
+        )
+
+
+async def until(
+    ask: Callable[[], Awaitable[_Answer]], wanted: Callable[[_Answer], bool]
+) -> _Answer:
+    for _ in range(MOST_LOOKS):
+        found = await ask()
+        if wanted(found):
+            return found
+        await asyncio.sleep(EVERY_S)
+    raise AssertionError(f"it stayed {found}")
+
+
+class OpcUa:
+    """A client of the station's object."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    async def _node(self, *path: str) -> Any:
+        space = await self._client.get_namespace_index("urn:palpate:station")
+        return await self._client.nodes.objects.get_child(
+            [f"{space}:{name}" for name in ("Station", *path)]
+        )
+
+    async def value(self, *path: str) -> Any:
+        return await (await self._node(*path)).read_value()
+
+    async def call(self, method: str, *arguments: Any) -> Any:
+        parent = await self._node()
+        return await parent.call_method(await self._node(method), *arguments)
+
+    async def grasp(self, target_n: float = 0.0, item: str = "", stops: int = -1) -> Any:
+        return await self.call(
+            "Grasp",
+            ua.Variant(target_n, ua.VariantType.Double),
+            item,
+            "",
+            ua.Variant(stops, ua.VariantType.Int64),
+        )
+
+    async def reach(self, state: str) -> None:
+        await until(lambda: self.value("State"), lambda now: now == state)
+
+
+async def registers(client: AsyncModbusTcpClient, at: int, count: int) -> list[int]:
+    answer = await client.read_holding_registers(at, count=count)
+    assert not answer.isError()
+    return list(answer.registers)
+
+
+async def reach(client: AsyncModbusTcpClient, state: State) -> None:
+    await until(lambda: registers(client, modbus.STATE, 1), lambda now: now[0] == state)
+
+
+def test_opcua_grasp_gives_the_result_that_http_gives(station: Served) -> None:
+    async def work() -> tuple[dict[str, Any], float, str]:
+        async with Client(station.opcua) as client:
+            hand = OpcUa(client)
+            await hand.call("TakeOver")
+            await hand.reach("idle")
+            before = await hand.value("Result", "Number")
+            recording = await hand.grasp(2.0, "berry-7")
+            await hand.reach("holding")
+            await hand.call("Release")
+            await until(lambda: hand.value("Result", "Number"), lambda now: now == before + 1)
+            document = json.loads(await hand.value("Result", "Document"))
+            assert document["recording"] == recording
+            assert await hand.value("Result", "Outcome") == "held"
+            return (
+                document,
+                await hand.value("Result", "SizeMm"),
+                await hand.value("Result", "Item"),
+            )
+
+    document, size_mm, item = asyncio.run(work())
+    assert Machine(station.http).ask("GET", "/result") == (200, document)
+    assert size_mm == document["size_mm"]["value"]
+    assert item == "berry-7"
+
+
+def test_modbus_grasp_gives_the_result_that_http_gives(station: Served) -> None:
+    async def work() -> tuple[list[int], list[int]]:
+        async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
+            await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
+            await reach(client, State.IDLE)
+            before = await registers(client, modbus.RESULTS, 2)
+            await client.write_register(modbus.TARGET, 200)
+            await client.write_registers(modbus.NEW_ITEM, modbus.text_registers("berry-8"))
+            answer = await client.write_register(modbus.COMMAND, modbus.GRASP)
+            assert not answer.isError()
+            await reach(client, State.HOLDING)
+            await client.write_register(modbus.COMMAND, modbus.RELEASE)
+            await until(
+                lambda: registers(client, modbus.RESULTS, 2), lambda now: now[1] == before[1] + 1
+            )
+            values = await registers(client, modbus.VALUES, 6)
+            return values, await registers(client, modbus.ITEM, modbus.TEXT_REGISTERS)
+
+    values, item = asyncio.run(work())
+    document = Machine(station.http).ask("GET", "/result")[1]
+    size = struct.unpack(">3f", struct.pack(">6H", *values))
+    assert size == pytest.approx([document["size_mm"][part] for part in ("value", "low", "high")])
+    assert modbus.text_of(item) == document["item_id"] == "berry-8"
+
+
+def test_modbus_wrong_command_and_address_are_exceptions_with_a_reason(station: Served) -> None:
+    async def work() -> tuple[int, int, str]:
+        async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
+            wrong = await client.write_register(modbus.COMMAND, 9)
+            why = await registers(client, modbus.REFUSAL, modbus.TEXT_REGISTERS)
+            beside = await client.write_register(modbus.STATE, 1)
+            return wrong.exception_code, beside.exception_code, modbus.text_of(why)
+
+    assert asyncio.run(work()) == (3, 2, "command 9: there are 1 to 5")
+
+
+def test_opcua_wrong_force_is_refused_with_a_status_and_a_reason(station: Served) -> None:
+    async def work() -> str:
+        async with Client(station.opcua) as client:
+            hand = OpcUa(client)
+            await hand.call("TakeOver")
+            await hand.reach("idle")
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await hand.grasp(900.0)
+            assert refused.value.code == ua.StatusCodes.BadInvalidArgument
+            found: str = await hand.value("Refusal")
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await hand.call("Grasp", "hard", "", "", 1)
+            assert refused.value.code == ua.StatusCodes.BadTypeMismatch
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await hand.call("Grasp")
+            assert refused.value.code == ua.StatusCodes.BadArgumentsMissing
+            return found
+
+    assert "at most 15 N" in asyncio.run(work())
+
+
+def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) -> None:
+    async def work() -> None:
+        async with (
+            Client(station.opcua) as client,
+            AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as other,
+        ):
+            hand = OpcUa(client)
+            await hand.call("TakeOver")
+            await hand.reach("idle")
+            refused = await other.write_register(modbus.COMMAND, modbus.GRASP)
+            assert refused.exception_code == 6
+            why = await registers(other, modbus.REFUSAL, modbus.TEXT_REGISTERS)
+            assert modbus.text_of(why) == "someone else drives: take over first"
+            await hand.grasp()
+            await hand.reach("execute")
+            stopped = await other.write_register(modbus.COMMAND, modbus.STOP)
+            assert not stopped.isError()
+            await until(lambda: hand.value("Activity"), lambda now: now == "watching")
+            stops = await hand.value("Stops")
+            with pytest.raises(ua.UaStatusCodeError):
+                await hand.grasp(stops=stops - 1)
+            await hand.call("Release")
+            await hand.reach("idle")
+
+    asyncio.run(work())
+
+
+def test_client_lost_while_the_hand_closes_leaves_the_grasp_to_the_next(station: Served) -> None:
+    async def begin() -> None:
+        async with Client(station.opcua) as client:
+            hand = OpcUa(client)
+            await hand.call("TakeOver")
+            await hand.reach("idle")
+            await hand.grasp(2.0)
+            await hand.reach("execute")
+
+    async def end() -> str:
+        async with Client(station.opcua) as client:
+            hand = OpcUa(client)
+            await hand.reach("holding")
+            await hand.call("Release")
+            await hand.reach("idle")
+            found: str = await hand.value("Result", "Outcome")
+            return found
+
+    asyncio.run(begin())
+    assert asyncio.run(end()) == "held"
+
+
+def test_opcua_beyond_the_loopback_needs_token_and_encryption(tmp_path: Path) -> None:
+    port = free_port()
+    options = (*SIMULATED, "--opcua", f"0.0.0.0:{port}", "--token", "correct-horse-battery")
+
+    async def visit(password: str, *, encrypted: bool) -> str:
+        client = Client(f"opc.tcp://127.0.0.1:{port}/palpate")
+        client.set_user("palpate")
+        client.set_password(password)
+        client.application_uri = "urn:example:client"
+        if encrypted:
+            await client.set_security_string(
+                f"Basic256Sha256,SignAndEncrypt,{tmp_path}/data/opcua-certificate.der,"
+                f"{tmp_path}/data/opcua-key.pem"
+            )
+        async with client:
+            found: str = await OpcUa(client).value("State")
+            return found
+
+    with served(tmp_path, *options):
+        assert asyncio.run(visit("correct-horse-battery", encrypted=True)) in (
+            "idle",
+            "stopped",
+        )
+        for password, encrypted in (("wrong", True), ("correct-horse-battery", False)):
+            with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
+                asyncio.run(visit(password, encrypted=encrypted))
