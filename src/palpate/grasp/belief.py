@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
@@ -130,6 +131,8 @@ class Belief:
         Grip force now and its upper bound, from the last step read.
     peak_force_n : float
         Largest grip force so far.
+    frames_n : tuple of float
+        Grip force by the last two frames alone, the hand moving or not.
     damage_low_n : float
         Lower bound of the force that damages the object, from the closing so far.
     pulls : tuple of Pull
@@ -182,6 +185,7 @@ class Belief:
     force_n: float = 0.0
     force_high_n: float = 0.0
     peak_force_n: float = 0.0
+    frames_n: tuple[float, float] = (0.0, 0.0)
     damage_low_n: float = float("inf")
     pulls: tuple[Pull, ...] = ()
     gain: Gain = field(default_factory=lambda: Gain.unknown(law_sd=0.0))
@@ -220,6 +224,11 @@ class Belief:
     def still_s(self) -> float:
         """How long the gripper has stood still, seconds."""
         return 0.0 if self.still_since_s is None else self.now_s - self.still_since_s
+
+    @property
+    def watched_n(self) -> float:
+        """Grip force that both of the last two frames show, newtons: one alone may be a spike."""
+        return min(self.frames_n)
 
     @property
     def now(self) -> Touch:
@@ -272,9 +281,10 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
         return replace(belief, rest_frames=(*belief.rest_frames, ohm))
     if belief.sweep is not None:
         belief = replace(belief, sweep=_swept(belief.sweep, belief.rest_ohm, ohm, gripper, plan))
+    touch = _unremembered(_touch(frame.time_s, ohm, belief, plan), belief)
+    belief = replace(belief, frames_n=(belief.frames_n[1], _frame_n(touch, belief, plan)))
     if gripper.moving:
         return replace(belief, touches=(), pulls=pulled(belief, gripper, plan))
-    touch = _unremembered(_touch(frame.time_s, ohm, belief, plan), belief)
     strongest = max(belief.strongest, touch.reading) if belief.touches else touch.reading
     return noticed(replace(belief, touches=(*belief.touches, touch), strongest=strongest))
 
@@ -335,6 +345,16 @@ def _touch(time_s: float, ohm: NDArray[np.float64], belief: Belief, plan: Plan) 
         relative_percent=float(_finite(mean_change(change))),
         reading=float(plan.reading.reading(excess)),
     )
+
+
+def _frame_n(touch: Touch, belief: Belief, plan: Plan) -> float:
+    """Return the grip force by one frame: the smaller of what the two laws of the sheet read.
+
+    Whether the load is new or has settled is not known of a frame, and too small an answer stops
+    the hand a moment later, not a healthy grasp.
+    """
+    laws_n = [law.force_n(touch.reading).value for law in (plan.early_law, plan.settled_law)]
+    return math.exp(belief.gain.log_mean) * float(min(laws_n))
 
 
 def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:

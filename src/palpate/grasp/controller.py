@@ -29,9 +29,11 @@ from palpate.grasp.step_size import (
     approach_step,
     clamped,
     closed_by,
+    pressed,
     read,
     sent_to,
     wanted_step,
+    whole,
 )
 from palpate.gripper.interface import GripperCommand
 
@@ -39,6 +41,10 @@ from palpate.gripper.interface import GripperCommand
 Move = tuple[Belief, GripperCommand | None]
 
 _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
+#: Phases in which a movement closes on an object; it is stopped where the frames show this multiple
+#: of the target (guess: a correction starts at up to 1.05 of it, read by a sheet that creeps).
+_CLOSING = (Phase.SQUEEZE, Phase.SETTLE)
+_TOO_FAR_SHARE = 1.25
 #: Less than this share of the strongest touch of this grip means that the object is gone.
 _LOST_SHARE = 0.35
 #: A sheet that shows this much less than at its strongest step, though the hand has closed on this
@@ -84,8 +90,18 @@ def step(belief: Belief, observation: Observation, *, plan: Plan) -> Move:
 def _wished(belief: Belief, plan: Plan) -> Move:
     """Return what is believed and wished now: by the dangers first, then by the phase."""
     if belief.phase not in (Phase.RELEASE, Phase.STOPPED):
+        if belief.watched_n > plan.safety.force_ceiling_n:
+            belief = pressed(
+                belief,
+                force_n=belief.watched_n,
+                force_high_n=max(belief.watched_n, belief.force_high_n),
+            )
         if belief.force_n > plan.safety.force_ceiling_n:
             return stopped(belief, Danger.FORCE_LIMIT, plan=plan)
+        if _closes_too_far(belief, plan):
+            # No further than it reports to be: a stop is never cut.
+            here = whole(belief.closure - belief.behind, plan, within=True)
+            return belief, GripperCommand(target=here, rate=plan.gripper.fastest)
         if belief.phase in _HOLDING and _grip_lost(belief):
             return _release(belief, plan, Outcome.SLIPPED)
         if belief.phase in _HOLDING and (_falls(belief) or _rises(belief, plan)):
@@ -93,6 +109,14 @@ def _wished(belief: Belief, plan: Plan) -> Move:
         if belief.phase is not Phase.HOLD and belief.lasted_s > plan.longest_s:
             return _release(belief, plan, Outcome.TIMED_OUT)
     return HANDLERS[belief.phase](belief, plan)
+
+
+def _closes_too_far(belief: Belief, plan: Plan) -> bool:
+    """Return whether a hand that closes already presses more than it was sent on for."""
+    moving = belief.still_since_s is None and belief.closure < belief.sent
+    if not moving or plan.target_force_n is None or belief.phase not in _CLOSING:
+        return False
+    return belief.watched_n > _TOO_FAR_SHARE * target.goal_n(plan)
 
 
 def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import brentq
 
 from palpate.arrays import FloatArray
 from palpate.estimate.closing_stiffness import LAG, tilt_sd, unforgotten
 from palpate.estimate.gain import Gain, MeasuredForce
 
 if TYPE_CHECKING:
+    from palpate.estimate.compliance import SoftFingerCompliance
     from palpate.grasp.belief import Belief
     from palpate.grasp.plan import Plan
     from palpate.gripper.interface import GripperState
@@ -28,6 +30,13 @@ _FAINTEST_N = 0.05
 #: Less than this share of the strongest reading of the closing is a different grip from the one
 #: that the servo's current was read in.
 _LEFT_SHARE = 0.2
+
+
+#: Fingers driven by pressure: steps with a touch that show where it began; stiffness of the
+#: softest fruit that is gripped, N/mm; largest force looked for, newtons; error of a regulator,
+#: kPa; hysteresis of the fingers, of ln force (guesses, but for the stiffness:
+#: study `rupture`).
+_FEWEST_TOUCHED, _SOFT_N_PER_MM, _MOST_N, _PRESSURE_KPA, _HYSTERESIS_SD = 2, 0.7, 200.0, 0.5, 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +60,8 @@ def pulled(belief: Belief, gripper: GripperState, plan: Plan) -> tuple[Pull, ...
 
 def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
     """Return the force at the present closure as the gripper itself measures it, if it can."""
+    if plan.bend is not None:
+        return _measured_by_pressure(belief, plan, plan.bend)
     if plan.current is None or not belief.pulls or not belief.staircase:
         return None
     closure = np.array([stair.closure for stair in belief.staircase])
@@ -66,6 +77,45 @@ def felt_by_gripper(belief: Belief, plan: Plan) -> MeasuredForce | None:
         width_mm=[plan.gripper.target(pull.closure) for pull in belief.pulls],
         movement=[pull.moved_s for pull in belief.pulls],
         tilt_sd=tilt_sd(plan.early_law.residual_sd),
+    )
+
+
+def _measured_by_pressure(
+    belief: Belief, plan: Plan, bend: SoftFingerCompliance
+) -> MeasuredForce | None:
+    """Return the force of fingers driven by pressure, from how far it would have closed them.
+
+    They give way far more than what they grip, so the force follows from the pressure since the
+    touch. Where they touched lies between the last step without a touch and where the sheet's
+    forces, extrapolated, begin: no gain of the sheet moves that point.
+    """
+    force_n = plan.early_law.force_n(
+        np.array([stair.touch.reading for stair in belief.staircase])
+    ).value
+    shared = np.array([stair.touch.shared_percent for stair in belief.staircase])
+    closure = np.array([stair.closure for stair in belief.staircase])
+    touched = shared <= plan.hint_percent
+    if np.count_nonzero(touched) < _FEWEST_TOUCHED or not force_n[-1] > 0:
+        return None
+    first = int(np.argmax(touched))
+    slope, offset = np.polyfit(closure[touched], force_n[touched], 1)
+    free = closure[first - 1] if first > 0 else closure[first] - plan.step
+    start = float(np.clip(-offset / slope, free, closure[first])) if slope > 0 else free
+    way_mm = bend.mm_per_kpa * (belief.closure - start)
+    ends_n = [
+        brentq(lambda f, per_n=per_n: bend.give.give_mm(f) + f * per_n - way_mm, 0.0, _MOST_N)
+        for per_n in (1.0 / _SOFT_N_PER_MM, 0.0)
+        if way_mm > 0
+    ]
+    if not ends_n or not ends_n[0] > 0:
+        return None
+    low_n, high_n = ends_n
+    middle_n = math.sqrt(low_n * high_n)
+    start_sd_mm = bend.mm_per_kpa * max(closure[first] - free, _PRESSURE_KPA) / math.sqrt(12.0)
+    return MeasuredForce(
+        force_n=middle_n,
+        sd_n=middle_n / way_mm * start_sd_mm,
+        log_sd=math.hypot(_HYSTERESIS_SD, math.log(high_n / low_n) / math.sqrt(12.0)),
     )
 
 
@@ -89,7 +139,7 @@ def _between(at: FloatArray, closure: FloatArray, force_n: FloatArray) -> FloatA
 def early_gain(belief: Belief, plan: Plan) -> Gain:
     """Return how this contact reads, soon after a step, against the sheet's early law."""
     gain = Gain.unknown(law_sd=plan.early_law.residual_sd, more_sd=_HASTE_SD)
-    felt = felt_by_gripper(belief, plan)
+    felt = felt_by_gripper(belief, plan) if belief.staircase else None
     if felt is None:
         return gain
     sheet_n = float(plan.early_law.force_n(belief.staircase[-1].touch.reading).value)

@@ -276,3 +276,26 @@ def test_a_sheet_that_does_not_show_the_force_is_let_go(
     assert result.outcome is Outcome.SENSOR_LOST
     assert "or more where it opens" in result.faults[0]
     assert peak_n[0] < 7.0
+
+
+def test_hold_pressed_from_outside_beyond_the_ceiling_opens_at_the_next_frames(
+    plan: Plan, bench: Any
+) -> None:
+    read, pressed_s = type(bench).read, list[float]()
+
+    def squeezed(*, timeout_s: float) -> Any:
+        if pressed_s:
+            bench.size_mm = 66.0
+        return read(bench, timeout_s=timeout_s)
+
+    def watch(belief: Belief) -> None:
+        if belief.phase is Phase.HOLD and not pressed_s:
+            pressed_s.append(belief.now_s)
+
+    bench.read = squeezed
+    result = run(replace(plan, hold_s=20.0), bench, watch=watch)
+    assert result.outcome is Outcome.FORCE_LIMIT
+    assert "15 N is the most allowed" in result.faults[0]
+    opened_s = next(m.time_s for m in result.moments if m.name == "force_limit")
+    assert opened_s - pressed_s[0] < 0.5
+    assert bench.width_mm == 74.0

@@ -11,10 +11,15 @@ import pytest
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperCommand, GripperState
+from palpate.rig.simulated import calibrated
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
 
 GEARS = GearFriction(mean_ma=40.0, mean_sd_ma=0.5, movement_ma=0.0)
 LAW = CurrentLaw(gears=GEARS, ma_per_n=16.0, noise_ma=6.0)
@@ -155,3 +160,22 @@ def test_it_comes_back_in_safe_goes_and_less_far_than_it_stood(
     assert came[0] == pytest.approx(again[0], abs=plan.resolution)
     assert result.force_n is not None
     assert result.force_n.value == pytest.approx(4.0, rel=0.1)
+
+
+def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_shows() -> None:
+    """A sensor of level field whose sheet alone read 2 N where there were 10."""
+    seed = 710_148
+    fruit = draw_object(np.random.default_rng([seed, 10]), "avocado-day-3")
+    calibration = calibrated(seed=seed, level="field", apart_from=fruit.name, kind="soft")
+    world = World(fruit, seed=seed, sheet_seed=seed, level="field", gripper="soft")
+    gripper = TwinGripper(world)
+    result = run_grasp(
+        plan_grasp(calibration, gripper=gripper, target_force_n=2.0),
+        array=TwinArray(world),
+        gripper=gripper,
+        clock=world.clock,
+    )
+    assert result.outcome is Outcome.HELD
+    assert result.force_n is not None
+    assert result.force_n.low < world.truth().force_n < result.force_n.high
+    assert world.truth().peak_force_n < 3.5
