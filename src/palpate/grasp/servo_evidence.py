@@ -102,14 +102,13 @@ def _measured_by_pressure(
     free = closure[first - 1] if first > 0 else closure[first] - plan.step
     start = float(np.clip(-offset / slope, free, closure[first])) if slope > 0 else free
     way_mm = bend.mm_per_kpa * (belief.closure - start)
-    ends_n = [
+    # Fingers that hardly give way measure no force: none that is looked for closes them this far.
+    if not 0.0 < way_mm < float(bend.give.give_mm(_MOST_N)):
+        return None
+    low_n, high_n = (
         brentq(lambda f, per_n=per_n: bend.give.give_mm(f) + f * per_n - way_mm, 0.0, _MOST_N)
         for per_n in (1.0 / _SOFT_N_PER_MM, 0.0)
-        if way_mm > 0
-    ]
-    if not ends_n or not ends_n[0] > 0:
-        return None
-    low_n, high_n = ends_n
+    )
     middle_n = math.sqrt(low_n * high_n)
     start_sd_mm = bend.mm_per_kpa * max(closure[first] - free, _PRESSURE_KPA) / math.sqrt(12.0)
     return MeasuredForce(

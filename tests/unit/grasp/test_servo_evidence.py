@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.estimate.compliance import Compliance
 from palpate.estimate.servo_force import CurrentLaw, GearFriction
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
@@ -179,3 +180,22 @@ def test_soft_fingers_on_a_sheet_that_reads_too_little_press_as_their_pressure_s
     assert result.force_n is not None
     assert result.force_n.low < world.truth().force_n < result.force_n.high
     assert world.truth().peak_force_n < 3.5
+
+
+def test_soft_fingers_whose_calibration_shows_no_compliance_measure_no_force() -> None:
+    """Blocks that were read at nearly the same pressure at every force."""
+    calibration = calibrated(seed=7, level="lab", apart_from="tomato", kind="soft")
+    world = World(draw_object(np.random.default_rng(7), "tomato"), seed=7, gripper="soft")
+    gripper = TwinGripper(world)
+    plan = plan_grasp(calibration, gripper=gripper, target_force_n=2.0)
+    assert plan.bend is not None
+    stiff = Compliance(
+        slope_mm_per_n=0.0, pad_mm=(0.01,) * 5, zero_mm=0.0, residual_mm=0.1, largest_force_n=9.0
+    )
+    result = run_grasp(
+        replace(plan, bend=replace(plan.bend, give=stiff)),
+        array=TwinArray(world),
+        gripper=gripper,
+        clock=world.clock,
+    )
+    assert result.outcome is Outcome.HELD
