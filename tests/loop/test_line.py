@@ -18,7 +18,7 @@ from tests.loop.test_dashboard import SIMULATED, served
 from tests.loop.test_dashboard_api import Machine
 
 from palpate.line import modbus
-from palpate.line.machine import State
+from palpate.line.machine import LineState
 
 #: Looks until a state is given up, and the pause between two, seconds.
 MOST_LOOKS, EVERY_S = 3000, 0.02
@@ -102,7 +102,7 @@ async def registers(client: AsyncModbusTcpClient, at: int, count: int) -> list[i
     return list(answer.registers)
 
 
-async def reach(client: AsyncModbusTcpClient, state: State) -> None:
+async def reach(client: AsyncModbusTcpClient, state: LineState) -> None:
     await until(lambda: registers(client, modbus.STATE, 1), lambda now: now[0] == state)
 
 
@@ -136,13 +136,13 @@ def test_modbus_grasp_gives_the_result_that_http_gives(station: Served) -> None:
     async def work() -> tuple[list[int], list[int]]:
         async with AsyncModbusTcpClient("127.0.0.1", port=station.modbus) as client:
             await client.write_register(modbus.COMMAND, modbus.TAKE_OVER)
-            await reach(client, State.IDLE)
+            await reach(client, LineState.IDLE)
             before = await registers(client, modbus.RESULTS, 2)
             await client.write_register(modbus.TARGET, 200)
             await client.write_registers(modbus.NEW_ITEM, modbus.text_registers("berry-8"))
             answer = await client.write_register(modbus.COMMAND, modbus.GRASP)
             assert not answer.isError()
-            await reach(client, State.HOLDING)
+            await reach(client, LineState.HOLDING)
             await client.write_register(modbus.COMMAND, modbus.RELEASE)
             await until(
                 lambda: registers(client, modbus.RESULTS, 2), lambda now: now[1] == before[1] + 1

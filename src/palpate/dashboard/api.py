@@ -21,7 +21,7 @@ from palpate.dashboard.state_json import state_document
 from palpate.dashboard.station import Station
 from palpate.errors import InputError, PalpateError
 from palpate.grasp.safety import FORCE_CEILING_N
-from palpate.line.machine import RefusedError
+from palpate.line.machine import CommandRefusedError
 from palpate.produce.records import Item
 
 #: All machines drive as one: every client with access is trusted, as on the page.
@@ -158,7 +158,7 @@ def _act(api: FastAPI, station: Station) -> None:
 def _allowed() -> Iterator[None]:
     try:
         yield
-    except RefusedError as error:
+    except CommandRefusedError as error:
         raise HTTPException(409, str(error)) from error
 
 

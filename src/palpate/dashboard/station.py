@@ -8,7 +8,7 @@ from typing import Any
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.state_json import state_document
 from palpate.errors import InputError
-from palpate.line.machine import RefusedError
+from palpate.line.machine import CommandRefusedError
 
 #: A stop that is not confirmed by then is answered so, seconds.
 STOP_PATIENCE_S = 2.0
@@ -41,10 +41,12 @@ class Station:
     ) -> str:
         """Begin a grasp; return the name of its recording.
 
-        Raises `RefusedError` where it can't begin now, `InputError` for a bad value.
+        Raises `CommandRefusedError` where it can't begin now, `InputError` for a bad value.
         """
         if stops is not None and stops < self._session.stops:
-            raise RefusedError("stopped before it began: ask for the state, then order again")
+            raise CommandRefusedError(
+                "stopped before it began: ask for the state, then order again"
+            )
         order = self._app_state.grasp_order(
             target_force_n=target_force_n, item_id=item_id, kind=kind
         )
@@ -52,19 +54,19 @@ class Station:
         try:
             self._session.order(driver, order)
         except InputError as error:
-            raise RefusedError(str(error)) from error
+            raise CommandRefusedError(str(error)) from error
         return order.recording.name
 
     def release(self, driver: str) -> None:
         """Release the object, or open the hand.
 
-        Raises `RefusedError` where it can't be done now.
+        Raises `CommandRefusedError` where it can't be done now.
         """
         self._session.join(driver)
         try:
             self._session.release(driver)
         except InputError as error:
-            raise RefusedError(str(error)) from error
+            raise CommandRefusedError(str(error)) from error
 
     def take_over(self, driver: str) -> None:
         """Drive from now on."""

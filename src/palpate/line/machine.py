@@ -7,7 +7,7 @@ from enum import IntEnum
 from typing import Any, Protocol
 
 
-class State(IntEnum):
+class LineState(IntEnum):
     """States in the manner of PackML (ISA-TR88.00.02), as far as a station has them."""
 
     #: No rig, no fresh frames, or a hand that is not open: release first.
@@ -25,7 +25,8 @@ class State(IntEnum):
 class Machine(Protocol):
     """What a protocol needs of the server. Everything is called on the server's event loop.
 
-    Commands raise `RefusedError` where they can't be carried out now, `InputError` for a bad value.
+    Commands raise `CommandRefusedError` where they can't be carried out now, `InputError` for a bad
+    value.
     """
 
     def state(self) -> Mapping[str, Any]:
@@ -77,11 +78,11 @@ class Line(Protocol):
         ...
 
 
-class RefusedError(Exception):
+class CommandRefusedError(Exception):
     """A command that can't be carried out now; its text is one line that says why."""
 
 
-def line_state(document: Mapping[str, Any]) -> State:
+def line_state(document: Mapping[str, Any]) -> LineState:
     """Return the state of a station from its state document.
 
     >>> line_state({"activity": "watching", "fresh": True, "hand_open": True, "trouble": ""}).name
@@ -91,12 +92,12 @@ def line_state(document: Mapping[str, Any]) -> State:
     """
     activity = document["activity"]
     if activity == "gone":
-        return State.ABORTED
+        return LineState.ABORTED
     if activity == "grasping":
         held = document["phase"] == "hold" and document["answered"]
-        return State.HOLDING if held else State.EXECUTE
+        return LineState.HOLDING if held else LineState.EXECUTE
     if activity == "watching":
         if document["trouble"]:
-            return State.ABORTED
-        return State.IDLE if document["fresh"] and document["hand_open"] else State.STOPPED
-    return State.STOPPED
+            return LineState.ABORTED
+        return LineState.IDLE if document["fresh"] and document["hand_open"] else LineState.STOPPED
+    return LineState.STOPPED

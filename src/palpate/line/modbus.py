@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from palpate.errors import InputError, needing
-from palpate.line.machine import Machine, RefusedError, line_state
+from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import (
     MEASUREMENTS,
     OUTCOME_NUMBERS,
@@ -85,7 +85,7 @@ class ModbusStation:
             return None
         try:
             await self._obey(self._written[0])
-        except RefusedError as error:
+        except CommandRefusedError as error:
             self._refusal = str(error)
             return ExcCodes.DEVICE_BUSY
         except (InputError, UnicodeDecodeError) as error:
@@ -111,7 +111,7 @@ class ModbusStation:
             machine.release(DRIVER)
         elif command == STOP:
             if not await machine.stop():
-                raise RefusedError("the stop was not confirmed: use the emergency stop")
+                raise CommandRefusedError("the stop was not confirmed: use the emergency stop")
         elif command == TAKE_OVER:
             machine.take_over(DRIVER)
         elif command == LEAVE:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from palpate.errors import InputError, needing
-from palpate.line.machine import Machine, RefusedError, line_state
+from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import MEASUREMENTS, PARTS, bin_of, item_of, measured_values
 
 with needing("--opcua", extra="line"):
@@ -230,7 +230,7 @@ class OpcUaStation:
         try:
             text = command()
             answer = [] if text is None else [ua.Variant(text, ua.VariantType.String)]
-        except RefusedError as error:
+        except CommandRefusedError as error:
             refusal, answer = str(error), _status(StatusCodes.BadInvalidState)
         except InputError as error:
             refusal, answer = str(error), _status(StatusCodes.BadInvalidArgument)

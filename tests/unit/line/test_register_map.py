@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.line.machine import State, line_state
+from palpate.line.machine import LineState, line_state
 from palpate.line.modbus import TEXT_REGISTERS, register_map, text_of, text_registers
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "packhouse.md"
@@ -35,17 +35,19 @@ def test_text_registers_of_ascii_round_trips(text: str) -> None:
 @pytest.mark.parametrize(
     ("changed", "state"),
     [
-        ({}, State.IDLE),
-        ({"fresh": False}, State.STOPPED),
-        ({"hand_open": False}, State.STOPPED),
-        ({"trouble": "the sensor is lost"}, State.ABORTED),
-        ({"activity": "gone"}, State.ABORTED),
-        ({"activity": "opening the rig"}, State.STOPPED),
-        ({"activity": "grasping"}, State.EXECUTE),
-        ({"activity": "grasping", "phase": "hold", "answered": True}, State.HOLDING),
+        ({}, LineState.IDLE),
+        ({"fresh": False}, LineState.STOPPED),
+        ({"hand_open": False}, LineState.STOPPED),
+        ({"trouble": "the sensor is lost"}, LineState.ABORTED),
+        ({"activity": "gone"}, LineState.ABORTED),
+        ({"activity": "opening the rig"}, LineState.STOPPED),
+        ({"activity": "grasping"}, LineState.EXECUTE),
+        ({"activity": "grasping", "phase": "hold", "answered": True}, LineState.HOLDING),
     ],
 )
-def test_line_state_follows_the_state_document(changed: dict[str, object], state: State) -> None:
+def test_line_state_follows_the_state_document(
+    changed: dict[str, object], state: LineState
+) -> None:
     document = {
         "activity": "watching",
         "phase": None,

@@ -44,7 +44,7 @@ def effort_of(found: Agreement, demand: Demand, *, grasp_s: float, handling_s: f
     demand : Demand
         Tolerance and level.
     grasp_s, handling_s : float
-        Seconds of each grasp, and of an item beside its grasps.
+        Seconds of each grasp, and of the handling of an item.
 
     References
     ----------
