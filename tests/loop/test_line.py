@@ -216,6 +216,24 @@ def test_two_clients_only_the_driver_grasps_and_anyone_stops(station: Served) ->
     asyncio.run(work())
 
 
+def test_opcua_state_after_a_command_is_the_new_one_at_once(station: Served) -> None:
+    async def work() -> list[str]:
+        async with Client(station.opcua) as client:
+            hand = OpcUa(client)
+            await hand.call("TakeOver")
+            await hand.reach("idle")
+            await hand.grasp()
+            begun = await hand.value("State")
+            await hand.call("Stop")
+            await until(lambda: hand.value("Activity"), lambda now: now == "watching")
+            await hand.call("Release")
+            opening = await hand.value("State")
+            await hand.reach("idle")
+            return [begun, opening]
+
+    assert asyncio.run(work()) == ["execute", "stopped"]
+
+
 def test_client_lost_while_the_hand_closes_leaves_the_grasp_to_the_next(station: Served) -> None:
     async def begin() -> None:
         async with Client(station.opcua) as client:

@@ -224,7 +224,10 @@ class OpcUaStation:
         return await self._obey(lambda: self._machine.release(DRIVER))
 
     async def _obey(self, command: Callable[[], str | None]) -> _Answer:
-        """Carry out a command; refuse it with a status, and the reason in `Refusal`."""
+        """Carry out a command; refuse it with a status, and the reason in `Refusal`.
+
+        The variables are written first: a client that reads after the answer reads the new state.
+        """
         refusal = ""
         answer: _Answer
         try:
@@ -235,17 +238,22 @@ class OpcUaStation:
         except InputError as error:
             refusal, answer = str(error), _status(StatusCodes.BadInvalidArgument)
         await self._write(self._state["Refusal"], "Refusal", refusal, ua.VariantType.String)
+        await self.refresh()
         return answer
 
     async def _stop(self, parent: Any) -> list[ua.Variant]:
-        return [ua.Variant(await self._machine.stop(), ua.VariantType.Boolean)]
+        is_stopped = await self._machine.stop()
+        await self.refresh()
+        return [ua.Variant(is_stopped, ua.VariantType.Boolean)]
 
     async def _take_over(self, parent: Any) -> list[ua.Variant]:
         self._machine.take_over(DRIVER)
+        await self.refresh()
         return []
 
     async def _leave(self, parent: Any) -> list[ua.Variant]:
         self._machine.leave(DRIVER)
+        await self.refresh()
         return []
 
 
