@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate_studies.grasp_cycle import reported, scores
-from palpate_studies.grasp_cycles import Cycle, Sample, cycles, ours
+from palpate_studies.grasp_cycles import Cycle, Sample, cycles, ours, paper
 
 SAMPLE = Sample(seed=31_000, level="lab", kind="rigid")
 CYCLE = Cycle(
@@ -79,8 +79,8 @@ def test_what_a_way_does_not_measure_is_null() -> None:
 
 
 def test_one_object_is_grasped_in_every_way() -> None:
-    ours, expected, paper, current = cycles(SAMPLE)
-    assert [one.outcome for one in (ours, expected, paper, current)] == ["held"] * 4
+    ours, expected, paper, both, current = cycles(SAMPLE)
+    assert [one.outcome for one in (ours, expected, paper, both, current)] == ["held"] * 5
     assert ours.touch_s < paper.touch_s
     assert ours.touch_s < ours.answer_s
     assert ours.touch_peak_n <= ours.peak_n
@@ -92,3 +92,10 @@ def test_one_object_is_grasped_in_every_way() -> None:
 def test_a_push_that_fades_before_both_fingers_touch_is_no_falling_sheet() -> None:
     """Each finger pushed in turn; the readings fell, and the sheet was taken for lost."""
     assert ours(Sample(seed=5_800_159, level="field", kind="rigid")).outcome == "held"
+
+
+@pytest.mark.parametrize("both_fingers", [False, True])
+def test_the_papers_steps_do_not_stop_at_one_finger(both_fingers: bool) -> None:
+    """One finger pushes this object to the middle: its fall of 10 % alone is no contact."""
+    sample = Sample(seed=31_012, level="field", kind="rigid")
+    assert paper(sample, both_fingers=both_fingers).outcome == "held"

@@ -4,7 +4,7 @@ Least squares of A exp(-lambda (t - t_p)) + C over the samples from t_p + t_a to
 is C, the paper's value "after an infinite amount of time", whatever the horizon. Variable
 projection needs no starting value and can't fail to converge. What can fail is the question: a
 window too short for the rate leaves C undetermined. `docs/paper-notes.md` explains how this reads
-equation 3, and why the rule below replaces the paper's range of -100 to 0 %.
+equation 3, and why a fit whose C runs away is not taken.
 """
 
 from __future__ import annotations

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from palpate.gripper.interface import GripperCommand
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
-from palpate.signal.relative import CONTACT_PERCENT, finger_means, relative_change_percent
+from palpate.signal.relative import (
+    CONTACT_PERCENT,
+    finger_means,
+    mean_change,
+    relative_change_percent,
+)
 from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import GripperKind, World
@@ -50,7 +55,7 @@ def _thing(task: Task) -> str:
 
 
 def fixed_extra(task: Task, *, extra: float) -> Gripped:
-    """Close in steps until a finger's change passes the threshold, then by a fixed amount (4.1)."""
+    """Close in steps until the mean change passes the threshold, then by a fixed amount (4.1)."""
     world = task.world()
     array, gripper = TwinArray(world), TwinGripper(world)
     rest_ohm = read_ohm(array, seconds=0.5)
@@ -60,13 +65,20 @@ def fixed_extra(task: Task, *, extra: float) -> Gripped:
     return blindly_lifted(world, task, method="best fixed extra closing")
 
 
-def touched_by(array: TwinArray, world: World, rest_ohm: NDArray[np.float64]) -> Callable[[], bool]:
-    """Return a check, after each step, whether both fingers pass the paper's threshold."""
+def touched_by(
+    array: TwinArray, world: World, rest_ohm: NDArray[np.float64], *, both_fingers: bool = False
+) -> Callable[[], bool]:
+    """Return a check, after each step, whether the sheet passes the paper's threshold.
+
+    The mean over all pixels has to (section 2.1); with `both_fingers` the mean of each finger.
+    """
 
     def touched() -> bool:
         change = relative_change_percent(read_ohm(array, seconds=_DWELL_S), rest_ohm=rest_ohm)
-        fingers = finger_means(change, finger_of_row=world.layout.finger_of_row)
-        return float(np.nanmin(fingers)) <= CONTACT_PERCENT
+        if both_fingers:
+            fingers = finger_means(change, finger_of_row=world.layout.finger_of_row)
+            return bool(np.all(fingers <= CONTACT_PERCENT))
+        return bool(mean_change(change) <= CONTACT_PERCENT)
 
     return touched
 

@@ -19,6 +19,7 @@ from palpate.twin.world import GripperKind, World
 from palpate_studies.force_control_baselines import close_until, read_ohm, touched_by
 from palpate_studies.force_control_grasps import calibration_of
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, SIZES_MM, thing
+from palpate_studies.other_things import other_thing
 from palpate_studies.stoppable import uninterrupted
 
 #: An expected size has an error of up to this, mm.
@@ -28,6 +29,8 @@ PAPER_FRAME_RATE_HZ = 15.0
 #: The paper's steps, mm or kPa, and its time from contact to the prediction.
 _PAPER_STEP: dict[GripperKind, float] = {"rigid": 1.0, "soft": 0.8}
 _PAPER_PREDICTS_S = 2.5
+#: The paper's way by what has to pass the threshold.
+MEAN_OF_PIXELS, BOTH_FINGERS = "paper's 1 mm steps", "paper's 1 mm steps, both fingers"
 #: Closing on the servo's current: speed, time from reading to reading, force to stop at.
 _CURRENT_MM_PER_S, _CURRENT_EVERY_S, _CURRENT_N = 10.0, 0.02, 2.0
 #: Readings averaged: of the empty hand, and while it closes on.
@@ -44,6 +47,8 @@ class Sample:
     frame_rate_hz: float = PAPER_FRAME_RATE_HZ
     #: The object, if it is not to be drawn.
     made: TwinObject | None = None
+    #: Whether a drawn object is of the second generator.
+    second: bool = False
 
     @property
     def sheet(self) -> int:
@@ -53,7 +58,8 @@ class Sample:
     def obj(self) -> TwinObject:
         """Return the object; one of any stiffness, shape and strength is drawn."""
         rng = np.random.default_rng([self.seed, 41])
-        return self.made or thing(rng, size_mm=SIZES_MM[self.kind])
+        drawn = self.made or thing(rng, size_mm=SIZES_MM[self.kind])
+        return other_thing(drawn, number=self.seed) if self.second else drawn
 
     def world(self) -> World:
         """Return the world of one grasp of it."""
@@ -151,17 +157,22 @@ def ours(sample: Sample, *, expected: bool = False) -> Cycle:
     )
 
 
-def paper(sample: Sample) -> Cycle:
-    """Close in the paper's steps until both fingers pass its threshold, then predict at 2.5 s."""
+def paper(sample: Sample, *, both_fingers: bool = False) -> Cycle:
+    """Close in the paper's steps until the mean passes its threshold, then predict at 2.5 s.
+
+    `both_fingers`: until the mean of each finger does.
+    """
     world = replace(sample, frame_rate_hz=PAPER_FRAME_RATE_HZ).world()
     array, gripper = TwinArray(world), TwinGripper(world)
-    touched = touched_by(array, world, read_ohm(array, seconds=0.5))
+    rest_ohm = read_ohm(array, seconds=0.5)
+    touched = touched_by(array, world, rest_ohm, both_fingers=both_fingers)
     step = _PAPER_STEP[sample.kind]
     closed = close_until(world, gripper, touched, step=step, kind=sample.kind)
     size_mm = np.nan
     if sample.kind == "rigid":
         size_mm = gripper.limits.target(closed - step) - _give(sample, gripper).zero_mm
-    return _plain(sample, world, way="paper's 1 mm steps", size_mm=size_mm)
+    way = BOTH_FINGERS if both_fingers else MEAN_OF_PIXELS
+    return _plain(sample, world, way=way, size_mm=size_mm)
 
 
 def by_current(sample: Sample) -> Cycle:
@@ -239,6 +250,7 @@ def cycles(sample: Sample) -> list[Cycle]:
         lambda: ours(sample),
         lambda: ours(sample, expected=True),
         lambda: paper(sample),
+        lambda: paper(sample, both_fingers=True),
     ]
     if sample.kind == "rigid":
         ways.append(lambda: by_current(sample))

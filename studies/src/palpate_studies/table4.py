@@ -9,8 +9,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.line_law import LineForceLaw
 from palpate_studies.equal_width import SEED, r_squared
-from palpate_studies.line_law import LineForceLaw
 from palpate_studies.misfit import Entry, missed, sentence
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.table4_causes import Pairs, cause_rows, force_window, transfer_rows

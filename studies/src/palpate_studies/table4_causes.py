@@ -10,7 +10,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
-from palpate_studies.line_law import LineForceLaw
+from palpate.estimate.line_law import LineForceLaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ import typer
 
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
+from palpate.estimate.line_law import LineForceLaw
 from palpate.gripper.interface import GripperCommand
 from palpate.holds import Hold
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -25,7 +26,6 @@ from palpate.twin.devices import TwinArray, TwinGripper, TwinLoadCell
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World
 from palpate_studies.bootstrap import bootstrap_interval
-from palpate_studies.line_law import LineForceLaw
 from palpate_studies.misfit import Entry, missed, sentence
 from palpate_studies.paper_contradictions import contradictions
 from palpate_studies.report import OutOption, StudyReport, Table

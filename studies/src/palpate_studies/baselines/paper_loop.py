@@ -1,7 +1,7 @@
 """The paper's own proposal as a rival: its line with an early settled value as feedback.
 
 Section 3.3 of the paper fits force to the settled mean relative change by a line (Table 4), and
-proposes to grip to a force with that reading as feedback (sections 3.4 and 5). No such loop is
+proposes to grip to a force with that reading as feedback. No such loop is
 printed. Here it is in its strongest plain form: contact as in Figure 13, then corrections by the
 secant through the last two answers, up or down, until the line reads the target.
 """
@@ -17,6 +17,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
+from palpate.estimate.line_law import LineForceLaw
 from palpate.settling.exponential import Exponential
 from palpate.settling.recorded import Recorded
 from palpate.settling.result import SettlingMethod
@@ -32,7 +33,6 @@ from palpate_studies.force_control_baselines import (
 )
 from palpate_studies.force_control_grasps import Gripped, calibration_of
 from palpate_studies.force_control_world import GRASPS_PER_SHEET, Task
-from palpate_studies.line_law import LineForceLaw
 
 #: Steps of the approach, as of the fixed closing; corrections go by no more than one such step, and
 #: by no less than what a servo or regulator resolves.

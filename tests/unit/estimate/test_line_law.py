@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CalibrationError
-from palpate_studies.line_law import LineForceLaw
+from palpate.estimate.line_law import LineForceLaw
 
 
 def test_line_interval_is_a_student_interval() -> None:

@@ -17,6 +17,7 @@ from palpate.estimate.force import (
     law_as_dict,
     law_sd,
 )
+from palpate.sensor.calibration import ForcePairs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,3 +96,16 @@ class LineForceLaw:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for a calibration file; as it is read back."""
         return law_as_dict(self)
+
+
+def settled_line(pairs: ForcePairs, *, horizon_s: float) -> LineForceLaw:
+    """Fit the line to the pairs of a calibration that were read at the settling horizon.
+
+    Raises `CalibrationError` if there are none, or too few.
+    """
+    settled = np.isclose(pairs.since_move_s, horizon_s)
+    if not settled.any():
+        raise CalibrationError("the calibration has no settled pairs; run `palpate calibrate force`")
+    return LineForceLaw.fit(
+        np.array(pairs.relative_percent)[settled], force_n=np.array(pairs.force_n)[settled]
+    )
