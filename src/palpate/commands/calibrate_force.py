@@ -7,7 +7,7 @@ import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import typer
 
@@ -32,6 +32,10 @@ def command(
         Path | None, typer.Option(help="Draw readings and law.", metavar="FILE")
     ] = None,
     dpi: DpiOption = None,
+    law: Annotated[
+        Literal["power", "line"],
+        typer.Option(help="line: the paper's, from the mean relative change (Table 4)."),
+    ] = "power",
     seed: Annotated[int, typer.Option(help="Simulated rigs: which sensor.", min=0)] = 0,
     temperature_c: Annotated[float | None, typer.Option(help="Of the room, where known.")] = None,
     humidity_percent: Annotated[
@@ -60,6 +64,10 @@ def command(
         temperature_c=made.temperature_c if temperature_c is None else temperature_c,
         humidity_percent=made.humidity_percent if humidity_percent is None else humidity_percent,
     )
+    if law == "line":
+        from palpate.grasp.paper_method import with_line_law
+
+        made = with_line_law(made)
     made.save(path)
     if plot is not None:
         from palpate.plots.force_calibration import force_calibration_figure

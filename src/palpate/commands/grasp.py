@@ -19,6 +19,15 @@ from palpate.commands.options import (
     StoreOption,
     TargetForceOption,
 )
+from palpate.commands.paper_options import (
+    CutoffOption,
+    EpsilonOption,
+    ExtraOption,
+    MethodOption,
+    StepOption,
+    paper_settings,
+)
+from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.grasp.result import GraspResult
@@ -75,6 +84,11 @@ def grasp(
         str | None,
         typer.Option(help="With --damage: what is grasped, where known.", metavar="NAME"),
     ] = None,
+    method: MethodOption = "palpate",
+    step_mm: StepOption = None,
+    epsilon_percent: EpsilonOption = None,
+    extra_mm: ExtraOption = None,
+    cutoff_s: CutoffOption = None,
     as_json: JsonOption = False,
     record: Annotated[
         Path | None, typer.Option(help="Record the grasp to a new .mcap file.", metavar="FILE")
@@ -100,12 +114,22 @@ def grasp(
     from palpate.commands.grasp_card import print_card
     from palpate.commands.grasp_limit import open_limit
     from palpate.grasp.document import grasp_document
+    from palpate.grasp.paper_method import by_paper
     from palpate.grasp.planning import plan_grasp
     from palpate.grasp.runner import run_grasp
     from palpate.grasp.verdict import verdict
     from palpate.rig import open_rig
     from palpate.rig.recorded import record_grasp
 
+    paper = paper_settings(
+        method,
+        step_mm=step_mm,
+        epsilon_percent=epsilon_percent,
+        extra_mm=extra_mm,
+        cutoff_s=cutoff_s,
+    )
+    if paper is not None and (target_force_n is not None or expect_size_mm is not None):
+        raise InputError("--method paper takes neither --target-force-n nor --expect-size")
     limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
         memory = open_memory(stack, item_id=item, store=store, angle_deg=angle_deg)
@@ -119,6 +143,8 @@ def grasp(
             damage=None if limit is None else limit.model,
             kind="" if limit is None else limit.kind,
         )
+        if paper is not None:
+            plan = by_paper(plan, paper, calibration=devices.calibration)
         subscribers: list[Subscriber] = []
         watchers: list[Watcher] = [] if limit is None else [limit.see]
         if memory is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.commands.options import JsonOption
+from palpate.commands.paper_options import CutoffOption, EpsilonOption, Method, paper_settings
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,26 +27,38 @@ def replay(
     frames: Annotated[
         bool, typer.Option("--frames", help="Print the frames instead of the grasp's result.")
     ] = False,
+    method: Annotated[
+        Method | None,
+        typer.Option(help="paper: read any grasp as the paper's method would."),
+    ] = None,
+    epsilon_percent: EpsilonOption = None,
+    cutoff_s: CutoffOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run a recorded grasp through the controller again: the results are those of the live run.
+
+    With --method paper the hand moves as recorded, and contact, size, settled value and force are
+    read by the paper's method.
 
     A recording without calibration and gripper is played frame by frame.
 
     Example: palpate grasp --record run.mcap && palpate replay run.mcap
     """
-    from palpate.grasp.decide_again import decide_again
+    from palpate.grasp.decide_again import decide_again, read_by_paper
     from palpate.recording import Replay
 
     if speed is not None and not 0 < speed < float("inf"):
         raise InputError(f"--speed {speed:g}: must be above 0")
+    paper = paper_settings(method or "palpate", epsilon_percent=epsilon_percent, cutoff_s=cutoff_s)
     clock = _clock(file, speed=speed)
     source = Replay(file, clock=clock)
     try:
         if frames or source.info.gripper is None or source.info.calibration is None:
             _play(source, as_json=as_json)
             return
-        result = decide_again(source, clock=clock)
+        result = (
+            decide_again(source, clock=clock) if paper is None else read_by_paper(source, paper)
+        )
     finally:
         source.close()
     if as_json:

@@ -20,12 +20,11 @@ from palpate.dashboard.orders import Play
 from palpate.dashboard.playback_clock import PlaybackClock
 from palpate.dashboard.telemetry import Telemetry, columns
 from palpate.errors import RecordingError
-from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation
 from palpate.grasp.controller import released, step
+from palpate.grasp.decide_again import recorded_plan
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
-from palpate.grasp.planning import plan_grasp
 from palpate.grasp.requests import Requests
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingReader, Replay, ReplayGripper
@@ -193,16 +192,9 @@ def _plan_and_source(file: Path) -> tuple[Plan | None, FrameSource]:
             calibration = Calibration.from_text(info.calibration, where="the recording")
         plan = None
         if calibration is not None and info.gripper is not None:
-            plan = plan_grasp(
-                calibration,
-                gripper=ReplayGripper(replay),
-                target_force_n=info.target_force_n,
-                expect_size_mm=info.expect_size_mm,
-                damage=recorded_model(info.damage),
-                kind=info.kind,
-                # It holds for as long as the recording does.
-                hold_s=math.inf,
-                longest_s=math.inf,
+            # It holds for as long as the recording does.
+            plan = recorded_plan(
+                info, gripper=ReplayGripper(replay), hold_s=math.inf, longest_s=math.inf
             )
     finally:
         replay.close()

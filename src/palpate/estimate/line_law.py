@@ -105,7 +105,9 @@ def settled_line(pairs: ForcePairs, *, horizon_s: float) -> LineForceLaw:
     """
     settled = np.isclose(pairs.since_move_s, horizon_s)
     if not settled.any():
-        raise CalibrationError("the calibration has no settled pairs; run `palpate calibrate force`")
+        raise CalibrationError(
+            "the calibration has no settled pairs; run `palpate calibrate force`"
+        )
     return LineForceLaw.fit(
         np.array(pairs.relative_percent)[settled], force_n=np.array(pairs.force_n)[settled]
     )

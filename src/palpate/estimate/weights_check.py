@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.line_law import LineForceLaw
 from palpate.estimate.pixel_law import PlacedReadings, left_out
+from palpate.sensor.calibration import ForcePairs
 
 #: Forces at which a calibration reports what error to expect, newtons, and the ratio within which a
 #: reading counts as near one of them.
@@ -81,3 +83,25 @@ def held_out_of_pairs(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, flo
         error[mine] = np.abs(law.force_n(x[mine]).value / load - 1.0)
     known = np.isfinite(error)
     return _error_near(np.log(y[known]), error[known])
+
+
+def line_held_out(pairs: ForcePairs, *, horizon_s: float) -> dict[str, float | None]:
+    """Return the median error of the paper's line near 1, 5 and 10 N, percent, as above.
+
+    Every placement is left out once; of one placement, every load.
+    """
+    settled = np.isclose(pairs.since_move_s, horizon_s)
+    percent, force_n = np.array(pairs.relative_percent)[settled], np.array(pairs.force_n)[settled]
+    run = np.array(pairs.run)[settled]
+    group = run if np.unique(run).size >= _FEWEST_PLACEMENTS else force_n
+    error = np.full(force_n.shape, np.nan)
+    for one in np.unique(group):
+        mine = group == one
+        try:
+            law = LineForceLaw.fit(percent[~mine], force_n=force_n[~mine])
+        except CalibrationError:
+            continue
+        read_n = law.force_n(percent[mine]).value
+        error[mine] = np.abs(read_n / np.maximum(force_n[mine], 1e-3) - 1.0)
+    known = np.isfinite(error)
+    return _error_near(np.log(np.maximum(force_n[known], 1e-3)), error[known])

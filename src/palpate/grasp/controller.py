@@ -20,8 +20,10 @@ from palpate.grasp.answer import (
 from palpate.grasp.approaching import begun, look_again, remembered, stood, swept, unreleased
 from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.correcting import come_back, eased, pressed_on
+from palpate.grasp.paper_method import close_by_extra, close_until_mean, settle_exponentially
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
+from palpate.grasp.releasing import Move, blind, nothing_there, release, stuck
 from palpate.grasp.result import Outcome
 from palpate.grasp.rezero import proved, rezeroed
 from palpate.grasp.safety import Danger, Reaction, reaction
@@ -36,9 +38,6 @@ from palpate.grasp.step_size import (
     whole,
 )
 from palpate.gripper.interface import GripperCommand
-
-#: A handler's answer: what it believes now, and what it wants of the gripper (None: nothing).
-Move = tuple[Belief, GripperCommand | None]
 
 _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
 #: Phases in which a movement closes on an object; it is stopped where the frames show this multiple
@@ -103,12 +102,13 @@ def _wished(belief: Belief, plan: Plan) -> Move:
             here = whole(belief.closure - belief.behind, plan, within=True)
             return belief, GripperCommand(target=here, rate=plan.gripper.fastest)
         if belief.phase in _HOLDING and _grip_lost(belief):
-            return _release(belief, plan, Outcome.SLIPPED)
+            return release(belief, plan, Outcome.SLIPPED)
         if belief.phase in _HOLDING and (_falls(belief) or _rises(belief, plan)):
-            return _release(belief.with_fault(_FALLS), plan, Outcome.SENSOR_LOST)
+            return release(belief.with_fault(_FALLS), plan, Outcome.SENSOR_LOST)
         if belief.phase is not Phase.HOLD and belief.lasted_s > plan.longest_s:
-            return _release(belief, plan, Outcome.TIMED_OUT)
-    return HANDLERS[belief.phase](belief, plan)
+            return release(belief, plan, Outcome.TIMED_OUT)
+    handlers = HANDLERS if plan.paper is None else PAPER_HANDLERS
+    return handlers[belief.phase](belief, plan)
 
 
 def _closes_too_far(belief: Belief, plan: Plan) -> bool:
@@ -123,7 +123,7 @@ def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:
     """End the grasp because of a danger, as `safety.reaction` decides for its phase."""
     outcome = Outcome(danger.outcome)
     if reaction(danger, phase=belief.phase, drive=plan.gripper.drive) is Reaction.OPEN:
-        return _release(belief, plan, outcome)
+        return release(belief, plan, outcome)
     belief = replace(belief, result=replace(belief.result, outcome=outcome))
     return belief.enter(Phase.STOPPED, note=outcome.value), None
 
@@ -131,7 +131,7 @@ def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:
 def released(belief: Belief, *, plan: Plan) -> Move:
     """End the grasp because its user wants the object back: held if there is an answer."""
     answered = belief.result.force_n is not None
-    return _release(belief, plan, Outcome.HELD if answered else Outcome.STOPPED)
+    return release(belief, plan, Outcome.HELD if answered else Outcome.STOPPED)
 
 
 def _wait(belief: Belief, plan: Plan) -> Move:
@@ -171,7 +171,7 @@ def _approach(belief: Belief, plan: Plan) -> Move:
     if belief.still_s < plan.dwell_s or not belief.touches:
         return belief, None
     if belief.released_s is not None and belief.memory is None:
-        return _stuck(belief, plan) if unreleased(belief, plan) else remembered(belief, plan)
+        return stuck(belief, plan) if unreleased(belief, plan) else remembered(belief, plan)
     if belief.proving_from is not None:
         belief = proved(belief, plan=plan)
         if not belief.touches:
@@ -184,7 +184,7 @@ def _approach(belief: Belief, plan: Plan) -> Move:
         contact_s = belief.contact_s if belief.contact_s is not None else belief.moved_s
         return replace(belief, result=result, contact_s=contact_s).enter(Phase.CONTACT), None
     if belief.closure >= plan.gripper.span - 2 * plan.smallest_step:
-        return _nothing_there(belief, plan)
+        return nothing_there(belief, plan)
     if belief.now.shared_percent > plan.hint_percent:
         belief, command = _onward(replace(belief, contact_s=None), plan)
     else:
@@ -194,7 +194,7 @@ def _approach(belief: Belief, plan: Plan) -> Move:
     if command is not None or belief.phase is Phase.SWEEP:
         return belief, command
     if belief.force_high_n >= plan.safety.force_ceiling_n:
-        return _blind(belief, plan)
+        return blind(belief, plan)
     # A touch too weak to be contact, and no room to press harder: measure what there is.
     return belief.enter(Phase.SETTLE, note="contact"), None
 
@@ -213,24 +213,6 @@ def _onward(belief: Belief, plan: Plan) -> Move:
     if plan.damage is None and not felt:
         step = max(step, look_again(belief, plan) - belief.closure)
     return belief, closed_by(belief, step, plan)
-
-
-def _blind(belief: Belief, plan: Plan) -> Move:
-    """Open: the calibration can't exclude that the little that is felt is too much already."""
-    fault = (
-        f"by this calibration a faint touch could be {belief.force_high_n:.1f} N, and "
-        f"{plan.safety.force_ceiling_n:g} N is the most allowed; calibrate the force again"
-    )
-    return _release(belief.with_fault(fault), plan, Outcome.FORCE_LIMIT)
-
-
-def _stuck(belief: Belief, plan: Plan) -> Move:
-    """Open: what the sheet reads does not follow the fingers."""
-    fault = (
-        "the sheet reads as much after the fingers went back as while they touched; see what "
-        "`palpate doctor` reports"
-    )
-    return _release(belief.with_fault(fault), plan, Outcome.SENSOR_LOST)
 
 
 def _contact(belief: Belief, plan: Plan) -> Move:
@@ -306,7 +288,7 @@ def _adjust(belief: Belief, plan: Plan) -> Move:
     if limited and target.short(belief, plan):
         belief = belief.noted("damage_limit")
     if not target.lifts(belief, plan):
-        return _release(belief, plan, Outcome.TOO_WEAK)
+        return release(belief, plan, Outcome.TOO_WEAK)
     return belief.enter(Phase.HOLD, note="answer"), None
 
 
@@ -325,7 +307,7 @@ def _hold(belief: Belief, plan: Plan) -> Move:
     """Keep holding for the plan's `hold_s`."""
     if belief.now_s - belief.since_s < plan.hold_s:
         return belief, None
-    return _release(belief, plan, Outcome.HELD)
+    return release(belief, plan, Outcome.HELD)
 
 
 def _releasing(belief: Belief, plan: Plan) -> Move:
@@ -355,6 +337,13 @@ HANDLERS: dict[Phase, Callable[[Belief, Plan], Move]] = {
     Phase.RELEASE: _releasing,
     Phase.STOPPED: _nothing,
 }
+#: The phases of the paper's method (`plan.paper`): the other ones are as above.
+PAPER_HANDLERS: dict[Phase, Callable[[Belief, Plan], Move]] = {
+    **HANDLERS,
+    Phase.APPROACH: close_until_mean,
+    Phase.SQUEEZE: close_by_extra,
+    Phase.SETTLE: settle_exponentially,
+}
 
 
 def _pressed(belief: Belief, plan: Plan) -> bool:
@@ -363,14 +352,6 @@ def _pressed(belief: Belief, plan: Plan) -> bool:
     One finger alone may only push the object to the middle; with that much force it does not.
     """
     return belief.force_n > plan.no_push_n
-
-
-def _nothing_there(belief: Belief, plan: Plan) -> Move:
-    """Open: for good, or to wait and try again."""
-    if belief.tries + 1 >= plan.tries:
-        return _release(belief, plan, Outcome.NOTHING_THERE)
-    belief, command = _release(belief, plan, Outcome.NOTHING_THERE)
-    return replace(belief, tries=belief.tries + 1, phase=Phase.WAIT, fingers=()), command
 
 
 def _grip_lost(belief: Belief) -> bool:
@@ -412,11 +393,3 @@ def _rises(belief: Belief, plan: Plan) -> bool:
     furthest = belief.staircase[-1]
     opened = belief.closure < furthest.closure
     return opened and belief.now.reading > (1.0 + _RISES_SHARE) * furthest.touch.reading
-
-
-def _release(belief: Belief, plan: Plan, outcome: Outcome) -> Move:
-    """Open the hand: the grasp is over."""
-    belief = replace(belief, result=replace(belief.result, outcome=outcome))
-    belief = replace(belief, sent=0.0, still_since_s=None, touches=())
-    command = GripperCommand(target=plan.gripper.target(0.0), rate=plan.gripper.fastest)
-    return belief.enter(Phase.RELEASE, note=outcome.value), command

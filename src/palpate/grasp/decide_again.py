@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from palpate.clock import Clock
 from palpate.errors import RecordingError
 from palpate.estimate.damage_file import recorded_model
+from palpate.grasp.belief import Belief, Observation, observed
+from palpate.grasp.controller import PAPER_HANDLERS
+from palpate.grasp.paper import Paper
+from palpate.grasp.paper_method import by_paper
+from palpate.grasp.phases import Phase
+from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.planning import plan_grasp
-from palpate.grasp.result import GraspResult
+from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import Subscriber, Watcher, run_grasp
 from palpate.gripper.interface import Gripper
-from palpate.recording import Replay, ReplayGripper
+from palpate.recording import RecordingInfo, Replay, ReplayGripper
 from palpate.sensor.calibration import Calibration
 
 
@@ -30,23 +38,69 @@ def decide_again(
     Raises `RecordingError` if it is not of a grasp: it has no calibration or no gripper;
     `CalibrationError` if its calibration can't be read.
     """
-    info = source.info
-    if info.calibration is None:
-        raise RecordingError("the recording names no calibration, so no grasp can be decided again")
     gripper = gripper or ReplayGripper(source)
-    plan = plan_grasp(
-        Calibration.from_text(info.calibration, where="the recording"),
-        gripper=gripper,
-        target_force_n=info.target_force_n,
-        expect_size_mm=info.expect_size_mm,
-        damage=recorded_model(info.damage),
-        kind=info.kind,
-    )
     return run_grasp(
-        plan,
+        recorded_plan(source.info, gripper=gripper),
         array=source,
         gripper=gripper,
         clock=clock,
         subscribers=subscribers,
         watchers=watchers,
+    )
+
+
+def recorded_plan(
+    info: RecordingInfo, *, gripper: Gripper, hold_s: float = HOLD_S, longest_s: float = LONGEST_S
+) -> Plan:
+    """Return the plan of a recorded grasp.
+
+    Raises `RecordingError` if it names no calibration, `CalibrationError` if that can't be read.
+    """
+    if info.calibration is None:
+        raise RecordingError("the recording names no calibration, so no grasp can be decided again")
+    calibration = Calibration.from_text(info.calibration, where="the recording")
+    plan = plan_grasp(
+        calibration,
+        gripper=gripper,
+        target_force_n=info.target_force_n,
+        expect_size_mm=info.expect_size_mm,
+        damage=recorded_model(info.damage),
+        kind=info.kind,
+        hold_s=hold_s,
+        longest_s=longest_s,
+    )
+    if info.paper is None:
+        return plan
+    return by_paper(plan, Paper.from_text(info.paper), calibration=calibration)
+
+
+def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
+    """Read a recorded grasp of any method as the paper's would: the hand moves as recorded.
+
+    Contact is the first stillness whose mean change passes the threshold; the prediction comes
+    at the cutoff after the last movement. The extra closing is the recorded one.
+
+    Raises `RecordingError` or `CalibrationError` as `decide_again`.
+    """
+    gripper = ReplayGripper(source)
+    plan = recorded_plan(replace(source.info, paper=paper.as_text()), gripper=gripper)
+    belief = Belief()
+    while not source.ended and belief.phase not in (Phase.HOLD, Phase.RELEASE):
+        frame = source.read(timeout_s=math.inf)
+        state = gripper.state()
+        belief = observed(belief, Observation(frame=frame, gripper=state), plan=plan)
+        if state.moving:
+            belief = replace(belief, moved_s=frame.time_s)
+        else:
+            belief, _ = PAPER_HANDLERS[belief.phase](belief, plan)
+    answered, faults = belief.result.settled_percent is not None, belief.result.faults
+    if belief.phase is Phase.SETTLE and not answered:
+        faults = (*faults, f"the hand never stood still for {paper.cutoff_s:g} s after contact")
+    return replace(
+        belief.result,
+        outcome=Outcome.HELD if answered else Outcome.NOTHING_THERE,
+        faults=faults,
+        frames=belief.frames,
+        frames_lost=belief.lost,
+        peak_force_n=belief.peak_force_n if belief.contact_s is not None else None,
     )

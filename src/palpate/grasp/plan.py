@@ -13,6 +13,7 @@ from palpate.estimate.force import ForceLaw
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.sheet_creep import OwnCreep
+from palpate.grasp.paper import Paper
 from palpate.grasp.safety import SafetyLimits
 from palpate.gripper.interface import GripperLimits
 from palpate.sensor.array import ArrayLayout
@@ -65,6 +66,8 @@ class Plan:
         protects the object. Fingers driven by pressure can use it if they have a `bend`.
     kind : str
         Kind of object that the damage model knows; empty if unknown.
+    paper : Paper or None
+        Settings of the paper's method, where the grasp follows it.
     safety : SafetyLimits
         Bounds that the plan can't exceed.
     epsilon_percent : float
@@ -142,6 +145,7 @@ class Plan:
     expect_size_mm: float | None = None
     damage: DamageModel | None = None
     kind: str = ""
+    paper: Paper | None = None
     safety: SafetyLimits = field(default_factory=SafetyLimits)
     epsilon_percent: float = -10.0
     step: float = 1.0

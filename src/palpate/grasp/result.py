@@ -16,24 +16,26 @@ class Outcome(StrEnum):
     `safety.reaction`.
     """
 
-    #: The hold is over; or the user wanted the object back once its force was known (`controller`).
+    #: The hold is over; or the user wanted the object back once its force was known (`controller`);
+    #: or the paper's method, reading a recording, gave its answer (`decide_again`).
     HELD = "held"
-    #: The hand closed as often as the plan tries and felt nothing (`controller`).
+    #: The hand closed as often as the plan tries and felt nothing (`releasing`), or a recording
+    #: shows the paper's method no answer (`decide_again`).
     NOTHING_THERE = "nothing_there"
     #: What the fingers felt in the hold is gone (`controller`).
     SLIPPED = "slipped"
     #: No force that is safe for the object is sure to lift it (`target`, for `controller`).
     TOO_WEAK = "too_weak"
-    #: The sheet shows more than the ceiling, or by its calibration a faint touch may be more
-    #: already (`controller`); the servo's current shows more (`current_watch`); most of the pressed
-    #: pixels are beyond what the converter reads (`pixel_watch`).
+    #: The sheet shows more than the ceiling (`controller`), or by its calibration a faint touch may
+    #: be more already (`releasing`); the servo's current shows more (`current_watch`); most of the
+    #: pressed pixels are beyond what the converter reads (`pixel_watch`).
     FORCE_LIMIT = "force_limit"
     #: Not done within the plan's longest time (`controller`).
     TIMED_OUT = "timed_out"
     #: No frame, or only old ones (`runner`); a rest that is not this sheet's (`rezero`, for
     #: `runner`); pixels that jump, stick or read all the same (`pixel_watch`); a sheet that shows
-    #: less while the hand closes, or does not follow the fingers (`controller`); a servo that pulls
-    #: more than the sheet shows (`current_watch`).
+    #: less while the hand closes (`controller`), or does not follow the fingers (`releasing`); a
+    #: servo that pulls more than the sheet shows (`current_watch`).
     SENSOR_LOST = "sensor_lost"
     #: The gripper does not answer or fails (`runner`), is not where it was sent or reports what
     #: can't be (`tracking_error`, for `runner`); its current sticks (`current_watch`).
@@ -71,8 +73,9 @@ class GraspResult:
         Mean relative change and grip force at the settling horizon, the object's extent before
         contact, and its own secant stiffness at that force.
     previous_width_mm : float or None
-        The paper's estimate of size: the last width before contact was seen. None for fingers
-        driven by pressure.
+        Width as sent at the step before the one that felt contact, without the gripper's zero. By
+        the paper's method that step is fixed and this its estimate of size; by palpate's steps
+        vary, and it is no estimate. None for fingers driven by pressure.
     peak_force_n : float or None
         Largest grip force that was read during the grasp.
     frames, frames_lost : int

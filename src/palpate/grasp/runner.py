@@ -15,11 +15,12 @@ from typing import TypeAlias, TypeVar
 from palpate.clock import Clock
 from palpate.errors import DeviceError, DeviceTimeoutError
 from palpate.grasp.belief import Belief, Observation, commanded, counted
-from palpate.grasp.controller import Move, released, step, stopped
+from palpate.grasp.controller import released, step, stopped
 from palpate.grasp.current_watch import CurrentWatch
 from palpate.grasp.phases import Phase
 from palpate.grasp.pixel_watch import PixelWatch
 from palpate.grasp.plan import Plan
+from palpate.grasp.releasing import Move
 from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.rezero import strange_rest

@@ -200,6 +200,7 @@ def encode_info(info: RecordingInfo) -> dict[str, str]:
         "expect_size_mm": _number(info.expect_size_mm),
         "damage": info.damage,
         "kind": info.kind or None,
+        "paper": info.paper,
     }
     return {name: text for name, text in texts.items() if text is not None}
 
@@ -236,6 +237,7 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             expect_size_mm=None if expected is None else float(expected),
             damage=texts.get("damage"),
             kind=texts.get("kind", ""),
+            paper=texts.get("paper"),
             clock_zero_unix_ns=int(texts["clock_zero_unix_ns"]),
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:

@@ -48,6 +48,8 @@ class RecordingInfo:
         The damage file's whole text, where a learned limit was kept to: a replay needs it too.
     kind : str
         Kind of object that the damage limit was given; empty if none.
+    paper : str or None
+        Settings of the paper's method as JSON, where the grasp followed it.
     clock_zero_unix_ns : int
         Unix time, nanoseconds, at which the recording's clock read 0 s. 0 for simulated time, so
         that the same seed gives the same file.
@@ -65,6 +67,7 @@ class RecordingInfo:
     expect_size_mm: float | None = None
     damage: str | None = None
     kind: str = ""
+    paper: str | None = None
     clock_zero_unix_ns: int = 0
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from palpate.errors import DeviceError
 from palpate.grasp.belief import Observation
+from palpate.grasp.paper import Paper
 from palpate.grasp.plan import Plan
 from palpate.grasp.runner import Subscriber
 from palpate.recording import RecordingInfo, RecordingWriter
@@ -29,11 +30,12 @@ def open_grasp_recording(
     expect_size_mm: float | None = None,
     damage: str | None = None,
     kind: str = "",
+    paper: Paper | None = None,
 ) -> RecordingWriter:
     """Begin the recording of a grasp: with what its decisions rest on, for a replay.
 
-    That is the gripper's limits, the target, the expected size, and the text of a damage file with
-    its kind.
+    That is the gripper's limits, the target, the expected size, the text of a damage file with its
+    kind, and the settings of the paper's method.
 
     Raises `RecordingError` if the file exists or can't be made; `DeviceError` if the board is gone.
     """
@@ -45,6 +47,7 @@ def open_grasp_recording(
         expect_size_mm=expect_size_mm,
         damage=damage,
         kind=kind,
+        paper=None if paper is None else paper.as_text(),
     )
     return RecordingWriter(path, info=info)
 
@@ -65,6 +68,7 @@ def record_grasp(path: Path, *, rig: Rig, plan: Plan, damage: str | None) -> Ite
         expect_size_mm=plan.expect_size_mm,
         damage=damage,
         kind=plan.kind,
+        paper=plan.paper,
     ) as writer:
 
         def recorder(observation: Observation) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 from palpate.estimate.compliance import Compliance
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.grasp.belief import Belief
+from palpate.grasp.paper import Paper
+from palpate.grasp.paper_method import by_paper
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
@@ -114,15 +116,27 @@ class Cycle:
 
 def ours(sample: Sample, *, expected: bool = False) -> Cycle:
     """Grasp gently with the controller as shipped, its size expected or not."""
+    return _by_controller(
+        sample, way="ours, size expected" if expected else "ours", expected=expected
+    )
+
+
+def _by_controller(
+    sample: Sample, *, way: str, expected: bool = False, paper: Paper | None = None
+) -> Cycle:
+    """Grasp with the controller, by its own method or by the paper's."""
     world, at = sample.world(), dict[str, float]()
     gripper, size_mm = TwinGripper(world), sample.obj().size_mm
     off_mm = np.random.default_rng([sample.seed, 42]).uniform(-1.0, 1.0) * EXPECTED_WITHIN_MM
+    calibration = calibration_of(sample.sheet, sample.level, sample.kind)
     plan = plan_grasp(
-        calibration_of(sample.sheet, sample.level, sample.kind),
+        calibration,
         gripper=gripper,
         expect_size_mm=size_mm + off_mm if expected else None,
         hold_s=0.0,
     )
+    if paper is not None:
+        plan = by_paper(plan, paper, calibration=calibration)
 
     def watch(belief: Belief) -> None:
         for moment in belief.result.moments:
@@ -140,7 +154,7 @@ def ours(sample: Sample, *, expected: bool = False) -> Cycle:
     low, high = (None, None) if stiffness is None else stiffness.known_ends
     return Cycle(
         sample=sample,
-        way="ours, size expected" if expected else "ours",
+        way=way,
         outcome=str(result.outcome),
         touch_s=at.get("contact", np.nan),
         answer_s=at.get("answer", np.nan),
@@ -158,21 +172,24 @@ def ours(sample: Sample, *, expected: bool = False) -> Cycle:
 
 
 def paper(sample: Sample, *, both_fingers: bool = False) -> Cycle:
-    """Close in the paper's steps until the mean passes its threshold, then predict at 2.5 s.
+    """Grasp by the paper's method (`palpate grasp --method paper`), at its frame rate.
 
-    `both_fingers`: until the mean of each finger does.
+    `both_fingers`: close until the mean of each finger passes the threshold, not that of all.
     """
+    if not both_fingers:
+        return _by_controller(
+            replace(sample, frame_rate_hz=PAPER_FRAME_RATE_HZ), way=MEAN_OF_PIXELS, paper=Paper()
+        )
     world = replace(sample, frame_rate_hz=PAPER_FRAME_RATE_HZ).world()
     array, gripper = TwinArray(world), TwinGripper(world)
     rest_ohm = read_ohm(array, seconds=0.5)
-    touched = touched_by(array, world, rest_ohm, both_fingers=both_fingers)
+    touched = touched_by(array, world, rest_ohm, both_fingers=True)
     step = _PAPER_STEP[sample.kind]
     closed = close_until(world, gripper, touched, step=step, kind=sample.kind)
     size_mm = np.nan
     if sample.kind == "rigid":
         size_mm = gripper.limits.target(closed - step) - _give(sample, gripper).zero_mm
-    way = BOTH_FINGERS if both_fingers else MEAN_OF_PIXELS
-    return _plain(sample, world, way=way, size_mm=size_mm)
+    return _plain(sample, world, way=BOTH_FINGERS, size_mm=size_mm)
 
 
 def by_current(sample: Sample) -> Cycle:

@@ -16,8 +16,8 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.errors import CalibrationError
-from palpate.estimate.line_law import LineForceLaw
+from palpate.estimate.line_law import LineForceLaw, settled_line
+from palpate.grasp.planning import HORIZON_S
 from palpate.settling.exponential import Exponential
 from palpate.settling.recorded import Recorded
 from palpate.settling.result import SettlingMethod
@@ -135,9 +135,4 @@ def _read(array: TwinArray, rest_ohm: FloatArray, feedback: Feedback, law: LineF
 @lru_cache(maxsize=4)
 def _line(sheet: int, level: str, kind: GripperKind) -> LineForceLaw:
     """Fit the line to the settled pairs of the same calibration that ours uses."""
-    pairs = calibration_of(sheet, level, kind).force
-    since_s, force_n = np.array(pairs.since_move_s), np.array(pairs.force_n)
-    settled = since_s == since_s.max()
-    if not settled.any():
-        raise CalibrationError("the calibration has no settled pairs")
-    return LineForceLaw.fit(np.array(pairs.relative_percent)[settled], force_n=force_n[settled])
+    return settled_line(calibration_of(sheet, level, kind).force, horizon_s=HORIZON_S)

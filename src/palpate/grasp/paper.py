@@ -1,0 +1,73 @@
+"""Settings of the paper's own method: contact, extra closing, cutoff and force line."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass
+
+from palpate.errors import RecordingError
+from palpate.estimate.line_law import LineForceLaw
+from palpate.structure import structured
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Paper:
+    """Settings of a grasp as in Figure 13, with the prediction of equations 2 and 3.
+
+    Attributes
+    ----------
+    step_mm : float
+        Closing step before contact (section 4.1). Fingers driven by pressure close by the step of
+        their plan, kPa.
+    epsilon_percent : float
+        Mean relative change of all pixels that is contact (section 4.1).
+    extra_mm : float
+        Further closing after contact.
+    cutoff_s : float
+        Time from the last movement to the prediction (section 2.2).
+    line : LineForceLaw or None
+        Force over the settled mean change (Table 4); None where the calibration has no settled
+        pairs.
+
+    Raises
+    ------
+    ValueError
+        If a setting is out of its range.
+
+    Examples
+    --------
+    >>> Paper.from_text(Paper(extra_mm=0.5).as_text()).extra_mm
+    0.5
+    """
+
+    step_mm: float = 1.0
+    epsilon_percent: float = -10.0
+    extra_mm: float = 0.0
+    cutoff_s: float = 2.5
+    line: LineForceLaw | None = None
+
+    def __post_init__(self) -> None:
+        for name, wrong, rule in (
+            ("step_mm", not 0 < self.step_mm < math.inf, "above 0"),
+            ("epsilon_percent", not -100 < self.epsilon_percent < 0, "between -100 and 0"),
+            ("extra_mm", not 0 <= self.extra_mm < math.inf, "0 or more"),
+            ("cutoff_s", not 0.8 <= self.cutoff_s <= 60, "from 0.8 to 60"),
+        ):
+            if wrong:
+                raise ValueError(f"{name} must be {rule}, not {getattr(self, name):g}")
+
+    def as_text(self) -> str:
+        """Return the settings for a recording; the line follows from its calibration."""
+        return json.dumps({**asdict(self), "line": None})
+
+    @classmethod
+    def from_text(cls, text: str) -> Paper:
+        """Read what `as_text` wrote.
+
+        Raises `RecordingError` if it can't be read.
+        """
+        try:
+            return structured(cls, {k: v for k, v in json.loads(text).items() if k != "line"})
+        except (ValueError, TypeError, AttributeError) as error:
+            raise RecordingError(f"its settings of the paper's method: {error}") from error
