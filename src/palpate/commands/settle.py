@@ -44,6 +44,8 @@ def settle(
     reference_ohm: option.ReferenceOhmOption = None,
     sensor_leg: option.LegOption = None,
     cut: option.CutOption = "auto",
+    rest: option.RestOption = None,
+    mean: option.MeanOption = False,
     plot: option.PlotOption = None,
     dpi: DpiOption = None,
     as_json: JsonOption = False,
@@ -71,6 +73,8 @@ def settle(
             unit=unit,
             divider=_divider(adc_bits, reference_ohm, sensor_leg, unit=unit),
             cut=_cut_at(cut),
+            rest_s=_rest(rest, mean=mean, unit=unit),
+            mean=mean,
         ),
     )
     files = source.files()
@@ -83,7 +87,7 @@ def settle(
         fit_on=fit_on or [],
         learn_from=learn_from or [],
         horizon_s=horizon,
-        percent=unit == "percent",
+        percent=unit == "percent" or rest is not None,
     )
     if until_half_width and not fit_on:
         _warn_without_interval(chosen)
@@ -168,6 +172,23 @@ def _cut_at(text: str) -> CutAt:
     if begin_s != begin_s or abs(begin_s) == float("inf"):
         raise InputError(f"--cut {text}: give auto, none or a time in seconds")
     return begin_s
+
+
+def _rest(text: str | None, *, mean: bool, unit: str | None) -> tuple[float, float] | None:
+    """Return the stretch that --rest asks for."""
+    if text is None:
+        if mean:
+            raise InputError("--mean: give --rest START:END too, a stretch without load")
+        return None
+    if unit in ("percent", "volt"):
+        raise InputError(f"--rest makes relative changes of ohm, and --unit is {unit}")
+    try:
+        begin_s, end_s = (float(part.replace(",", ".")) for part in text.split(":"))
+    except ValueError:
+        begin_s, end_s = 0.0, 0.0
+    if not begin_s < end_s < float("inf"):
+        raise InputError(f"--rest {text}: give START:END in seconds, such as 0:1.5")
+    return begin_s, end_s
 
 
 def _warn_without_interval(methods: Iterable[str]) -> None:

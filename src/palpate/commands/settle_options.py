@@ -93,6 +93,18 @@ CutOption: TypeAlias = Annotated[
         metavar="auto|none|SECONDS",
     ),
 ]
+RestOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--rest",
+        help="Stretch without load, seconds: readings become relative changes.",
+        metavar="START:END",
+    ),
+]
+MeanOption: TypeAlias = Annotated[
+    bool,
+    typer.Option("--mean", help="With --rest: predict the mean of all columns, as in the paper."),
+]
 PlotOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(

@@ -13,6 +13,7 @@ from palpate.holds import Hold, iterate_holds
 from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
 from palpate.readings.columns import TimeUnit, Unit
 from palpate.readings.holds import CutAt
+from palpate.readings.relative import relative_readings
 from palpate.signal.circuit import Divider
 from palpate.tables.files import MCAP_MAGIC, form_of, open_table
 from palpate.tables.text import lines_of, open_text
@@ -33,6 +34,9 @@ class ReadingOptions:
     divider: Divider | None = None
     #: As `palpate.cut_holds` takes it.
     cut: CutAt = "auto"
+    #: Stretch at rest that makes relative changes of the columns, and whether their mean is taken.
+    rest_s: tuple[float, float] | None = None
+    mean: bool = False
 
     def is_about_units(self) -> bool:
         """Return whether at most the unit is given, and that as ohm or percent."""
@@ -118,6 +122,8 @@ class HoldSource:
             divider=options.divider,
         )
         for readings in recordings:
+            if options.rest_s is not None:
+                readings = relative_readings(readings, rest_s=options.rest_s, mean=options.mean)
             remarks += readings.remarks
             columns = cut_columns(readings, cut=options.cut)
             if not any(column.holds for column in columns):

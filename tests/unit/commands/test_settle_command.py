@@ -378,3 +378,27 @@ def test_a_narrow_terminal_has_every_column(
     assert heads[1] == scores
     assert sum(line.rstrip().endswith(" ok") for line in lines) >= 5
     assert all(len(line) <= columns for line in lines)
+
+
+def test_mean_of_the_columns_is_predicted_as_one_hold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = np.arange(0, 26, 0.1)
+    fall = np.where(time_s > 3, 0.5 - 0.1 * np.exp(-(time_s - 3) / 2), 0.0)
+    rows = [
+        f"{t:.1f},{1e3 * (1 - f):.2f},{9e3 * (1 - 0.4 * f):.2f}"
+        for t, f in zip(time_s, fall, strict=True)
+    ]
+    path = tmp_path / "pixels.csv"
+    path.write_text("\n".join(["time_s,a_ohm,b_ohm", *rows]) + "\n")
+    options = ("--rest", "0:2.5", "--mean", "--method", "exponential")
+    (row,) = document(capsys, path, *options)["rows"]
+    assert row["hold_id"] == "pixels:mean change:1"
+    assert row["predicted"] == pytest.approx(-35.0, abs=0.2)
+    for wrong, words in (
+        (["--mean"], "give --rest START:END too"),
+        (["--rest", "3"], "give START:END in seconds"),
+        (["--rest", "0:2", "--unit", "percent"], "relative changes of ohm"),
+    ):
+        assert ran(path, *wrong) == 2
+        assert words in capsys.readouterr().err

@@ -1,0 +1,64 @@
+"""Relative changes of a table's columns, and the paper's quantity: their mean."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.readings import read_recording
+from palpate.readings.relative import relative_readings
+from palpate.signal.circuit import Divider
+
+TIME_S = np.arange(0, 25, 0.1)
+
+
+def pixels(*rests_ohm: float) -> dict[str, np.ndarray]:
+    """Rest for two seconds, then a hold: the first pixel falls, others hardly."""
+    held = TIME_S > 2.0
+    fall = np.where(held, 0.5 - 0.05 * np.exp(-(TIME_S - 2.0) / 3.0), 0.0)
+    shares = np.linspace(1.0, 0.2, len(rests_ohm))
+    return {
+        f"p{number}_ohm": rest_ohm * (1.0 - share * fall)
+        for number, (rest_ohm, share) in enumerate(zip(rests_ohm, shares, strict=True))
+    }
+
+
+def test_mean_is_of_relative_changes_whatever_the_rest_values() -> None:
+    found = [
+        relative_readings(
+            read_recording({"time_s": TIME_S, **pixels(*rests)}), rest_s=(0, 1.9), mean=True
+        ).columns["mean change"]
+        for rests in ((1e3, 1e3), (1e3, 9e4))
+    ]
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+    assert found[0][-1] == pytest.approx(-30.0, abs=0.1)
+
+
+def test_open_pixel_is_left_out_of_the_mean() -> None:
+    table = pixels(1e3, 2e3)
+    table["p1_ohm"][TIME_S > 10] = np.inf
+    made = read_recording({"time_s": TIME_S, **table})
+    mean = relative_readings(made, rest_s=(0, 1.9), mean=True).columns["mean change"]
+    assert mean[-1] == pytest.approx(-50.0, abs=0.1)
+
+
+def test_counts_become_ohm_by_their_divider() -> None:
+    counts = np.where(TIME_S > 2.0, 768.0, 512.0)
+    divider = Divider(adc_bits=10, reference_ohm=4700.0, taxel_leg="upper")
+    made = read_recording({"time_s": TIME_S, "a": counts}, unit="counts", divider=divider)
+    change = relative_readings(made, rest_s=(0, 1.9), mean=False).columns["a"]
+    assert change[-1] == pytest.approx(-66.7, abs=0.1)
+
+
+@pytest.mark.parametrize(("rest_s", "unit", "words"), [((90, 99), "ohm", "0 readings at rest")])
+def test_table_without_rest_is_refused(rest_s: tuple, unit: str, words: str) -> None:
+    made = read_recording({"time_s": TIME_S, **pixels(1e3)}, unit=unit)
+    with pytest.raises(InputError, match=words):
+        relative_readings(made, rest_s=rest_s, mean=True)
+
+
+def test_counts_without_divider_are_refused() -> None:
+    made = read_recording({"time_s": TIME_S, "a": np.full(TIME_S.size, 512.0)}, unit="counts")
+    with pytest.raises(InputError, match="this is counts; add --adc-bits"):
+        relative_readings(made, rest_s=(0, 1.9), mean=True)
