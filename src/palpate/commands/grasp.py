@@ -84,6 +84,14 @@ def grasp(
         str | None,
         typer.Option(help="With --damage: what is grasped, where known.", metavar="NAME"),
     ] = None,
+    pull_n: Annotated[
+        float | None,
+        typer.Option("--pull-n", help="Judge whether it is secure to pull so hard.", min=0.01),
+    ] = None,
+    friction: Annotated[
+        float | None,
+        typer.Option(help="With --pull-n: coefficient between pads and object.", min=0.01),
+    ] = None,
     method: MethodOption = "palpate",
     step_mm: StepOption = None,
     epsilon_percent: EpsilonOption = None,
@@ -116,6 +124,7 @@ def grasp(
     from palpate.grasp.document import grasp_document
     from palpate.grasp.paper_method import by_paper
     from palpate.grasp.planning import plan_grasp
+    from palpate.grasp.pull import judge_pull
     from palpate.grasp.runner import run_grasp
     from palpate.grasp.verdict import verdict
     from palpate.rig import open_rig
@@ -130,6 +139,8 @@ def grasp(
     )
     if paper is not None and (target_force_n is not None or expect_size_mm is not None):
         raise InputError("--method paper takes neither --target-force-n nor --expect-size")
+    if (pull_n is None) != (friction is None):
+        raise InputError("--pull-n and --friction go together")
     limit = open_limit(damage, kind=kind)
     with ExitStack() as stack:
         memory = open_memory(stack, item_id=item, store=store, angle_deg=angle_deg)
@@ -165,6 +176,9 @@ def grasp(
         truth = None if devices.truth is None else dict(devices.truth())
         limited = None if limit is None else limit.as_json(result)
         kept = {} if memory is None else memory.take(result, rig=devices, recording=record)
+        pull = None
+        if pull_n is not None and friction is not None:
+            pull = judge_pull(result.force_n, pull_n=pull_n, friction=friction)
         if as_json:
             document = grasp_document(
                 result,
@@ -174,12 +188,16 @@ def grasp(
                 truth=truth,
                 subject=devices.subject,
             )
+            if pull is not None:
+                document["pull"] = pull.as_json()
             print(json.dumps(document, allow_nan=False, indent=1), flush=True)
         else:
             summary = verdict(result, target_force_n=target_force_n)
             print_card(
                 result, summary=summary, rig=devices, seed=seed, truth=truth, limited=limited
             )
+            if pull is not None:
+                print(f"{pull.verdict}: a pull of {pull.pull_n:g} N at friction {pull.friction:g}")
             sys.stdout.flush()
         # After the answer: the store may not give one.
         unkept = memory is not None and not memory.keep()

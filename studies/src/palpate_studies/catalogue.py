@@ -25,6 +25,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "The same on layered, foam-like and dough-like things and real fruit's curves, simulated",
     ),
     "faults": ("palpate_studies.faults", "Single faults in every phase of a grasp, simulated"),
+    "harvest": (
+        "palpate_studies.harvest",
+        "Pulls of 1 to 10 N on held fruit: the verdict against the truth, simulated",
+    ),
     "hybrid": ("palpate_studies.hybrid", "Recorded fruit and sheets through the real firmware"),
     "noise": (
         "palpate_studies.noise",

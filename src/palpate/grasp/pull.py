@@ -1,0 +1,86 @@
+"""Whether a held object is secure to pull: a stem that has to tear, as in harvesting."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from palpate.estimate.measurement import Measurement
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PullVerdict:
+    """What friction holds against a pull along the pads.
+
+    Attributes
+    ----------
+    pull_n, friction : float
+        As asked: the pull, weight included, and the coefficient between pads and object.
+    holds_low_n, holds_high_n : float or None
+        Interval of the pull that both fingers hold; None where the grip force isn't known.
+    verdict : str
+        ``secure to pull``, ``would slip`` or ``not sure``.
+    """
+
+    pull_n: float
+    friction: float
+    holds_low_n: float | None
+    holds_high_n: float | None
+    verdict: Literal["secure to pull", "would slip", "not sure"]
+
+    def as_json(self) -> dict[str, object]:
+        """Return the form that `palpate grasp` prints."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def judge_pull(force: Measurement | None, *, pull_n: float, friction: float) -> PullVerdict:
+    """Compare a pull with what the measured grip force holds.
+
+    Both fingers carry: an object slides at twice the friction times the grip force. The verdict
+    takes the ends of the force's interval, so it is as sure as that.
+
+    Parameters
+    ----------
+    force : Measurement or None
+        Settled grip force of each finger.
+    pull_n : float
+        Pull along the pads, newtons, with the weight in it.
+    friction : float
+        Coefficient of friction; a low one is the careful one.
+
+    Raises
+    ------
+    ValueError
+        If the pull or the friction is not positive.
+
+    Examples
+    --------
+    >>> force = Measurement(value=4.0, low=3.0, high=5.0, unit="n")
+    >>> [judge_pull(force, pull_n=pull_n, friction=0.5).verdict for pull_n in (2.0, 4.0, 8.0)]
+    ['secure to pull', 'not sure', 'would slip']
+    """
+    for name, value in (("pull", pull_n), ("friction", friction)):
+        if not 0 < value < math.inf:
+            raise ValueError(f"the {name} must be positive, not {value:g}")
+    if force is None:
+        return PullVerdict(
+            pull_n=pull_n,
+            friction=friction,
+            holds_low_n=None,
+            holds_high_n=None,
+            verdict="not sure",
+        )
+    low_n, high_n = 2.0 * friction * force.low, 2.0 * friction * force.high
+    verdict: Literal["secure to pull", "would slip", "not sure"] = "not sure"
+    if pull_n <= low_n:
+        verdict = "secure to pull"
+    elif pull_n > high_n:
+        verdict = "would slip"
+    return PullVerdict(
+        pull_n=pull_n,
+        friction=friction,
+        holds_low_n=low_n,
+        holds_high_n=high_n,
+        verdict=verdict,
+    )

@@ -1,0 +1,148 @@
+"""Pulls on held fruit: whether the verdict "secure to pull" is right, simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from palpate.commands.options import JsonOption
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.belief import Belief
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.pull import judge_pull
+from palpate.grasp.runner import run_grasp
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.friction import N_PER_G
+from palpate.twin.objects import draw_object
+from palpate.twin.world import World
+from palpate_studies.force_control_grasps import calibration_of
+from palpate_studies.force_control_world import GRASPS_PER_SHEET
+from palpate_studies.report import OutOption, StudyReport, Table
+
+LEVELS = ("lab", "field")
+FRUIT = ("strawberry", "tomato", "apple", "kiwi")
+PULLS_N = tuple(float(pull_n) for pull_n in range(1, 11))
+#: Seed of the first fruit; none was looked at before. Targets are drawn from here, newtons.
+FIRST_SEED, TARGETS_N = 7_600_000, (2.0, 10.0)
+#: How long a pull lasts, seconds.
+_PULLED_S = 3.0
+VERDICTS = ("secure to pull", "not sure", "would slip")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pulled:
+    """One pull on one held fruit: what was judged, and whether it slipped."""
+
+    level: str
+    fruit: str
+    seed: int
+    pull_n: float
+    verdict: str
+    slipped: bool
+
+
+def command(
+    fruits: Annotated[int, typer.Option(help="Fruit of each level.", min=1)] = 40,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Grip fruit, judge pulls of 1 to 10 N by its friction, and pull.
+
+    Example: palpate study harvest --fruits 100 --out reports
+    """
+    found = [
+        pulled
+        for level in LEVELS
+        for seed in range(FIRST_SEED, FIRST_SEED + fruits)
+        for pulled in pulls(seed, level=level)
+    ]
+    report(found).emit(as_json=as_json, out=out)
+
+
+def pulls(seed: int, *, level: str) -> list[Pulled]:
+    """Grip one fruit and pull at it ten times, each time as it is held at the answer."""
+    rng = np.random.default_rng([seed, 51])
+    name = FRUIT[seed % len(FRUIT)]
+    sheet = seed // GRASPS_PER_SHEET
+    obj = draw_object(rng, name)
+    world = World(obj, seed=seed, sheet_seed=sheet, level=level)
+    gripper = TwinGripper(world)
+    plan = plan_grasp(
+        calibration_of(sheet, level, "rigid"),
+        gripper=gripper,
+        target_force_n=float(rng.uniform(*TARGETS_N)),
+        hold_s=0.5,
+    )
+    held = list[tuple[World, Measurement]]()
+
+    def watch(belief: Belief) -> None:
+        answered = belief.result.force_n
+        is_answer = any(moment.name == "answer" for moment in belief.result.moments)
+        if is_answer and answered is not None and not held:
+            held.append((deepcopy(world), answered))
+
+    run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch])
+    weight_n = N_PER_G * obj.mass_g
+    found = []
+    for pull_n in PULLS_N if held else ():
+        copy, force = deepcopy(held[0])
+        verdict = judge_pull(force, pull_n=pull_n, friction=obj.friction).verdict
+        copy.lift(more_n=pull_n - weight_n)
+        copy.clock.sleep_s(_PULLED_S)
+        copy.force_n(copy.clock.now_s())
+        found.append(
+            Pulled(
+                level=level,
+                fruit=name,
+                seed=seed,
+                pull_n=pull_n,
+                verdict=verdict,
+                slipped=copy.dropped,
+            )
+        )
+    return found
+
+
+def report(found: Sequence[Pulled]) -> StudyReport:
+    """Return the report of any number of pulls."""
+    summary = list[dict[str, Any]]()
+    for level in LEVELS:
+        mine = [one for one in found if one.level == level]
+        for verdict in VERDICTS:
+            part = [one for one in mine if one.verdict == verdict]
+            summary.append(
+                {
+                    "level": level,
+                    "fruits": len({one.seed for one in mine}),
+                    "verdict": verdict,
+                    "pulls": len(part),
+                    "slipped": sum(one.slipped for one in part),
+                }
+            )
+    return StudyReport(
+        name="harvest",
+        title="Pulls of 1 to 10 N on held fruit (simulated)",
+        provenance=[
+            f"Simulated: {', '.join(FRUIT)} in turn, four to a sensor, gripped to a random "
+            f"{TARGETS_N[0]:g} to {TARGETS_N[1]:g} N with rigid fingers; each is pulled for "
+            f"{_PULLED_S:g} s, weight included, as it is held at the answer. The friction is known.",
+        ],
+        tables=[
+            Table(
+                title="Verdict, and whether it slipped",
+                columns=("level", "fruits", "verdict", "pulls", "slipped"),
+                rows=[tuple(str(value) for value in row.values()) for row in summary],
+            )
+        ],
+        payload={
+            "study": "harvest",
+            "simulated": True,
+            "summary": summary,
+            "rows": [asdict(one) for one in found],
+        },
+    )
