@@ -2,7 +2,8 @@
 
 It answers Protocol 2.0 as the e-Manual describes it: status packets with CRC-16, error codes,
 memory that is locked while the torque is on, bus watchdog, hardware errors that only a reboot
-clears. What it can't show: torque-off fingers stay where they are, and the current limit is looked
+clears, a current that is positive where it turns towards larger positions, drive modes. What it
+can't show: torque-off fingers stay where they are, and the current limit is looked
 at only when somebody looks at the world.
 """
 
@@ -57,6 +58,7 @@ class ServoBus:
         is answered all the same. Without end (`inf`), what was asked is done, and no reply comes.
     `deaf`: goals of its position are acknowledged, and not followed: it goes where it went before.
     `position_error`: error of the reported position, steps.
+    `forgetful`: registers whose writes are acknowledged and not kept.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class ServoBus:
         self._id = servo_id
         self.silent, self.spoilt = False, 0
         self.late_s, self.deaf, self.position_error = 0.0, False, 0
+        self.forgetful = set[x.Register]()
         self._heard_s = world.clock.now_s()
         self._table = bytearray(x.STATE_END)
         self._put(x.MODEL_NUMBER, model_number)
@@ -84,6 +87,16 @@ class ServoBus:
         world.watchers.insert(0, self._look)
         self._line = LineEnd(self._take)
         self.name = self._line.name
+
+    def value(self, register: x.Register) -> int:
+        """Return what a register holds, without the line."""
+        with self._lock:
+            return self._get(register)
+
+    def set(self, register: x.Register, value: int) -> None:
+        """Give a register a value, as an earlier host left it."""
+        with self._lock:
+            self._put(register, value)
 
     def fail(self, error: x.HardwareError) -> None:
         """Give it a hardware error: the torque goes off, until a reboot."""
@@ -172,7 +185,8 @@ class ServoBus:
             goal = int.from_bytes(data, "little", signed=True)
             if not self._get(x.MIN_POSITION_LIMIT) <= goal <= self._get(x.MAX_POSITION_LIMIT):
                 return x.PacketError.DATA_LIMIT
-        self._table[address : address + len(data)] = data
+        if address not in {register.address for register in self.forgetful}:
+            self._table[address : address + len(data)] = data
         if address == x.GOAL_POSITION.address and not self.deaf:
             self._go()
         return 0
@@ -180,7 +194,8 @@ class ServoBus:
     def _go(self) -> None:
         if not self._get(x.TORQUE_ENABLE):
             return
-        goal_rad = (self._get(x.GOAL_POSITION) - x.CENTRE_TICK) * x.RAD_PER_TICK
+        turned = self._get(x.GOAL_POSITION) - x.CENTRE_TICK
+        goal_rad = self._turns() * turned * x.RAD_PER_TICK
         target_mm = self._fingers.width_mm(goal_rad)
         now_mm = self._world.drive_value(self._world.clock.now_s())
         velocity = self._get(x.PROFILE_VELOCITY) or _FASTEST
@@ -188,15 +203,23 @@ class ServoBus:
         way_mm = abs(target_mm - now_mm)
         if way_mm > 1e-9:
             takes_s = turn_rad / (velocity * x.RAD_PER_S_PER_VELOCITY)
+            if self._get(x.DRIVE_MODE) & x.TIME_BASED:
+                takes_s = max(self._get(x.PROFILE_VELOCITY), 1) / 1e3
             self._hand.command(GripperCommand(target=target_mm, rate=way_mm / takes_s))
+
+    def _turns(self) -> int:
+        """Return 1 where positions rise as the fingers open, -1 in reverse mode."""
+        return -1 if self._get(x.DRIVE_MODE) & x.REVERSE else 1
 
     def _refresh(self) -> None:
         state, unit = self._hand.state(), x.MODELS[self._get(x.MODEL_NUMBER)].ma_per_unit
         width_mm = self._world.drive_value(self._world.clock.now_s())
         self._put(x.MOVING, state.moving)
         self._put(x.MOVING_STATUS, x.PROFILE_ONGOING if state.moving else 1)
-        self._put(x.PRESENT_CURRENT, 0 if unit is None else round(state.current_ma / unit))
-        turned = round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
+        # The twin's current is positive where the fingers close, to smaller positions.
+        current = 0 if unit is None else -self._turns() * round(state.current_ma / unit)
+        self._put(x.PRESENT_CURRENT, current)
+        turned = self._turns() * round(self._fingers.angle_rad(width_mm) / x.RAD_PER_TICK)
         self._put(x.PRESENT_POSITION, x.CENTRE_TICK + turned + self.position_error)
         self._put(x.PRESENT_VOLTAGE, round(_SUPPLY_V / x.VOLT_PER_UNIT))
         self._put(x.PRESENT_TEMPERATURE, _TEMPERATURE_C)

@@ -62,6 +62,8 @@ class StsBus:
         So many of the next replies have a wrong checksum.
     state : State
         What it protects itself against; told in every reply.
+    forgetful : set of Register
+        Registers whose writes are acknowledged and not kept.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class StsBus:
         self._world, self._hand, self._jaw = world, TwinGripper(world), jaw
         self._closed, self._id = closed_tick, servo_id
         self.silent, self.spoilt, self.state = False, 0, sts.State(0)
+        self.forgetful = set[Register]()
         self._table = bytearray(sts.STATE_END)
         self._put(sts.MODEL_NUMBER, model_number)
         self._put(sts.TORQUE_LIMIT, sts.FULL_TORQUE)
@@ -83,6 +86,16 @@ class StsBus:
         world.watchers.insert(0, self._look)
         self._line = LineEnd(self._take)
         self.name = self._line.name
+
+    def value(self, register: Register) -> int:
+        """Return what a register holds, without the line."""
+        with self._lock:
+            return self._get(register)
+
+    def set(self, register: Register, value: int) -> None:
+        """Give a register a value, as an earlier host left it."""
+        with self._lock:
+            self._put(register, value)
 
     def unplug(self) -> None:
         """Pull the adapter out; the servo keeps its power. Again does nothing."""
@@ -118,7 +131,8 @@ class StsBus:
                 self._refresh()
                 self._reply(bytes(self._table[given[0] : given[0] + given[1]]))
             elif instruction == _WRITE:
-                self._table[given[0] : given[0] + len(given) - 1] = given[1:]
+                if given[0] not in {register.address for register in self.forgetful}:
+                    self._table[given[0] : given[0] + len(given) - 1] = given[1:]
                 # Torque that comes on takes it to whatever goal is there.
                 if given[0] in (sts.GOAL_POSITION.address, sts.TORQUE_ENABLE.address):
                     self._go()

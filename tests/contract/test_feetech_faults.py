@@ -17,6 +17,7 @@ from palpate.gripper.feetech import FeetechGripper, open_gripper
 from palpate.gripper.interface import GripperCommand
 from palpate.gripper.packets import PROTOCOL_1
 from palpate.gripper.servo_line import ServoLine
+from palpate.gripper.x_series import Register
 from palpate.rig.simulated import calibrated
 from palpate.twin.devices import TwinArray
 from palpate.twin.world import World
@@ -115,6 +116,37 @@ def test_an_old_goal_is_not_gone_to(world: World, bus: StsBus) -> None:
     pass_time(world, 1.0)
     assert world.drive_value(world.clock.now_s()) == pytest.approx(74.0, abs=0.1)
     gripper.close()
+
+
+def test_set_up_forgets_what_an_earlier_host_left(world: World, bus: StsBus) -> None:
+    bus.set(sts.ACCELERATION, 50)
+    on_jaw(world, bus, torque_limit_percent=20.0).close()
+    wanted = {sts.ACCELERATION: 0, sts.TORQUE_LIMIT: 200, sts.TORQUE_ENABLE: 1}
+    assert {register: bus.value(register) for register in wanted} == wanted
+
+
+@pytest.mark.parametrize("register", [sts.TORQUE_LIMIT, sts.ACCELERATION, sts.TORQUE_ENABLE])
+def test_a_register_that_does_not_keep_its_value_is_refused(
+    world: World, bus: StsBus, register: Register
+) -> None:
+    bus.set(sts.ACCELERATION, 50)
+    bus.forgetful.add(register)
+    with pytest.raises(DeviceError, match=f"at address {register.address}, and was set to"):
+        on_jaw(world, bus)
+    assert bus.value(sts.TORQUE_ENABLE) == 0
+
+
+def test_a_stop_on_the_leash_ends_the_way(gripper: FeetechGripper, world: World) -> None:
+    """It has arrived where it was sent for now, and waits to be sent on to its old target."""
+    gripper.command(GripperCommand(target=40.0, rate=10.0))
+    pass_time(world, 3.0)
+    gripper.stop()
+    stopped_mm = world.drive_value(world.clock.now_s())
+    for _ in range(10):
+        gripper.state()
+        pass_time(world, 0.3)
+    assert world.drive_value(world.clock.now_s()) == pytest.approx(stopped_mm, abs=0.05)
+    assert not gripper.state().moving
 
 
 def test_a_lost_port_is_one_line(gripper: FeetechGripper, bus: StsBus) -> None:

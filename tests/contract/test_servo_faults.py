@@ -102,10 +102,9 @@ def test_a_servo_that_does_not_answer_is_left_to_its_shortest_watchdog(
     with pytest.raises(DeviceTimeoutError):
         gripper.stop()
     bus.late_s = 0.0
-    # Another host's question comes after what was sent blindly.
-    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
-    assert line.read(x.BUS_WATCHDOG) == 1
-    line.close()
+    # A question comes after what was sent blindly.
+    gripper.state()
+    assert bus.value(x.BUS_WATCHDOG) == 1
     for _ in range(5):
         world.clock.sleep_s(0.01)
         world.drive_value(world.clock.now_s())
@@ -126,11 +125,9 @@ def test_stopping_a_hand_that_holds_leaves_its_goal(
     close_slowly(gripper)
     world.clock.sleep_s(6.0)
     bus.position_error = 40
-    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
-    before = line.read(x.GOAL_POSITION)
+    before = bus.value(x.GOAL_POSITION)
     gripper.stop()
-    assert line.read(x.GOAL_POSITION) == before
-    line.close()
+    assert bus.value(x.GOAL_POSITION) == before
 
 
 def test_a_position_that_it_can_not_have_reached_is_refused(
@@ -168,9 +165,7 @@ def test_limits_that_the_servo_would_not_keep_are_refused(
 def test_the_slowest_movement_is_slow(gripper: DynamixelGripper, bus: ServoBus) -> None:
     """0 would be the servo's fastest."""
     gripper.command(GripperCommand(target=50.0, rate=1e-3))
-    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
-    assert line.read(x.PROFILE_VELOCITY) == 1
-    line.close()
+    assert bus.value(x.PROFILE_VELOCITY) == 1
 
 
 def test_the_watchdog_is_armed_again_after_a_trip(
@@ -182,9 +177,7 @@ def test_the_watchdog_is_armed_again_after_a_trip(
         world.drive_value(world.clock.now_s())
     assert not gripper.state().moving
     close_slowly(gripper)
-    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
-    assert line.read(x.BUS_WATCHDOG) == 25
-    line.close()
+    assert bus.value(x.BUS_WATCHDOG) == 25
 
 
 def test_overload_is_told_and_cleared_on_request(
@@ -214,8 +207,9 @@ def test_opening_a_servo_in_error_leaves_it_alone(world: World, bus: ServoBus) -
     gripper.close()
 
 
-def test_memory_is_locked_while_the_torque_is_on(gripper: DynamixelGripper, bus: ServoBus) -> None:
+def test_memory_is_locked_while_the_torque_is_on(bus: ServoBus) -> None:
     line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    line.write(x.TORQUE_ENABLE, 1)
     with pytest.raises(RefusedError, match="refused: access") as refused:
         line.write(x.OPERATING_MODE, x.Mode.POSITION)
     assert refused.value.code == x.PacketError.ACCESS
@@ -234,17 +228,93 @@ def test_limits_and_watchdog_are_set(
     world: World, model_number: int, mode: x.Mode, register: x.Register, value: int
 ) -> None:
     bus = ServoBus(world, model_number=model_number)
+    bus.set(x.PROFILE_ACCELERATION, 30)
     gripper = on_servo(world, bus, current_limit_ma=300.0, pwm_limit_percent=40.0, watchdog_s=0.2)
-    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
     wanted = {x.OPERATING_MODE: mode, register: value, x.TORQUE_ENABLE: 1, x.BUS_WATCHDOG: 10}
     wanted[x.PROFILE_ACCELERATION] = 0
-    assert {one: line.read(one) for one in wanted} == wanted
+    assert {one: bus.value(one) for one in wanted} == wanted
     assert math.isnan(gripper.state().current_ma) == (model_number == 1060)
     assert gripper.health().temperature_c == 35.0
     assert gripper.health().supply_v == pytest.approx(12.0)
-    line.close()
     gripper.close()
     bus.close()
+
+
+@pytest.mark.parametrize("model_number", [1020, 1200])
+def test_the_current_of_closing_is_positive(model_number: int) -> None:
+    """The register is negative: positions fall as the fingers close."""
+    world = world_of("rigid", "rigid-block")
+    bus = ServoBus(world, model_number=model_number)
+    gripper = on_servo(world, bus)
+    gripper.command(GripperCommand(target=30.0, rate=20.0))
+    while world.force_n(world.clock.now_s()) < 5.0:
+        world.clock.sleep_s(0.02)
+        state = gripper.state()
+    assert bus.value(x.PRESENT_CURRENT) < 0
+    # 14 mA per newton, 40 mA of the gears.
+    assert 60.0 < state.current_ma < 300.0
+    gripper.close()
+    bus.close()
+
+
+def test_torque_is_off_while_the_mode_changes(world: World, bus: ServoBus) -> None:
+    """An earlier host left the torque on, in another mode: the servo refuses to change it so."""
+    bus.set(x.OPERATING_MODE, x.Mode.POSITION)
+    bus.set(x.TORQUE_ENABLE, 1)
+    gripper = on_servo(world, bus)
+    assert bus.value(x.OPERATING_MODE) == x.Mode.CURRENT_BASED_POSITION
+    assert bus.value(x.TORQUE_ENABLE) == 1
+    gripper.close()
+
+
+def test_a_time_based_profile_is_made_one_of_velocity(world: World, bus: ServoBus) -> None:
+    bus.set(x.DRIVE_MODE, x.TIME_BASED)
+    gripper = on_servo(world, bus)
+    assert bus.value(x.DRIVE_MODE) == 0
+    close_slowly(gripper)
+    for _ in range(10):
+        world.clock.sleep_s(0.1)
+        gripper.state()
+    assert world.drive_value(world.clock.now_s()) == pytest.approx(69.5, abs=1.0)
+    gripper.close()
+
+
+def test_a_servo_in_reverse_is_refused(world: World, bus: ServoBus) -> None:
+    bus.set(x.DRIVE_MODE, x.REVERSE | x.TIME_BASED)
+    with pytest.raises(DeviceError, match=r"turns in reverse \(DRIVE_MODE 5\).*Wizard"):
+        on_servo(world, bus)
+    assert bus.value(x.TORQUE_ENABLE) == 0
+
+
+@pytest.mark.parametrize(
+    "register",
+    [
+        x.DRIVE_MODE,
+        x.OPERATING_MODE,
+        x.GOAL_CURRENT,
+        x.PROFILE_ACCELERATION,
+        x.TORQUE_ENABLE,
+        x.BUS_WATCHDOG,
+    ],
+)
+def test_a_register_that_does_not_keep_its_value_is_refused(
+    world: World, bus: ServoBus, register: x.Register
+) -> None:
+    bus.set(x.DRIVE_MODE, x.TIME_BASED)
+    bus.set(x.PROFILE_ACCELERATION, 30)
+    bus.forgetful.add(register)
+    with pytest.raises(DeviceError, match=f"at address {register.address}, and was set to"):
+        on_servo(world, bus)
+    if register not in (x.TORQUE_ENABLE, x.BUS_WATCHDOG):
+        assert bus.value(x.TORQUE_ENABLE) == 0, "no torque before everything else is right"
+
+
+def test_the_port_is_not_shared(gripper: DynamixelGripper, bus: ServoBus) -> None:
+    with pytest.raises(DeviceError, match=r"is in use by another program; `fuser -v"):
+        ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
+    gripper.state()
+    gripper.close()
+    ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S).close()
 
 
 def test_it_gives_way_at_its_current_limit() -> None:
@@ -416,17 +486,15 @@ def test_a_fault_ends_the_grasp_at_once(
 def test_torque_that_is_off_is_known_by_the_width(
     plan: Plan, bus: ServoBus, gripper: DynamixelGripper, world: World, tmp_path: Path
 ) -> None:
-    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=REPLY_S)
     struck_s: list[float] = []
 
     def limp(_: Observation) -> None:
         if world.clock.now_s() > 1.0 and not struck_s:
             struck_s.append(world.clock.now_s())
-            line.write(x.TORQUE_ENABLE, 0)
+            bus.fail(x.HardwareError(0))
 
     path = tmp_path / "limp.mcap"
     result = _recorded(plan, gripper, world, path, limp)
-    line.close()
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "is it blocked, locked or without supply?" in result.faults[0]
     # That the hand stops reads like a touch: after a look, four half steps in a row move nothing.

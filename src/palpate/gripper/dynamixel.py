@@ -62,7 +62,8 @@ class DynamixelGripper:
     InputError
         If a limit is beyond what the servo can do: none is set to another value unasked.
     DeviceError
-        If the servo does not answer, is of an unknown kind, or can't be set up.
+        If the servo does not answer, is of an unknown kind, turns in reverse, or does not keep
+        what it is set to.
     """
 
     def __init__(
@@ -102,7 +103,9 @@ class DynamixelGripper:
         return GripperState(
             time_s=self._clock.now_s(),
             width_mm=self._width_mm(self._believed(run)),
-            current_ma=math.nan if unit is None else current * unit,
+            # A positive current turns towards larger positions (e-Manual, "Present Current"), and
+            # those open the fingers: closing reads negative.
+            current_ma=math.nan if unit is None else -current * unit,
             moving=_moving(run),
         )
 
@@ -199,27 +202,43 @@ class DynamixelGripper:
         self._line.close()
 
     def _set_up(self) -> None:
+        """Set mode, limits and watchdog, and read them back before the first command."""
         line, unit = self._line, self.model.ma_per_unit
         line.write(x.BUS_WATCHDOG, 0)
-        mode = x.Mode.POSITION if unit is None else x.Mode.CURRENT_BASED_POSITION
-        if line.read(x.OPERATING_MODE) != mode:
+        drive_mode = line.read(x.DRIVE_MODE)
+        if drive_mode & x.REVERSE:
+            raise DeviceError(
+                f"{line.name} turns in reverse (DRIVE_MODE {drive_mode}): closing would open. "
+                "Clear bit 0 of DRIVE_MODE with DYNAMIXEL Wizard"
+            )
+        kept = {
+            x.DRIVE_MODE: drive_mode & ~x.TIME_BASED,
+            x.OPERATING_MODE: x.Mode.POSITION if unit is None else x.Mode.CURRENT_BASED_POSITION,
+        }
+        if any(line.read(register) != value for register, value in kept.items()):
             # Only where needed: it takes the torque off, and wears the servo's memory.
             line.write(x.TORQUE_ENABLE, 0)
-            line.write(x.OPERATING_MODE, mode)
+            for register, value in kept.items():
+                line.write(register, value)
+        volatile = {x.PROFILE_ACCELERATION: 0}
         if unit is None:
-            share = x.FULL_PWM / 100.0
-            wanted = _within_own(
-                "pwm_limit_percent", self._pwm_limit_percent, share, line.read(x.PWM_LIMIT)
+            volatile[x.GOAL_PWM] = _within_own(
+                "pwm_limit_percent",
+                self._pwm_limit_percent,
+                x.FULL_PWM / 100.0,
+                line.read(x.PWM_LIMIT),
             )
-            line.write(x.GOAL_PWM, wanted)
         else:
-            wanted = _within_own(
+            volatile[x.GOAL_CURRENT] = _within_own(
                 "current_limit_ma", self._current_limit_ma, 1.0 / unit, line.read(x.CURRENT_LIMIT)
             )
-            line.write(x.GOAL_CURRENT, wanted)
-        line.write(x.PROFILE_ACCELERATION, 0)
-        line.write(x.TORQUE_ENABLE, 1)
-        line.write(x.BUS_WATCHDOG, self._watchdog)
+        for register, value in volatile.items():
+            line.write(register, value)
+        line.confirm({**kept, **volatile})
+        started = {x.TORQUE_ENABLE: 1, x.BUS_WATCHDOG: self._watchdog}
+        for register, value in started.items():
+            line.write(register, value)
+        line.confirm(started)
 
     def _write_goal(self, register: x.Register, value: int) -> None:
         """Write a goal; where the watchdog has stopped the servo meanwhile, arm it again."""

@@ -173,7 +173,9 @@ class FeetechGripper:
         # An old goal would be gone to as soon as there is torque.
         self._target = here
         self._send(here)
+        line.confirm({sts.TORQUE_LIMIT: torque_limit, sts.ACCELERATION: 0})
         line.write(sts.TORQUE_ENABLE, 1)
+        line.confirm({sts.TORQUE_ENABLE: 1})
 
     def _read(self) -> bytes:
         run = self._line.read_run(sts.STATE_BEGIN, sts.STATE_END - sts.STATE_BEGIN)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import termios
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import cycle
 from typing import Any
@@ -32,12 +33,12 @@ class RefusedError(DeviceError):
 
 
 class ServoLine:
-    """Speaks with one servo through the official SDK.
+    """Speaks with one servo through the official SDK; the port is locked against other programs.
 
     `port`: device, e.g. ``"/dev/ttyUSB0"``.
     `reply_s`: how long each reply may take; more on a machine that is busy with other things.
     Raises `MissingExtraError` if dynamixel-sdk is not installed; `DeviceNotFoundError` if there is
-    no such port.
+    no such port; `DeviceError` if another program has locked it.
     """
 
     def __init__(
@@ -67,7 +68,16 @@ class ServoLine:
         self._receive: Any = lambda: self._packets.rxPacket(self._port, *fast)
         try:
             opened = self._port.setBaudRate(baud)
+            if opened:
+                # The SDK shares the port: two programs would take each other's replies.
+                self._port.ser.exclusive = True
         except OSError as error:
+            self.close()
+            if error.errno in (errno.EAGAIN, errno.EBUSY):
+                raise DeviceError(
+                    f"{port} is in use by another program; `fuser -v {port}` names it. Close it "
+                    "first."
+                ) from error
             raise DeviceNotFoundError(
                 f"port {port} can't be opened: {error.strerror or error}. `palpate ports` lists "
                 "those there are; check cable and permissions."
@@ -96,6 +106,19 @@ class ServoLine:
         """
         data = value.to_bytes(register.size, "little", signed=value < 0)
         self._asked(_WRITE, self._layout.place(register.address) + data, answer=0)
+
+    def confirm(self, wanted: Mapping[Register, int]) -> None:
+        """Read registers back.
+
+        Raises `DeviceError` if one has another value than `wanted`.
+        """
+        for register, value in wanted.items():
+            found = self.read(register)
+            if found != value:
+                raise DeviceError(
+                    f"{self.name} keeps {found} at address {register.address}, and was set to "
+                    f"{value}; check that no other program uses it, and its firmware"
+                )
 
     def write_blindly(self, register: Register, value: int) -> None:
         """Write a register without waiting for an answer: for a servo that does not answer."""

@@ -52,6 +52,9 @@ CENTRE_TICK = 2048
 RAD_PER_S_PER_VELOCITY = 0.229 * 2 * pi / 60
 WATCHDOG_STEP_S, LONGEST_WATCHDOG = 0.02, 127
 VOLT_PER_UNIT = 0.1
+#: Bits of `DRIVE_MODE`: positions rise clockwise; `PROFILE_VELOCITY` is the milliseconds of a
+#: movement, not its speed.
+REVERSE, TIME_BASED = 0x01, 0x04
 #: Goal PWM 885 is all of the supply.
 FULL_PWM = 885
 #: Bit of `MOVING_STATUS`: the profile of the last goal is still running.

@@ -125,6 +125,21 @@ def test_opening_is_not_judged(calibrated: Plan) -> None:
     assert found == [None] * 5
 
 
+def test_a_hand_that_closes_though_it_was_sent_back_is_judged(calibrated: Plan) -> None:
+    watch = CurrentWatch(calibrated)
+    found = list[Alarm | None]()
+    for part in range(6):
+        closure = 20.0 + 0.3 * part
+        state = GripperState(
+            time_s=0.02 * part, width_mm=74.0 - closure, current_ma=of_force(22.0), moving=True
+        )
+        belief = replace(belief_of(100.0, closure=closure, still=False), sent=10.0)
+        found.append(watch.alarm(state, belief=belief))
+    alarms = [alarm for alarm in found if alarm is not None]
+    assert alarms
+    assert alarms[0].danger is Danger.FORCE_LIMIT
+
+
 def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan) -> None:
     watch = CurrentWatch(plan)
     for closure in range(6):
