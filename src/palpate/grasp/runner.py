@@ -242,7 +242,7 @@ def run_grasp(
                     belief = hand.send(move, now_s=clock.now_s())
                     continue
                 observation = Observation(frame=frame, gripper=hand.state())
-                alarm = pixels.alarm(observation)
+                alarm = _cut_off(frame, plan=plan) or pixels.alarm(observation)
                 move = _decided(belief, observation, doubtful=pixels.doubtful, plan=plan)
                 alarm = alarm or _strange(belief, move[0], plan=plan)
                 alarm = alarm or hand.alarm(observation.gripper, belief=move[0], now_s=frame.time_s)
@@ -280,6 +280,17 @@ def _decided(belief: Belief, observation: Observation, *, doubtful: bool, plan: 
     if doubtful and belief.phase is not Phase.RELEASE:
         return counted(belief, observation.frame), None
     return step(belief, observation, plan=plan)
+
+
+def _cut_off(frame: Frame, *, plan: Plan) -> Alarm | None:
+    """Open where the sensor's board has tripped: it saw more on one pixel than is allowed."""
+    if not frame.ceiling_tripped:
+        return None
+    words = (
+        "the board's own ceiling has tripped: a pixel reads more than "
+        f"{plan.safety.force_ceiling_n:g} N allow; take the cause away, then open the rig again"
+    )
+    return Alarm(danger=Danger.FORCE_LIMIT, words=words)
 
 
 def _strange(before: Belief, now: Belief, *, plan: Plan) -> Alarm | None:

@@ -73,7 +73,7 @@ class PneumaticGripper:
         """Read the pressure, and tell the board that the host is alive.
 
         Raises `DeviceError` if the board is gone, its frames carry no pressure, or it has vented by
-        itself.
+        itself because it heard nothing.
         """
         now_s = self._clock.now_s()
         if now_s - self._sent_s >= _PING_S:
@@ -93,7 +93,13 @@ class PneumaticGripper:
                 f"the last pressure is {age_s:.2f} s old; check the board's cable. It vents the "
                 "fingers by itself 0.5 s after the last command"
             )
-        self._refuse_trips(newest.status)
+        # Frames from before the last pressure command may still report an earlier silence.
+        pressed = self._target_kpa > self.limits.lowest and self._board.newest_s > self._commanded_s
+        if newest.status & BoardStatus.HEARTBEAT_LOST and pressed:
+            raise DeviceError(
+                "the board has vented the fingers: it heard nothing for 0.5 s. Check its cable, "
+                "and that nothing else loads this machine"
+            )
         lagging = abs(pressure_kpa - self._target_kpa) > _NEAR_KPA
         late_s = now_s - self._arrives_s
         moving = late_s < 0 or (lagging and late_s < _LAG_S)
@@ -103,11 +109,19 @@ class PneumaticGripper:
     def command(self, wanted: GripperCommand) -> GripperCommand:
         """Send a pressure and a slew; return what was sent, in whole pascals.
 
-        Raises `DeviceError` if the board is gone.
+        Raises `DeviceError` if the board is gone, or its ceiling has tripped: then it takes no
+        pressure.
         """
         limits = self.limits
         target_kpa = round(min(max(wanted.target, limits.lowest), limits.highest), 3)
         slew = round(min(max(wanted.rate, 0.001), limits.fastest), 3)
+        newest = self._board.newest()
+        tripped = newest is not None and newest.status & BoardStatus.CEILING_TRIPPED
+        if tripped and target_kpa > limits.lowest:
+            raise DeviceError(
+                "the board has vented the fingers: a pixel reached its ceiling. Take the cause "
+                "away, then open the rig again"
+            )
         return self._go(GripperCommand(target=target_kpa, rate=slew))
 
     def stop(self) -> None:
@@ -138,20 +152,6 @@ class PneumaticGripper:
     def _send(self, command: Command) -> None:
         self._board.send(command)
         self._sent_s = self._clock.now_s()
-
-    def _refuse_trips(self, status: int) -> None:
-        if status & BoardStatus.CEILING_TRIPPED:
-            raise DeviceError(
-                "the board has vented the fingers: a pixel reached its ceiling. Take the cause "
-                "away, then restart the board"
-            )
-        # Frames from before the last pressure command may still report an earlier silence.
-        pressed = self._target_kpa > self.limits.lowest and self._board.newest_s > self._commanded_s
-        if status & BoardStatus.HEARTBEAT_LOST and pressed:
-            raise DeviceError(
-                "the board has vented the fingers: it heard nothing for 0.5 s. Check its cable, "
-                "and that nothing else loads this machine"
-            )
 
 
 def open_gripper(

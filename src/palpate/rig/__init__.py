@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from palpate.clock import Clock
-from palpate.errors import DeviceError, InputError
+from palpate.errors import DeviceError, InputError, PalpateError
 from palpate.gripper.interface import Gripper
 from palpate.recording.contents import Origin
 from palpate.sensor.array import PressureArray
@@ -84,6 +84,19 @@ class Rig:
     seed: int | None = None
     _reader: Reader | None = field(default=None, init=False)
     _grip: Grip | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        """Arm the ceiling of a board, which acts without the host; close all if that fails."""
+        from palpate.grasp.pixel_ceiling import ceiling_counts
+        from palpate.sensor.serial_array import SerialArray
+
+        if not isinstance(self.array, SerialArray):
+            return
+        try:
+            self.array.arm_ceiling(ceiling_counts(self.calibration))
+        except PalpateError:
+            self.close()
+            raise
 
     @property
     def simulated(self) -> bool:

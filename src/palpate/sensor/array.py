@@ -130,12 +130,15 @@ class Frame:
         Raw ADC counts, summed over `oversampling` conversions; read-only.
     oversampling : int
         Conversions summed per pixel.
+    ceiling_tripped : bool
+        Whether a pixel has reached the ceiling that the board checks, since it was armed.
     """
 
     time_s: float
     sequence: int
     counts: NDArray[np.int32]
     oversampling: int = 1
+    ceiling_tripped: bool = False
 
     def __post_init__(self) -> None:
         counts = np.array(self.counts, dtype=np.int32)

@@ -17,11 +17,13 @@ from palpate.sensor.byte_stream import ByteStream
 from palpate.sensor.device_clock import DeviceClock
 from palpate.sensor.wire_messages import (
     BoardIdentity,
+    BoardStatus,
     CellSample,
     Command,
     Contents,
     FrameMessage,
     Identify,
+    SetCeiling,
     SetLayout,
     SetOversampling,
     SetRate,
@@ -120,6 +122,8 @@ class SerialArray:
         self._last: Frame | None = None
         self._heard_s = self._tried_s = clock.now_s()
         self._late = self._reconnects = 0
+        self._ceiling = SetCeiling(counts=0)
+        self._tripped = False
         try:
             frames = self._link.ask(*self._setup)
         except DeviceError:
@@ -219,6 +223,27 @@ class SerialArray:
             raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
         self._link.send(command)
 
+    def arm_ceiling(self, counts: int) -> None:
+        """Set the reading of a pixel at which the board vents and lowers its safe line.
+
+        It acts without the host, and is set again after a reset of the board. Frames report a trip
+        until this is called again, whether the board was reset meanwhile or not.
+
+        Parameters
+        ----------
+        counts : int
+            Per conversion, 1 to 1023; 0 is off.
+
+        Raises
+        ------
+        DeviceError
+            If the board is unplugged, refuses, or does not answer.
+        """
+        if self._link is None:
+            raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
+        self._ceiling, self._tripped = SetCeiling(counts=counts), False
+        self._take(self._link.ask(self._ceiling))
+
     def close(self) -> None:
         """Stop the stream and let go of the port; calling it again does nothing."""
         self._reopen = None
@@ -251,7 +276,7 @@ class SerialArray:
             self._take(frames)
         silent = now_s - self._heard_s > max(_SILENT_S, _SILENT_PERIODS / self._rate_hz)
         if self._link.was_reset or silent:
-            self._link.begin(self._setup)
+            self._begin(self._link)
 
     def _take(self, frames: list[FrameMessage]) -> None:
         self._heard_s = self._clock.now_s()
@@ -269,22 +294,28 @@ class SerialArray:
         except DeviceError:
             return  # still unplugged: the timeout informs the caller
         self._link = BoardLink(stream, clock=self._clock, decoder=self._decoder)
-        self._link.begin(self._setup)
+        self._begin(self._link)
         self._name = stream.name
         self._heard_s = now_s
         self._reconnects += 1
+
+    def _begin(self, link: BoardLink) -> None:
+        """Set the board up again, its ceiling first."""
+        link.begin((self._ceiling, *self._setup))
 
     def _accept(self, message: FrameMessage, *, arrival_s: float) -> None:
         if message.counts.shape != (self._layout.rows, self._layout.cols):
             return  # sent before the layout was set
         if message.stream != self._stream_number:
             self._enter(message)
+        self._tripped |= bool(message.status & BoardStatus.CEILING_TRIPPED)
         time_s = self._device_clock.to_host_s(message.time_us * 1e-6, arrival_s=arrival_s)
         self._last = Frame(
             time_s=time_s,
             sequence=message.sequence + self._sequence_offset,
             counts=message.counts.astype(np.int32),
             oversampling=message.oversampling,
+            ceiling_tripped=self._tripped,
         )
         self._load_cells, self._newest = message.load_cells, message
         self._waiting.append(self._last)

@@ -1,0 +1,68 @@
+"""The force ceiling as a reading of one pixel: what a board can check without the host."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.errors import CalibrationError
+from palpate.grasp.planning import laws_of
+from palpate.grasp.safety import FORCE_CEILING_N
+from palpate.sensor.calibration import Calibration
+from palpate.signal.circuit import resistance_ohm
+from palpate.signal.relative import excess_conductance
+
+#: Largest share of a finger's load on one of its pixels. On the twin, pressed steadily to 80 N, 11
+#: of 13 objects at `lab` reach the reading that follows (at 17 to 36 N); at `field`, where pixels run
+#: into the end of the converter's range, 7 do (one at 14 N, the others from 22 N on).
+_MOST_SHARE = 0.5
+
+
+def ceiling_counts(calibration: Calibration, *, force_n: float = FORCE_CEILING_N) -> int:
+    """Return the reading of a single pixel that shows a grip above a force.
+
+    It is the reading at which one pixel of each finger carries half of the force, by both laws of
+    the sheet. A load that more pixels share passes it at a larger force, so it is the last line:
+    the host judges all pixels, and comes first.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the sensor on this gripper.
+    force_n : float
+        Grip force, newtons.
+
+    Returns
+    -------
+    int
+        Counts per conversion, for `SetCeiling`; 0 (off) where the calibration has no law of force,
+        where counts fall under load (`taxel_leg` "lower"), or where no reading short of the end of
+        the converter's range shows that force.
+
+    Examples
+    --------
+    >>> from palpate.rig.simulated import calibrated
+    >>> calibration = calibrated(seed=1, level="lab", apart_from="strawberry")
+    >>> ceiling_counts(calibration, force_n=5.0), ceiling_counts(calibration)
+    (508, 797)
+    """
+    layout, divider = calibration.layout, calibration.layout.divider
+    if divider.taxel_leg == "lower":
+        return 0
+    try:
+        reading, *laws = laws_of(calibration.force)
+    except CalibrationError:
+        return 0
+    counts = np.arange(1, divider.full_scale - 1)
+    ohm = np.maximum(resistance_ohm(counts, divider=divider) - layout.line_ohm, divider.least_ohm)
+    rest_ohm = np.asarray(calibration.rest_ohm)
+    found = 0
+    for row, col in np.argwhere(np.isfinite(rest_ohm)).tolist():
+        excess = np.zeros((counts.size, *rest_ohm.shape))
+        own = excess_conductance(ohm, rest_ohm=rest_ohm[row, col])
+        excess[:, row, col] = np.maximum(own, 0.0)
+        grip = layout.fingers / _MOST_SHARE * reading.reading(excess)
+        shown_n = np.min([law.force_n(grip).value for law in laws], axis=0)
+        if not shown_n[-1] > force_n:
+            return 0
+        found = max(found, int(counts[np.argmax(shown_n > force_n)]))
+    return found
