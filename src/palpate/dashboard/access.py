@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import html
+import secrets
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from ipaddress import ip_address
 from urllib.parse import parse_qs, quote, urlencode, urlsplit
 
@@ -14,6 +16,7 @@ from starlette.datastructures import Headers
 from starlette.requests import Request, cookie_parser
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Message as ASGIMessage
 
 from palpate.dashboard.language import COOKIE as LANGUAGE_COOKIE
 from palpate.dashboard.language import Language, Message, language_for
@@ -21,13 +24,26 @@ from palpate.errors import InputError
 
 COOKIE = "palpate-token"
 SHORTEST_TOKEN = 8
-#: Wrong tokens that a visitor may send within a minute: guessing eight characters takes ages.
-MOST_WRONG, _WRONG_S = 10, 60.0
+#: Where a stop is asked for, by the page and by machines.
+STOPS = frozenset({"/stop", "/api/stop"})
+#: Wrong tokens that a visitor may send within a minute; from then on tokens of that visitor are
+#: looked at one after the other, in this time: guessing eight characters takes ages, seconds.
+MOST_WRONG, _WRONG_S, TURN_S = 10, 60.0, 1.0
+#: An order that waited longer than this for its turn would come as a surprise, seconds.
+_LONGEST_WAIT_S = 4.0
 #: Wrong visitors that are remembered; more of them share one count.
 _MOST_VISITORS = 1000
 #: A form with the longest token that makes sense; nothing longer is read.
 _LONGEST_FORM = 4096
 _LOOPBACK_NAMES = ("localhost",)
+#: Of every answer. A frame of another site could lead a click to a button here; the address may
+#: hold the token.
+_HEADERS = (
+    (b"x-frame-options", b"DENY"),
+    (b"content-security-policy", b"frame-ancestors 'none'"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"same-origin"),
+)
 #: Nobody reads a page there.
 _FOR_MACHINES = "/api/"
 
@@ -77,30 +93,42 @@ class AccessControl:
     app : ASGI application
         The application behind it; kept under the name by which servers look for it.
     token : str or None
-        What a visitor must send once; a cookie remembers it. A machine sends it each time, in
-        the header ``Authorization: Bearer TOKEN``.
+        What a visitor must send once: then a cookie is enough, until this server ends. A machine
+        sends it each time, in the header ``Authorization: Bearer TOKEN``.
     loopback : bool
         Whether it is served on the loopback alone.
+    wait : callable
+        Waits for some seconds.
     """
 
-    def __init__(self, app: ASGIApp, *, token: str | None, loopback: bool) -> None:
-        self.app, self._token, self._loopback = app, token, loopback
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        token: str | None,
+        loopback: bool,
+        wait: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self.app, self._token, self._loopback, self._wait = app, token, loopback, wait
         self._wrong = WrongTries()
+        #: Drawn, so that no guess of the token shows in it.
+        self._cookie = secrets.token_urlsafe(32)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request, or hand it on."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
+        send = _guarded(send)
         headers = Headers(scope=scope)
         answer: Response | None = None
         if not self._ours(headers):
             answer = _page(
                 _language(scope, headers), 403, Message("This address is not for other sites.")
             )
-        elif self._token is not None and not self._knows(headers, self._token):
+        elif self._token is not None and not self._knows(headers):
             if scope["path"].startswith(_FOR_MACHINES):
-                answer = self._weigh(headers, _visitor(scope), self._token)
+                answer = await self._weigh(scope, headers, self._token)
             else:
                 answer = await self._ask(scope, receive, self._token, tr=_language(scope, headers))
         if answer is None:
@@ -119,21 +147,35 @@ class AccessControl:
             return False
         return not foreign and (not self._loopback or is_loopback(host))
 
-    def _knows(self, headers: Headers, token: str) -> bool:
+    def _knows(self, headers: Headers) -> bool:
         # Every port of a host shares its cookies: those of others may be odd.
-        return _same(cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), _kept(token))
+        return _same(cookie_parser(headers.get("cookie", "")).get(COOKIE, ""), self._cookie)
 
-    def _weigh(self, headers: Headers, visitor: str, token: str) -> Response | None:
+    async def _weigh(self, scope: Scope, headers: Headers, token: str) -> Response | None:
         """Refuse a machine in one line, unless it sends the token."""
         scheme, _, sent = headers.get("authorization", "").partition(" ")
         if scheme.lower() != "bearer":
             return _line(401, "send the token in a header: Authorization: Bearer TOKEN")
-        if self._wrong.too_many(visitor):
-            return _line(429, "too many wrong tokens: wait a minute")
-        if _same(sent, token):
+        visitor = _visitor(scope)
+        if scope["path"] in STOPS and self._wrong.too_many(visitor):
+            # It may be the right one, and a stop waits for nothing. To look would answer guesses.
             return None
+        found = await self._try(sent, token, visitor)
+        if found is None:
+            return _line(429, "too many wrong tokens from this address: wait a minute")
+        return None if found else _line(403, "that is not the token")
+
+    async def _try(self, sent: str, token: str, visitor: str) -> bool | None:
+        """Return whether it is the token, once it is this visitor's turn; None if that is far."""
+        wait_s = self._wrong.wait_s(visitor)
+        if wait_s > _LONGEST_WAIT_S:
+            return None
+        if wait_s > 0:
+            await self._wait(wait_s)
+        if _same(sent, token):
+            return True
         self._wrong.add(visitor)
-        return _line(403, "that is not the token")
+        return False
 
     async def _ask(self, scope: Scope, receive: Receive, token: str, *, tr: Language) -> Response:
         """Take the token from the form or the address, or ask for it."""
@@ -147,43 +189,59 @@ class AccessControl:
             return _page(
                 tr, 401, Message("Whoever started this dashboard knows its token."), form=True
             )
-        visitor = _visitor(scope)
-        if self._wrong.too_many(visitor):
+        found = await self._try(sent, token, _visitor(scope))
+        if found is None:
             return _page(tr, 429, Message("Too many wrong tokens: wait a minute."), form=True)
-        if not _same(sent, token):
-            self._wrong.add(visitor)
+        if not found:
             return _page(tr, 403, Message("That is not the token."), form=True)
         welcome = RedirectResponse(_without_token(scope), status_code=303)
-        welcome.set_cookie(COOKIE, _kept(token), httponly=True, samesite="lax")
+        welcome.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
         return welcome
 
 
 class WrongTries:
-    """Counts wrong tokens by visitor, for as long as they matter."""
+    """Counts wrong tokens by visitor, for as long as they matter.
+
+    Whoever sent too many is slowed down and not refused: somebody else at the same address may have
+    the right one.
+    """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._tries: dict[str, deque[float]] = {}
+        #: When the next token of a visitor who sent too many is looked at.
+        self._turns_s: dict[str, float] = {}
 
     def too_many(self, visitor: str) -> bool:
-        """Return whether this visitor must wait."""
-        return len(self._of(visitor)) >= MOST_WRONG
+        """Return whether this visitor sent too many."""
+        return len(self._tries.get(self._counted_as(visitor), ())) >= MOST_WRONG
+
+    def wait_s(self, visitor: str) -> float:
+        """Return how long a token must wait until it may be looked at, and take that turn."""
+        if not self.too_many(visitor):
+            return 0.0
+        now_s, name = self._now_s(), self._counted_as(visitor)
+        turn_s = max(self._turns_s.get(name, now_s), now_s)
+        if turn_s - now_s <= _LONGEST_WAIT_S:
+            self._turns_s[name] = turn_s + TURN_S
+        return turn_s - now_s
 
     def add(self, visitor: str) -> None:
         """Count a wrong token."""
-        if visitor not in self._tries and len(self._tries) >= _MOST_VISITORS:
-            visitor = ""
-        self._tries.setdefault(visitor, deque(maxlen=MOST_WRONG)).append(self._now_s())
+        tries = self._tries.setdefault(self._counted_as(visitor), deque(maxlen=MOST_WRONG))
+        tries.append(self._now_s())
 
-    def _of(self, visitor: str) -> deque[float]:
+    def _counted_as(self, visitor: str) -> str:
+        """Forget what no longer matters; return the name under which a visitor is counted."""
         now_s = self._now_s()
         for one, tries in list(self._tries.items()):
             while tries and now_s - tries[0] > _WRONG_S:
                 tries.popleft()
             if not tries:
                 del self._tries[one]
+                self._turns_s.pop(one, None)
         full = len(self._tries) >= _MOST_VISITORS
-        return self._tries.get("" if full and visitor not in self._tries else visitor, deque())
+        return "" if full and visitor not in self._tries else visitor
 
 
 def _language(scope: Scope, headers: Headers) -> Language:
@@ -229,9 +287,15 @@ def _fields(form: bytes) -> dict[str, list[str]]:
         return {}
 
 
-def _kept(token: str) -> str:
-    """Return what the cookie holds: not the token, and in ASCII whatever that is written in."""
-    return hmac.new(token.encode(), b"palpate", "sha256").hexdigest()
+def _guarded(send: Send) -> Send:
+    """Return what sends an answer that no other page may frame, or take for another type."""
+
+    async def send_guarded(message: ASGIMessage) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", ()), *_HEADERS]}
+        await send(message)
+
+    return send_guarded
 
 
 def _same(sent: str, token: str) -> bool:

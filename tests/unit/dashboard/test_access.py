@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hmac
 from typing import Any
 from urllib.parse import quote
 
@@ -12,6 +13,7 @@ from starlette.responses import PlainTextResponse
 from palpate.dashboard.access import (
     COOKIE,
     MOST_WRONG,
+    TURN_S,
     AccessControl,
     WrongTries,
     check_token,
@@ -31,6 +33,28 @@ class Answer:
         self.body = b"".join(message.get("body", b"") for message in messages[1:]).decode()
 
 
+async def application(scope: Any, receive: Any, send: Any) -> None:
+    """Say yes to everything."""
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.accept"})
+    else:
+        await PlainTextResponse("in")(scope, receive, send)
+
+
+class Waits:
+    """A clock that nobody waits for: it keeps how long each wait was."""
+
+    def __init__(self) -> None:
+        self.waited_s: list[float] = []
+
+    async def __call__(self, seconds: float) -> None:
+        self.waited_s.append(seconds)
+
+
+def gate_with(token: str = TOKEN, *, waits: Waits | None = None) -> AccessControl:
+    return AccessControl(application, token=token, loopback=False, wait=waits or Waits())
+
+
 def ask(
     *,
     token: str | None = None,
@@ -41,6 +65,7 @@ def ask(
     body: str = "",
     kind: str = "http",
     gate: AccessControl | None = None,
+    client: str = "10.0.0.1",
     **headers: str,
 ) -> Answer:
     """Send one request through a gate to an application that says yes to everything."""
@@ -51,6 +76,7 @@ def ask(
         "path": path,
         "query_string": query.encode(),
         "headers": [(key.encode(), value.encode()) for key, value in headers.items()],
+        "client": (client, 40_000),
     }
     messages: list[dict[str, Any]] = []
 
@@ -59,12 +85,6 @@ def ask(
 
     async def send(message: Any) -> None:
         messages.append(message)
-
-    async def application(scope: Any, receive: Any, send: Any) -> None:
-        if kind == "websocket":
-            await send({"type": "websocket.accept"})
-        else:
-            await PlainTextResponse("in")(scope, receive, send)
 
     gate = gate or AccessControl(application, token=token, loopback=loopback)
     asyncio.run(gate(scope, receive, send))
@@ -113,7 +133,8 @@ def test_a_wrong_token_is_refused() -> None:
 def test_the_right_token_is_remembered_by_a_cookie_that_scripts_cannot_read(
     told: dict[str, Any],
 ) -> None:
-    answer = ask(token=TOKEN, loopback=False, host="robot:8080", **told)
+    gate = gate_with()
+    answer = ask(gate=gate, host="robot:8080", **told)
     assert answer.status == 303
     assert answer.headers["location"] == "/"
     cookie = answer.headers["set-cookie"]
@@ -122,11 +143,23 @@ def test_the_right_token_is_remembered_by_a_cookie_that_scripts_cannot_read(
     assert "samesite=lax" in cookie.lower()
     name, _, value = cookie.split(";")[0].partition("=")
     assert name == COOKIE
-    inside = ask(token=TOKEN, loopback=False, host="robot:8080", cookie=f"{name}={value}")
+    inside = ask(gate=gate, host="robot:8080", cookie=f"{name}={value}")
     assert (inside.status, inside.body) == (200, "in")
     for wrong in (value[:-1], value[:8], value + "0", "", TOKEN):
-        outside = ask(token=TOKEN, loopback=False, host="robot:8080", cookie=f"{name}={wrong}")
+        outside = ask(gate=gate, host="robot:8080", cookie=f"{name}={wrong}")
         assert outside.status == 401
+
+
+def test_cookie_cannot_be_computed_from_the_token() -> None:
+    """A cookie that followed from the token would answer guesses without their limit."""
+    cookies = set()
+    for _ in range(2):
+        gate = gate_with()
+        answer = ask(gate=gate, host="robot:8080", query=f"token={TOKEN}")
+        cookies.add(answer.headers["set-cookie"].split(";")[0])
+        known = hmac.new(TOKEN.encode(), b"palpate", "sha256").hexdigest()
+        assert ask(gate=gate, host="robot:8080", cookie=f"{COOKIE}={known}").status == 401
+    assert len(cookies) == 2
 
 
 @pytest.mark.parametrize("told", [TOKEN[:n] for n in range(1, len(TOKEN))] + [TOKEN + "x"])
@@ -136,12 +169,11 @@ def test_a_part_of_the_token_is_not_the_token(told: str) -> None:
 
 def test_a_token_in_any_letters_opens() -> None:
     token = "пароль-яблоко-🍏"
-    answer = ask(
-        token=token, loopback=False, host="robot:8080", method="POST", body=f"token={quote(token)}"
-    )
+    gate = gate_with(token)
+    answer = ask(gate=gate, host="robot:8080", method="POST", body=f"token={quote(token)}")
     assert answer.status == 303
     cookie = answer.headers["set-cookie"].split(";")[0]
-    assert ask(token=token, loopback=False, host="robot:8080", cookie=cookie).status == 200
+    assert ask(gate=gate, host="robot:8080", cookie=cookie).status == 200
 
 
 def test_a_body_without_end_is_not_read() -> None:
@@ -188,13 +220,55 @@ def test_whoever_is_wrong_too_often_waits_and_others_do_not() -> None:
     assert len(tries._tries) <= 1001
 
 
-def test_the_right_token_does_not_help_a_visitor_who_must_wait() -> None:
-    gate = AccessControl(PlainTextResponse("in"), token=TOKEN, loopback=False)
+def bearer(token: str) -> dict[str, Any]:
+    return {"host": "robot:8080", "path": "/api/state", "authorization": f"Bearer {token}"}
+
+
+def test_right_token_after_wrong_ones_from_its_address_waits_a_turn_and_is_let_in() -> None:
+    waits = Waits()
+    gate = gate_with(waits=waits)
+    for number in range(MOST_WRONG):
+        wrong = bearer("wrong-horse") if number % 2 else {"query": "token=wrong-horse"}
+        assert ask(gate=gate, **{"host": "robot:8080", **wrong}).status == 403
+    assert waits.waited_s == []
+    assert ask(gate=gate, **bearer(TOKEN)).status == 200
+    assert ask(gate=gate, host="robot:8080", query=f"token={TOKEN}").status == 303
+    assert ask(gate=gate, **bearer("wrong-horse")).status == 403
+    assert 0 < sum(waits.waited_s) <= 3 * TURN_S
+    assert ask(gate=gate, **bearer(TOKEN), client="10.0.0.2").status == 200
+    assert len(waits.waited_s) == 2, "nobody else waits"
+
+
+def test_guesses_without_pause_are_hardly_looked_at() -> None:
+    waits = Waits()
+    gate = gate_with(waits=waits)
+    statuses = [ask(gate=gate, **bearer(f"guess-{n:08d}")).status for n in range(3000)]
+    assert set(statuses) == {403, 429}
+    # Ten, and then one a second: those that come while several wait are not compared.
+    assert statuses.count(403) <= MOST_WRONG + 10
+    assert ask(gate=gate, **bearer(TOKEN)).status == 429
+
+
+@pytest.mark.parametrize("token", [TOKEN, "wrong-horse"])
+def test_stop_after_too_many_wrong_tokens_is_carried_out_without_a_wait(token: str) -> None:
+    waits = Waits()
+    gate = gate_with(waits=waits)
+    stop = {**bearer(token), "path": "/api/stop", "method": "POST"}
     for _ in range(MOST_WRONG):
-        assert ask(gate=gate, host="robot:8080", query="token=wrong-horse").status == 403
-    assert ask(gate=gate, host="robot:8080", query="token=wrong-horse").status == 429
-    assert ask(gate=gate, host="robot:8080", query=f"token={TOKEN}").status == 429
-    assert ask(gate=gate, host="robot:8080").status == 401
+        assert ask(gate=gate, **(stop | bearer("wrong-horse"))).status == 403
+    # The same answer for both: it says nothing about the token.
+    assert [ask(gate=gate, **stop).status for _ in range(100)] == [200] * 100
+    assert waits.waited_s == []
+    without = {name: value for name, value in stop.items() if name != "authorization"}
+    assert ask(gate=gate, **without).status == 401
+
+
+def test_no_answer_can_be_framed_or_taken_for_another_type() -> None:
+    for answer in (ask(), ask(token=TOKEN, loopback=False), ask(origin="https://evil.example")):
+        assert answer.headers["x-frame-options"] == "DENY"
+        assert answer.headers["content-security-policy"] == "frame-ancestors 'none'"
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["referrer-policy"] == "same-origin"
 
 
 @pytest.mark.parametrize("header", ["host", "origin"])
@@ -229,10 +303,11 @@ def test_a_foreign_name_that_points_at_the_loopback_gets_nothing() -> None:
 
 @pytest.mark.parametrize("other", ["a/b=1", "\x00=;;", "=", ";", 'x="', COOKIE, "expires=x"])
 def test_odd_cookies_of_others_neither_open_nor_lock(other: str) -> None:
-    inside = ask(token=TOKEN, loopback=False, query=f"token={TOKEN}").headers["set-cookie"]
+    gate = gate_with()
+    inside = ask(gate=gate, query=f"token={TOKEN}").headers["set-cookie"]
     own = inside.split(";")[0]
-    assert ask(token=TOKEN, loopback=False, cookie=other).status == 401
-    assert ask(token=TOKEN, loopback=False, cookie=f"{other}; {own}").status == 200
+    assert ask(gate=gate, cookie=other).status == 401
+    assert ask(gate=gate, cookie=f"{other}; {own}").status == 200
 
 
 @pytest.mark.parametrize(("length", "status"), [(4096, 403), (4097, 413)])

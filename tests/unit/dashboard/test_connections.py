@@ -1,0 +1,153 @@
+"""Connections on which no request comes keep nobody out."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
+from websockets.asyncio.client import connect
+
+from palpate.dashboard import connections
+from palpate.dashboard.connections import BoundedConnection
+
+STOP = b"POST /stop HTTP/1.1\r\nHost: robot\r\nContent-Length: 2\r\n\r\n{}"
+#: A test that hangs fails; nothing here takes long.
+PATIENCE_S = 60.0
+
+
+async def stop(request: Request) -> PlainTextResponse:
+    return PlainTextResponse((await request.body()).decode())
+
+
+async def talk(web_socket: WebSocket) -> None:
+    await web_socket.accept()
+    async for text in web_socket.iter_text():
+        await web_socket.send_text(text)
+
+
+@asynccontextmanager
+async def serving() -> AsyncIterator[int]:
+    """Serve on a free port; yield it."""
+    app = Starlette(routes=[Route("/stop", stop, methods=["POST"]), WebSocketRoute("/ws", talk)])
+    config = uvicorn.Config(app, http=BoundedConnection, log_level="critical", lifespan="off")
+    server = uvicorn.Server(config)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        running = asyncio.create_task(server.serve(sockets=[listening]))
+        yield listening.getsockname()[1]
+        server.should_exit = True
+        await running
+
+
+class Client:
+    """A connection to the server."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader, self._writer = reader, writer
+
+    @classmethod
+    async def open(cls, port: int, sent: bytes = b"") -> Client:
+        client = cls(*await asyncio.open_connection("127.0.0.1", port))
+        client._writer.write(sent)
+        await client._writer.drain()
+        return client
+
+    async def ask(self, sent: bytes) -> bytes:
+        """Send a request; return the status line, or nothing where the server closed."""
+        self._writer.write(sent)
+        async with asyncio.timeout(PATIENCE_S):
+            status = await self._reader.readline()
+            while (await self._reader.readline()).strip():
+                pass
+            await self._reader.readexactly(2 if status else 0)
+        return status
+
+    async def is_closed(self) -> bool:
+        """Wait until the server closes the connection."""
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                return await self._reader.read(1) == b""
+        except ConnectionError:
+            return True
+
+    async def close(self) -> None:
+        self._writer.close()
+        with suppress(ConnectionError):
+            await self._writer.wait_closed()
+
+
+def test_half_open_connections_beyond_the_most_leave_room_for_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 8)
+
+    async def attack() -> None:
+        async with serving() as port:
+            page = await Client.open(port)
+            assert await page.ask(STOP) == b"HTTP/1.1 200 OK\r\n"
+            parts = (b"", b"POST", STOP[:-30], STOP[:-1])
+            held = [await Client.open(port, part) for part in parts for _ in range(3)]
+            fresh = await Client.open(port)
+            assert await fresh.ask(STOP) == b"HTTP/1.1 200 OK\r\n"
+            assert len(BoundedConnection._open) <= 8
+            assert await held[0].is_closed()
+            for client in (page, fresh, *held):
+                await client.close()
+
+    asyncio.run(attack())
+    assert not BoundedConnection._open
+
+
+@pytest.mark.parametrize("part", [b"", b"\r\n", b"POST", STOP[:20], STOP[:-30], STOP[:-1]])
+@pytest.mark.parametrize("before", [b"", STOP])
+def test_a_request_that_does_not_come_closes_its_connection(
+    monkeypatch: pytest.MonkeyPatch, part: bytes, before: bytes
+) -> None:
+    monkeypatch.setattr(connections, "REQUEST_S", 0.1)
+
+    async def hold() -> bool:
+        async with serving() as port:
+            client = await Client.open(port)
+            if before:
+                await client.ask(before)
+            closed = asyncio.create_task(client.is_closed())
+            client._writer.write(part)
+            await asyncio.wait({closed}, timeout=2.0)
+            found = closed.done()
+            await client.close()
+            return found and closed.result()
+
+    # Idle after a request is another matter: that is a page between two of them.
+    assert asyncio.run(hold()) is not (before != b"" and part == b"")
+
+
+def test_a_web_socket_stays_open_without_a_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "REQUEST_S", 0.05)
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 2)
+
+    async def talk_late() -> str | bytes:
+        async with serving() as port, connect(f"ws://127.0.0.1:{port}/ws") as web_socket:
+            late = [await Client.open(port) for _ in range(4)]
+            assert all([await client.is_closed() for client in late])
+            for client in late:
+                await client.close()
+            await web_socket.send("here")
+            return await web_socket.recv()
+
+    assert asyncio.run(talk_late()) == "here"
+
+
+def test_most_connections_leave_files_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    for soft, most in ((1024, 512), (65_536, 1000), (-1, 1000)):
+        monkeypatch.setattr(
+            connections.resource, "getrlimit", lambda which, soft=soft: (soft, soft)
+        )
+        assert connections.most_connections() == most
