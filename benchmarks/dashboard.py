@@ -93,7 +93,9 @@ def serving(folder: Path, rig: Path, *options: str) -> Iterator[tuple[str, int]]
     """Serve a rig; yield the address and the process."""
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "serve", "--port", "0"]
     command += ["--rig", str(rig), "--folder", str(folder), *options]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    }
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder
     ) as process:
@@ -120,8 +122,13 @@ def memory_mb(pid: int) -> dict[str, float]:
 
 def devices_of(pid: int) -> int:
     """Return the devices' process: the large one of the server's children."""
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return max(map(int, children), key=_resident_mb)
+    return max(children_of(pid), key=_resident_mb)
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the processes that a process started, from whichever thread."""
+    listed = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(child) for of_thread in listed for child in of_thread.read_text().split()]
 
 
 def _resident_mb(pid: int) -> float:

@@ -19,7 +19,7 @@ from time import monotonic
 import numpy as np
 import pytest
 import zxingcpp
-from benchmarks.dashboard import ROOT, write_rig
+from benchmarks.dashboard import ROOT, children_of, write_rig
 from matplotlib.image import imread
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from tests.closings import write_damage_file
@@ -491,7 +491,7 @@ def test_a_stop_is_confirmed_from_the_start_and_a_killed_server_leaves_no_device
     with serving(tmp_path, *SIMULATED) as (address, process):
         with urllib.request.urlopen(f"{address}stop", data=b"", timeout=30) as reply:
             assert json.load(reply) == {"stopped": True}
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        children = children_of(process.pid)
         assert children
         process.kill()
         process.wait()
@@ -501,7 +501,7 @@ def test_a_stop_is_confirmed_from_the_start_and_a_killed_server_leaves_no_device
         assert not alive(children)
 
 
-def alive(pids: list[str]) -> list[str]:
+def alive(pids: list[int]) -> list[int]:
     """Return those that run; one that ended and waits for its parent's word is dead."""
     states = {pid: Path(f"/proc/{pid}/stat") for pid in pids}
     return [pid for pid, stat in states.items() if stat.exists() and " Z " not in stat.read_text()]

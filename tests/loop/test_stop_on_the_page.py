@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from benchmarks.dashboard import children_of
 from playwright.sync_api import Browser, CDPSession, Page, Request, Route, expect
 from tests.loop.test_dashboard import (
     PATIENCE_MS,
@@ -395,7 +396,7 @@ def test_a_press_that_comes_late_moves_nothing(browser: Browser, address: str) -
 
 def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:
     with serving(tmp_path, *SIMULATED) as (url, process), viewer(browser, url, "laptop") as one:
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        children = children_of(process.pid)
         signalled(children, signal.SIGSTOP)
         try:
             greyed(one, "The devices are silent")
@@ -408,6 +409,6 @@ def test_frozen_devices_are_told_too(browser: Browser, tmp_path: Path) -> None:
         expect(one.page.locator("#verdict")).to_be_visible()
 
 
-def signalled(children: list[str], number: signal.Signals) -> None:
+def signalled(children: list[int], number: signal.Signals) -> None:
     for child in children:
-        os.kill(int(child), number)
+        os.kill(child, number)

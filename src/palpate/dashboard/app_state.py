@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from palpate.dashboard.activity import Activity
 from palpate.dashboard.device_client import DeviceClient
 from palpate.dashboard.folder import (
+    RecordingList,
     delete_recording,
     new_recording,
     rename_recording,
@@ -23,7 +24,7 @@ from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.job_context import BenchOpener
 from palpate.dashboard.language import Message
-from palpate.dashboard.messages import DevicesLost, Grasped, Update
+from palpate.dashboard.messages import DevicesLost, Grasped, StopConfirmed, Update
 from palpate.dashboard.orders import GraspOrder, OpenRig, Order, Request
 from palpate.dashboard.page_document import kind_of
 from palpate.dashboard.session import Session
@@ -68,12 +69,13 @@ class Settings:
 
 
 class AppState:
-    """Connects the session to the devices' process. Everything runs on the server's event loop."""
+    """Connects the session to the devices' process, on one event loop except for `stop`."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.item_store = ItemStore(settings.store, rules=settings.rules)
         self.history = History(settings.folder)
+        self.recordings = RecordingList(settings.folder)
         self.form = GraspForm()
         #: The last grasp, as `palpate grasp --json` prints it; None before the first.
         self.result: dict[str, object] | None = None
@@ -87,13 +89,15 @@ class AppState:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._process: DeviceClient | None = None
         self._heard_s: float | None = None
+        #: Number of the newest stop that the devices' process confirmed.
+        self._stop_confirmed = 0
 
     async def open(self) -> None:
         """Start the devices' process, wait until it can receive a stop, and open the first rig."""
         self._loop = asyncio.get_running_loop()
         settings = self.settings
         self._process = DeviceClient(
-            self._arrived, benches=settings.benches, realtime=settings.realtime
+            self.take, benches=settings.benches, realtime=settings.realtime
         )
         first = OpenRig(
             name=settings.rigs[0],
@@ -111,9 +115,12 @@ class AppState:
             self._process.close()
 
     async def stop(self, *, patience_s: float) -> bool:
-        """Stop what runs; return whether the devices' process confirmed it in time."""
+        """Stop what runs; return whether the devices' process confirmed it in time.
+
+        On any event loop: it waits for nothing but the devices.
+        """
         number, until_s = self.session.stop(), time.monotonic() + patience_s
-        while self.session.devices.stops_confirmed < number:
+        while self._stop_confirmed < number:
             if self.session.devices.activity is Activity.GONE or time.monotonic() > until_s:
                 return False
             await asyncio.sleep(_LOOK_S)
@@ -283,8 +290,12 @@ class AppState:
         if self._process is not None:
             self._process.send(message)
 
-    def _arrived(self, update: Update | DevicesLost) -> None:
+    def take(self, update: Update | DevicesLost) -> None:
+        """Take an update of the devices' process, on whichever thread receives it."""
         self._heard_s = time.monotonic()
+        if isinstance(update, Update):
+            stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]
+            self._stop_confirmed = max([self._stop_confirmed, *stops])
         loop = self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self.session.devices.take, update)

@@ -20,7 +20,6 @@ from palpate.dashboard.messages import (
     Note,
     Playing,
     RecordedStretch,
-    StopConfirmed,
     Timeline,
     Trouble,
     Update,
@@ -76,8 +75,6 @@ class DeviceState:
         self.stopped_early = False
         #: Duration of the last stop, on the rig's clock.
         self.stopped_after_s: float | None = None
-        #: Number of the newest stop that the devices' process confirmed.
-        self.stops_confirmed = 0
         #: File to which the watched frames go.
         self.recording: Path | None = None
         self.rig_open = False
@@ -135,8 +132,6 @@ class DeviceState:
                 self.grasped = note.grasped
             case BeingRecorded():
                 self.recording = note.file
-            case StopConfirmed():
-                self.stops_confirmed = max(self.stops_confirmed, note.number)
             case Trouble():
                 self.trouble = note.text
             case Ended():

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import heapq
 import os
+import time
+from collections.abc import Iterator
 from contextlib import suppress
 from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 
 from palpate.dashboard.history import checked_name
 from palpate.dashboard.language import Message
@@ -14,15 +18,56 @@ from palpate.errors import InputError, PalpateError
 from palpate.recording import RecordingReader
 
 _ENDING = ".mcap"
+#: Number of recordings that the page lists.
+LISTED = 100
+#: No file system's clock is coarser (FAT: 2 s).
+_TICK_NS = 2_000_000_000
 
 
-def recordings_in(folder: Path) -> list[tuple[Path, os.stat_result]]:
-    """Return the recordings, newest first, with what the folder knows of them."""
-    found = []
-    for file in folder.glob(f"*{_ENDING}"):
-        with suppress(OSError):  # a dangling link, or it has gone meanwhile
-            found.append((file, file.stat()))
-    return sorted(found, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
+class RecordingList:
+    """The newest recordings of a folder, which may hold hundreds of thousands.
+
+    It is read again only when names came, changed or went since; used by several threads.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it need not be there yet.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._lock = folder, Lock()
+        self._changed_ns: int | None = None
+        self._newest: list[Path] = []
+
+    def newest(self) -> list[tuple[Path, os.stat_result]]:
+        """Return the newest recordings, at most `LISTED`, with what the folder knows of them."""
+        with self._lock:
+            try:
+                changed_ns = self._folder.stat().st_mtime_ns
+            except OSError:
+                return []
+            if changed_ns != self._changed_ns:
+                found = heapq.nlargest(LISTED, _recordings_in(self._folder))
+                self._newest = [self._folder / name for _, name in found]
+                # Within one tick of the file system's clock more may follow.
+                settled = time.time_ns() - changed_ns > _TICK_NS
+                self._changed_ns = changed_ns if settled else None
+            files = self._newest
+        listed = []
+        for file in files:
+            with suppress(OSError):  # it has gone meanwhile
+                listed.append((file, file.stat()))
+        return sorted(listed, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
+
+
+def _recordings_in(folder: Path) -> Iterator[tuple[float, str]]:
+    """Yield when each recording was last written, and its name."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(_ENDING):
+                with suppress(OSError):  # a dangling link, or it has gone meanwhile
+                    yield entry.stat().st_mtime, entry.name
 
 
 def new_recording(folder: Path, what: str) -> Path:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
+import os
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +30,8 @@ LISTED = 50
 #: Number of points of a small curve.
 _POINTS = 48
 _FILE = "grasps.jsonl"
+#: Grasps of a table that are made at a time.
+_ROWS = 200
 _MEASURED = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
 
 
@@ -60,8 +65,21 @@ class Entry:
     curve: tuple[float, ...] = ()
 
 
+_FIELDS = frozenset(field.name for field in fields(Entry))
+
+
+class Summary(NamedTuple):
+    """A grasp as the list of recordings shows it."""
+
+    outcome: str
+    item_id: str
+    simulated: bool
+
+
 class History:
     """Keeps the grasps in a file of the folder, and the last of them in mind.
+
+    The file is only ever appended to: a grasp is a line, and so is the new name of a recording.
 
     Parameters
     ----------
@@ -71,25 +89,29 @@ class History:
 
     def __init__(self, folder: Path) -> None:
         self._file = folder / _FILE
-        self._recent: deque[Entry] = deque(self.all(), maxlen=LISTED)
+        #: Name of each renamed recording now, by the name that its grasp is kept under.
+        self._names = dict[str, str]()
+        self._of_recording = dict[str, Summary]()
+        self._recent = deque[Entry](maxlen=LISTED)
+        for stated in self._stated():
+            if "renamed" in stated:
+                self._follow(str(stated["recording"]), str(stated["renamed"]))
+            elif (entry := _entry(stated)) is not None:
+                self._take(entry)
         self._of_this_run: list[tuple[str, str | None]] = []
         #: Since when this run counts.
         self.since = datetime.now(UTC)
         #: Grows with every change.
         self.version = 0
-        self._indexed, self._by_recording = -1, dict[str, Entry]()
 
     @property
     def recent(self) -> list[Entry]:
         """The last grasps, the newest first."""
         return list(reversed(self._recent))
 
-    def of(self, recording: str) -> Entry | None:
+    def of(self, recording: str) -> Summary | None:
         """Return the grasp of a recording; None where it holds none, or none that was kept."""
-        if self._indexed != self.version:
-            self._by_recording = {entry.recording: entry for entry in self.all()}
-            self._indexed = self.version
-        return self._by_recording.get(recording)
+        return self._of_recording.get(recording)
 
     @property
     def outcomes(self) -> Counter[str]:
@@ -109,12 +131,10 @@ class History:
         OSError
             If the file can't be written; the page lists the grasp nevertheless.
         """
-        self._recent.append(entry)
+        self._take(entry)
         self._of_this_run.append((entry.outcome, entry.bin))
         self.version += 1
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        with self._file.open("a", encoding="utf-8") as lines:
-            lines.write(json.dumps(asdict(entry)) + "\n")
+        self._append(asdict(entry))
 
     def rename(self, before: str, after: str) -> None:
         """Let a recording have another name.
@@ -122,38 +142,81 @@ class History:
         Raises
         ------
         OSError
-            If the file can't be written.
+            If the file can't be written; it is then as it was.
         """
-        entries = [
-            replace(one, recording=after) if one.recording == before else one for one in self.all()
-        ]
-        text = "".join(json.dumps(asdict(one)) + "\n" for one in entries)
-        if entries:
-            self._file.write_text(text, encoding="utf-8")
-        self._recent = deque(entries, maxlen=LISTED)
-        self.version += 1
+        if before in self._of_recording:
+            self._append({"recording": before, "renamed": after})
+            self._follow(before, after)
+            self.version += 1
 
-    def all(self) -> Iterator[Entry]:
-        """Yield every grasp kept in the folder, oldest first; a line cut off is no grasp."""
-        names = {field.name for field in fields(Entry)}
-        with suppress(OSError), self._file.open(encoding="utf-8") as lines:
-            for line in lines:
-                with suppress(ValueError, TypeError, AttributeError):
-                    stated: dict[str, Any] = json.loads(line)
-                    known = {name: value for name, value in stated.items() if name in names}
-                    yield Entry(**known | {"curve": tuple(known.get("curve", ()))})
-
-    def as_csv(self) -> str:
-        """Return every grasp of the folder as a table; the names of columns end in their units."""
+    def csv_parts(self) -> Iterator[str]:
+        """Yield a table of every grasp of the folder; the names of columns end in their units."""
         columns = ["ended_at", "item_id", "outcome", "verdict", "firmness", "damaged", "bin", "why"]
         columns += [name + end for name in _MEASURED for end in ("", "_low", "_high")]
         columns += ["decision_time_s", "recording", "simulated"]
-        text = io.StringIO()
-        table = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
-        table.writeheader()
-        for entry in self.all():
-            table.writerow({**asdict(entry), **entry.measured})
-        return text.getvalue()
+        yield _csv_text(columns, [dict(zip(columns, columns, strict=True))])
+        entries = (entry for stated in self._stated() if (entry := _entry(stated)) is not None)
+        while part := list(islice(entries, _ROWS)):
+            rows = [{**asdict(self._renamed(entry)), **entry.measured} for entry in part]
+            yield _csv_text(columns, rows)
+
+    def _take(self, entry: Entry) -> None:
+        self._recent.append(entry)
+        if entry.recording:
+            summary = Summary(entry.outcome, entry.item_id, entry.simulated)
+            self._of_recording[entry.recording] = summary
+
+    def _follow(self, before: str, after: str) -> None:
+        """Know a recording by its new name."""
+        for first, name in list(self._names.items()):
+            if name == before:
+                self._names[first] = after
+        self._names.setdefault(before, after)
+        summary = self._of_recording.pop(before, None)
+        if summary is not None:
+            self._of_recording[after] = summary
+        renamed = [
+            replace(one, recording=after) if one.recording == before else one
+            for one in self._recent
+        ]
+        self._recent = deque(renamed, maxlen=LISTED)
+
+    def _renamed(self, entry: Entry) -> Entry:
+        return replace(entry, recording=self._names.get(entry.recording, entry.recording))
+
+    def _append(self, stated: dict[str, Any]) -> None:
+        """Add a line; a line that was cut off, by a full disk or a power cut, spoils no other."""
+        self._file.parent.mkdir(parents=True, exist_ok=True)
+        with self._file.open("ab+", buffering=0) as lines:
+            end = lines.seek(0, os.SEEK_END)
+            cut = end > 0 and os.pread(lines.fileno(), 1, end - 1) != b"\n"
+            line = ("\n" if cut else "") + json.dumps(stated) + "\n"
+            if lines.write(line.encode()) < len(line.encode()):
+                lines.truncate(end)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._file))
+
+    def _stated(self) -> Iterator[dict[str, Any]]:
+        """Yield what each line states, oldest first; a line that was cut off states nothing."""
+        with suppress(OSError), self._file.open(encoding="utf-8", errors="replace") as lines:
+            for line in lines:
+                with suppress(ValueError):
+                    stated = json.loads(line)
+                    if isinstance(stated, dict):
+                        yield stated
+
+
+def _entry(stated: dict[str, Any]) -> Entry | None:
+    known = {name: value for name, value in stated.items() if name in _FIELDS}
+    try:
+        return Entry(**known | {"curve": tuple(known.get("curve", ()))})
+    except TypeError:
+        return None
+
+
+def _csv_text(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def entry_of(

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import html
 import os
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import quote
 
-from nicegui import ui
+from nicegui import run, ui
 
 from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.folder import is_simulated, recording_named, recordings_in
-from palpate.dashboard.history import Entry
+from palpate.dashboard.folder import is_simulated, recording_named
+from palpate.dashboard.history import Summary
 from palpate.dashboard.html_parts import heading, paragraph
 from palpate.dashboard.orders import Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.viewer import Viewer
 from palpate.errors import InputError
-
-_MOST = 100
 
 
 def recordings_panel(
@@ -41,21 +40,24 @@ def recordings_panel(
         speed.props["aria-label"] = tr("Replay speed")
         rows = ui.element("div").classes("w-full").props("id=recordings")
         none = ui.label(tr("None yet: every grasp leaves one here.")).classes("muted")
+        none.set_visibility(False)
     shown: dict[Path, _Row] = {}
     care = _Care(app_state, viewer, speed, changed=lambda: show())
 
-    def show() -> None:
+    async def show() -> None:
         """Bring the list up to date, and leave every row that stays where a finger may be on it."""
-        files = dict(recordings_in(app_state.settings.folder)[:_MOST])
-        for gone in shown.keys() - files.keys():
+        listed = await run.io_bound(_look, app_state)
+        if listed is None or rows.is_deleted:  # the server ends, or the viewer left
+            return
+        for gone in shown.keys() - {one.file for one in listed}:
             shown.pop(gone).delete()
         with rows:
-            for file, status in reversed(files.items()):
-                if file not in shown:
-                    shown[file] = _Row(file, viewer, speed, care)
-                    shown[file].move(target_index=0)
-                shown[file].show(status, app_state.history.of(file.name))
-        none.set_visibility(not files)
+            for one in reversed(listed):
+                if one.file not in shown:
+                    shown[one.file] = _Row(one.file, viewer, speed, care)
+                    shown[one.file].move(target_index=0)
+                shown[one.file].show(one)
+        none.set_visibility(not listed)
 
     def open_recording(name: str) -> None:
         """Ask what to do with a recording, if it is there."""
@@ -65,7 +67,6 @@ def recordings_panel(
             viewer.refuse(error)
             ui.navigate.history.replace(f"/recordings{viewer.query}")
 
-    show()
     ui.timer(2.0, show)
     if name is not None:
         open_recording(name)
@@ -75,6 +76,26 @@ def recordings_panel(
 def recording_address(name: str) -> str:
     """Return the address of a recording by its file's name."""
     return f"/recordings/{quote(name, safe='')}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Listed:
+    """A recording of the list."""
+
+    file: Path
+    status: os.stat_result
+    grasp: Summary | None
+    simulated: bool
+
+
+def _look(app_state: AppState) -> list[_Listed]:
+    """Return what the folder and the history know, in a thread: a disk may be slow."""
+    listed = []
+    for file, status in app_state.recordings.newest():
+        grasp = app_state.history.of(file.name)
+        simulated = is_simulated(file, status) if grasp is None else grasp.simulated
+        listed.append(_Listed(file, status, grasp, simulated))
+    return listed
 
 
 class _Row(ui.element):
@@ -97,15 +118,14 @@ class _Row(ui.element):
             more.classes("btn plain small").props("flat")
             more.props["aria-label"] = viewer.tr("More about {name}", name=file.stem)
 
-    def show(self, status: os.stat_result, entry: Entry | None) -> None:
+    def show(self, one: _Listed) -> None:
         """Show how its grasp ended, when it was last written, and its size."""
-        tr = self._tr
-        when = tr.day(datetime.fromtimestamp(status.st_mtime))
-        self._about.set_text(f"{when} · {status.st_size / 1024:.0f} kB")
-        simulated = entry.simulated if entry else is_simulated(self._file, status)
-        badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if simulated else ""
-        words = "" if entry is None else tr(entry.outcome.replace("_", " "))
-        item = f" <b>{html.escape(entry.item_id)}</b>" if entry and entry.item_id else ""
+        tr, grasp = self._tr, one.grasp
+        when = tr.day(datetime.fromtimestamp(one.status.st_mtime))
+        self._about.set_text(f"{when} · {one.status.st_size / 1024:.0f} kB")
+        badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if one.simulated else ""
+        words = "" if grasp is None else tr(grasp.outcome.replace("_", " "))
+        item = f" <b>{html.escape(grasp.item_id)}</b>" if grasp and grasp.item_id else ""
         self._ended.set_content(f"{words}{item} {badge}")
 
 
@@ -121,7 +141,7 @@ class _Care:
         viewer: Viewer,
         speed: ui.toggle,
         *,
-        changed: Callable[[], None],
+        changed: Callable[[], Awaitable[None]],
     ) -> None:
         self._app_state, self._viewer, self._tr, self._changed = (
             app_state,
@@ -175,16 +195,16 @@ class _Care:
     def _download(self) -> None:
         ui.download(f"/recordings/file/{quote(self._file.name)}")
 
-    def _rename(self) -> None:
-        self._do(lambda: self._app_state.rename(self._file.name, self._name.value or ""))
+    async def _rename(self) -> None:
+        await self._do(lambda: self._app_state.rename(self._file.name, self._name.value or ""))
 
-    def _delete(self) -> None:
+    async def _delete(self) -> None:
         if not self._asked.text:
             self._ask(self._tr("Delete {name}? Nothing brings it back.", name=self._file.stem))
             return
-        self._do(lambda: self._app_state.delete(self._file.name))
+        await self._do(lambda: self._app_state.delete(self._file.name))
 
-    def _do(self, act: Callable[[], object]) -> None:
+    async def _do(self, act: Callable[[], object]) -> None:
         if self._viewer.do(Action.FILES, act):
             self._dialog.close()
-            self._changed()
+            await self._changed()

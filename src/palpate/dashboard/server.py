@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
@@ -17,9 +17,12 @@ from palpate.dashboard.language import language_for
 from palpate.dashboard.page_document import document
 from palpate.dashboard.publishing import DocumentSink, publish
 from palpate.dashboard.realtime import check_realtime
-from palpate.dashboard.station import STOP_PATIENCE_S, Station
+from palpate.dashboard.station import Station
 from palpate.errors import DeviceError, InputError, needing
 from palpate.line.machine import Line
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
 
 #: Opens one protocol on a station.
 LineOpener: TypeAlias = Callable[[Station], Awaitable[Line]]
@@ -62,9 +65,11 @@ def serve(
         from fastapi import FastAPI
         from nicegui import ui
 
-        from palpate.dashboard.access import AccessControl, check_token, is_loopback
+        from palpate.dashboard.access import STOPS, AccessControl, check_token, is_loopback
         from palpate.dashboard.address import address_for_others, qr_text
         from palpate.dashboard.api import build_api
+        from palpate.dashboard.app_thread import AppThread
+        from palpate.dashboard.connections import BoundedConnection
     check_token(host, token)
     if settings.realtime:
         check_realtime()
@@ -73,6 +78,7 @@ def serve(
     app = FastAPI(openapi_url=None)
     station = Station(app_state)
     app.mount("/api", build_api(app_state, station, token=token is not None))
+    _stop_route(app, station)
     _routes(app_state)
     app.router.on_startup.append(app_state.open)
     app.router.on_shutdown.append(app_state.close)
@@ -92,22 +98,40 @@ def serve(
         gzip_middleware_factory=None,
         show_welcome_message=False,
     )
-    gate = AccessControl(app, token=token, loopback=is_loopback(host))
+    threaded = AppThread(app, direct=STOPS)
+    gate = AccessControl(threaded, token=token, loopback=is_loopback(host))
     config = uvicorn.Config(
-        gate, log_level="warning", access_log=False, timeout_graceful_shutdown=2
+        gate,
+        http=BoundedConnection,
+        # Who asks is whoever connects, whatever a header claims.
+        proxy_headers=False,
+        log_level="warning",
+        access_log=False,
+        timeout_graceful_shutdown=2,
     )
     address = address_for_others(host, listening.getsockname()[1])
     code = ""
     if not is_loopback(host):
         app_state.address, code = address, qr_text(address)
     app.router.on_startup.append(lambda: announce(address, code))
-    with listening:
+    with listening, threaded:
         uvicorn.Server(config).run(sockets=[listening])
 
 
+def _stop_route(app: FastAPI, station: Station) -> None:
+    """Add where the page stops; before the pages, whose framework has no part in it."""
+    from fastapi.responses import JSONResponse
+
+    @app.post("/stop")
+    async def stop() -> JSONResponse:
+        """Answer once the stop reached the hand; the page raises an alarm without an answer."""
+        stopped = await station.stop()
+        return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
+
+
 def _routes(app_state: AppState) -> None:
-    """Add the pages, what they poll, and where they stop."""
-    from fastapi.responses import FileResponse, JSONResponse, Response
+    """Add the pages, and what they poll."""
+    from fastapi.responses import FileResponse, JSONResponse, Response, StreamingResponse
     from nicegui import Client, app, ui
 
     from palpate.dashboard.page import TABS, build_operator_page, build_page
@@ -146,7 +170,8 @@ def _routes(app_state: AppState) -> None:
     @app.get("/grasps.csv")
     def grasps() -> Response:
         named = {"Content-Disposition": 'attachment; filename="grasps.csv"'}
-        return Response(app_state.history.as_csv(), media_type="text/csv", headers=named)
+        parts = app_state.history.csv_parts()
+        return StreamingResponse(parts, media_type="text/csv", headers=named)
 
     @app.get("/recordings/file/{name}")
     def recording(name: str) -> Response:
@@ -155,12 +180,6 @@ def _routes(app_state: AppState) -> None:
         except InputError as error:
             return Response(str(error), status_code=404, media_type="text/plain")
         return FileResponse(file, filename=file.name)
-
-    @app.post("/stop")
-    async def stop() -> JSONResponse:
-        """Answer once the stop reached the hand; the page raises an alarm without an answer."""
-        stopped = await app_state.stop(patience_s=STOP_PATIENCE_S)
-        return JSONResponse({"stopped": stopped}, status_code=200 if stopped else 504)
 
 
 def _publish(app: Any, app_state: AppState, publisher: DocumentSink) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from threading import RLock
 
 from palpate.dashboard.activity import ACTIONS, Action, Activity
 from palpate.dashboard.device_state import DeviceState
@@ -76,6 +77,9 @@ class Session:
         self.rig: OpenRig | None = None
         #: How often anyone pressed stop.
         self.stops = 0
+        #: Stops come from another thread: held while one is sent, and while an order that must not
+        #: begin after a stop is checked and sent.
+        self.stop_lock = RLock()
 
     @property
     def shown_target_n(self) -> float | None:
@@ -208,9 +212,10 @@ class Session:
 
     def stop(self) -> int:
         """Stop what runs, at once, whoever asks; return the number by which it is confirmed."""
-        self.stops += 1
-        self._send(StopNow(self.stops))
-        return self.stops
+        with self.stop_lock:
+            self.stops += 1
+            self._send(StopNow(self.stops))
+            return self.stops
 
     def _request(self, viewer: str, action: Action, request: Request) -> None:
         self._check(action, viewer)

@@ -43,18 +43,19 @@ class Station:
 
         Raises `CommandRefusedError` where it can't begin now, `InputError` for a bad value.
         """
-        if stops is not None and stops < self._session.stops:
-            raise CommandRefusedError(
-                "stopped before it began: ask for the state, then order again"
-            )
         order = self._app_state.grasp_order(
             target_force_n=target_force_n, item_id=item_id, kind=kind
         )
-        self._session.join(driver)
-        try:
-            self._session.order(driver, order)
-        except InputError as error:
-            raise CommandRefusedError(str(error)) from error
+        with self._session.stop_lock:
+            if stops is not None and stops < self._session.stops:
+                raise CommandRefusedError(
+                    "stopped before it began: ask for the state, then order again"
+                )
+            self._session.join(driver)
+            try:
+                self._session.order(driver, order)
+            except InputError as error:
+                raise CommandRefusedError(str(error)) from error
         return order.recording.name
 
     def release(self, driver: str) -> None:

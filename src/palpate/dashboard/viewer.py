@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 
 from nicegui import ui
 
@@ -151,9 +152,11 @@ class Viewer:
 
     def _try(self, press: Callable[[], None], *, moves: bool = False) -> None:
         try:
-            if moves:
-                self._check_fresh()
-            press()
+            # A stop is before it, or after it.
+            with self._session.stop_lock if moves else nullcontext():
+                if moves:
+                    self._check_fresh()
+                press()
         except InputError as error:
             self.refuse(error)
         self.refresh()

@@ -1,28 +1,60 @@
-"""The folder of recordings, as others leave it."""
+"""The state behind the pages: stops, and the folder of recordings as others leave it."""
 
 from __future__ import annotations
 
+import asyncio
 import os
 from collections.abc import Iterator
-from pathlib import Path, PosixPath
+from pathlib import Path
 from typing import Any
 
-from palpate.dashboard.app_state import Settings
-from palpate.dashboard.folder import recordings_in
+import pytest
+
+from palpate.dashboard import folder as folder_module
+from palpate.dashboard.app_state import AppState, Settings
+from palpate.dashboard.folder import LISTED, RecordingList
+from palpate.dashboard.frames import LinkStatus
+from palpate.dashboard.messages import StopConfirmed, Update
+
+
+def app_state_of(folder: Path) -> AppState:
+    return AppState(
+        Settings(
+            rigs=("sim-rigid",),
+            objects=(),
+            folder=folder,
+            store=None,
+            object_name=None,
+            seed=0,
+            speed=1.0,
+            benches={},
+        )
+    )
+
+
+def confirmation(number: int) -> Update:
+    return Update(notes=(StopConfirmed(number),), link=LinkStatus())
+
+
+def test_app_state_stop_confirmed_by_the_devices_alone(tmp_path: Path) -> None:
+    async def press() -> list[bool]:
+        app_state = app_state_of(tmp_path)
+        unconfirmed = await app_state.stop(patience_s=0.0)
+        second = asyncio.create_task(app_state.stop(patience_s=60.0))
+        await asyncio.sleep(0)
+        app_state.take(confirmation(1))
+        await asyncio.sleep(0)
+        early = second.done()
+        # The pages' event loop has no part in it: it may be busy.
+        app_state.take(confirmation(2))
+        app_state.take(confirmation(1))
+        return [unconfirmed, early, await second]
+
+    assert asyncio.run(press()) == [False, False, True]
 
 
 def names_in(folder: Path) -> list[str]:
-    settings = Settings(
-        rigs=("sim-rigid",),
-        objects=(),
-        folder=folder,
-        store=None,
-        object_name=None,
-        seed=0,
-        speed=1.0,
-        benches={},
-    )
-    return [file.name for file, _ in recordings_in(settings.folder)]
+    return [file.name for file, _ in RecordingList(folder).newest()]
 
 
 def test_recordings_are_listed_with_the_newest_first(tmp_path: Path) -> None:
@@ -40,17 +72,52 @@ def test_a_link_that_leads_nowhere_does_not_take_the_others_away(tmp_path: Path)
     assert names_in(tmp_path) == ["run.mcap"]
 
 
-class Vanishing(PosixPath):
-    """A folder out of which files go while it is listed."""
+def test_recording_list_is_read_again_only_when_the_folder_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scanned: list[Path] = []
 
-    def glob(self, *pattern: Any, **options: Any) -> Iterator[Any]:
-        for file in list(super().glob(*pattern, **options)):
-            if "gone" in file.name:
-                file.unlink()
-            yield file
+    def scandir(folder: Path) -> Any:
+        scanned.append(folder)
+        return real_scandir(folder)
+
+    real_scandir = os.scandir
+    monkeypatch.setattr(folder_module.os, "scandir", scandir)
+    for number in range(LISTED + 5):
+        (tmp_path / f"{number:03d}.mcap").touch()
+        os.utime(tmp_path / f"{number:03d}.mcap", (1e9 + number, 1e9 + number))
+    os.utime(tmp_path, (1e9, 1e9))
+    recordings = RecordingList(tmp_path)
+    for _ in range(3):
+        assert recordings.newest()[0][0].name == f"{LISTED + 4:03d}.mcap"
+    assert (len(scanned), len(recordings.newest())) == (1, LISTED)
+    (tmp_path / "new.mcap").touch()
+    assert recordings.newest()[0][0].name == "new.mcap"
+    # A name may follow within the same tick of the clock: then it is read again.
+    recordings.newest()
+    assert len(scanned) == 3
 
 
-def test_a_file_that_vanishes_while_they_are_listed_is_left_out(tmp_path: Path) -> None:
+def test_recording_list_leaves_out_a_file_that_vanishes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files go while they are listed."""
+
+    class Vanishing:
+        def __init__(self, folder: Path) -> None:
+            self._entries = list(real_scandir(folder))
+
+        def __enter__(self) -> Iterator[os.DirEntry[str]]:
+            for entry in self._entries:
+                if "gone" in entry.name:
+                    os.unlink(entry.path)
+            return iter(self._entries)
+
+        def __exit__(self, *error: object) -> None:
+            return
+
+    real_scandir = os.scandir
     for name in ("gone-1.mcap", "run.mcap", "gone-2.mcap"):
         (tmp_path / name).touch()
-    assert names_in(Vanishing(tmp_path)) == ["run.mcap"]
+    monkeypatch.setattr(folder_module.os, "scandir", Vanishing)
+    assert names_in(tmp_path) == ["run.mcap"]

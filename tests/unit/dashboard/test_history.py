@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import resource
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +20,20 @@ from palpate.dashboard.panel_run import counts_html, entry_html
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
+
+
+@contextmanager
+def file_size_limit(most: int) -> Iterator[None]:
+    """Let no file grow beyond a size, as on a disk that is full."""
+    before, handled = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handled)
+
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",
@@ -56,7 +74,7 @@ def test_a_line_that_was_cut_off_hides_no_other(tmp_path: Path) -> None:
 def test_the_table_has_units_in_its_columns(tmp_path: Path) -> None:
     history = History(tmp_path)
     history.add(replace(ENTRY, item_id='odd, "name"'))
-    (row,) = csv.DictReader(io.StringIO(history.as_csv()))
+    (row,) = csv.DictReader(io.StringIO("".join(history.csv_parts())))
     assert (row["item_id"], row["bin"], row["force_n_low"]) == ('odd, "name"', "ripe", "2.0")
     assert row["stiffness_n_per_mm"] == ""
     assert row["simulated"] == "True"
@@ -70,6 +88,42 @@ def test_a_renamed_recording_is_followed(tmp_path: Path) -> None:
     assert history.recent[0].recording == "ripe.mcap"
     assert History(tmp_path).recent == history.recent
     assert history.version > version
+    assert history.of("grasp-1.mcap") is None
+    assert history.of("ripe.mcap") == History(tmp_path).of("ripe.mcap") == ("held", "A17", True)
+    assert '"' not in "".join(history.csv_parts())
+    assert "ripe.mcap" in "".join(History(tmp_path).csv_parts())
+
+
+def test_history_rename_takes_no_line_away(tmp_path: Path) -> None:
+    history, file = History(tmp_path), tmp_path / "grasps.jsonl"
+    for number in range(3):
+        history.add(replace(ENTRY, recording=f"{number}.mcap"))
+    before = file.read_bytes()
+    # Another program keeps its grasp in the same folder.
+    History(tmp_path).add(replace(ENTRY, recording="other.mcap"))
+    history.rename("1.mcap", "a.mcap")
+    history.rename("a.mcap", "b.mcap")
+    assert file.read_bytes().startswith(before)
+    names = [entry.recording for entry in History(tmp_path).recent]
+    assert names == ["other.mcap", "2.mcap", "b.mcap", "0.mcap"]
+
+
+def test_history_rename_on_full_disk_leaves_every_grasp(tmp_path: Path) -> None:
+    history, file = History(tmp_path), tmp_path / "grasps.jsonl"
+    history.add(ENTRY)
+    before = file.read_bytes()
+    with file_size_limit(len(before) + 10), pytest.raises(OSError, match="File too large"):
+        history.rename("grasp-1.mcap", "ripe.mcap")
+    assert file.read_bytes() == before
+    assert history.recent == [ENTRY]
+
+
+def test_history_line_after_a_cut_one_is_kept(tmp_path: Path) -> None:
+    history = History(tmp_path)
+    with (tmp_path / "grasps.jsonl").open("a") as lines:
+        lines.write('{"ended_at": "2026-01')
+    history.add(ENTRY)
+    assert History(tmp_path).recent == [ENTRY]
 
 
 def test_an_entry_says_what_the_grasp_answered() -> None:
@@ -115,7 +169,7 @@ def test_a_grasp_that_damaged_its_object_is_listed_as_such(tmp_path: Path) -> No
     assert "held: the object was damaged" in entry_html(entry)
     history = History(tmp_path)
     history.add(entry)
-    assert next(csv.DictReader(history.as_csv().splitlines()))["damaged"] == "True"
+    assert next(csv.DictReader("".join(history.csv_parts()).splitlines()))["damaged"] == "True"
 
 
 @pytest.mark.parametrize("name", ["", "  ", "..", "a/b", "..\\a", ".hidden", "a\0b", "x" * 81, "~"])

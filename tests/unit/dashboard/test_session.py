@@ -19,7 +19,6 @@ from palpate.dashboard.messages import (
     Ended,
     Grasped,
     Guide,
-    StopConfirmed,
     Update,
 )
 from palpate.dashboard.orders import (
@@ -124,15 +123,6 @@ def test_stop_is_anyones_at_any_time(rehearsal: Rehearsal) -> None:
     rehearsal.session.order("a", GRASP)
     assert [rehearsal.session.stop(), rehearsal.session.stop()] == [1, 2]
     assert rehearsal.sent == [GRASP, StopNow(1), StopNow(2)]
-
-
-def test_a_stop_is_confirmed_only_by_the_devices(rehearsal: Rehearsal) -> None:
-    number = rehearsal.session.stop()
-    assert rehearsal.session.devices.stops_confirmed < number
-    rehearsal.tell(StopConfirmed(number))
-    assert rehearsal.session.devices.stops_confirmed == number
-    rehearsal.tell(StopConfirmed(number - 1))
-    assert rehearsal.session.devices.stops_confirmed == number
 
 
 def test_a_second_press_does_not_order_twice(rehearsal: Rehearsal) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from threading import Thread
 from types import SimpleNamespace
 from typing import cast
 
 import pytest
 from nicegui import ui
 
-from palpate.dashboard.orders import Examine
+from palpate.dashboard.orders import Examine, OpenRig, Order, Request, StopNow
 from palpate.dashboard.session import Session
 from palpate.dashboard.viewer import Viewer
 
@@ -49,3 +50,24 @@ def test_a_press_that_comes_late_moves_nothing(monkeypatch: pytest.MonkeyPatch) 
     now_s[0] = 130.0
     viewer.release()
     assert refused[-1] == "the press came 29 s late: press again"
+
+
+def test_viewer_order_is_not_parted_from_its_check_by_a_stop() -> None:
+    """Stops are sent from another thread: an order that was checked must not begin after one."""
+    sent: list[object] = []
+    stops: list[Thread] = []
+
+    def send(message: Order | Request) -> None:
+        if isinstance(message, OpenRig):
+            stops.append(Thread(target=session.stop))
+            stops[0].start()
+            stops[0].join(timeout=0.05)
+        sent.append(message)
+
+    session = Session(send=send)
+    session.join("a")
+    viewer = Viewer(session, viewer_id="a", now_s=lambda: 0.0)
+    viewer.pressed({"stops": 0, "at_s": 0.0})
+    viewer.order(OpenRig(name="sim-rigid"))
+    stops[0].join()
+    assert sent == [OpenRig(name="sim-rigid"), StopNow(1)]

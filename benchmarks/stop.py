@@ -1,0 +1,167 @@
+"""How long STOP takes by the number of recordings in the folder and of viewers (simulated rig).
+
+Run `python benchmarks/stop.py`. For each size of the folder it serves one with as many grasps in
+its history, opens one and three pages in Chromium, lets a new recording appear every two seconds,
+and asks for stops: half over a connection that is kept, half over a new one. The time is from the
+request to the answer that the stop reached the hand. Ends with status 1 if a 99th percentile is
+above the limit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import http.client
+import json
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+LIMIT_MS = 60.0
+#: A page in the background is drawn too; stops are asked for at about this period, seconds.
+EVERY_S, NEW_S = 0.15, 2.0
+#: A file has at most 65 000 names in ext4.
+NAMES_PER_FILE = 10_000
+
+
+def fill(folder: Path, count: int) -> Path:
+    """Put recordings with their grasps into a folder; return one of them."""
+    from palpate.dashboard.history import Entry
+    from palpate.recording import RecordingWriter
+    from palpate.rig import open_rig
+    from palpate.rig.recorded import recording_info
+
+    folder.mkdir(parents=True)
+    rig, original = open_rig("sim-rigid"), folder.parent / "original.mcap"
+    with RecordingWriter(original, info=recording_info(rig, seed=0)) as writer:
+        for _ in range(15):
+            writer.add(rig.array.read(timeout_s=1.0))
+    rig.close()
+    content = original.read_bytes()
+    with (folder / "grasps.jsonl").open("w", encoding="utf-8") as lines:
+        for number in range(count):
+            file = folder / f"grasp-{number:06d}.mcap"
+            if number % NAMES_PER_FILE == 0:
+                first = file
+                file.write_bytes(content)
+            else:
+                os.link(first, file)
+            entry = Entry(
+                ended_at="2026-01-02T03:04:05+00:00",
+                recording=file.name,
+                simulated=True,
+                item_id=f"berry-{number}",
+                outcome="held",
+                verdict="held and given back",
+                firmness="soft",
+                kind="good",
+                measured={"force_n": 2.5, "force_n_low": 2.0, "force_n_high": 3.0},
+                curve=tuple(round(0.05 * n, 2) for n in range(48)),
+            )
+            lines.write(json.dumps(asdict(entry)) + "\n")
+    return original
+
+
+@contextmanager
+def arriving(folder: Path, original: Path) -> Iterator[None]:
+    """Let a new recording appear now and then, as grasps make them."""
+    over = threading.Event()
+
+    def arrive() -> None:
+        number = 0
+        while not over.wait(NEW_S):
+            number += 1
+            (folder / f"new-{time.time_ns()}-{number}.mcap").write_bytes(original.read_bytes())
+
+    thread = threading.Thread(target=arrive)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def stop_ms(connection: http.client.HTTPConnection) -> float:
+    """Return how long one stop took."""
+    began_s = time.perf_counter()
+    try:
+        connection.request("POST", "/api/stop")
+        reply = connection.getresponse()
+    except http.client.RemoteDisconnected:  # idle for too long while others were slow
+        connection.request("POST", "/api/stop")
+        reply = connection.getresponse()
+    with reply:
+        found = json.load(reply)
+    took_ms = 1e3 * (time.perf_counter() - began_s)
+    if found != {"stopped": True}:
+        raise SystemExit(f"a stop was answered with {found}")
+    return took_ms
+
+
+def measure(address: str, *, count: int) -> list[float]:
+    """Ask for stops at odd moments; return how long each took, ms."""
+    host, moments = urlsplit(address).netloc, np.random.default_rng(1)
+    kept, found = http.client.HTTPConnection(host, timeout=30), []
+    for number in range(count):
+        time.sleep(float(moments.uniform(0.5, 1.5)) * EVERY_S)
+        if number % 2:
+            found.append(stop_ms(kept))
+        else:
+            fresh = http.client.HTTPConnection(host, timeout=30)
+            found.append(stop_ms(fresh))
+            fresh.close()
+    kept.close()
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--recordings", type=int, nargs="+", default=[10, 1000, 100_000])
+    parser.add_argument("--viewers", type=int, nargs="+", default=[1, 3])
+    parser.add_argument("--stops", type=int, default=200)
+    options = parser.parse_args()
+    sys.path.insert(0, str(ROOT))
+    from benchmarks.dashboard import CHROMIUM, look, serving
+    from playwright.sync_api import sync_playwright
+
+    late = False
+    for count in options.recordings:
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            original = fill(folder / "data", count)
+            os.environ["PALPATE_STORE"] = str(folder / "items.sqlite")
+            served = serving(folder / "data", Path("sim-rigid"), "--object", "avocado-day-3")
+            address, _ = stack.enter_context(served)
+            play = stack.enter_context(sync_playwright())
+            browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+            stack.callback(browser.close)
+            for viewers in options.viewers:
+                pages = [look(browser, f"{address}recordings") for _ in range(viewers)]
+                time.sleep(5.0)
+                with arriving(folder / "data", original):
+                    ms = measure(address, count=options.stops)
+                for page in pages:
+                    page.context.close()
+                p50, p90, p99 = np.quantile(ms, [0.5, 0.9, 0.99])
+                late |= p99 > LIMIT_MS
+                print(
+                    f"{count} recordings, {viewers} viewers: median {p50:.0f} ms, p90 {p90:.0f}, "
+                    f"p99 {p99:.0f}, longest {max(ms):.0f} (n {len(ms)}); "
+                    f"load {os.getloadavg()[0]:.1f}",
+                    flush=True,
+                )
+    raise SystemExit(1 if late else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""The pages have an event loop of their own; a stop is answered on the server's."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import Any
+
+import pytest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from palpate.dashboard.app_thread import AppThread
+
+
+async def ask(
+    app: AppThread, path: str, *, body: bytes = b"", kind: str = "http"
+) -> list[dict[str, Any]]:
+    """Send a request; return what is sent back."""
+    scope: dict[str, Any] = {"type": kind, "path": path, "headers": [], "query_string": b""}
+    if kind == "http":
+        scope["method"] = "POST"
+        waiting = [{"type": "http.request", "body": body, "more_body": False}]
+    else:
+        scope["subprotocols"] = []
+        waiting = [{"type": "websocket.connect"}, {"type": "websocket.receive", "text": "here"}]
+    sent: list[dict[str, Any]] = []
+
+    async def receive() -> dict[str, Any]:
+        return waiting.pop(0)
+
+    async def send(message: Any) -> None:
+        sent.append({**message, "thread": threading.current_thread().name})
+
+    await app(scope, receive, send)
+    return sent
+
+
+def test_stop_is_answered_while_a_page_blocks_its_event_loop() -> None:
+    blocked, over = threading.Event(), threading.Event()
+
+    async def page(request: Request) -> PlainTextResponse:
+        blocked.set()
+        assert over.wait(60.0)
+        return PlainTextResponse("page")
+
+    async def stop(request: Request) -> PlainTextResponse:
+        return PlainTextResponse("stopped")
+
+    async def visit(app: AppThread) -> tuple[bytes, bytes]:
+        viewer = asyncio.create_task(ask(app, "/page"))
+        await asyncio.to_thread(blocked.wait)
+        stopped = (await ask(app, "/stop"))[1]["body"]
+        assert not viewer.done()
+        over.set()
+        return stopped, (await viewer)[1]["body"]
+
+    routes = [Route("/page", page, methods=["POST"]), Route("/stop", stop, methods=["POST"])]
+    with AppThread(Starlette(routes=routes), direct=frozenset({"/stop"})) as app:
+        assert asyncio.run(visit(app)) == (b"stopped", b"page")
+
+
+def test_bodies_and_web_sockets_reach_the_pages_in_their_thread() -> None:
+    threads: list[str] = []
+
+    async def echo(request: Request) -> PlainTextResponse:
+        threads.append(threading.current_thread().name)
+        return PlainTextResponse(await request.body())
+
+    async def talk(socket: WebSocket) -> None:
+        threads.append(threading.current_thread().name)
+        await socket.accept()
+        await socket.send_text(await socket.receive_text())
+        await socket.close()
+
+    routes = [Route("/echo", echo, methods=["POST"]), WebSocketRoute("/talk", talk)]
+    with AppThread(Starlette(routes=routes), direct=frozenset()) as app:
+        answer = asyncio.run(ask(app, "/echo", body=b"a body"))
+        said = asyncio.run(ask(app, "/talk", kind="websocket"))
+    assert answer[1]["body"] == b"a body"
+    assert [one.get("text") for one in said] == [None, "here", None]
+    assert threads == ["pages", "pages"]
+    # What is sent goes out on the server's own loop.
+    assert {one["thread"] for one in [*answer, *said]} == {"MainThread"}
+
+
+def test_an_error_of_the_application_reaches_the_server() -> None:
+    async def broken(scope: Any, receive: Any, send: Any) -> None:
+        raise RuntimeError("broken page")
+
+    with (
+        AppThread(broken, direct=frozenset()) as app,
+        pytest.raises(RuntimeError, match="broken page"),
+    ):
+        asyncio.run(ask(app, "/"))
