@@ -22,6 +22,12 @@ from palpate.gripper.interface import GripperCommand
 
 #: Room for stiffening over a step beyond what the last steps showed.
 _STIFFENING = 1.3
+#: No step lets the upper bound of the force exceed this multiple of the target by this, newtons.
+_MOST_OF_TARGET, _MOST_BEYOND_N = 1.5, 0.5
+#: A rise that is less than this, newtons, or than this share of the force, or of the calibration's
+#: scatter of faint forces, may be noise (guess: a sheet at rest scatters by 0.05 to 0.1 N, and
+#: its readings under load repeat to 3 %).
+_SURE_N, _SURE_SHARE, _SURE_OF_FLOOR = 0.15, 0.05, 0.5
 #: Share of the way pressed so far that a step may add, beyond a fine one.
 _FURTHER = 1.2
 #: While nothing is known of the damage limit, all steps after the first force that can't be drift
@@ -94,6 +100,7 @@ def closed_by(
 
     A servo whose current is listened to takes at least `lasting_s` for it, and some frames.
     """
+    step = min(step, _step_to_bound(belief, plan))
     if step < plan.smallest_step:
         return None
     rate = plan.rate if belief.contact_s is None else plan.squeeze_rate
@@ -102,6 +109,15 @@ def closed_by(
         rate = min(rate, step / max(lasting_s, frames_s, _FELT_S))
     wish = GripperCommand(target=whole(belief.closure + step, plan), rate=rate)
     return None if clamped(belief, wish, plan) is None else wish
+
+
+def _step_to_bound(belief: Belief, plan: Plan) -> float:
+    """Return how far closing may go on before the force could be far above the target."""
+    if plan.target_force_n is None or not belief.force_n > 0:
+        return math.inf
+    target_n = max(plan.target_force_n, plan.lift_force_n or 0.0)
+    room_n = _MOST_OF_TARGET * target_n + _MOST_BEYOND_N - belief.force_high_n
+    return max(room_n, 0.0) / slope_high_n(belief, plan)
 
 
 def clamped(belief: Belief, wish: GripperCommand | None, plan: Plan) -> GripperCommand | None:
@@ -208,11 +224,10 @@ def squeezed(belief: Belief, plan: Plan) -> float:
     squeeze, it may only push.
     """
     force_n = _forces_n(belief.staircase, belief, plan)
-    shared = np.array([stair.touch.shared_percent for stair in belief.staircase])
-    gripped = (shared <= plan.hint_percent) | (force_n > plan.force_step_n)
-    if not gripped.any():
+    gripped = [_is_gripped(*pair, plan) for pair in zip(belief.staircase, force_n, strict=True)]
+    if not any(gripped):
         return 0.0
-    first = int(np.argmax(gripped))
+    first = gripped.index(True)
     way = belief.closure - belief.staircase[first].closure
     return float(way + max(force_n[first], 0.0) / slope_n(belief, plan))
 
@@ -260,30 +275,44 @@ def slope_high_n(belief: Belief, plan: Plan) -> float:
 def slope_n(belief: Belief, plan: Plan) -> float:
     """Return how steeply the force rises, N per mm or kPa: as it did over the last steps.
 
-    Short of where the hand met the object at speed, as the force there shows.
+    Short of where the hand met the object at speed it is no less than the force there shows. A rise
+    that noise alone could make shows no slope, nor does one that began on the way. Without any the
+    object may be rigid.
     """
     last = belief.staircase[-3:]
     curve = list(zip(last, _forces_n(last, belief, plan).tolist(), strict=True))
+    slopes = [
+        (f1 - f0) / (c1.closure - c0.closure)
+        for (c0, f0), (c1, f1) in pairwise(curve)
+        if c1.closure > c0.closure and f1 - f0 >= _sure_n(f1, plan) and _is_gripped(c0, f0, plan)
+    ]
     if belief.met is not None and curve:
         (closure, met_n), (now, now_n) = belief.met, curve[-1]
         if closure > now.closure and met_n > now_n:
-            return float(min((met_n - now_n) / (closure - now.closure), plan.steepest_n))
-    slopes = [
-        (f1 - f0) / (c1.closure - _begun(c0, c1, plan))
-        for (c0, f0), (c1, f1) in pairwise(curve)
-        if c1.closure > c0.closure and f1 > f0
-    ]
-    return min(max(slopes), plan.steepest_n) if slopes else plan.steepest_n
+            slopes.append((met_n - now_n) / (closure - now.closure))
+    if not slopes:
+        return _slope_bound_n(belief, plan)
+    return float(min(max(slopes), plan.steepest_n))
 
 
-def _begun(first: Closing, then: Closing, plan: Plan) -> float:
-    """Return from where on the hand pressed between two steps.
+def _is_gripped(stair: Closing, force_n: float, plan: Plan) -> bool:
+    """Return whether both fingers surely pressed at a step."""
+    return stair.touch.shared_percent <= plan.hint_percent or force_n > plan.force_step_n
 
-    If the first was free it is not known, and a long free way would make the object seem soft.
-    """
-    if first.touch.shared_percent <= plan.hint_percent:
-        return first.closure
-    return max(first.closure, then.closure - 0.5 * plan.step)
+
+def _sure_n(force_n: float, plan: Plan) -> float:
+    """Return the rise to this force that noise alone does not make, newtons."""
+    return max(_SURE_OF_FLOOR * floor_n(plan), _SURE_N, _SURE_SHARE * force_n)
+
+
+def _slope_bound_n(belief: Belief, plan: Plan) -> float:
+    """Return the steepest slope that steps without a sure rise leave possible, N per mm or kPa."""
+    force_n = _forces_n(belief.staircase, belief, plan)
+    felt = np.flatnonzero(force_n > FELT * floor_n(plan))
+    way = belief.staircase[-1].closure - belief.staircase[felt[0]].closure if felt.size else 0.0
+    if way < plan.smallest_step:
+        return plan.steepest_n
+    return min(belief.force_high_n / way, plan.steepest_n)
 
 
 def _damage_low_n(belief: Belief, plan: Plan) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -44,6 +45,12 @@ class Fault:
         The gripper ignores where it was sent, and closes.
     idle : bool
         The gripper does not move.
+    back_s : float
+        By how much the times of every second frame go back.
+    pressed_mm : float
+        By how much a force from outside closes the fingers, which report nothing of it.
+    hasty : float
+        The gripper moves this many times as fast as it was sent.
     nudged_s : float
         The host hangs once for this long.
     stopped : bool
@@ -59,6 +66,9 @@ class Fault:
     late_s: float = 0.0
     runs_on: bool = False
     idle: bool = False
+    back_s: float = 0.0
+    pressed_mm: float = 0.0
+    hasty: float = 1.0
     nudged_s: float = 0.0
     stopped: bool = False
 
@@ -85,6 +95,12 @@ def _unfelt(counts: Counts, first: Counts) -> Counts:
     return np.asarray(np.clip(first + counts % 3 - 1, 2, _TOP - 3), dtype=np.int32)
 
 
+def _finger_at_rest(counts: Counts, first: Counts) -> Counts:
+    """One finger's pixels read as at first, and shake a little; the other's work."""
+    counts[: len(counts) // 2] = _unfelt(counts, first)[: len(counts) // 2]
+    return counts
+
+
 def _frozen() -> Spoil:
     kept = list[Counts]()
 
@@ -97,6 +113,15 @@ def _frozen() -> Spoil:
 
 def _reporting(**values: float) -> Misreport:
     return lambda state, first: replace(state, **values)  # type: ignore[arg-type]
+
+
+def _negative(state: GripperState, first: GripperState) -> GripperState:
+    return replace(state, current_ma=-state.current_ma)
+
+
+def _flickering() -> Misreport:
+    turns = count()
+    return lambda state, first: replace(state, moving=state.moving != (next(turns) % 2 == 0))
 
 
 def _frozen_state(state: GripperState, first: GripperState) -> GripperState:
@@ -115,6 +140,7 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     "row open": lambda: Fault(part="sheet", spoil=_at(np.s_[1], 0)),
     "pixel open": lambda: Fault(part="sheet", spoil=_at(np.s_[1, 1], 0)),
     "object beside the sheet": lambda: Fault(part="sheet", spoil=_unfelt),
+    "finger at rest": lambda: Fault(part="sheet", spoil=_finger_at_rest),
     "all pixels 512": lambda: Fault(part="sheet", spoil=_flat(512)),
     "all pixels 1020": lambda: Fault(part="sheet", spoil=_flat(1020)),
     "inverted": lambda: Fault(part="sheet", spoil=lambda counts, first: _TOP - counts),
@@ -122,11 +148,13 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     "frames constant": lambda: Fault(part="wire", spoil=_frozen()),
     "counts of 1024": lambda: Fault(part="wire", spoil=_at(np.s_[0, 0], 1024)),
     "counts of -1": lambda: Fault(part="wire", spoil=_at(np.s_[0, 0], -1)),
+    "frame times go back": lambda: Fault(part="wire", back_s=0.3),
     "frames stop": lambda: Fault(part="wire", silent=True),
     "frames 1 s late": lambda: Fault(part="wire", late_s=1.0),
     "port gone": lambda: Fault(part="wire", gone=True),
     "gripper silent": lambda: Fault(part="servo", numb=True),
     "gripper runs on": lambda: Fault(part="servo", runs_on=True),
+    "gripper 10 times too fast": lambda: Fault(part="servo", hasty=10.0),
     "gripper does not move": lambda: Fault(part="servo", idle=True),
     "reported width frozen": lambda: Fault(part="servo", misreport=_frozen_state),
     "reported width NaN": lambda: Fault(
@@ -134,6 +162,16 @@ FAULTS: dict[str, Callable[[], Fault]] = {
     ),
     "current endless": lambda: Fault(part="servo", misreport=_reporting(current_ma=math.inf)),
     "current stuck at 0": lambda: Fault(part="servo", misreport=_reporting(current_ma=0.0)),
+    "current absent": lambda: Fault(part="servo", misreport=_reporting(current_ma=math.nan)),
+    "current negative": lambda: Fault(part="servo", misreport=_negative),
+    "moving flag flickers": lambda: Fault(part="servo", misreport=_flickering()),
+    "pressed from outside": lambda: Fault(part="world", pressed_mm=4.0, misreport=_frozen_state),
+    "finger at rest, current absent": lambda: Fault(
+        part="two at once", spoil=_finger_at_rest, misreport=_reporting(current_ma=math.nan)
+    ),
+    "finger at rest, 10 times too fast": lambda: Fault(
+        part="two at once", spoil=_finger_at_rest, hasty=10.0
+    ),
     "host hangs for 1 s": lambda: Fault(part="host", nudged_s=1.0),
     "stopped by the user": lambda: Fault(part="host", stopped=True),
 }
@@ -167,6 +205,8 @@ class FaultyArray:
             return frame
         if fault.late_s:
             self._clock.sleep_s(fault.late_s)
+        if fault.back_s and frame.sequence % 2:
+            frame = replace(frame, time_s=frame.time_s - fault.back_s)
         if fault.spoil is None:
             return frame
         return replace(frame, counts=fault.spoil(frame.counts.copy(), self._first))
@@ -180,7 +220,7 @@ class FaultyGripper:
     """The twin's gripper until `fault` is set."""
 
     def __init__(self, world: World) -> None:
-        self._gripper = TwinGripper(world)
+        self._gripper, self._world = TwinGripper(world), world
         self._first: GripperState | None = None
         self.fault: Fault | None = None
 
@@ -210,6 +250,10 @@ class FaultyGripper:
         if fault is not None and fault.runs_on and wanted.target != limits.target(0.0):
             self._gripper.command(replace(wanted, target=closing))
             return wanted
+        if fault is not None and fault.hasty != 1.0:
+            sent = self._gripper.command(wanted)
+            self._world.drive(sent.target, rate=fault.hasty * sent.rate)
+            return sent
         return self._gripper.command(wanted)
 
     def stop(self) -> None:

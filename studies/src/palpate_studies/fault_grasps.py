@@ -133,6 +133,9 @@ def struck(cell: Cell, *, seed: int) -> Struck:
         struck_s.append(world.clock.now_s())
         array.fault = gripper.fault = fault
         world.clock.sleep_s(fault.nudged_s)
+        if fault.pressed_mm and cell.kind == "rigid":
+            gripper.state()
+            world.drive(world.drive_value(world.clock.now_s()) - fault.pressed_mm, rate=60.0)
         if fault.stopped:
             requests.stop.set()
 
