@@ -22,7 +22,7 @@ from palpate.gripper.interface import GripperCommand
 
 #: Room for stiffening over a step beyond what the last steps showed.
 _STIFFENING = 1.3
-#: No step lets the upper bound of the force exceed this multiple of the target by this, newtons.
+#: No step lets the force that a steep object would have exceed this multiple of the target by this, newtons.
 _MOST_OF_TARGET, _MOST_BEYOND_N = 1.5, 0.5
 #: A rise that is less than this, newtons, or than this share of the force, or of the calibration's
 #: scatter of faint forces, may be noise (guess: a sheet at rest scatters by 0.05 to 0.1 N, and
@@ -116,7 +116,7 @@ def _step_to_bound(belief: Belief, plan: Plan) -> float:
     if plan.target_force_n is None or not belief.force_n > 0:
         return math.inf
     target_n = max(plan.target_force_n, plan.lift_force_n or 0.0)
-    room_n = _MOST_OF_TARGET * target_n + _MOST_BEYOND_N - belief.force_high_n
+    room_n = _MOST_OF_TARGET * target_n + _MOST_BEYOND_N - belief.force_n
     return max(room_n, 0.0) / slope_high_n(belief, plan)
 
 
@@ -277,10 +277,12 @@ def slope_n(belief: Belief, plan: Plan) -> float:
 
     Short of where the hand met the object at speed it is no less than the force there shows. A rise
     that noise alone could make shows no slope, nor does one that began on the way. Without any the
-    object may be rigid.
+    object may be rigid, and so it may where the sheet shows less for more closing.
     """
     last = belief.staircase[-3:]
     curve = list(zip(last, _forces_n(last, belief, plan).tolist(), strict=True))
+    if len(curve) > 1 and plan.force_step_n < curve[-1][1] < curve[-2][1]:
+        return plan.steepest_n
     slopes = [
         (f1 - f0) / (c1.closure - c0.closure)
         for (c0, f0), (c1, f1) in pairwise(curve)
