@@ -94,6 +94,11 @@ class _Feed:
                 f"the newest frame is {age_s:.2f} s old (limit {stale_after_s:.2f} s); "
                 "check the sensor's cable and that nothing else loads this machine"
             )
+        if self._last_s is not None and frame.time_s <= self._last_s:
+            raise DeviceError(
+                f"frame times do not rise: {frame.time_s:.3f} s follows {self._last_s:.3f} s; "
+                "check how the array times its frames"
+            )
         wrong = wrong_counts(frame, layout=self._layout)
         if wrong is not None:
             raise DeviceError(wrong)

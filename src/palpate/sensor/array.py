@@ -123,7 +123,7 @@ class Frame:
     Attributes
     ----------
     time_s : float
-        When it was scanned: device time mapped to the host's clock.
+        When it was scanned: device time mapped to the host's clock. Rises from frame to frame.
     sequence : int
         Number given by the device, without the wrap: gaps are lost frames.
     counts : ndarray of int, shape (rows, cols)

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from palpate.errors import DeviceError
-from palpate.grasp.belief import Observation
+from palpate.grasp.belief import Belief, Observation
+from palpate.grasp.phases import Phase
 from palpate.grasp.plan import Plan
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.runner import run_grasp
@@ -120,6 +121,42 @@ def test_stale_frames(plan: Plan, bench: Any) -> None:
     result = run(plan, bench, nap)
     assert result.outcome is Outcome.SENSOR_LOST
     assert "1.00 s old" in result.faults[-1]
+    assert bench.stops == 1
+
+
+@pytest.mark.parametrize("back_s", [0.0, 0.3])
+def test_run_grasp_frame_times_that_do_not_rise_end_it(
+    plan: Plan, bench: Any, back_s: float
+) -> None:
+    read, last = bench.read, list[float]()
+
+    def turned(*, timeout_s: float) -> Any:
+        frame = read(timeout_s=timeout_s)
+        time_s = last[-1] - back_s if len(last) == 60 else frame.time_s
+        last.append(time_s)
+        return replace(frame, time_s=time_s)
+
+    bench.read = turned
+    result = run(plan, bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert "frame times do not rise" in result.faults[-1]
+    assert bench.stops == 1
+
+
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.SQUEEZE, Phase.HOLD, Phase.RELEASE])
+def test_run_grasp_any_error_of_an_array_stops_the_hand_and_is_raised(
+    plan: Plan, bench: Any, phase: Phase
+) -> None:
+    beliefs, read = list[Belief](), bench.read
+
+    def broken(*, timeout_s: float) -> Any:
+        if beliefs and beliefs[-1].phase is phase:
+            raise ValueError("cannot reshape array")
+        return read(timeout_s=timeout_s)
+
+    bench.read = broken
+    with pytest.raises(ValueError, match="cannot reshape"):
+        run_grasp(plan, array=bench, gripper=bench, clock=bench.clock, watchers=[beliefs.append])
     assert bench.stops == 1
 
 
