@@ -22,7 +22,8 @@ from palpate.gripper.interface import GripperCommand
 
 #: Room for stiffening over a step beyond what the last steps showed.
 _STIFFENING = 1.3
-#: No step lets the force that a steep object would have exceed this multiple of the target by this, newtons.
+#: No step may bring the force above this multiple of the target and this more, newtons, by the
+#: slope that is believed (a requirement: a grasp that presses harder can bruise).
 _MOST_OF_TARGET, _MOST_BEYOND_N = 1.5, 0.5
 #: A rise that is less than this, newtons, or than this share of the force, or of the calibration's
 #: scatter of faint forces, may be noise (guess: a sheet at rest scatters by 0.05 to 0.1 N, and
