@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
+
+from palpate.dashboard.language import Message
+from palpate.errors import InputError
+
+#: Seconds of simulated time, or of a replay, in a second; as `palpate serve --speed` takes it.
+SLOWEST, FASTEST = 0.1, 20.0
+#: Simulated rigs are drawn by a seed of 32 bits.
+_MOST_SEED = 2**32 - 1
+#: Every finite time of a recording, seconds.
+_MOST_S = sys.float_info.max
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,3 +137,27 @@ class Shutdown:
 
 
 Request: TypeAlias = StopNow | ReleaseNow | Confirm | SetSpeed | Seek | Pause | Shutdown
+
+
+def check_numbers(message: Order | Request) -> None:
+    """Refuse numbers that would end the devices' process: a browser may send anything.
+
+    Raises
+    ------
+    InputError
+        If a speed, a seed or a time is out of range.
+    """
+    match message:
+        case OpenRig(seed=seed) if not (_is_within(seed, 0, _MOST_SEED) and seed % 1 == 0):
+            raise InputError(Message("seed: a whole number from 0 to {most}", most=_MOST_SEED))
+        case OpenRig(speed=speed) | Play(speed=speed) | SetSpeed(speed=speed):
+            if not _is_within(speed, SLOWEST, FASTEST):
+                raise InputError(
+                    Message("speed: from {low:g} to {high:g}", low=SLOWEST, high=FASTEST)
+                )
+        case Seek(time_s=time_s) if not _is_within(time_s, -_MOST_S, _MOST_S):
+            raise InputError(Message("no such moment in the recording"))
+
+
+def _is_within(value: object, low: float, high: float) -> bool:
+    return isinstance(value, int | float) and low <= value <= high

@@ -62,9 +62,9 @@ def build_page(
     """Fill the page of one viewer, with a tab of `TABS` open, and an item or a recording on it."""
     viewer = _begin(app_state, client, script="live.js")
     _header(app_state, viewer, other=("/operate", Message("Operate")))
-    ui.on("seek", lambda event: viewer.seek(float(event.args)))
+    ui.on("seek", lambda event: viewer.seek(event.args))
     ui.on("pause", lambda event: viewer.pause(bool(event.args)))
-    ui.on("speed", lambda event: viewer.set_speed(float(event.args)))
+    ui.on("speed", lambda event: viewer.set_speed(event.args))
     with ui.element("div").classes("page"):
         with ui.element("div").classes("stage"):
             _alerts(app_state, viewer)

@@ -166,7 +166,8 @@ def _rig(app_state: AppState, viewer: Viewer) -> None:
             OpenRig(
                 name=name.value,
                 object_name=what.value or None,
-                seed=int(seed.value or 0),
+                # A whole number or not is checked where it is ordered.
+                seed=int(value) if (value := seed.value or 0) % 1 == 0 else value,
                 speed=speed.value,
             )
         )

@@ -26,6 +26,7 @@ from palpate.dashboard.orders import (
     Seek,
     SetSpeed,
     StopNow,
+    check_numbers,
 )
 from palpate.errors import InputError
 
@@ -172,6 +173,7 @@ class Session:
     def order(self, viewer: str, order: Order) -> None:
         """Carry out an order of a viewer."""
         self._check(ACTIONS[type(order)], viewer)
+        check_numbers(order)
         if isinstance(order, GraspOrder):
             self.target_force_n = order.target_force_n
         if isinstance(order, OpenRig):
@@ -219,6 +221,7 @@ class Session:
 
     def _request(self, viewer: str, action: Action, request: Request) -> None:
         self._check(action, viewer)
+        check_numbers(request)
         self._send(request)
 
     def _check(self, action: Action, viewer: str) -> None:

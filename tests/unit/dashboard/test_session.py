@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from palpate.dashboard.orders import (
     Play,
     Record,
     ReleaseNow,
+    Seek,
     StopNow,
 )
 from palpate.dashboard.page_document import document
@@ -130,6 +132,42 @@ def test_a_second_press_does_not_order_twice(rehearsal: Rehearsal) -> None:
     with pytest.raises(InputError, match="grasping: wait, or press stop"):
         rehearsal.session.order("a", GRASP)
     assert rehearsal.sent == [GRASP]
+
+
+SPEEDS: tuple[Any, ...] = (0, 0.0, -1.0, 1e-300, 1e300, math.nan, math.inf, None, "fast", [], {})
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+def test_session_refuses_speeds_that_end_the_devices(rehearsal: Rehearsal, speed: Any) -> None:
+    session = rehearsal.session
+    for press in (
+        lambda: session.set_speed("a", speed),
+        lambda: session.order("a", Play(file=Path("old.mcap"), speed=speed)),
+        lambda: session.order("a", OpenRig(name="sim-rigid", speed=speed)),
+    ):
+        with pytest.raises(InputError, match=r"^speed: from 0.1 to 20$"):
+            press()
+    assert rehearsal.sent == []
+    assert session.devices.activity is Activity.WATCHING
+    assert session.rig == OpenRig(name="sim-rigid")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 0.5, math.nan, math.inf, None, "7"])
+def test_session_refuses_seeds_that_end_the_devices(rehearsal: Rehearsal, seed: Any) -> None:
+    with pytest.raises(InputError, match=r"^seed: a whole number"):
+        rehearsal.session.order("a", OpenRig(name="sim-rigid", seed=seed))
+    assert rehearsal.sent == []
+
+
+@pytest.mark.parametrize("time_s", [math.nan, math.inf, -math.inf, None, "late"])
+def test_session_refuses_moments_that_no_recording_has(rehearsal: Rehearsal, time_s: Any) -> None:
+    rehearsal.session.order("a", Play(file=Path("old.mcap")))
+    rehearsal.sent.clear()
+    with pytest.raises(InputError, match="no such moment"):
+        rehearsal.session.seek("a", time_s)
+    assert rehearsal.sent == []
+    rehearsal.session.seek("a", 1e9)
+    assert rehearsal.sent == [Seek(1e9)]
 
 
 def test_release_is_heard_by_the_running_grasp_and_is_an_order_otherwise(
