@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import resource
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.full_disk import file_size_limit
 
 from palpate.dashboard.history import LISTED, Entry, History, checked_name, entry_of
 from palpate.dashboard.live import Point
@@ -20,20 +17,6 @@ from palpate.dashboard.panel_run import counts_html, entry_html
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import GraspResult, Outcome
-
-
-@contextmanager
-def file_size_limit(most: int) -> Iterator[None]:
-    """Let no file grow beyond a size, as on a disk that is full."""
-    before, handled = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handled)
-
 
 ENTRY = Entry(
     ended_at="2026-01-02T03:04:05+00:00",
@@ -112,7 +95,7 @@ def test_history_rename_on_full_disk_leaves_every_grasp(tmp_path: Path) -> None:
     history, file = History(tmp_path), tmp_path / "grasps.jsonl"
     history.add(ENTRY)
     before = file.read_bytes()
-    with file_size_limit(len(before) + 10), pytest.raises(OSError, match="File too large"):
+    with file_size_limit(len(before) + 10), pytest.raises(OSError, match="No space left"):
         history.rename("grasp-1.mcap", "ripe.mcap")
     assert file.read_bytes() == before
     assert history.recent == [ENTRY]

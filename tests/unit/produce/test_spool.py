@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Thread
 
 import pytest
+from tests.full_disk import file_size_limit
 
 from palpate.errors import InputError, StoreAwayError
 from palpate.estimate.measurement import Measurement
@@ -112,6 +115,40 @@ def test_a_disk_that_fills_up_leaves_the_file_as_it_was(
     with pytest.raises(OSError, match="No space left"):
         spool.add(RECORDS[2])
     assert spool.path.read_bytes() == before
+
+
+def test_spool_that_cannot_be_rewritten_loses_no_record(spool: Spool) -> None:
+    spool.add(*RECORDS[:3])
+
+    def write(record: StoreRecord) -> None:
+        if record == RECORDS[0]:
+            Spool(spool.path).add(RECORDS[3])
+            full.enter_context(file_size_limit(50))
+
+    with ExitStack() as full:
+        assert spool.drain(write) == 3
+    # What the store has is written once more, which does no harm.
+    assert RECORDS[3] in spool.waiting()
+    assert [file.name for file in spool.path.parent.iterdir()] == [spool.path.name]
+    taken: list[StoreRecord] = []
+    spool.drain(taken.append)
+    assert RECORDS[3] in taken
+
+
+def test_spool_drained_while_others_add_loses_nothing(spool: Spool) -> None:
+    """A file that is replaced must not be added to by those that waited for it."""
+    items = [Item(item_id=f"item {number}", first_seen=TIME) for number in range(200)]
+    taken: set[StoreRecord] = set()
+    adding = [
+        Thread(target=lambda part=part: [Spool(spool.path).add(one) for one in items[part::2]])
+        for part in range(2)
+    ]
+    for thread in adding:
+        thread.start()
+    while any(thread.is_alive() for thread in adding):
+        spool.drain(taken.add)
+    spool.drain(taken.add)
+    assert taken == set(items)
 
 
 def test_each_store_has_its_own_file_in_the_folder_that_is_named(

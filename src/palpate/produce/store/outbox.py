@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from palpate.errors import InputError, StoreAwayError, StoreError
-from palpate.files import sync_folder
+from palpate.files import atomic_path, sync_folder
 from palpate.produce.records import Grasp, Item, Verdict
 from palpate.produce.records_json import (
     CalibrationText,
@@ -240,7 +240,9 @@ class Spool:
             except InputError:
                 refused += line + b"\n"
         if lines:
-            self._forget(lines, refused=refused)
+            # Where the disk is full they go on waiting, and are written once more.
+            with suppress(OSError):
+                self._forget(lines, refused=refused)
         return taken
 
     def _forget(self, lines: list[bytes], *, refused: bytes) -> None:
@@ -254,9 +256,12 @@ class Spool:
                     stream.flush()
                     os.fsync(stream.fileno())
             rest = [line for line in present if line not in gone]
-            os.ftruncate(descriptor, 0)
-            _write_all(descriptor, b"".join(line + b"\n" for line in rest))
-            os.fsync(descriptor)
+            if rest:
+                with atomic_path(self.path) as partial:
+                    partial.write_bytes(b"".join(line + b"\n" for line in rest))
+            else:
+                os.ftruncate(descriptor, 0)
+                os.fsync(descriptor)
 
     def _lines(self) -> list[bytes]:
         try:
@@ -267,12 +272,22 @@ class Spool:
     @contextmanager
     def _locked(self) -> Iterator[int]:
         flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
-        descriptor = os.open(self.path, flags, 0o644)
+        while True:
+            descriptor = os.open(self.path, flags, 0o644)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                # While this waited for its turn, the file may have been replaced.
+                if self._is_at_path(descriptor):
+                    yield descriptor
+                    return
+            finally:
+                os.close(descriptor)
+
+    def _is_at_path(self, descriptor: int) -> bool:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-            yield descriptor
-        finally:
-            os.close(descriptor)
+            return os.path.samestat(os.fstat(descriptor), self.path.stat())
+        except FileNotFoundError:
+            return False
 
 
 def _line(record: StoreRecord) -> bytes:
