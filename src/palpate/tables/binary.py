@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from datetime import date, datetime, time, timedelta
 from itertools import islice
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,11 @@ from palpate.errors import InputError, needing
 from palpate.tables.form import form_of_rows, score_rows
 from palpate.tables.rows import GatheredRows
 from palpate.tables.table import Table, usable
+from palpate.tables.text import LONGEST_LINE
 
 _SAMPLE_ROWS = 400
+#: What a column may have in a Parquet file apart from its cells, bytes.
+_PAGE_BYTES = 1_000_000
 
 
 def pyarrow_for(what: str, *, extra: str = "data") -> Any:
@@ -40,7 +43,12 @@ def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
     """
     pa = pyarrow_for(f"{name}: Parquet")
     try:
-        yield pa.parquet.ParquetFile(file, pre_buffer=False)
+        found = pa.parquet.ParquetFile(file, pre_buffer=False)
+        leaves = [found.schema.column(at) for at in range(len(found.schema))]
+        texts = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"]
+        _check_sizes(found.metadata, name=name)
+        # Each text once: few bytes of a file can repeat a long one without end.
+        yield pa.parquet.ParquetFile(file, pre_buffer=False, read_dictionary=texts)
     except InputError:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
@@ -50,6 +58,37 @@ def open_parquet(file: BinaryIO, *, name: str) -> Iterator[Any]:
         ) from error
 
 
+def _check_sizes(metadata: Any, *, name: str) -> None:
+    """Refuse columns whose cells are longer in the mean than any cell may be."""
+    for group in range(metadata.num_row_groups):
+        for at in range(metadata.num_columns):
+            chunk = metadata.row_group(group).column(at)
+            if chunk.total_uncompressed_size > _PAGE_BYTES + chunk.num_values * LONGEST_LINE:
+                _refuse_text(chunk.path_in_schema, name=name)
+
+
+def texts_of(cells: Any, column: str, *, name: str, missing: str | None) -> NDArray[Any]:
+    """Return the texts of a column that `open_parquet` gave, or of its integers.
+
+    `cells`: an array, not chunked. `missing`: what an empty cell becomes.
+    Raises `InputError` if one is longer than a line of a text file may be.
+    """
+    encoded = cells if hasattr(cells, "dictionary") else cells.dictionary_encode()
+    words = encoded.dictionary.to_pylist()
+    if any(isinstance(word, str | bytes) and len(word) > LONGEST_LINE for word in words):
+        _refuse_text(column, name=name)
+    known = np.empty(len(words) + 1, object)
+    known[:] = [*words, missing]
+    texts: NDArray[Any] = known[encoded.indices.fill_null(len(words)).to_numpy()]
+    return texts
+
+
+def _refuse_text(column: str, *, name: str) -> NoReturn:
+    raise InputError(
+        f"{name}: column {column} has a text of more than {LONGEST_LINE} characters; shorten it"
+    )
+
+
 def read_parquet_table(file: BinaryIO, *, name: str) -> Table:
     """Read a Parquet file.
 
@@ -57,15 +96,20 @@ def read_parquet_table(file: BinaryIO, *, name: str) -> Table:
     installed.
     """
     with open_parquet(file, name=name) as parquet:
-        from pyarrow.types import is_nested
+        from pyarrow.types import is_dictionary, is_nested
 
-        read = parquet.read(use_pandas_metadata=True)
-        arrays = {
-            column.name: np.zeros(read.num_rows, object)
-            if is_nested(column.type)
-            else read.column(column.name).to_numpy()
-            for column in read.schema
-        }
+        flat = [column.name for column in parquet.schema_arrow if not is_nested(column.type)]
+        read = parquet.read(columns=flat, use_pandas_metadata=True)
+        arrays = {column.name: np.zeros(read.num_rows, object) for column in parquet.schema_arrow}
+        for column in read.schema:
+            cells = read.column(column.name)
+            if is_dictionary(column.type):
+                parts = [
+                    texts_of(part, column.name, name=name, missing=None) for part in cells.chunks
+                ]
+                arrays[column.name] = np.concatenate(parts) if parts else np.empty(0, object)
+            else:
+                arrays[column.name] = cells.to_numpy()
     return table_of_arrays(arrays, name=name)
 
 
@@ -137,6 +181,8 @@ def read_spreadsheet(path: Path) -> Table:
 
 
 def _sheet_table(sheet: Any, *, name: str) -> Table | None:
+    # The size that a workbook states may be of an earlier save; rows beyond it are not given.
+    sheet.reset_dimensions()
     rows = ([_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True))
     sample = list(islice(rows, _SAMPLE_ROWS))
     score, width = score_rows(sample)

@@ -249,13 +249,17 @@ def _check_type(type_: Any, column: str, kind: Kind, *, name: str) -> None:
         fits |= types.is_floating(plain)
     if not fits:
         wanted = "text" if kind == "text" else "numbers"
-        raise InputError(f"{name}: column {column} is {type_}; it must be {wanted}")
+        raise InputError(f"{name}: column {column} is {plain}; it must be {wanted}")
 
 
 def _cells(cells: Any, column: str, kind: Kind, *, start: int, name: str) -> NDArray[Any]:
-    missing = cells.is_null().to_numpy(zero_copy_only=False)
     if kind == "text":
-        return np.array(["" if text is None else str(text) for text in cells.to_pylist()], object)
+        from palpate.tables.binary import texts_of
+
+        return np.array(
+            [str(text) for text in texts_of(cells, column, name=name, missing="")], object
+        )
+    missing = cells.is_null().to_numpy(zero_copy_only=False)
     numbers = np.asarray(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
     sound = usable(numbers) | (missing & (kind == "number or empty"))
     if not sound.all():

@@ -26,7 +26,7 @@ ROWS_AT_A_TIME = 4096
 #: Enough to see encoding, notes, header and the first rows.
 SAMPLE_BYTES, _SAMPLE_LINES = 65536, 400
 #: No line of a table is longer; a file without line ends must not be read into memory whole.
-_LONGEST_LINE = 65536
+LONGEST_LINE = 65536
 _GZIP_MAGIC = b"\x1f\x8b"
 _BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
 _MEND = "the gzip data are cut or damaged there; copy the file again"
@@ -91,7 +91,7 @@ def _encoding(start: bytes, *, name: str) -> str:
 
 def lines_of(text: TextIO) -> Iterator[str]:
     """Return the lines, none of them endless."""
-    return iter(lambda: text.readline(_LONGEST_LINE), "")
+    return iter(lambda: text.readline(LONGEST_LINE), "")
 
 
 def _without_comments(lines: Iterable[str]) -> Iterator[str]:

@@ -13,6 +13,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.holds import Hold, iterate_holds, read_holds
+from palpate.tables.files import read_table_file
 
 HEADER = "hold_id,time_s,value\n"
 RANDOM_BYTES = np.random.default_rng(7).bytes(5000)
@@ -180,6 +181,23 @@ def test_bad_parquet_is_refused_with_its_row(tmp_path: Path, columns: dict, said
     pq.write_table(table(**columns), path)
     with pytest.raises(InputError, match=said):
         list(read_holds(path))
+
+
+@pytest.mark.parametrize("rows", [20, 100])
+def test_parquet_of_few_bytes_with_endless_texts_is_refused(tmp_path: Path, rows: int) -> None:
+    """A text of megabytes takes few bytes in the file, however often it is repeated."""
+    path = tmp_path / "holds.parquet"
+    names = pa.DictionaryArray.from_arrays(pa.array([0] * rows), pa.array(["a" * 3_000_000]))
+    times = [float(row) for row in range(rows)]
+    table = pa.table({"hold_id": names, "time_s": times, "value": times})
+    pq.write_table(table, path, compression="zstd", store_schema=False)
+    assert path.stat().st_size < 10_000
+    for read in (read_holds, read_table_file):
+        with pytest.raises(InputError, match=r"hold_id has a text of more than 65536 characters"):
+            read(path)
+    values = pa.table({"hold_id": ["a" * 65_536], "time_s": [0.0], "value": [1.0]})
+    pq.write_table(values, path)
+    assert read_table_file(path).rows == len(read_holds(path)) == 1
 
 
 def test_parquet_may_hold_dictionaries_integers_and_small_floats(tmp_path: Path) -> None:

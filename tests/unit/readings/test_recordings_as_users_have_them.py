@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -354,6 +356,24 @@ def test_a_table_of_several_recordings_or_holds_is_taken_apart(
     found, holds, _ = settled(path, capsys)
     assert found == pytest.approx(SETTLED[:1], rel=0.01)
     assert holds == ["holds:value:1"]
+
+
+@pytest.mark.parametrize("stated", ["A1", "A1:B300", "A1:XFD1048576"])
+def test_workbook_that_states_a_wrong_size_is_read_whole(tmp_path: Path, stated: str) -> None:
+    """Programs that add rows leave the size of an earlier save in place."""
+    path, changed = tmp_path / "r.xlsx", tmp_path / "changed.xlsx"
+    pd.DataFrame({"time_s": TIME_S, "R": OHM}).to_excel(path, index=False)
+    with zipfile.ZipFile(path) as before, zipfile.ZipFile(changed, "w") as after:
+        for name in before.namelist():
+            content = before.read(name)
+            if name == "xl/worksheets/sheet1.xml":
+                content, n = re.subn(
+                    rb'<dimension ref="[^"]*"', b'<dimension ref="%s"' % stated.encode(), content
+                )
+                assert n == 1
+            after.writestr(name, content)
+    found = palpate.read_recording(changed)
+    assert found.time_s.size == TIME_S.size
 
 
 def test_what_excel_needs_is_named_where_it_is_missing(
