@@ -106,7 +106,10 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     assert sweep is not None
     # A hand that stands still shakes nothing: its position shows that it did not arrive.
     asleep = sweep.asleep and belief.still_since_s is None
-    if sweep.time_s and (asleep or sweep.touched(plan.current)):
+    # One finger alone pushes up to a force, of which the law of both reads a half: with more the
+    # object is gripped, and the other finger may not show it.
+    gripped = sweep.rows is not None and belief.watched_n > 0.5 * plan.no_push_n
+    if sweep.time_s and (asleep or gripped or sweep.touched(plan.current)):
         # No further than it reports to be: a stop is never cut.
         here = whole(belief.closure - belief.behind, plan, within=True)
         stop = GripperCommand(target=here, rate=plan.gripper.fastest)

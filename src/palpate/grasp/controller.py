@@ -59,6 +59,13 @@ _FALLS = (
     "the sheet shows less and less while the hand closes on, or more where it opens: the object "
     "gives way, or the sheet does not show the force; see what `palpate doctor` reports"
 )
+#: A grip presses both fingers alike: one that feels this multiple of a hint where the other feels
+#: less than one is alone (150 healthy simulated grasps never show it while the hand stands).
+_ALONE_HINTS, _ALONE_FRAMES = 2.0, 3
+_ALONE = (
+    "finger {} feels a grip and the other feels nothing: one sheet does not read, or the object "
+    "lies off it; see what `palpate doctor` reports"
+)
 _RELEASE_TIMEOUT_S = 10.0
 _FORECAST_EVERY_S = 0.2
 
@@ -103,6 +110,9 @@ def _wished(belief: Belief, plan: Plan) -> Move:
             return belief, GripperCommand(target=here, rate=plan.gripper.fastest)
         if belief.phase in _HOLDING and _grip_lost(belief):
             return release(belief, plan, Outcome.SLIPPED)
+        if _feels_alone(belief, plan):
+            strong = int(np.argmin(belief.now.finger_percent))
+            return stopped(belief.with_fault(_ALONE.format(strong)), Danger.SENSOR_LOST, plan=plan)
         if belief.phase in _HOLDING and (_falls(belief) or _rises(belief, plan)):
             return release(belief.with_fault(_FALLS), plan, Outcome.SENSOR_LOST)
         if belief.phase is not Phase.HOLD and belief.lasted_s > plan.longest_s:
@@ -363,6 +373,18 @@ def _grip_lost(belief: Belief) -> bool:
     if belief.staircase and not came_back:
         strongest = max(strongest, belief.staircase[-1].touch.reading)
     return belief.now.reading < _LOST_SHARE * strongest
+
+
+def _feels_alone(belief: Belief, plan: Plan) -> bool:
+    """Return whether one finger feels a grip while the other feels nothing."""
+    gripping = belief.phase is Phase.CONTACT or belief.phase in _HOLDING
+    if not gripping or belief.still_s < plan.dwell_s or len(belief.touches) < _ALONE_FRAMES:
+        return False
+    now = belief.now
+    pressed_percent = min(now.finger_percent)
+    return now.shared_percent > plan.hint_percent and (
+        pressed_percent <= _ALONE_HINTS * plan.hint_percent
+    )
 
 
 def _falls(belief: Belief) -> bool:

@@ -278,6 +278,30 @@ def test_a_sheet_that_does_not_show_the_force_is_let_go(
     assert peak_n[0] < 7.0
 
 
+@pytest.mark.parametrize("finger", [0, 1])
+@pytest.mark.parametrize("from_n", [0.0, 1.0, 3.0])
+def test_finger_that_reads_its_rest_while_the_other_is_pressed_ends_the_grasp(
+    plan: Plan, bench: Any, finger: int, from_n: float
+) -> None:
+    read, peak_n = bench.read, [0.0]
+
+    def half_dead(*, timeout_s: float) -> Any:
+        frame = read(timeout_s=timeout_s)
+        peak_n[0] = max(peak_n[0], bench.force_n)
+        if peak_n[0] < from_n:
+            return frame
+        counts, rows = frame.counts.copy(), frame.counts.shape[0] // 2
+        at_rest = 1024 * 4700 / (4700 + plan.rest_ohm[0, 0]) + frame.sequence % 2
+        counts[finger * rows : (finger + 1) * rows] = round(at_rest)
+        return replace(frame, counts=counts)
+
+    bench.read = half_dead
+    result = run(replace(plan, target_force_n=4.0), bench)
+    assert result.outcome is Outcome.SENSOR_LOST
+    assert f"finger {1 - finger} feels a grip and the other feels nothing" in result.faults[0]
+    assert peak_n[0] < 1.1 * 4.0
+
+
 def test_hold_pressed_from_outside_beyond_the_ceiling_opens_at_the_next_frames(
     plan: Plan, bench: Any
 ) -> None:
