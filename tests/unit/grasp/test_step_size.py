@@ -1,0 +1,93 @@
+"""How far the hand closes next: no slope is read out of noise, and no step goes far beyond."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.grasp.belief import Belief, Closing, Touch
+from palpate.grasp.plan import Plan
+from palpate.grasp.planning import plan_grasp
+from palpate.grasp.runner import run_grasp
+from palpate.grasp.step_size import closed_by, slope_n
+from palpate.rig.simulated import calibrated
+from palpate.twin.devices import TwinArray, TwinGripper
+from palpate.twin.objects import draw_object
+from palpate.twin.world import GripperKind, World
+
+
+def stairs(*, force_n: list[float], step_mm: float) -> Belief:
+    """Return the belief after steps of the squeeze that read these forces."""
+    closings = tuple(
+        Closing(
+            closure=20.0 + step_mm * number,
+            touch=Touch(
+                time_s=float(number),
+                finger_percent=(-20.0, -20.0),
+                relative_percent=-20.0,
+                reading=2.0 * force,
+            ),
+        )
+        for number, force in enumerate(force_n)
+    )
+    return Belief(
+        staircase=closings,
+        contact_s=0.0,
+        closure=closings[-1].closure,
+        sent=closings[-1].closure,
+        force_n=force_n[-1],
+        force_high_n=1.1 * force_n[-1],
+    )
+
+
+def test_slope_n_of_sure_rises_is_the_steepest_of_the_last_two(plan: Plan) -> None:
+    belief = stairs(force_n=[0.8, 1.3, 2.0, 2.5], step_mm=0.5)
+    assert slope_n(belief, plan) == pytest.approx(1.4, rel=0.05)
+
+
+def test_slope_n_of_rises_within_the_noise_is_what_they_leave_possible(plan: Plan) -> None:
+    belief = stairs(force_n=[2.0, 2.06, 2.09, 2.1], step_mm=0.5)
+    assert slope_n(belief, plan) == pytest.approx(1.1 * 2.1 / 1.5, rel=0.05)
+
+
+def test_slope_n_of_a_force_that_falls_is_that_of_a_rigid_object(plan: Plan) -> None:
+    assert slope_n(stairs(force_n=[2.0, 2.6, 2.5], step_mm=0.5), plan) == plan.steepest_n
+
+
+@pytest.mark.parametrize("force_n", [0.5, 1.0, 1.9])
+def test_closed_by_any_step_does_not_pass_the_bound_beyond_the_target(
+    plan: Plan, force_n: float
+) -> None:
+    aimed = replace(plan, target_force_n=2.0)
+    belief = stairs(force_n=[force_n / 4, force_n / 2, force_n], step_mm=0.25)
+    wish = closed_by(belief, 20.0, aimed)
+    assert wish is not None
+    way = 74.0 - wish.target - belief.closure
+    assert force_n + way * slope_n(belief, aimed) < 1.5 * 2.0 + 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "kind", "rate_hz", "target_n"),
+    [
+        ("apple", 92, "rigid", 250.0, 2.0),
+        ("avocado-day-3", 148, "soft", 15.0, 2.0),
+        ("ball-44lbs", 136, "soft", 15.0, 3.0),
+        ("avocado-day-4", 253, "rigid", 250.0, 3.0),
+    ],
+)
+def test_run_grasp_where_noise_looks_like_a_slope_stays_near_the_target(
+    name: str, number: int, kind: GripperKind, rate_hz: float, target_n: float
+) -> None:
+    """Simulated grasps that pressed with two to five times the target."""
+    seed = 710000 + number
+    obj = draw_object(np.random.default_rng([seed, 10]), name)
+    calibration = calibrated(seed=seed, level="field", apart_from=name, kind=kind)
+    world = World(
+        obj, seed=seed, sheet_seed=seed, level="field", gripper=kind, frame_rate_hz=rate_hz
+    )
+    gripper = TwinGripper(world)
+    plan = plan_grasp(calibration, gripper=gripper, target_force_n=target_n)
+    run_grasp(plan, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    assert world.truth().peak_force_n <= 1.5 * target_n + 0.5
