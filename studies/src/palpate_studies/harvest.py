@@ -130,7 +130,8 @@ def report(found: Sequence[Pulled]) -> StudyReport:
         provenance=[
             f"Simulated: {', '.join(FRUIT)} in turn, four to a sensor, gripped to a random "
             f"{TARGETS_N[0]:g} to {TARGETS_N[1]:g} N with rigid fingers; each is pulled for "
-            f"{_PULLED_S:g} s, weight included, as it is held at the answer. The friction is known.",
+            f"{_PULLED_S:g} s, weight included, as it is held at the answer. The friction is "
+            "known.",
         ],
         tables=[
             Table(
