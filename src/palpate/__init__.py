@@ -5,6 +5,9 @@ Settled values
     methods are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`.
     `read_holds` returns each `Hold` of a file, `plot_holds` draws them; `read_recording` and
     `cut_holds` find them in any table, as `Readings`.
+Force
+    `ForceLaw` turns readings of a sheet into newtons with an interval, from any number of forces
+    measured on it.
 Grasps
     `open_rig` opens a `Rig`; its `read` returns a `Reading`, its `grasp` a `Grip` that holds until
     it is released. Below them, `plan_grasp` makes a `Plan`, and `run_grasp` returns a `GraspResult`
@@ -27,6 +30,7 @@ from palpate.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from palpate.errors import InputError, PalpateError
+    from palpate.estimate.force_law import ForceLaw
     from palpate.estimate.measurement import Measurement
     from palpate.grasp.plan import Plan
     from palpate.grasp.planning import plan_grasp
@@ -48,6 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Exponential",
+    "ForceLaw",
     "GraspResult",
     "Grip",
     "Hold",
@@ -77,6 +82,7 @@ __all__ = [
 
 _HOMES = {
     "Exponential": "palpate.settling.exponential",
+    "ForceLaw": "palpate.estimate.force_law",
     "GraspResult": "palpate.grasp.result",
     "Grip": "palpate.rig.grip",
     "Hold": "palpate.holds",

@@ -41,24 +41,21 @@ def test_json_has_every_scored_step_of_every_model(
     status, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
     document = json.loads(out)
     assert status == 0
-    assert len(document["rows"]) == 2 * 4 * 9
+    assert len(document["rows"]) == 2 * 4 * 6
     assert {row["ladder"] for row in document["rows"]} == {"X", "Y"}
-    assert sum(row["calibration"] for row in document["rows"]) == 2 * 4 * 3
+    assert {row["load_n"] for row in document["rows"]} == {0.6, 1.2, 1.1, 2.0, 3.0, 6.0}
     assert {one["model"] for one in document["summary"]} == {"line", "power", "pooled", "ours"}
 
 
-def test_predictions_rest_on_the_first_three_weights_alone(
+def test_predictions_rest_on_the_three_given_weights_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    known = ladder_csv(tmp_path / "a.csv", "ABC")
+    known, tested = ladder_csv(tmp_path / "a.csv", "ABC"), ladder_csv(tmp_path / "x.csv", "X")
+    other = tmp_path / "y.csv"
+    other.write_text(tested.read_text().replace(",6.0,", ",7.0,"))
     answers = []
-    for name, last in (("x.csv", 9.0), ("y.csv", 20.0)):
-        tested = ladder_csv(tmp_path / name, "X", loads_n=[*LOADS_N[:-1], last])
-        lines = tested.read_text().splitlines()
-        shown = ladder_csv(tmp_path / "same.csv", "X").read_text().splitlines()[-1].split(",")[3]
-        fields = lines[-1].split(",")
-        tested.write_text("\n".join([*lines[:-1], ",".join([*fields[:3], shown, "0.1"])]) + "\n")
-        _, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(tested), "--json")
+    for path in (tested, other):
+        _, out, _ = study(capsys, "--ladders", str(known), "--test-ladders", str(path), "--json")
         answers.append([row["predicted_n"] for row in json.loads(out)["rows"]])
     assert answers[0] == answers[1]
 
@@ -102,7 +99,7 @@ def test_one_ladder_alone_has_nothing_to_learn_from(
     assert "no ladder other than 'A'" in err
 
 
-def test_real_ladders_ours_beats_the_plain_power_law_on_each(
+def test_real_ladders_ours_beats_power_and_pooled_laws(
     real_data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ladders = real_data / "velostat_force_ladders.csv"
@@ -112,15 +109,17 @@ def test_real_ladders_ours_beats_the_plain_power_law_on_each(
         (one["ladder"], one["model"]): one["median_abs_log_ratio"] for one in document["summary"]
     }
     names = {name for name, _ in error}
-    assert all(error[name, "ours"] <= error[name, "power"] for name in names)
-    ours, power = (np.mean([error[name, model] for name in names]) for model in ("ours", "power"))
-    assert ours <= 0.6 * power
+    ours, power, pooled = (
+        np.mean([error[name, model] for name in names]) for model in ("ours", "power", "pooled")
+    )
+    assert ours <= 0.25
+    assert ours < 0.8 * power < 0.8 * pooled
     covered = [
         row["low_n"] <= row["load_n"] <= row["high_n"]
         for row in document["rows"]
         if row["model"] == "ours"
     ]
-    assert np.mean(covered) >= 0.8
+    assert 0.8 <= np.mean(covered) <= 0.97
 
 
 def test_figure_has_a_panel_per_ladder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

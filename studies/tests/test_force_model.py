@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.errors import CalibrationError
+from palpate.estimate.force_states import ForceStates, states_of
 from palpate_studies.force_model import ForceModel
-from palpate_studies.force_states import ForceStates, states_of
 
 SENSORS = 12
 
@@ -61,7 +61,7 @@ def test_a_gain_of_the_sheet_shifts_the_first_state_only() -> None:
         states_of(np.arange(50) / 20, readings),
         states_of(np.arange(50) / 20, readings + 1),
     )
-    np.testing.assert_allclose(other - one, np.eye(7)[0] * np.ones((50, 1)), atol=1e-9)
+    np.testing.assert_allclose(other - one, np.eye(8)[0] * np.ones((50, 1)), atol=1e-9)
 
 
 def test_what_can_not_be_used_is_refused() -> None:

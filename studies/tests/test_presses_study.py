@@ -59,7 +59,7 @@ def test_presses_follow_the_definition(tmp_path: Path) -> None:
 
 def test_what_comes_later_changes_nothing_said_before(tmp_path: Path) -> None:
     presses = read_presses(press_csv(tmp_path / "p.csv"))
-    follow = MODELS["observer"](presses)
+    follow = MODELS["ours"](presses)
     whole = presses[5]
     end = len(whole.trace.time_s) - 20
     cut = replace(
@@ -92,7 +92,7 @@ def test_study_prints_one_document(tmp_path: Path, capsys: pytest.CaptureFixture
     assert len(document["rows"]) == len(MODELS) * 16
     assert {row["model"] for row in document["rows"]} == {*MODELS}
     overall = {one["model"]: one for one in document["summary"] if one["setting"] == "all"}
-    assert overall["observer"]["presses"] == 16
+    assert overall["ours"]["presses"] == 16
     assert run(build_app(), ["study", "presses", "--recordings", str(path)], name="palpate") == 0
     assert "5 folds" in capsys.readouterr().out
 
@@ -193,7 +193,7 @@ def test_real_presses_of_settings_left_out(real_presses: list[Press]) -> None:
     }
     static, ours = (
         [in_newtons(press, follow(press)) for press in tested]
-        for follow in (MODELS["static"](known), MODELS["observer"](known))
+        for follow in (MODELS["static"](known), MODELS["ours"](known))
     )
     for measure in score.values():
         before, after = (

@@ -12,6 +12,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.force_ladders",
         "Dead weights on real Velostat, sensors held out",
     ),
+    "force-population": (
+        "palpate_studies.force_population",
+        "What real sensors have in common: the constants of the force law",
+    ),
     "force-control": (
         "palpate_studies.force_control",
         "Random things gripped to a force and lifted, simulated",

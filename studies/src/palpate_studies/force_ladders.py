@@ -1,4 +1,4 @@
-"""Newtons from a sensor calibrated by three weights: real ladders of dead weights on Velostat."""
+"""Newtons from a sensor given three spread weights: real ladders of dead weights on Velostat."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.tables import read_table
@@ -20,8 +21,9 @@ from palpate_studies.report import OutOption, StudyReport, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Loaded steps from which a test ladder may set its own gain.
-CALIBRATION_STEPS = 3
+#: Loads at which a test ladder is given its own steps, newtons: spread over the working range. The
+#: first weights of a ladder lie at the threshold of contact, where they show little.
+GIVEN_N = (1.5, 4.0, 9.0)
 #: Fewer loaded steps than this show no law.
 MIN_STEPS = 5
 #: Loads up to this are not scored.
@@ -42,7 +44,7 @@ def command(
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
-    """Predict dead weights on real sensors, each given only its first three.
+    """Predict dead weights on real sensors, each given those nearest to 1.5, 4 and 9 N.
 
     Example: palpate study force-ladders --ladders ladders.csv
     """
@@ -53,7 +55,7 @@ def command(
         others = [ladder for ladder in known if ladder.name != one.name]
         if not others:
             raise InputError(f"{ladders}: no ladder other than {one.name!r} to learn from; add one")
-        rows += _rows(one, others, told=np.arange(len(one.load_n)) < CALIBRATION_STEPS)
+        rows += _rows(one, others, told=_nearest(one.load_n))
     _report(rows, _left_out_steps(known), figure=lambda: draw(rows)).emit(as_json=as_json, out=out)
 
 
@@ -84,7 +86,7 @@ def read_ladders(path: Path) -> list[Ladder]:
         if load_n[0] != 0:
             raise InputError(f"{where} doesn't begin unloaded; its rest resistance is unknown")
         loaded = load_n > 0
-        if np.count_nonzero(loaded) < max(MIN_STEPS, CALIBRATION_STEPS + 1):
+        if np.count_nonzero(loaded) < max(MIN_STEPS, len(GIVEN_N) + 2):
             raise InputError(f"{where} has fewer than {MIN_STEPS} loaded steps; add some")
         found.append(
             Ladder(
@@ -96,6 +98,14 @@ def read_ladders(path: Path) -> list[Ladder]:
             )
         )
     return found
+
+
+def _nearest(load_n: FloatArray) -> NDArray[np.bool_]:
+    """Return the steps whose loads are nearest to those given, each step once."""
+    told = np.zeros(len(load_n), dtype=bool)
+    for at_n in GIVEN_N:
+        told[np.argmin(np.where(told, np.inf, np.abs(load_n - at_n)))] = True
+    return told
 
 
 def _rows(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> Rows:
@@ -111,9 +121,8 @@ def _rows(one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_]) -> 
                 "predicted_n": float(answer.value[k]),
                 "low_n": float(answer.low[k]),
                 "high_n": float(answer.high[k]),
-                "calibration": bool(told[k]),
             }
-            for k in np.flatnonzero(one.load_n > SMALLEST_LOAD_N)
+            for k in np.flatnonzero((one.load_n > SMALLEST_LOAD_N) & ~told)
         ]
     return rows
 
@@ -125,7 +134,7 @@ def _left_out_steps(ladders: Sequence[Ladder]) -> Rows:
         others = [ladder for ladder in ladders if ladder.name != one.name]
         for phase in range(3) if others else ():
             told = np.arange(len(one.load_n)) % 3 != phase
-            rows += [row for row in _rows(one, others, told=told) if not row["calibration"]]
+            rows += _rows(one, others, told=told)
     return rows
 
 
@@ -153,18 +162,15 @@ def _summary(rows: Rows) -> Rows:
     for ladder, model in dict.fromkeys((row["ladder"], row["model"]) for row in rows):
         mine = [row for row in rows if row["ladder"] == ladder and row["model"] == model]
         every = _Score.of(mine)
-        entry = {
-            "ladder": ladder,
-            "model": model,
-            "median_abs_error_percent": every.error_percent,
-            "median_abs_log_ratio": every.log_ratio,
-            "coverage": every.coverage,
-        }
-        fresh = [row for row in mine if not row["calibration"]]
-        if len(fresh) < len(mine):
-            entry["median_abs_log_ratio_beyond_calibration"] = _Score.of(fresh).log_ratio
-            entry["coverage_beyond_calibration"] = _Score.of(fresh).coverage
-        summary.append(entry)
+        summary.append(
+            {
+                "ladder": ladder,
+                "model": model,
+                "median_abs_error_percent": every.error_percent,
+                "median_abs_log_ratio": every.log_ratio,
+                "coverage": every.coverage,
+            }
+        )
     return summary
 
 
@@ -173,16 +179,13 @@ def _table(title: str, summary: Rows) -> Table:
         "median_abs_error_percent": "error %",
         "median_abs_log_ratio": "abs ln ratio",
         "coverage": "coverage",
-        "median_abs_log_ratio_beyond_calibration": "abs ln ratio, other weights",
-        "coverage_beyond_calibration": "coverage, other weights",
     }
-    shown = [key for key in keys if key in summary[0]]
-    rows = [[one["ladder"], one["model"], *(f"{one[key]:.3g}" for key in shown)] for one in summary]
+    rows = [[one["ladder"], one["model"], *(f"{one[key]:.3g}" for key in keys)] for one in summary]
     rows += [
-        ["mean of ladders", mean["model"], *(f"{mean[key]:.3g}" for key in shown)]
+        ["mean of ladders", mean["model"], *(f"{mean[key]:.3g}" for key in keys)]
         for mean in _means(summary)
     ]
-    return Table(title=title, columns=("ladder", "model", *(keys[k] for k in shown)), rows=rows)
+    return Table(title=title, columns=("ladder", "model", *keys.values()), rows=rows)
 
 
 def _means(summary: Rows) -> Rows:
@@ -204,7 +207,7 @@ def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> Stud
         "means": _means(summary),
         "level": LEVEL,
     }
-    tables = [_table("New sensor, given its first three weights, medians", summary)]
+    tables = [_table("New sensor, given three spread weights, medians", summary)]
     if left_out:
         payload["left_out_steps"] = {"rows": left_out, "summary": _summary(left_out)}
         tables.append(
@@ -214,8 +217,8 @@ def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> Stud
         name="force-ladders",
         title="Dead weights on real Velostat",
         provenance=(
-            "Real recordings. A ladder is never learned from when it is predicted, its first "
-            f"{CALIBRATION_STEPS} loaded steps apart; those are scored too, and marked.",
+            "Real recordings. A ladder is never learned from when it is predicted, apart from its "
+            "steps nearest to 1.5, 4 and 9 N, which are not scored.",
             f"Loads above {SMALLEST_LOAD_N} N; intervals at level {LEVEL}. "
             f"Predictions below {FLOOR_N} N count as {FLOOR_N} N in ratios.",
         ),
@@ -271,11 +274,11 @@ def _draw_ladder(panel: Any, rows: Rows) -> None:
             for key in ("load_n", "predicted_n", "low_n", "high_n")
         )
         if model == "ours":
-            interval = f"ours, {100 * LEVEL:.0f} % interval"
+            interval = f"palpate, {100 * LEVEL:.0f} % interval"
             panel.vlines(load, low, high, color=colour, alpha=0.25, lw=2, label=interval)
         panel.plot(load, value, marker, color=colour, ms=4, label=model, alpha=0.85)
-    given_n = max(row["load_n"] for row in rows if row["calibration"])
-    panel.axvspan(0.3, given_n, color="#EEEEEE", label="weights given")
+    for at_n in GIVEN_N:
+        panel.axvline(at_n, color="#DDDDDD", lw=2, zorder=0)
     log_axis(panel.xaxis)
     log_axis(panel.yaxis)
     panel.set(xlim=(0.45, 15), ylim=(0.2, 60))

@@ -8,18 +8,20 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 from scipy.stats import t as student_t
 
+from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
-from palpate_studies.force_model import ForceModel
+from palpate.estimate.force_law import INPUTS
+from palpate.estimate.force_learning import KnownContact, learn_population
+from palpate.estimate.force_states import log_reading
 
 Predicted: TypeAlias = ForceEstimate
 
 #: Loaded readings are taken to show at least this share of the conductance at rest.
 SMALLEST_EXCESS = 0.01
-#: A ladder has few steps, and a law of one input needs few bumps.
-LANDMARKS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +51,13 @@ class Ladder:
         """Excess conductance G - G0, siemens, above 0."""
         rest = 1 / self.rest_ohm
         return np.asarray(np.maximum(1 / self.resistance_ohm - rest, SMALLEST_EXCESS * rest))
+
+    @property
+    def inputs(self) -> FloatArray:
+        """Settled readings as `palpate.ForceLaw` takes them, shape (n_steps, INPUTS)."""
+        found = np.zeros((len(self.load_n), INPUTS))
+        found[:, 0] = log_reading(self.excess_s * self.rest_ohm)
+        return found
 
     @property
     def relative_percent(self) -> FloatArray:
@@ -104,22 +113,25 @@ def unweighed(
 def ours(
     one: Ladder, others: Sequence[Ladder], *, told: NDArray[np.bool_], level: float
 ) -> Predicted:
-    """Predict by the force model of the other ladders, adapted to the steps given."""
-    group = [ladder.name for ladder in others for _ in ladder.load_n]
-    model = ForceModel.fit(
-        np.concatenate([_reading(ladder) for ladder in others]),
-        target=np.log(np.concatenate([ladder.load_n for ladder in others])),
-        group=group,
-        landmarks=LANDMARKS,
+    """Predict by `palpate.ForceLaw`: the population of the other ladders, and the steps given."""
+    law = ForceLaw.fit(
+        one.inputs[told],
+        force_n=one.load_n[told],
+        population=learn_population([known_contact(ladder) for ladder in others]),
     )
-    mine = _reading(one)
-    adapted = model.adapted(mine[told], target=np.log(one.load_n[told]))
-    return _estimate(*adapted.predict(mine, level=level), level=level)
+    value, sd = law.log_force(one.inputs)
+    return _estimate(value, float(ndtri(0.5 + level / 2)) * sd, level=level)
 
 
-def _reading(ladder: Ladder) -> FloatArray:
-    """Return ln(G / G0 - 1) as the only input: relative to its rest, sheets differ least."""
-    return np.asarray(np.log(ladder.excess_s * ladder.rest_ohm)[:, None])
+def known_contact(ladder: Ladder) -> KnownContact:
+    """Return a ladder as what a population is learned from."""
+    count = len(ladder.load_n)
+    return KnownContact(
+        inputs=ladder.inputs,
+        force_n=ladder.load_n,
+        weight=np.ones(count),
+        place=ladder.name,
+    )
 
 
 def _estimate(value: FloatArray, half: FloatArray | float, *, level: float) -> Predicted:

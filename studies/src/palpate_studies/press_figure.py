@@ -1,4 +1,4 @@
-"""The best, the median and the worst press, as the observer and a static law followed them."""
+"""The best, the median and the worst press, as palpate and a static law followed them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def draw_followed(
     observed: Sequence[Followed], static: Sequence[Followed], *, stretched: bool = False
 ) -> Figure:
-    """Draw the observer's best, median and worst press, each with the static law's answer.
+    """Draw palpate's best, median and worst press, each with the static law's answer.
 
     What is stretched loses some percent of its force: shown large, not from 0 on.
     """
@@ -47,5 +47,5 @@ def _draw_press(panel: Any, observed: Followed, static: Followed) -> None:
     panel.fill_between(
         observed.time_s, observed.low_n, observed.high_n, color="#0072B2", alpha=0.2, lw=0
     )
-    panel.plot(observed.time_s, observed.value_n, color="#0072B2", lw=1.3, label="observer")
+    panel.plot(observed.time_s, observed.value_n, color="#0072B2", lw=1.3, label="palpate")
     panel.plot(static.time_s, static.value_n, color="#D55E00", lw=1.1, ls="--", label="static")

@@ -1,4 +1,4 @@
-"""Models that follow a press: a constant, a clock, a static law, trees, and the force model.
+"""Models that follow a press: constant, clock, static law, ridge, trees, the law of palpate.
 
 Each is given the force once and answers with ln(force / given force) at every sample, and with the
 half width of its interval. Everything is learned from training presses; every setting counts as
@@ -13,17 +13,17 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
+from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import needing
-from palpate_studies.force_model import ForceModel
-from palpate_studies.force_states import TIME_CONSTANTS_S, log_reading, states_of
+from palpate.estimate.force_learning import KnownContact, learn_population
+from palpate.estimate.force_states import log_reading, states_of
 from palpate_studies.press_data import Press
 
 LEVEL = 0.9
 FOLDS = 5
-#: Presses are held for seconds.
-_TIME_CONSTANTS_S = (*TIME_CONSTANTS_S, 3.0)
 #: A release is two or three samples long and half of what is asked.
 _RELEASE_WEIGHT = 5.0
 #: This many samples after the force is given, and every n-th of the hold, show what there is to
@@ -41,7 +41,7 @@ Presses: TypeAlias = Sequence[Press]
 @lru_cache(maxsize=2048)
 def _states(press: Press) -> FloatArray:
     reading = log_reading(press.trace.excess)
-    return states_of(press.trace.time_s, reading, time_constants_s=_TIME_CONSTANTS_S)
+    return states_of(press.trace.time_s, reading)
 
 
 def _inputs(press: Press) -> FloatArray:
@@ -134,7 +134,7 @@ def static(train: Presses) -> Follower:
 
 
 def trees(train: Presses) -> Follower:
-    """Learn boosted trees on the inputs of the force model."""
+    """Learn boosted trees on the states since the force was given."""
     with needing("gradient boosting", extra="produce"):
         from sklearn.ensemble import HistGradientBoostingRegressor
     machine = HistGradientBoostingRegressor(
@@ -145,64 +145,51 @@ def trees(train: Presses) -> Follower:
     return _with_interval(lambda press: np.asarray(machine.predict(_inputs(press))), train)
 
 
-def observer(train: Presses) -> Follower:
-    """Learn the force model; its widths hold in settings left out, not only over all samples."""
-    model = _model(train)
-    wider = _widening(train)
-    least_n = min(float(press.trace.force_n[press.trace.told]) for press in train)
+def ridge(train: Presses) -> Follower:
+    """Learn a ridge on the same inputs as the trees."""
+
+    def basis(press: Press) -> FloatArray:
+        inputs = _inputs(press)
+        return np.column_stack([inputs, np.ones(len(inputs))])
+
+    x, y = np.concatenate([basis(p)[_seen(p)] for p in train]), _pooled(train, log_change)
+    weighed = x * _weight(train)[:, None]
+    line = np.linalg.solve(weighed.T @ x + 1e-3 * len(x) * np.eye(x.shape[1]), weighed.T @ y)
+    return _with_interval(lambda press: np.asarray(basis(press) @ line), train)
+
+
+def ours(train: Presses) -> Follower:
+    """Learn the population of `palpate.ForceLaw`; the measured force updates it."""
+    population = learn_population([known_contact(press) for press in train])
 
     def follow(press: Press) -> Prediction:
-        value, half = model.predict(_inputs(press), level=LEVEL)
-        # Below the forces learned, scatter is taken to stay the same in newtons.
-        faint = max(least_n / float(press.trace.force_n[press.trace.told]), 1.0)
-        return value, half * faint * np.where(_falling(press), wider[True], wider[False])
+        states, given = _states(press), press.trace.told
+        law, given_n = ForceLaw(population), float(press.trace.force_n[given])
+        law.update(states[given], force_n=given_n)
+        value, sd = law.log_force(states)
+        return value - np.log(given_n), float(ndtri(0.5 + LEVEL / 2)) * sd
 
     return follow
 
 
-def _model(train: Presses) -> ForceModel:
-    group = [press.trace.group for press in train for _ in range(int(_seen(press).sum()))]
-    inputs = np.concatenate([_inputs(press)[_seen(press)] for press in train])
-    return ForceModel.fit(
-        inputs, target=_pooled(train, log_change), weight=_weight(train), group=group
+def known_contact(press: Press) -> KnownContact:
+    """Return a press, from the measured force on, as what a population is learned from."""
+    used = np.r_[press.trace.told, np.flatnonzero(_seen(press) & (press.trace.force_n > 0))]
+    weight = np.where(used > press.last_held, _RELEASE_WEIGHT, 1.0)
+    return KnownContact(
+        inputs=_states(press)[used],
+        force_n=press.trace.force_n[used],
+        weight=weight / weight.mean(),
+        place=press.trace.group,
+        given=0,
     )
-
-
-def _falling(press: Press) -> NDArray[np.bool_]:
-    """Return where the reading has fallen by more than noise: the sign of a release."""
-    return np.asarray(_states(press)[:, -1] > np.log(2.0))
-
-
-def _widening(train: Presses) -> dict[bool, float]:
-    """Return by what factor widths must grow to hold in settings left out, held and falling."""
-    settings = list(dict.fromkeys(press.trace.group for press in train))
-    if len(settings) < 3:
-        return {False: 1.0, True: 1.0}
-    ratio: list[FloatArray] = []
-    falling: list[NDArray[np.bool_]] = []
-    weight: list[FloatArray] = []
-    for inside, left in folds(train):
-        model = _model(inside)
-        for press in left:
-            value, half = model.predict(_inputs(press), level=LEVEL)
-            seen = _seen(press)
-            ratio.append((np.abs(value - log_change(press)) / half)[seen])
-            falling.append(_falling(press)[seen])
-        share = _weight(left)
-        weight.append(share / share.sum() * len({press.trace.group for press in left}))
-    all_ratio, all_falling = np.concatenate(ratio), np.concatenate(falling)
-    all_weight = np.concatenate(weight)
-    return {
-        fallen: max(_median(all_ratio[mine], all_weight[mine], LEVEL), 1.0) if mine.any() else 1.0
-        for fallen in (False, True)
-        for mine in [all_falling == fallen]
-    }
 
 
 MODELS: Mapping[str, Callable[[Presses], Follower]] = {
     "constant": constant,
     "clock": clock,
     "static": static,
+    "ridge": ridge,
     "trees": trees,
-    "observer": observer,
+    "ours": ours,
 }

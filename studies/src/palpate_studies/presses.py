@@ -30,9 +30,10 @@ BANDS = {"0-2": (0.0, 2.0), "2-5": (2.0, 5.0), "5-15": (5.0, 15.0), "15-": (15.0
 
 _BY_SETTING = f"{FOLDS} folds by setting: a setting's repeats are left out together."
 _MODELS = (
-    "All models are given the force once per press, then `static`, `trees` and `observer` see "
-    "resistance alone, `constant` and `clock` no sensor: how much force rises after that, and "
-    "when, is learned like everything else. `trees`: boosted trees on the inputs of `observer`.",
+    "All models are given the force once per press, then all but `constant` and `clock`, which see "
+    "no sensor, see resistance alone: how much force rises after that, and when, is learned like "
+    "everything else. `ours`: `palpate.ForceLaw`, its population learned from the training "
+    "presses; `ridge` and `trees` see the same states.",
     "Presses of one kind that are alike help them; the release shows what the sheet is worth.",
 )
 
@@ -184,28 +185,28 @@ def _compared(followed: Mapping[str, Sequence[Followed]]) -> Rows:
         return np.concatenate([error[one.released] for error, one in each])
 
     groups = {
-        "presses": [one.press.trace.group for one in followed["observer"]],
+        "presses": [one.press.trace.group for one in followed["ours"]],
         "released": [
-            one.press.trace.group for one in followed["observer"] for _ in range(one.released.sum())
+            one.press.trace.group for one in followed["ours"] for _ in range(one.released.sum())
         ],
     }
     return [
         {
             "part": part,
             "rival": rival,
-            **paired_difference(lost("observer", part), lost(rival, part), group).as_json(),
+            **paired_difference(lost("ours", part), lost(rival, part), group).as_json(),
         }
         for part, group in groups.items()
         for rival in MODELS
         # Recordings of presses that are never let go have no release.
-        if rival != "observer" and group
+        if rival != "ours" and group
     ]
 
 
 def _scored(followed: Mapping[str, Sequence[Followed]]) -> tuple[list[Table], dict[str, Any]]:
     """Return the tables of every model, and what they are made of."""
     rows = _rows(followed)
-    settings = {one.press.recording_id: one.press.trace.group for one in followed["observer"]}
+    settings = {one.press.recording_id: one.press.trace.group for one in followed["ours"]}
     summary, by_force = _summary(rows, settings), _by_force(followed)
     columns = (
         ("median_abs_log_error", "abs ln error"),
@@ -250,7 +251,7 @@ def _report(followed: Mapping[str, Sequence[Followed]], *, split: str) -> StudyR
         provenance=(f"Real recordings with a reference load cell. {split}", *_MODELS),
         tables=tables,
         payload=scores,
-        figures={"presses": lambda: draw_followed(followed["observer"], followed["static"])},
+        figures={"presses": lambda: draw_followed(followed["ours"], followed["static"])},
     )
 
 

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError, needing
+from palpate.estimate.force_states import states_of
 from palpate.tables import read_table
 from palpate_studies.force_model import ForceModel
-from palpate_studies.force_states import states_of
 from palpate_studies.report import OutOption, StudyReport, Table
 
 #: In samples: the recordings have no clock (about 22 Hz).

@@ -10,9 +10,9 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
+from palpate.estimate.force_states import CONTACT_EXCESS, log_reading, states_of
 from palpate.holds import read_holds
 from palpate_studies.force_model import ForceModel
-from palpate_studies.force_states import CONTACT_EXCESS, log_reading, states_of
 from palpate_studies.press_data import Press, Trace
 from palpate_studies.press_follow import Followed, in_newtons
 from palpate_studies.press_models import LEVEL, Follower, Presses, log_change

@@ -1,4 +1,4 @@
-"""Models that follow a touch: a clock alone, a static law, boosted trees, and the force model.
+"""Models that follow a touch: a clock, a static law, ridge, boosted trees, and the law of palpate.
 
 Each model is learned from training touches and returns, for a test touch, ln force at every sample
 with the half width of its interval. What else it knows is `told`: nothing, the other attempts at
@@ -8,13 +8,17 @@ the same place, or the force once in this touch.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
+from scipy.special import ndtri
 
+from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import needing
-from palpate_studies.force_model import ForceModel
+from palpate.estimate.force_law import INPUTS, Population
+from palpate.estimate.force_learning import KnownContact, learn_population
 from palpate_studies.stroke_data import Touch
 
 TOLD = ("nothing", "place", "five_percent", "eighty_percent")
@@ -160,76 +164,64 @@ def trees(train: Others, told: str) -> Follower:
     )
 
 
+def ridge(train: Others, told: str) -> Follower:
+    """Learn a ridge on the same inputs; knowing the place, with the mean error there."""
+
+    def basis(touch: Touch) -> FloatArray:
+        return np.column_stack([_inputs(touch, told), np.ones(len(touch.time_s))])
+
+    x = _pooled(train, told, basis)
+    y = _pooled(train, told, lambda one: one.log_force - _origin(one, told))
+    weighed = x * _pooled(train, told, lambda one: one.weight)[:, None]
+    line = np.linalg.solve(weighed.T @ x + 1e-3 * len(x) * np.eye(x.shape[1]), weighed.T @ y)
+
+    def follow(touch: Touch, others: Others) -> FloatArray:
+        value = basis(touch) @ line + _origin(touch, told)
+        if told == "place" and others:
+            left = _pooled(others, told, lambda one: one.log_force - basis(one) @ line)
+            return np.asarray(value + float(np.median(left)))
+        return np.asarray(value)
+
+    return _with_interval(follow, train, told)
+
+
 def ours(train: Others, told: str) -> Follower:
-    """Learn the force model; knowing the place, it is adapted to the other attempts there."""
-    sensors = {one.sensor for one in train}
-
-    def group(one: Touch) -> str:
-        return one.sensor if len(sensors) > 1 else one.pin
-
-    def model_of(touches: Others) -> ForceModel:
-        used = [one.after(told) for one in touches]
-        return ForceModel.fit(
-            _rows(touches, told),
-            target=_pooled(touches, told, lambda one: one.log_force - _origin(one, told)),
-            weight=_pooled(touches, told, lambda one: one.weight),
-            group=[
-                group(one) for one, n in zip(touches, used, strict=True) for _ in range(n.sum())
-            ],
-        )
-
-    model = model_of(train)
-    if told == "place":
-        model = _place_errors(model, train, group=group, model_of=model_of)
+    """Learn the population of `palpate.ForceLaw`; the place or one force updates the law."""
+    population = _population(tuple(train))
 
     def follow(touch: Touch, others: Others) -> Prediction:
-        mine = _adapted(model, others) if told == "place" and others else model
-        value, half = mine.predict(_inputs(touch, told), level=LEVEL)
-        return value + _origin(touch, told), half
+        law = ForceLaw(population)
+        if told == "place" and others:
+            law = ForceLaw.fit(
+                _pooled(others, told, lambda one: one.inputs[:, :INPUTS]),
+                force_n=np.exp(_pooled(others, told, lambda one: one.log_force)),
+                contact=[one.attempt for one in others for _ in range(one.scored.sum())],
+                population=population,
+            )
+        if told in touch.told:
+            at = touch.told[told]
+            law.update(touch.inputs[at, :INPUTS], force_n=np.exp(touch.log_force[at]))
+        value, sd = law.log_force(touch.inputs[:, :INPUTS])
+        return value, float(ndtri(0.5 + LEVEL / 2)) * sd
 
     return follow
 
 
-def _rows(touches: Others, told: str) -> FloatArray:
-    return np.concatenate([_inputs(one, told)[one.after(told)] for one in touches])
+@lru_cache(maxsize=2)
+def _population(train: tuple[Touch, ...]) -> Population:
+    return learn_population([known_contact(one) for one in train if one.scored.sum() > 1])
 
 
-def _adapted(model: ForceModel, others: Others) -> ForceModel:
-    return model.adapted(
-        _rows(others, "place"),
-        target=_pooled(others, "place", lambda one: one.log_force),
-        weight=_pooled(others, "place", lambda one: one.weight),
-    )
-
-
-def _place_errors(
-    model: ForceModel,
-    train: Others,
-    *,
-    group: Callable[[Touch], str],
-    model_of: Callable[[Others], ForceModel],
-) -> ForceModel:
-    """Return the model with the errors that are left once a place of an unseen group is known."""
-    inputs: list[FloatArray] = []
-    errors: list[FloatArray] = []
-    weights: list[FloatArray] = []
-    for name in dict.fromkeys(map(group, train)):
-        inside = [one for one in train if group(one) != name]
-        if not inside:
-            continue
-        partial = model_of(inside)
-        for one in (one for one in train if group(one) == name):
-            others = others_of(one, train)
-            if not others:
-                continue
-            x = _inputs(one, "place")[one.scored]
-            inputs.append(x)
-            weights.append(one.weight[one.scored])
-            errors.append(_adapted(partial, others).predict(x)[0] - one.log_force[one.scored])
-    if not inputs:
-        return model
-    return model.with_errors(
-        np.concatenate(inputs), errors=np.concatenate(errors), weight=np.concatenate(weights)
+def known_contact(touch: Touch) -> KnownContact:
+    """Return a touch as what a population is learned from."""
+    used = np.flatnonzero(touch.scored)
+    given = np.flatnonzero(used == touch.told["eighty_percent"])
+    return KnownContact(
+        inputs=touch.inputs[used, :INPUTS],
+        force_n=np.exp(touch.log_force[used]),
+        weight=touch.weight[used],
+        place=touch.place,
+        given=int(given[0]) if len(given) else None,
     )
 
 
@@ -237,6 +229,7 @@ MODELS: Mapping[str, Learner] = {
     "constant": constant,
     "clock": clock,
     "static": static,
+    "ridge": ridge,
     "trees": trees,
     "ours": ours,
 }

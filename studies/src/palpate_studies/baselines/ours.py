@@ -6,11 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate import ForceLaw
+from palpate.arrays import FloatArray
 from palpate.estimate.damage_learning import FruitClosing, follow_closing, learn_damage
+from palpate.estimate.force_law import INPUTS
+from palpate.estimate.force_learning import KnownContact, learn_population
+from palpate.estimate.force_states import log_reading
 from palpate.estimate.strength import ClosingCurve
 from palpate.settling.predict import predict_settled
-from palpate_studies.force_model import ForceModel
-from palpate_studies.ladder_models import LANDMARKS
 from palpate_studies.protocol.method import Answer, Case, Question
 
 
@@ -33,27 +36,39 @@ class OurSettling:
 
 
 class OurForceLaw:
-    """The force model of the other sensors, adapted to the loads of the curve."""
+    """`palpate.ForceLaw`: its population from the other sensors, the loads of the curve known."""
 
-    name = "ours (force model)"
+    name = "ours (force law)"
 
     def fit(self, training: Sequence[Case], *, choosing: Sequence[Case]) -> Answer:
-        """Fit the model to the sensors that are not tested."""
+        """Learn the population from the sensors that are not tested."""
         sensors = {case.specimen: case.whole for case in (*training, *choosing)}
-        whole = np.concatenate(list(sensors.values()))
-        model = ForceModel.fit(
-            np.log(whole[:, :1]),
-            target=np.log(whole[:, 1]),
-            group=[name for name, each in sensors.items() for _ in each],
-            landmarks=LANDMARKS,
+        population = learn_population(
+            [
+                KnownContact(
+                    inputs=_settled(whole[:, 0]),
+                    force_n=whole[:, 1],
+                    weight=np.ones(len(whole)),
+                    place=name,
+                )
+                for name, whole in sensors.items()
+            ]
         )
 
         def answer(asked: Question) -> float:
-            own = model.adapted(np.log(asked.curve[:, :1]), target=np.log(asked.curve[:, 1]))
-            value, _ = own.predict(np.log([[asked.asked]]), level=0.9)
-            return float(np.exp(np.asarray(value)[0]))
+            law = ForceLaw.fit(
+                _settled(asked.curve[:, 0]), force_n=asked.curve[:, 1], population=population
+            )
+            return law.force(asked.asked).value
 
         return answer
+
+
+def _settled(excess: FloatArray) -> FloatArray:
+    """Return settled readings of excess conductance as the force law takes them."""
+    inputs = np.zeros((len(excess), INPUTS))
+    inputs[:, 0] = log_reading(excess)
+    return inputs
 
 
 class OurDamageLimit:

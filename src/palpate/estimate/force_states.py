@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from palpate.arrays import FloatArray
 
 #: Log-spaced, from one sample of a fast readout to the length of a press.
-TIME_CONSTANTS_S = (0.01, 0.03, 0.1, 0.3, 1.0)
+TIME_CONSTANTS_S = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 #: Added to the excess conductance before the logarithm: a change of 10 % is the paper's contact
 #: threshold (section 4.1); below it the sheet shows nothing of force.
 CONTACT_EXCESS = 0.1

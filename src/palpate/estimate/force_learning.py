@@ -1,0 +1,239 @@
+"""Learn the population of a force law from recordings of several sensors with a load cell."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.arrays import FloatArray
+from palpate.errors import CalibrationError
+from palpate.estimate.force_law import (
+    MEMORY_SHARE,
+    MOST_SAMPLES,
+    Population,
+    noise_inputs,
+    standardised,
+    with_curve,
+    with_memory,
+)
+
+#: Spread of a weight over sensors before any is seen, of the constant and of each other weight
+#: (ln N, guesses), worth as many contacts.
+_PRIOR_SD, _PRIOR_CONTACTS = (0.5, 0.1), 2.0
+#: Change from contact to contact, as a share of that spread, where no place was touched twice.
+_CONTACT_SHARE = 0.1
+#: Weight of the relation within a contact, next to that of the change since a force was measured.
+_WITHIN = 0.1
+_RIDGE = 1e-3
+#: Errors below this (ln) are good enough; samples off by more count less (Student, degrees of
+#: freedom).
+_GOOD_ENOUGH, _FREEDOM = 0.02, 4.0
+#: Percentile of the forces learned from that counts as the weakest.
+_FAINT_PERCENTILE = 1.0
+_ROUNDS, _EM_ROUNDS, _REWEIGHTINGS = 3, 6, 15
+#: Normal quantile at the level (0.9) that the scatter is scaled to.
+_AT_LEVEL, _LEVEL = 1.645, 0.9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownContact:
+    """One contact with the measured force at each sample.
+
+    Attributes
+    ----------
+    inputs : ndarray, shape (n, INPUTS)
+        By `ForceStates`.
+    force_n : ndarray, shape (n,)
+        Newtons, above 0.
+    weight : ndarray, shape (n,)
+        How much each sample counts.
+    place : hashable
+        Contacts at one place of one sensor share it.
+    given : int or None
+        Sample at which the force would be measured once, None where it is not.
+    """
+
+    inputs: FloatArray
+    force_n: FloatArray
+    weight: FloatArray
+    place: Hashable
+    given: int | None = None
+
+
+@dataclass(slots=True, eq=False)
+class _Learned:
+    """Contacts as regressors, and what was learned of them so far."""
+
+    design: list[FloatArray]
+    log_n: list[FloatArray]
+    weight: list[FloatArray]
+    given: list[int | None]
+    population: Population
+
+
+def learn_population(contacts: Sequence[KnownContact]) -> Population:
+    """Learn weights, their spread and the scatter from contacts with known forces.
+
+    The mean is fitted to changes within contacts, by least absolute error: gains differ from place
+    to place, and a regression over all of them would flatten the law. Its spread is what contacts,
+    each shrunk towards the mean, need beyond it (expectation maximisation).
+
+    Raises
+    ------
+    CalibrationError
+        If no contact has two samples, or a value is not finite.
+    """
+    contacts = [one for one in contacts if len(one.force_n) > 1]
+    if not contacts:
+        raise CalibrationError("no contact has two measured forces; a population needs one")
+    learned = _start(contacts)
+    deviations: list[FloatArray] = []
+    for _ in range(_ROUNDS):
+        _fit_mean(learned)
+        deviations = _fit_spread(learned)
+    population = learned.population
+    by_place: dict[Hashable, list[FloatArray]] = defaultdict(list)
+    for one, deviation in zip(contacts, deviations, strict=True):
+        by_place[one.place].append(deviation)
+    again = [
+        (np.array(each) - np.mean(each, axis=0)) * np.sqrt(len(each) / (len(each) - 1))
+        for each in by_place.values()
+        if len(each) > 1
+    ]
+    contact_spread = _CONTACT_SHARE * population.spread
+    if again:
+        changes = np.concatenate(again)
+        contact_spread = (changes.T @ changes + contact_spread) / (len(changes) + 1)
+    return replace(population, contact_spread=contact_spread)
+
+
+def _start(contacts: Sequence[KnownContact]) -> _Learned:
+    every = with_curve(np.concatenate([one.inputs for one in contacts]))
+    log_n = [np.log(one.force_n) for one in contacts]
+    if not (np.isfinite(every).all() and np.isfinite(np.concatenate(log_n)).all()):
+        raise CalibrationError("a reading is not finite, or a force not above 0; leave it out")
+    centre, scale = every.mean(axis=0), every.std(axis=0)
+    scale[scale < 1e-9] = 1.0
+    design = []
+    for one in contacts:
+        z = standardised(one.inputs, centre=centre, scale=scale)
+        later = np.arange(len(z)) > (len(z) if one.given is None else one.given)
+        design.append(np.column_stack([np.ones(len(z)), z, later]))
+    size = design[0].shape[1]
+    spread = _prior_spread(size)
+    population = Population(
+        centre=centre,
+        scale=scale,
+        mean=np.zeros(size),
+        spread=spread,
+        contact_spread=spread,
+        noise=np.array([np.log(0.15), 0.0, 0.0, 0.0]),
+        least_n=float(np.exp(np.percentile(np.concatenate(log_n), _FAINT_PERCENTILE))),
+    )
+    return _Learned(
+        design=design,
+        log_n=log_n,
+        weight=[np.asarray(one.weight, dtype=float) for one in contacts],
+        given=[one.given for one in contacts],
+        population=population,
+    )
+
+
+def _prior_spread(size: int) -> FloatArray:
+    sd = np.full(size, _PRIOR_SD[1])
+    sd[0] = _PRIOR_SD[0]
+    # Of having measured a force: known, not spread.
+    sd[-1] = 1e-3
+    return np.diag(sd**2)
+
+
+def _fit_mean(learned: _Learned) -> None:
+    """Fit the weights to changes within contacts, and the constant to their means."""
+    population = learned.population
+    rows, targets, weights = [], [], []
+    each = zip(learned.design, learned.log_n, learned.weight, learned.given, strict=True)
+    for design, log_n, weight, given in each:
+        before = _untold(design)
+        middle = np.average(before, axis=0, weights=weight)
+        rows.append(before - middle)
+        targets.append(log_n - np.average(log_n, weights=weight))
+        weights.append((_WITHIN if given is not None else 1.0) * weight)
+        if given is None or given == len(log_n) - 1:
+            continue
+        after, at = design[given + 1 :], design[given]
+        reach = with_memory(population.spread, MEMORY_SHARE) @ at
+        gain = (after @ reach) / (at @ reach + population.variance(at[None])[0])
+        rows.append(after - gain[:, None] * at)
+        targets.append(log_n[given + 1 :] - gain * log_n[given] - (1 - gain) * population.mean[0])
+        weights.append(weight[given + 1 :])
+    x, y, w = np.concatenate(rows), np.concatenate(targets), np.concatenate(weights)
+    x[:, 0] = 0.0
+    mean, share = np.zeros(x.shape[1]), np.ones(len(y))
+    for _ in range(_REWEIGHTINGS):
+        weighed = x * (w * share)[:, None]
+        normal = weighed.T @ x + _RIDGE * w.sum() * np.eye(x.shape[1])
+        mean = np.linalg.solve(normal, weighed.T @ y)
+        share = 1.0 / np.maximum(np.abs(y - x @ mean), _GOOD_ENOUGH)
+        share /= np.average(share, weights=w)
+    mean[0] = np.mean(
+        [
+            np.average(log_n - _untold(design) @ mean, weights=weight)
+            for design, log_n, weight in zip(
+                learned.design, learned.log_n, learned.weight, strict=True
+            )
+        ]
+    )
+    learned.population = replace(population, mean=mean)
+
+
+def _untold(design: FloatArray) -> FloatArray:
+    """Return regressors as they are before a force was measured."""
+    return np.column_stack([design[:, :-1], np.zeros(len(design))])
+
+
+def _fit_spread(learned: _Learned) -> list[FloatArray]:
+    """Fit the spread of the weights and the scatter; return each contact's deviation."""
+    deviations: list[FloatArray] = []
+    robust = [np.ones(len(log_n)) for log_n in learned.log_n]
+    for _ in range(_EM_ROUNDS):
+        population = learned.population
+        precision = np.linalg.inv(population.spread)
+        deviations, total, errors = [], np.zeros_like(precision), []
+        for place, (design, log_n) in enumerate(zip(learned.design, learned.log_n, strict=True)):
+            x, weight = _untold(design), learned.weight[place]
+            share = min(MOST_SAMPLES / weight.sum(), 1.0)
+            variance = population.variance(x)
+            weighed = x * (share * weight * robust[place] / variance)[:, None]
+            covariance = np.linalg.inv(weighed.T @ x + precision)
+            left = log_n - x @ population.mean
+            deviation = covariance @ (weighed.T @ left)
+            left = left - x @ deviation
+            robust[place] = (_FREEDOM + 1) / (_FREEDOM + left**2 / variance)
+            errors.append(np.sqrt(left**2 + np.einsum("ni,ij,nj->n", x, covariance, x)))
+            deviations.append(deviation)
+            total += np.outer(deviation, deviation) + covariance
+        prior = _prior_spread(len(total))
+        count = len(deviations)
+        learned.population = replace(
+            population,
+            spread=(total + _PRIOR_CONTACTS * prior) / (count + _PRIOR_CONTACTS),
+            noise=_noise(learned, np.concatenate(errors)),
+        )
+    return deviations
+
+
+def _noise(learned: _Learned, error: FloatArray) -> FloatArray:
+    """Return the logarithm of the scatter as a line in what it depends on."""
+    x = noise_inputs(np.concatenate(learned.design))
+    weight = np.concatenate(learned.weight)
+    weighed = x * weight[:, None]
+    normal = weighed.T @ x + 1e-3 * weight.sum() * np.diag([0.0, 1.0, 1.0, 1.0])
+    line = np.linalg.solve(normal, weighed.T @ np.log(error + 0.5 * _GOOD_ENOUGH))
+    ratio = error / np.exp(x @ line)
+    order = np.argsort(ratio)
+    beyond = int(np.searchsorted(np.cumsum(weight[order]), _LEVEL * weight.sum()))
+    line[0] += np.log(ratio[order[min(beyond, len(order) - 1)]] / _AT_LEVEL)
+    return np.asarray(line)

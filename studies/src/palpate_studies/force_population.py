@@ -1,0 +1,101 @@
+"""Learn the population of `palpate.ForceLaw` that palpate ships, from every real recording."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import numpy as np
+import typer
+
+from palpate.commands.options import JsonOption
+from palpate.estimate.force_law import Population, shipped_population
+from palpate.estimate.force_learning import KnownContact, learn_population
+from palpate.files import atomic_path, check_place
+from palpate_studies import ladder_models, press_models, stroke_models
+from palpate_studies.force_ladders import read_ladders
+from palpate_studies.press_data import read_presses
+from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.stroke_data import read_strokes
+
+Contact = TypeVar("Contact")
+
+#: Contacts of each kind of recording that are learned from, spread over the file: every kind counts
+#: about alike.
+_CONTACTS = 200
+
+
+def command(
+    strokes: Annotated[Path, typer.Option(help="Touches with a load cell.", metavar="CSV")],
+    presses: Annotated[Path, typer.Option(help="Presses with a load cell.", metavar="CSV")],
+    ladders: Annotated[Path, typer.Option(help="Ladders of weights.", metavar="CSV")],
+    write: Annotated[
+        Path | None, typer.Option(help="Write the population for palpate.", metavar="JSON")
+    ] = None,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Learn what sensors have in common, and compare it with what palpate ships.
+
+    Example: palpate study force-population --strokes s.csv.gz --presses p.csv.gz --ladders l.csv
+    """
+    if write is not None:
+        check_place(write)
+    touches = [one for one in read_strokes(strokes) if one.scored.sum() > 1]
+    parts: dict[str, Sequence[KnownContact]] = {
+        "strokes": [stroke_models.known_contact(one) for one in _spread(touches)],
+        "presses": [press_models.known_contact(one) for one in _spread(read_presses(presses))],
+        "ladders": [ladder_models.known_contact(one) for one in read_ladders(ladders)],
+    }
+    population = learn_population([one for part in parts.values() for one in part])
+    if write is not None:
+        with atomic_path(write) as partial:
+            partial.write_text(_text(population))
+    _report(population, parts).emit(as_json=as_json, out=out)
+
+
+def _spread(contacts: Sequence[Contact]) -> Sequence[Contact]:
+    return contacts[:: max(len(contacts) // _CONTACTS, 1)]
+
+
+def _text(population: Population) -> str:
+    rounded = {
+        name: np.round(values, 5).tolist() if name != "least_n" else round(values, 3)
+        for name, values in population.as_dict().items()
+    }
+    rows = [f' "{name}": {json.dumps(values)}' for name, values in rounded.items()]
+    return "{\n" + ",\n".join(rows) + "\n}\n"
+
+
+def _report(population: Population, parts: Mapping[str, Sequence[KnownContact]]) -> StudyReport:
+    shipped = shipped_population()
+    rows = [
+        {
+            "weight": place,
+            "mean": float(population.mean[place]),
+            "spread": float(np.sqrt(population.spread[place, place])),
+            "contact_spread": float(np.sqrt(population.contact_spread[place, place])),
+            "shipped_mean": float(shipped.mean[place]),
+        }
+        for place in range(len(population.mean))
+    ]
+    keys = ("mean", "spread", "contact_spread", "shipped_mean")
+    counts = ", ".join(f"{len(part)} {name}" for name, part in parts.items())
+    return StudyReport(
+        name="force-population",
+        title="What real Velostat sensors have in common",
+        provenance=(
+            f"Real recordings with a load cell or dead weights: {counts}. Weights of standardised "
+            "inputs, ln N; spread over places and sensors, and from contact to contact.",
+        ),
+        tables=[
+            Table(
+                title="Weights of the force law",
+                columns=("weight", *keys),
+                rows=[[str(row["weight"]), *(f"{row[key]:.3f}" for key in keys)] for row in rows],
+            )
+        ],
+        payload={"rows": rows, "contacts": {name: len(part) for name, part in parts.items()}},
+    )

@@ -1,0 +1,185 @@
+"""The force law: what known forces do to it, what it says without any, and its file."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.errors import CalibrationError, InputError
+from palpate.estimate.force_law import INPUTS, ForceLaw, Population, shipped_population
+from palpate.estimate.force_learning import KnownContact, learn_population
+from palpate.estimate.force_states import log_reading, states_of
+
+
+def contacts(*, seed: int, count: int = 40, gain_sd: float = 0.4) -> list[KnownContact]:
+    """Return invented touches: a power law with a gain of the place and creep."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for place in range(count // 2):
+        gain = np.exp(rng.normal(0.0, gain_sd))
+        for _ in range(2):
+            time_s = np.arange(0.0, 1.0, 0.01)
+            peak = rng.uniform(4, 12)
+            force = np.interp(time_s, [0.2, 0.4, 0.8, 0.9], [0.0, peak, peak, 0.0])
+            creep = 1.0 + 0.2 * np.log1p(np.maximum(time_s - 0.2, 0.0) / 0.05)
+            excess = 3.0 * gain * force**1.2 * creep * np.exp(0.02 * rng.standard_normal(100))
+            used = force >= 0.5
+            found.append(
+                KnownContact(
+                    inputs=states_of(time_s, log_reading(excess))[used],
+                    force_n=force[used],
+                    weight=np.ones(used.sum()),
+                    place=place,
+                    given=int(np.argmax(force[used] >= 0.8 * peak)),
+                )
+            )
+    return found
+
+
+def errors(population: Population, *, told: str) -> tuple[float, float]:
+    """Return the median |ln error| and the coverage on contacts of other places."""
+    off, covered = [], []
+    tested = contacts(seed=2)
+    for one, other in zip(tested[::2], tested[1::2], strict=True):
+        law = ForceLaw(population)
+        if told == "place":
+            law = ForceLaw.fit(
+                other.inputs,
+                force_n=other.force_n,
+                contact=[0] * len(other.force_n),
+                population=population,
+            )
+        first = 0
+        if told == "once":
+            assert one.given is not None
+            law.update(one.inputs[one.given], force_n=one.force_n[one.given])
+            first = one.given + 1
+        mean, sd = law.log_force(one.inputs[first:])
+        error = np.abs(mean - np.log(one.force_n[first:]))
+        off.append(error)
+        covered.append(error <= 1.645 * sd)
+    return float(np.median(np.concatenate(off))), float(np.mean(np.concatenate(covered)))
+
+
+def test_known_forces_narrow_error_and_the_interval_covers() -> None:
+    population = learn_population(contacts(seed=1))
+    nothing, place, once = (errors(population, told=t) for t in ("nothing", "place", "once"))
+    assert place[0] < 0.35 * nothing[0]
+    assert once[0] < 0.35 * nothing[0]
+    for _, coverage in (nothing, place, once):
+        assert 0.8 <= coverage <= 1.0
+
+
+def test_without_forces_the_shipped_law_answers_widely() -> None:
+    answer = palpate.ForceLaw().force(20.0)
+    assert answer.unit == "n"
+    assert 0 < answer.low < answer.value < answer.high
+    assert answer.high / answer.low > 4.0
+
+
+def test_three_spread_weights_narrow_the_interval_and_hold_the_weights() -> None:
+    excess, weights_n = [4.0, 15.0, 40.0], [1.5, 4.0, 9.0]
+    law = ForceLaw.fit(excess, force_n=weights_n)
+    assert law.known == 3
+    for reading, weight_n in zip(excess, weights_n, strict=True):
+        before, after = ForceLaw().force(reading), law.force(reading)
+        assert after.low < weight_n < after.high
+        assert after.high / after.low < 0.6 * before.high / before.low
+
+
+def test_update_returns_the_law_itself_and_moves_it_to_the_force() -> None:
+    law = ForceLaw()
+    before = law.force(30.0)
+    assert law.update(30.0, force_n=2.0 * before.value) is law
+    after = law.force(30.0)
+    assert abs(np.log(after.value / (2.0 * before.value))) < 0.2
+    assert after.high / after.low < before.high / before.low
+
+
+def test_a_doubtful_force_moves_the_law_less() -> None:
+    sure, doubtful = ForceLaw(), ForceLaw()
+    base = sure.force(30.0).value
+    sure.update(30.0, force_n=2.0 * base)
+    doubtful.update(30.0, force_n=2.0 * base, sd_n=2.0 * base)
+    assert base < doubtful.force(30.0).value < sure.force(30.0).value
+
+
+def test_a_new_contact_widens_the_interval() -> None:
+    law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0]).update(20.0, force_n=5.0)
+    inside = law.copy()
+    law.begin_contact()
+    one, next_one = inside.force(20.0), law.force(20.0)
+    assert next_one.high / next_one.low > one.high / one.low
+
+
+def test_an_untouched_sheet_shows_no_force() -> None:
+    law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+    for excess in (-0.02, 0.0, 0.05):
+        answer = law.force(excess)
+        assert (answer.value, answer.low) == (0.0, 0.0)
+        assert answer.high > 0
+
+
+def test_samples_of_one_contact_count_as_few() -> None:
+    """A second of load cell at one reading is not a hundred weights."""
+    rng = np.random.default_rng(3)
+    reading = [20.0] * 400
+    force_n = 5.0 * np.exp(0.05 * rng.standard_normal(400))
+    many = ForceLaw.fit(reading, force_n=force_n, contact=[0] * 400)
+    few = ForceLaw.fit(reading[:25], force_n=force_n[:25], contact=[0] * 25)
+    sd = [
+        law.log_force(np.array([[log_reading(40.0), *[0.0] * (INPUTS - 1)]]))[1]
+        for law in (many, few)
+    ]
+    np.testing.assert_allclose(sd[0], sd[1], rtol=1e-6)
+
+
+def test_file_roundtrip_keeps_the_law() -> None:
+    law = ForceLaw.fit([4.0, 15.0, 40.0], force_n=[1.5, 4.0, 9.0])
+    again = ForceLaw.from_dict(json.loads(json.dumps(law.as_dict())))
+    assert again.force(12.0) == law.force(12.0)
+    assert again.known == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"law": "power"}, "'power' is unknown"),
+        ({"weights": [1.0]}, "shape"),
+        ({"covariance": [[float("nan")]]}, "shape"),
+        ({"known": None}, "calibrate the force again"),
+        ({"population": {}}, "centre"),
+    ],
+)
+def test_a_broken_file_is_refused_in_one_line(change: dict[str, object], message: str) -> None:
+    stored = ForceLaw().as_dict() | change
+    with pytest.raises(CalibrationError, match="calibrate the force again") as error:
+        ForceLaw.from_dict(stored)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_unusable_forces_and_readings_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="not above 0"):
+        ForceLaw.fit([4.0, 15.0], force_n=[0.0, 4.0])
+    with pytest.raises(CalibrationError, match="2 readings for 1"):
+        ForceLaw.fit([4.0, 15.0], force_n=[4.0])
+    with pytest.raises(InputError, match="NaN"):
+        ForceLaw().force(float("nan"))
+    with pytest.raises(InputError, match="shape"):
+        ForceLaw().force([1.0, 2.0])
+    with pytest.raises(CalibrationError, match="no contact"):
+        learn_population([])
+
+
+def test_shipped_population_is_sound() -> None:
+    population = shipped_population()
+    for spread in (population.spread, population.contact_spread):
+        np.testing.assert_allclose(spread, spread.T)
+        assert np.linalg.eigvalsh(spread).min() > -1e-9
+    # More reading is more force, over the whole range that sensors show.
+    values = [ForceLaw().force(excess).value for excess in (0.5, 2.0, 8.0, 30.0, 120.0)]
+    assert np.all(np.diff(values) > 0)
