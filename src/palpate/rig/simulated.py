@@ -123,7 +123,7 @@ def open_firmware(*, object_name: str | None, seed: int) -> Rig:
         seed=seed,
         name="sim-firmware",
         origin="firmware-simulated",
-        read_through=_read_through_firmware,
+        read_through=read_through_firmware,
     )
 
 
@@ -260,7 +260,11 @@ def _truth(world: World) -> Mapping[str, object]:
     return world.truth().as_json()
 
 
-def _read_through_firmware(world: World) -> PressureArray:
+def read_through_firmware(world: World) -> PressureArray:
+    """Return the array of a world, read by the firmware on the AVR simulator.
+
+    Raises `DeviceNotFoundError` if firmware or simulator have not been built.
+    """
     divider = world.layout.divider
     count_mv = 1e3 * divider.supply_v / divider.full_scale
     return open_firmware_array(

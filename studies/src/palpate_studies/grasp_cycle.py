@@ -38,6 +38,10 @@ def command(
         bool,
         typer.Option("--second", help="Things with a skin and a core, of foam, and of dough."),
     ] = False,
+    firmware: Annotated[
+        bool,
+        typer.Option("--firmware", help="Read by the firmware, simulated; rigid, two ways alone."),
+    ] = False,
     as_json: JsonOption = False,
     out: OutOption = None,
 ) -> None:
@@ -46,7 +50,9 @@ def command(
     Example: palpate study grasp-cycle --grasps 40 --out reports
     """
     levels = (level,) if level else LEVELS
-    found = report(grasps, frame_rate_hz=frame_rate_hz, levels=levels, second=second)
+    found = report(
+        grasps, frame_rate_hz=frame_rate_hz, levels=levels, second=second, firmware=firmware
+    )
     found.emit(as_json=as_json, out=out)
 
 
@@ -56,12 +62,17 @@ def report(
     frame_rate_hz: float = 15.0,
     levels: Sequence[Level] = LEVELS,
     second: bool = False,
+    firmware: bool = False,
 ) -> StudyReport:
-    """Make the grasps and report them; `second`: of objects of the second generator."""
+    """Make the grasps and report them.
+
+    `second`: of objects of the second generator. `firmware`: the firmware on the AVR simulator
+    reads the sheet, on rigid fingers.
+    """
     first_seed = SECOND_SEED if second else FIRST_SEED
     found = [
         cycle
-        for level, kind in product(levels, KINDS)
+        for level, kind in product(levels, KINDS[:1] if firmware else KINDS)
         for number in range(grasps)
         for cycle in cycles(
             Sample(
@@ -70,6 +81,7 @@ def report(
                 kind=kind,
                 frame_rate_hz=frame_rate_hz,
                 second=second,
+                firmware=firmware,
             )
         )
     ]
@@ -120,6 +132,7 @@ def scores(found: Sequence[Cycle]) -> dict[str, Any]:
         counted[f"{name}_p95"] = _percentile(values, 95)
     size_mm = _known([one.size_error_mm for one in found])
     force = _known([one.force_error for one in found])
+    settled = _known([one.settled_error for one in found])
     return {
         "grasps": len(found),
         "outcomes": dict(Counter(one.outcome for one in found)),
@@ -127,6 +140,7 @@ def scores(found: Sequence[Cycle]) -> dict[str, Any]:
         **counted,
         "size_rms_mm": float(np.sqrt(np.mean(size_mm**2))) if size_mm.size else None,
         "force_median_error": _percentile(abs(force), 50),
+        "settled_median_error": _percentile(abs(settled), 50),
         **_stiffness(found),
     }
 
@@ -212,13 +226,15 @@ def answers(summary: Sequence[dict[str, Any]]) -> Table:
     return Table(
         title="Answers",
         columns=(
-            *("level", "hand", "way", "size, RMS mm", "force, median error"),
+            *("level", "hand", "way", "size, RMS mm", "settled change, median error"),
+            "force, median error",
             *("stiffness given", "median error", "high/low", "coverage", "bounds", "right"),
         ),
         rows=[
             (
                 *(row["level"], row["hand"], row["way"]),
                 _cell(row["size_rms_mm"], "{:.2f}"),
+                _cell(row["settled_median_error"], "{:.0%}"),
                 _cell(row["force_median_error"], "{:.0%}"),
                 str(row["stiffness_numbers"]),
                 _cell(row["stiffness_median_error"], "{:.0%}"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from palpate.grasp.paper_method import by_paper
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
 from palpate.gripper.interface import GripperCommand
+from palpate.rig.simulated import read_through_firmware
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import TwinObject
 from palpate.twin.world import GripperKind, World
@@ -51,6 +53,8 @@ class Sample:
     made: TwinObject | None = None
     #: Whether a drawn object is of the second generator.
     second: bool = False
+    #: Whether the real firmware on the AVR simulator reads the sheet.
+    firmware: bool = False
 
     @property
     def sheet(self) -> int:
@@ -89,8 +93,8 @@ class Cycle:
         True largest force until the touch was confirmed, and of all.
     damaged : bool
         Whether the object was pressed beyond its yield.
-    size_error_mm, force_error : float
-        Size less the true one, and settled force over the true one less 1.
+    size_error_mm, force_error, settled_error : float
+        Size less the true one; settled force, and settled mean change, over the true one less 1.
     stiffness, stiffness_low, stiffness_high, true_stiffness : float
         N/mm, secant at the settled force; infinite or NaN ends are open.
     stiffness_status : str
@@ -107,6 +111,7 @@ class Cycle:
     damaged: bool
     size_error_mm: float = np.nan
     force_error: float = np.nan
+    settled_error: float = np.nan
     stiffness: float = np.nan
     stiffness_low: float = np.nan
     stiffness_high: float = np.nan
@@ -144,12 +149,13 @@ def _by_controller(
                 at[moment.name] = belief.now_s
                 at[f"{moment.name} peak"] = world.truth().peak_force_n
 
-    result = uninterrupted(
-        run_grasp(
-            plan, array=TwinArray(world), gripper=gripper, clock=world.clock, watchers=[watch]
+    array = read_through_firmware(world) if sample.firmware else TwinArray(world)
+    with closing(array):
+        result = uninterrupted(
+            run_grasp(plan, array=array, gripper=gripper, clock=world.clock, watchers=[watch])
         )
-    )
     force, size, stiffness = result.force_n, result.size_mm, result.stiffness_n_per_mm
+    settled = result.settled_percent
     truth = world.truth()
     low, high = (None, None) if stiffness is None else stiffness.known_ends
     return Cycle(
@@ -163,6 +169,9 @@ def _by_controller(
         damaged=truth.peak_force_n >= sample.obj().yield_n,
         size_error_mm=np.nan if size is None else size.value - size_mm,
         force_error=force.value / truth.force_n - 1.0 if force and truth.force_n > 0 else np.nan,
+        settled_error=settled.value / truth.settled_percent - 1.0
+        if settled and truth.force_n > 0
+        else np.nan,
         stiffness=stiffness.value if stiffness is not None and stiffness.number else np.nan,
         stiffness_low=np.nan if low is None else low,
         stiffness_high=np.nan if high is None else high,
@@ -262,7 +271,9 @@ def _plain(
 
 
 def cycles(sample: Sample) -> list[Cycle]:
-    """Grasp one object in every way that its hand can do."""
+    """Grasp one object in every way that its hand can do; read by the firmware, in two."""
+    if sample.firmware:
+        return [ours(sample), paper(sample)]
     ways: list[Callable[[], Cycle]] = [
         lambda: ours(sample),
         lambda: ours(sample, expected=True),
