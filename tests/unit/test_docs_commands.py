@@ -91,6 +91,12 @@ def shown_commands() -> list[tuple[str, str]]:
     ]
 
 
+def commands_in_text(page: str) -> list[tuple[str, str]]:
+    """Return page and line of every command in a page's tables and paragraphs."""
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    return [(page, line) for line in dict.fromkeys(re.findall(r"`(palpate [a-z][^`]*)`", text))]
+
+
 def study_options(name: str) -> set[str]:
     app = typer.Typer(add_completion=False)
     app.command()(importlib.import_module(catalogue(STUDIES)[name][0]).command)
@@ -101,7 +107,7 @@ def study_options(name: str) -> set[str]:
     }
 
 
-@pytest.mark.parametrize(("page", "line"), shown_commands())
+@pytest.mark.parametrize(("page", "line"), [*shown_commands(), *commands_in_text("coverage")])
 def test_a_command_for_a_board_has_a_verb_and_options_that_exist(page: str, line: str) -> None:
     _, verb, *arguments = shlex.split(line, comments=True)
     assert verb in VERBS

@@ -47,6 +47,7 @@ class World:
     `environment`: temperature, humidity and earlier use.
     `remade`: takes the drawn sheet and returns the one to use, such as a sheet of another law.
     `crosstalk`: whether the pixels are a passive matrix whose idle lines float.
+    `soft_mm_per_n`: compliance of soft fingers.
 
     >>> import numpy as np
     >>> from palpate.twin.objects import draw_object
@@ -78,6 +79,7 @@ class World:
         environment: Environment | None = None,
         remade: Callable[[Sheet], Sheet] | None = None,
         crosstalk: bool = False,
+        soft_mm_per_n: float = SOFT_MM_PER_N,
     ) -> None:
         self.seed = seed
         self.sheet_seed = seed if sheet_seed is None else sheet_seed
@@ -94,7 +96,7 @@ class World:
         self.sheet = sheet if remade is None else remade(sheet)
         finger_mm_per_n = uniform(rng, ranges.finger_mm_per_n)
         self.compliance = HandCompliance(
-            finger_mm_per_n=finger_mm_per_n + (SOFT_MM_PER_N if gripper == "soft" else 0.0),
+            finger_mm_per_n=finger_mm_per_n + (soft_mm_per_n if gripper == "soft" else 0.0),
             pad_travel_mm=uniform(rng, ranges.pad_travel_mm),
             pad_force_n=uniform(rng, ranges.pad_force_n),
         )

@@ -10,6 +10,8 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.settling.predict import predict_settled
 from palpate.signal.relative import mean_change, relative_change_percent
+from palpate.twin.objects import TwinObject
+from palpate_studies.apple_faces import Faces, first_touch
 from palpate_studies.report import Table
 from palpate_studies.twin_apple import Apple, Bruise, draw_apple
 from palpate_studies.twin_session import (
@@ -50,10 +52,14 @@ DROPPED = Bruise(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table6:
-    """Traces of one sensor: column -> times and mean relative changes, shape (repeats, times)."""
+    """Traces of one sensor: column -> times and mean relative changes, shape (repeats, times).
+
+    `support_n`: force that the support takes up at 20 s, because the fingers press unequally.
+    """
 
     time_s: FloatArray
     traces: Mapping[str, FloatArray]
+    support_n: float = 0.0
 
     def values(self, row: str, column: str) -> FloatArray:
         """Return a row's values for each grasp of a column, percent."""
@@ -61,7 +67,9 @@ class Table6:
         traces = self.traces[column]
         if cutoff_s == HOLD_S:
             return np.asarray(traces[:, self.time_s > HOLD_S - SETTLED_MEAN_S].mean(axis=1))
-        settled = predict_settled(self.time_s, traces, cutoff_s=cutoff_s, method=method)
+        settled = predict_settled(
+            self.time_s, traces, cutoff_s=cutoff_s, method=method, unit="percent"
+        )
         return np.asarray(settled.value)
 
 
@@ -78,8 +86,8 @@ def grasped(level: str, sensor: int, *, repeats: int = REPEATS) -> Table6:
     """Grasp the apple before and after its fall, at one width, bruise to the first finger."""
     session, apple = Session(sensor, level=level), dropped_apple()
     first = session.world.layout.finger_mask(0)
-    before = _holds(session, replace(apple, bruise=None), repeats=repeats)
-    after = _holds(session, apple, repeats=repeats)
+    before = _holds(session, replace(apple, bruise=None).facing(0.0), repeats=repeats)
+    after = _holds(session, apple.facing(0.0), repeats=repeats)
     times = min(before.shape[1], after.shape[1])
     return Table6(
         time_s=np.arange(1, times + 1) / session.world.frame_rate_hz,
@@ -91,11 +99,53 @@ def grasped(level: str, sensor: int, *, repeats: int = REPEATS) -> Table6:
     )
 
 
-def _holds(session: Session, apple: Apple, *, repeats: int) -> FloatArray:
+def supported(level: str, sensor: int, *, repeats: int = REPEATS) -> Table6:
+    """Grasp the apple as `grasped` does, but held in place by what it rests on.
+
+    Each finger then presses its own side by the same way, so forces are not equal. A side is that
+    of an apple whose other side is alike: the bruised one twice for the first finger, the sound
+    one twice for the second.
+    """
+    session, apple = Session(sensor, level=level), dropped_apple()
+    sound = replace(apple, bruise=None).facing(0.0)
+    first = session.world.layout.finger_mask(0)
+    before = _holds(session, sound, repeats=repeats)
+    sound_n = session.world.truth().force_n
+    bruised = _holds(session, _alike(apple), repeats=repeats)
+    support_n = sound_n - session.world.truth().force_n
+    other = _holds(session, sound, repeats=repeats)
+    times = min(map(len, (before[0], bruised[0], other[0])))
+    after = np.where(first, bruised[:, :times], other[:, :times])
+    return Table6(
+        time_s=np.arange(1, times + 1) / session.world.frame_rate_hz,
+        traces={
+            "before": mean_change(before)[:, :times],
+            "after": mean_change(after),
+            "only bruised": after[:, :, first].mean(axis=2),
+        },
+        support_n=support_n,
+    )
+
+
+def _alike(apple: Apple) -> TwinObject:
+    """Return an apple both of whose sides are its bruised one."""
+    faces = apple.facing(0.0).faces
+    assert isinstance(faces, Faces)
+    bruised = faces.faces[0]
+    alike = Faces(faces=(bruised, bruised), fruit_mm=faces.fruit_mm)
+    return replace(
+        apple.flesh,
+        size_mm=SIZE_MM - 2.0 * first_touch(bruised)[0],
+        force_at_1mm_n=apple.flesh.force_at_1mm_n * alike.stiffness,
+        faces=alike,
+    )
+
+
+def _holds(session: Session, apple: TwinObject, *, repeats: int) -> FloatArray:
     """Return relative changes of every pixel, shape (repeats, times, rows, cols)."""
     holds = []
     for _ in range(repeats):
-        session.place(apple.facing(0.0))
+        session.place(apple)
         session.close_to(SIZE_MM + GAP_MM)
         session.world.clock.sleep_s(STILL_S)
         rest_ohm = session.rest_ohm()

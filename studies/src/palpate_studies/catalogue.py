@@ -109,6 +109,14 @@ STUDIES: dict[str, tuple[str, str]] = {
         "Table 4 and Figure 11c on the twin, and why slopes differ",
     ),
     "table5": ("palpate_studies.table5", "Table 5: force estimated early, simulated"),
+    "table6": (
+        "palpate_studies.table6",
+        "Table 6: a dropped apple, free between the fingers or supported, simulated",
+    ),
+    "figure16": (
+        "palpate_studies.figure16",
+        "Figure 16: avocados over four days, rigid fingers and four kinds of soft ones, simulated",
+    ),
     "stiffness": ("palpate_studies.stiffness", "Stiffness in N/mm over two decades, simulated"),
     "staircases": (
         "palpate_studies.staircases",

@@ -181,7 +181,7 @@ def error_table(family: str, errors: Mapping[str, Sequence[Mapping[str, float | 
         rows.append(cells)
     columns = ["cut-off, s"]
     for method in errors:
-        columns += [f"{method}, paper"] * (method in PUBLISHED) + [f"{method}, ours"]
+        columns += [f"{method}, published"] * (method in PUBLISHED) + [f"{method}, ours"]
     title = f"Family {family}: mean |error|, percent of the settled relative change"
     return Table(title=title, columns=tuple(columns), rows=rows)
 

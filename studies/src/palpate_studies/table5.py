@@ -318,8 +318,8 @@ def error_table(rows: Sequence[Mapping[str, Any]], *, grasps: int) -> Table:
             "ratio",
             "of the load cell: mean, N",
             "median, N",
-            "paper, N",
-            "paper ratio",
+            "published, N",
+            "published ratio",
         ),
         rows=[
             [

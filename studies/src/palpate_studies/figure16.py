@@ -1,0 +1,256 @@
+"""Figure 16 of the paper: an avocado over four days, and what soft fingers would have to be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
+from palpate.gripper.interface import GripperCommand
+from palpate.twin.devices import TwinGripper
+from palpate.twin.objects import TwinObject
+from palpate.twin.placement import PixelGrid
+from palpate.twin.world import OPEN_MM, SOFT_MM_PER_KPA, SOFT_MM_PER_N, GripperKind, World
+from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.twin_avocado import Avocado, draw_avocado
+from palpate_studies.twin_session import HOLD_S, LEVELS, PAUSE_S, STILL_S
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: As in the paper: days, and grasps of a fruit each day.
+DAYS, GRASPS = 4, 10
+#: Seeds of fruits and sensor; none was looked at before. Fruits that are not hard on the first day
+#: and ripe on the last are passed over.
+FIRST_FRUIT, SENSOR = 16_000, 16
+#: Rigid fingers, and soft ones that a stop keeps from closing on, press this far beyond a caliper's
+#: size; soft ones otherwise have one pressure for all, as in the study `ripeness`.
+CLOSED_BY_MM, PRESSURE_KPA = 3.0, 28.0
+#: Compliance of soft fingers at their stop: a tenth.
+STOPPED_MM_PER_N = SOFT_MM_PER_N / 10.0
+#: Reach of a contact beyond Hertz's, in pitches, as `palpate.twin.mechanics.patch_reach_mm` has it.
+_COVER_PITCHES = 0.8
+_RATE: dict[GripperKind, float] = {"rigid": 40.0, "soft": 15.0}
+#: Places in a line across a pixel over which a contact's pressure is summed.
+_PLACES = 7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hand:
+    """Fingers, and how a contact loads their pixels.
+
+    Attributes
+    ----------
+    name : str
+        For tables.
+    gripper : {"rigid", "soft"}
+        Kind.
+    soft_mm_per_n : float
+        Compliance of soft fingers.
+    stopped : bool
+        Whether they end `CLOSED_BY_MM` beyond the size of each fruit, not at one pressure.
+    spills : bool
+        Whether load that lies beyond the pixels is lost to them.
+    """
+
+    name: str
+    gripper: GripperKind = "soft"
+    soft_mm_per_n: float = SOFT_MM_PER_N
+    stopped: bool = False
+    spills: bool = False
+
+    def target(self, fruit: Avocado) -> float:
+        """Return the width or pressure that the paper's way uses for a fruit on all days."""
+        if self.gripper == "rigid":
+            return fruit.size_mm - CLOSED_BY_MM
+        if not self.stopped:
+            return PRESSURE_KPA
+        return (OPEN_MM - fruit.size_mm + CLOSED_BY_MM) / SOFT_MM_PER_KPA
+
+
+HANDS = (
+    Hand(name="rigid, one width", gripper="rigid", stopped=True),
+    Hand(name="soft, one pressure"),
+    Hand(name="soft, contact grows beyond the pixels", spills=True),
+    Hand(name="soft, stopped by geometry", soft_mm_per_n=STOPPED_MM_PER_N, stopped=True),
+    Hand(name="soft, both", soft_mm_per_n=STOPPED_MM_PER_N, stopped=True, spills=True),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrowingContact:
+    """A round contact whose load beyond the pixels is lost to them; `size_mm` of the fruit."""
+
+    size_mm: float
+
+    def pixel_shares(
+        self, deformation_mm: float, *, grid: PixelGrid, off_centre_mm: tuple[float, float]
+    ) -> FloatArray:
+        """Return the share of its finger's force that each pixel carries, shape (pixels,)."""
+        hertz_mm = np.sqrt(0.25 * self.size_mm * max(deformation_mm, 0.0))
+        reach_mm = _COVER_PITCHES * grid.pitch_mm + hertz_mm
+        places = ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) * grid.pitch_mm
+        along = (grid.along_mm - off_centre_mm[0])[:, None, None] + places[:, None]
+        across = (grid.across_mm - off_centre_mm[1])[:, None, None] + places
+        pressure = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0)
+        caught = pressure.mean(axis=(1, 2)) * grid.pitch_mm**2
+        return np.asarray(caught / (0.5 * np.pi * reach_mm**2))
+
+
+def command(
+    fruits: Annotated[int, typer.Option(help="Fruits that ripen in four days.", min=1)] = 10,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Grasp avocados ten times a day for four days, by rigid and by four kinds of soft fingers.
+
+    Example: palpate study figure16 --out reports
+    """
+    report(fruits).emit(as_json=as_json, out=out)
+
+
+def report(fruits: int, *, grasps: int = GRASPS) -> StudyReport:
+    """Make the grasps and report the settled change of each day."""
+    chosen = ripening(fruits)
+    rows = list[dict[str, Any]]()
+    for level in LEVELS:
+        for hand in HANDS:
+            settled = np.array(
+                [days_of(fruit, hand, level=level, grasps=grasps) for fruit in chosen]
+            )
+            rows.append({"level": level, "hand": hand.name, **scores(settled)})
+    return StudyReport(
+        name="figure16",
+        title="Figure 16: settled change of avocados over four days",
+        provenance=[
+            f"Simulated: {fruits} avocados that are hard on the first day and ripe on the fourth, "
+            f"{grasps} grasps a day on one sensor per level, held for {HOLD_S:g} s; mean of all "
+            "pixels, without noise.",
+            f"One width or stop: {CLOSED_BY_MM:g} mm less than by caliper. One pressure: "
+            f"{PRESSURE_KPA:g} kPa. Stopped by geometry: {STOPPED_MM_PER_N:g} instead of "
+            f"{SOFT_MM_PER_N:g} mm/N.",
+            "Published: one avocado in Figure 16b (rigid) and 16c (soft), a falling change in "
+            "both; no numbers are printed.",
+        ],
+        tables=[_table(level, rows) for level in LEVELS],
+        payload={"study": "figure16", "origin": "twin", "fruits": fruits, "summary": rows},
+        figures={"figure16": lambda: _figure(rows)},
+    )
+
+
+def ripening(count: int) -> list[Avocado]:
+    """Return the first fruits that are hard on the first day and ripe or more on the last."""
+
+    def drawn() -> Iterator[Avocado]:
+        seed = FIRST_FRUIT
+        while True:
+            fruit = draw_avocado(np.random.default_rng(seed))
+            if fruit.stage(0.0) == "hard" and fruit.stage(DAYS - 1.0) in ("ripe", "overripe"):
+                yield fruit
+            seed += 1
+
+    fruits = drawn()
+    return [next(fruits) for _ in range(count)]
+
+
+def days_of(fruit: Avocado, hand: Hand, *, level: str, grasps: int) -> FloatArray:
+    """Return the settled change of each grasp of a fruit, percent, shape (days, grasps)."""
+    world = World(
+        None,
+        seed=SENSOR + 1_000_003,
+        sheet_seed=SENSOR,
+        level=level,
+        gripper=hand.gripper,
+        soft_mm_per_n=hand.soft_mm_per_n,
+    )
+    rng, gripper = np.random.default_rng([SENSOR, 7]), TwinGripper(world)
+    return np.array(
+        [
+            [
+                _settled_percent(
+                    world, gripper, spot=fruit.spot(day, rng=rng), fruit=fruit, by=hand
+                )
+                for _ in range(grasps)
+            ]
+            for day in range(DAYS)
+        ]
+    )
+
+
+def _settled_percent(
+    world: World, gripper: TwinGripper, *, spot: TwinObject, fruit: Avocado, by: Hand
+) -> float:
+    """Grasp one spot, hold it, open, and return the mean change at the end of the hold."""
+    gripper.release()
+    world.clock.sleep_s(STILL_S)
+    world.place(
+        replace(spot, faces=GrowingContact(size_mm=spot.size_mm)) if by.spills else spot,
+        fixture=True,
+    )
+    gripper.command(GripperCommand(target=by.target(fruit), rate=_RATE[by.gripper]))
+    world.clock.sleep_s(HOLD_S)
+    world.force_n(world.clock.now_s())
+    percent = world.truth(HOLD_S).settled_percent
+    gripper.release()
+    world.clock.sleep_s(PAUSE_S)
+    return percent
+
+
+def scores(settled: FloatArray) -> dict[str, Any]:
+    """Return what counts of changes of shape (fruits, days, grasps).
+
+    A fruit shows the paper's trend where the mean change falls from day to day, and by more than
+    two standard deviations of the grasps from the first day to the last.
+    """
+    mean, sd = settled.mean(axis=2), settled.std(axis=2, ddof=1)
+    steps = np.diff(mean, axis=1)
+    clear = mean[:, -1] - mean[:, 0] > 2.0 * np.hypot(sd[:, 0], sd[:, -1])
+    return {
+        "mean_percent": mean.mean(axis=0).tolist(),
+        "sd_of_grasps": np.median(sd, axis=0).tolist(),
+        "fruits": len(mean),
+        "falls_every_day": int(np.sum(np.all(steps > 0, axis=1))),
+        "falls_clearly": int(np.sum(clear)),
+    }
+
+
+def _table(level: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
+        title=f"Level {level}: mean settled change, percent (sd of the grasps of a day)",
+        columns=(
+            "fingers",
+            *(f"day {day + 1}" for day in range(DAYS)),
+            "fruits that fall every day",
+            "that fall by 2 sd in all",
+        ),
+        rows=[
+            [
+                str(row["hand"]),
+                *(
+                    f"{mean:.1f} ({sd:.1f})"
+                    for mean, sd in zip(row["mean_percent"], row["sd_of_grasps"], strict=True)
+                ),
+                f"{row['falls_every_day']} of {row['fruits']}",
+                f"{row['falls_clearly']} of {row['fruits']}",
+            ]
+            for row in rows
+            if row["level"] == level
+        ],
+    )
+
+
+def _figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    from palpate_studies.plots.ripeness_study import figure16
+
+    return figure16(
+        {
+            row["hand"]: list(zip(row["mean_percent"], row["sd_of_grasps"], strict=True))
+            for row in rows
+            if row["level"] == "lab" and row["hand"] in (HANDS[0].name, HANDS[1].name)
+        }
+    )

@@ -1,0 +1,67 @@
+"""Table 6 with a supported apple, and Figure 16 with other soft fingers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.sensor.array import SOFT_LAYOUT
+from palpate.twin.placement import PixelGrid
+from palpate_studies import figure16, table6
+from palpate_studies.bruise_table6 import grasped, supported
+from palpate_studies.figure16 import DAYS, GrowingContact, scores
+
+
+def test_supported_apple_keeps_the_load_of_its_sound_side() -> None:
+    free, held = grasped("lab", 70_002, repeats=2), supported("lab", 70_002, repeats=2)
+    before, after, bruised = (
+        held.values("recorded, 20 s", column).mean()
+        for column in ("before", "after", "only bruised")
+    )
+    assert 2.0 * after - bruised == pytest.approx(before, abs=3.0)
+    assert bruised > free.values("recorded, 20 s", "only bruised").mean() + 4.0
+    assert held.support_n > 1.0
+    assert free.support_n == 0.0
+
+
+def test_report_of_table_6_names_every_published_entry() -> None:
+    found = table6.report(sensors=1, repeats=2)
+    document = json.loads(json.dumps(found.payload, allow_nan=False))
+    for variant in ("free", "supported"):
+        entries = document["met"][variant]["lab"]
+        assert len(entries) == 6
+        assert entries["recorded, 20 s, before"]["published"] == -21.2
+
+
+@pytest.mark.parametrize("deformation_mm", [0.0, 4.0])
+def test_growing_contact_loses_load_beyond_the_pixels(deformation_mm: float) -> None:
+    """A contact of 8 mm lies within 30 x 20 mm, one of 16 mm does not."""
+    grid = PixelGrid.of(SOFT_LAYOUT)
+    shares = GrowingContact(size_mm=64.0).pixel_shares(
+        deformation_mm, grid=grid, off_centre_mm=(0.0, 0.0)
+    )
+    caught = [shares[grid.finger == finger].sum() for finger in (0, 1)]
+    reach_mm = 8.0 if deformation_mm == 0.0 else 16.0
+    along, across = np.meshgrid(np.linspace(-16, 16, 801), np.linspace(-16, 16, 801))
+    pressure = np.maximum(1.0 - (along**2 + across**2) / reach_mm**2, 0.0)
+    covered = (np.abs(along) < 15.0) & (np.abs(across) < 10.0)
+    assert caught == pytest.approx([pressure[covered].sum() / pressure.sum()] * 2, abs=0.015)
+    assert (caught[0] > 0.98) == (deformation_mm == 0.0)
+
+
+def test_trend_is_counted_by_fruit() -> None:
+    falls = np.array([-40.0, -35.0, -30.0, -25.0])[:, None] + np.array([-0.5, 0.5])
+    stays = np.array([-40.0, -41.0, -40.5, -39.5])[:, None] + np.array([-0.5, 0.5])
+    found = scores(np.array([falls, stays]))
+    assert (found["falls_every_day"], found["falls_clearly"], found["fruits"]) == (1, 1, 2)
+
+
+def test_report_of_figure_16_has_every_hand_and_day() -> None:
+    found = figure16.report(1, grasps=2)
+    rows = found.payload["summary"]
+    assert len(rows) == 10
+    assert all(len(row["mean_percent"]) == DAYS for row in rows)
+    stopped = {row["hand"]: row["mean_percent"] for row in rows if row["level"] == "lab"}
+    assert stopped["rigid, one width"][-1] > stopped["rigid, one width"][0] + 5.0
