@@ -12,6 +12,7 @@ from palpate.twin.placement import PixelGrid
 from palpate_studies import figure16, table6
 from palpate_studies.bruise_table6 import grasped, supported
 from palpate_studies.figure16 import DAYS, GrowingContact, scores
+from palpate_studies.table4_preload import preloaded_line
 
 
 def test_supported_apple_keeps_the_load_of_its_sound_side() -> None:
@@ -65,3 +66,13 @@ def test_report_of_figure_16_has_every_hand_and_day() -> None:
     assert all(len(row["mean_percent"]) == DAYS for row in rows)
     stopped = {row["hand"]: row["mean_percent"] for row in rows if row["level"] == "lab"}
     assert stopped["rigid, one width"][-1] > stopped["rigid, one width"][0] + 5.0
+
+
+def test_preload_at_rest_turns_the_sign_of_an_intercept() -> None:
+    """A change that bends, as a sheet's does, has a line with a negative intercept without it."""
+    force_n = np.linspace(0.2, 12.0, 10)[:, None]
+    percent = -90.0 * (1.0 - np.exp(-force_n / 14.0))
+    (_, _, without_n), (_, _, under_n) = (
+        preloaded_line(force_n, percent, preload_n=preload_n) for preload_n in (0.0, 2.5)
+    )
+    assert without_n < 0 < under_n

@@ -16,6 +16,8 @@ from tests.contract.servo_bus import ServoBus
 
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, InputError
 from palpate.grasp.belief import Observation
+from palpate.grasp.paper import Paper
+from palpate.grasp.paper_method import by_paper
 from palpate.grasp.plan import Plan
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.result import GraspResult, Outcome
@@ -425,6 +427,24 @@ def plan() -> Plan:
     gripper.close()
     bus.close()
     return plan
+
+
+def test_the_papers_method_through_the_servo(
+    plan: Plan, gripper: DynamixelGripper, world: World
+) -> None:
+    calibration = calibrated(seed=5, level="lab", apart_from="strawberry")
+    by_its_steps = by_paper(plan, Paper(), calibration=calibration)
+    result = run_grasp(by_its_steps, array=TwinArray(world), gripper=gripper, clock=world.clock)
+    truth = world.truth()
+    assert result.outcome is Outcome.HELD
+    assert result.faults == ()
+    assert result.size_mm is not None
+    assert truth.size_mm is not None
+    # The width before contact: within two steps of 1 mm, as on the twin's own fingers.
+    assert abs(result.size_mm.value - truth.size_mm) < 2.0
+    assert result.settled_percent is not None
+    assert result.settled_percent.value == pytest.approx(truth.settled_percent, rel=0.2)
+    assert gripper.state().width_mm > 73.0
 
 
 def test_a_grasp_through_the_servo(plan: Plan, gripper: DynamixelGripper, world: World) -> None:

@@ -108,6 +108,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.table4",
         "Table 4 and Figure 11c on the twin, and why slopes differ",
     ),
+    "table4-preload": (
+        "palpate_studies.table4_preload",
+        "Table 4 with rest values taken under a preload, on the twin",
+    ),
     "table5": ("palpate_studies.table5", "Table 5: force estimated early, simulated"),
     "table6": (
         "palpate_studies.table6",

@@ -251,6 +251,6 @@ def _figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         {
             row["hand"]: list(zip(row["mean_percent"], row["sd_of_grasps"], strict=True))
             for row in rows
-            if row["level"] == "lab" and row["hand"] in (HANDS[0].name, HANDS[1].name)
+            if row["level"] == "lab" and row["hand"] in {HANDS[number].name for number in (0, 1, 3)}
         }
     )

@@ -11,6 +11,7 @@ import pytest
 from palpate.cli import build_app, run
 from palpate.errors import RecordingError
 from palpate.grasp.paper import Paper
+from palpate.twin.firmware import BUILD
 
 Capture = pytest.CaptureFixture[str]
 
@@ -43,6 +44,14 @@ def test_paper_method_on_rigid_fingers_gives_size_and_force(capsys: Capture) -> 
 def test_paper_method_on_fingers_driven_by_pressure_gives_no_size(capsys: Capture) -> None:
     found = grasped(capsys, "--rig", "sim-soft")
     assert (found["outcome"], found["size_mm"], found["previous_width_mm"]) == ("held", None, None)
+
+
+def test_paper_method_through_the_firmware_holds_the_object(capsys: Capture) -> None:
+    if not (BUILD / "libpalpate_board.so").exists():
+        pytest.skip("no firmware simulator")
+    found = grasped(capsys, "--rig", "sim-firmware", "--object", "strawberry")
+    assert found["outcome"] == "held"
+    assert found["size_mm"]["value"] == pytest.approx(found["truth"]["size_mm"], abs=2.0)
 
 
 def test_extra_closing_presses_more(capsys: Capture) -> None:

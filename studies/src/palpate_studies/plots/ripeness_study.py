@@ -30,12 +30,14 @@ _LONGEST = 6.0
 
 def figure16(days: Mapping[str, Sequence[tuple[float, float]]]) -> Figure:
     """Draw mean and sd of the settled change over days, one panel per condition."""
-    with new_figure(columns=max(len(days), 1), width_in=6.4, height_in=2.8, shared=True) as (
+    with new_figure(
+        columns=max(len(days), 1), width_in=max(3.2 * len(days), 6.4), height_in=2.8, shared=True
+    ) as (
         figure,
         axes,
     ):
         for axis, (name, values), colour in zip(
-            axes[0], days.items(), (BLUE, ORANGE), strict=False
+            axes[0], days.items(), (BLUE, ORANGE, GREEN), strict=False
         ):
             mean, sd = np.array(values).T
             at = np.arange(1, mean.size + 1)
