@@ -27,9 +27,9 @@ class Outcome(StrEnum):
     #: No force that is safe for the object is sure to lift it (`target`, for `controller`).
     TOO_WEAK = "too_weak"
     #: The sheet shows more than the ceiling (`controller`), or by its calibration a faint touch may
-    #: be more already (`releasing`); the servo's current shows more (`current_watch`); the board's own
-    #: ceiling has tripped (`runner`); most of the
-    #: pressed pixels are beyond what the converter reads (`pixel_watch`).
+    #: be more already (`releasing`); the servo's current shows more (`current_watch`); the board's
+    #: own ceiling has tripped (`runner`); most of the pressed pixels are beyond what the converter
+    #: reads (`pixel_watch`).
     FORCE_LIMIT = "force_limit"
     #: Not done within the plan's longest time (`controller`).
     TIMED_OUT = "timed_out"
