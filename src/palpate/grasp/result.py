@@ -38,8 +38,8 @@ class Outcome(StrEnum):
     #: less while the hand closes (`controller`), or does not follow the fingers (`releasing`); a
     #: servo that pulls more than the sheet shows (`current_watch`).
     SENSOR_LOST = "sensor_lost"
-    #: The gripper does not answer or fails (`runner`), is not where it was sent or reports what
-    #: can't be (`tracking_error`, for `runner`); its current sticks (`current_watch`).
+    #: The gripper does not answer or fails (`runner`), is not where it was sent, closes too fast or
+    #: reports what can't be (`tracking_error`, for `runner`); its current sticks (`current_watch`).
     GRIPPER_FAULT = "gripper_fault"
     #: Ctrl-C, or a request: to stop, or for the object before its force was known (`controller`,
     #: `runner`).

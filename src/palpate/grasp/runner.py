@@ -25,7 +25,7 @@ from palpate.grasp.requests import Requests
 from palpate.grasp.result import GraspResult, Outcome
 from palpate.grasp.rezero import strange_rest
 from palpate.grasp.safety import Alarm, Danger
-from palpate.grasp.tracking_error import Following, unbelievable
+from palpate.grasp.tracking_error import Following, SpeedWatch, unbelievable
 from palpate.gripper.interface import Gripper, GripperState
 from palpate.sensor.array import Frame, PressureArray, wrong_counts
 
@@ -111,6 +111,7 @@ class _Hand:
         self._gripper, self._plan = gripper, plan
         self._limits, self._safety = plan.gripper, plan.safety
         self._current = CurrentWatch(plan)
+        self._speed = SpeedWatch(plan.gripper, safety=plan.safety)
         self._following: Following | None = None
         #: The first command since the hand was last seen to move, or not to.
         self._unjudged: Following | None = None
@@ -131,12 +132,14 @@ class _Hand:
 
     def alarm(self, state: GripperState, *, belief: Belief, now_s: float) -> Alarm | None:
         """Return what is wrong: it is not where it was sent, or presses more than it may."""
+        complaint = None
         if self._following is not None:
             complaint = self._following.complaint(
                 state, now_s=now_s, limits=self._limits, safety=self._safety
             )
-            if complaint is not None:
-                return Alarm(danger=Danger.GRIPPER_FAULT, words=complaint)
+        complaint = complaint or self._speed.complaint(state, way=self._following)
+        if complaint is not None:
+            return Alarm(danger=Danger.GRIPPER_FAULT, words=complaint)
         return self._current.alarm(state, belief=belief)
 
     def glance_s(self, now_s: float) -> float | None:

@@ -15,6 +15,10 @@ _BEYOND = {"width": 5.0, "pressure": 10.0}
 #: longer one by now at least this share is made, or the hand does not move.
 _SHORT = {"width": 0.2, "pressure": 0.4}
 _LEAST_SHARE = 0.3
+#: A hand that closes this many times as fast as it was sent is driven in other units, or does not
+#: take a speed at all: the step sizes and the touch at speed rely on it. Commands give the mean
+#: speed of a movement, and no mechanism here turns into more than 1.3 times that on the way.
+_TOO_FAST = 1.5
 #: No motor of such a gripper takes this current, mA.
 _MOST_MA = 20_000.0
 
@@ -146,4 +150,56 @@ class Following:
         return (
             f"the gripper was sent to {self.target:.1f} {unit} and reports {reported:.1f} {unit}; "
             "is it blocked, locked or without supply?"
+        )
+
+
+class SpeedWatch:
+    """Compares how far a hand has closed with what its commands allow.
+
+    A single short step may be over before it is seen, so what a hand closes too much adds up over
+    the commands of a closing, and whatever time allows it is taken off.
+
+    >>> limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+    >>> watch = SpeedWatch(limits, safety=SafetyLimits())
+    >>> sent = GripperCommand(target=30.0, rate=20.0)
+    >>> at = lambda time_s, mm: GripperState(time_s=time_s, width_mm=mm)
+    >>> way = Following.of(
+    ...     sent, state=at(0.0, 50.0), now_s=0.0, limits=limits, safety=SafetyLimits()
+    ... )
+    >>> watch.complaint(at(0.0, 50.0), way=None)
+    >>> watch.complaint(at(0.1, 48.0), way=way)
+    >>> watch.complaint(at(0.2, 42.0), way=way)
+    'the gripper was sent at 20.0 mm/s and closes at 60 mm/s; check the unit of speed in its driver'
+    """
+
+    def __init__(self, limits: GripperLimits, *, safety: SafetyLimits) -> None:
+        self._limits, self._latency_s = limits, safety.latency_s
+        # What a loaded servo lags behind it makes up for at once where the load is gone.
+        self._lag = safety.astray_mm if limits.drive == "width" else safety.astray_kpa
+        self._before: tuple[float, float] | None = None
+        self._rate = self._ahead = 0.0
+
+    def complaint(self, state: GripperState, *, way: Following | None) -> str | None:
+        """Take the next report; return what is wrong with its speed, if anything.
+
+        `way`: the command in force since the last report, if there was one.
+        """
+        closure, before = self._limits.closure(state), self._before
+        if before is not None and not state.time_s > before[0]:
+            return None
+        self._before = (state.time_s, closure)
+        if before is None or way is None:
+            return None
+        closed, passed_s = closure - before[1], state.time_s - before[0]
+        # A hand that gets a slower command closes at the speed of the one before for a moment.
+        late = max(self._rate - way.rate, 0.0) * self._latency_s
+        self._rate = way.rate
+        more = closed - _TOO_FAST * way.rate * passed_s
+        self._ahead = max(self._ahead - late + more, min(self._ahead, 0.0) - late)
+        if self._ahead <= self._lag + way.rate * self._latency_s:
+            return None
+        unit = _UNITS[self._limits.drive]
+        return (
+            f"the gripper was sent at {way.rate:.1f} {unit}/s and closes at "
+            f"{closed / passed_s:.0f} {unit}/s; check the unit of speed in its driver"
         )

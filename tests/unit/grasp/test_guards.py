@@ -246,8 +246,8 @@ def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> Non
     command = bench.command
 
     def runaway(wanted: Any) -> Any:
-        command(replace(wanted, target=wanted.target - 0.3 * (bench.force_n > 1.0)))
-        return wanted
+        sent = command(replace(wanted, target=wanted.target - 0.3 * (bench.force_n > 1.0)))
+        return replace(sent, target=wanted.target)
 
     bench.command, sent_s = runaway, list[float]()
     forces = list[float]()
@@ -261,6 +261,22 @@ def test_running_past_the_target_is_known_at_once(plan: Plan, bench: Any) -> Non
     assert result.outcome is Outcome.GRIPPER_FAULT
     assert "runs on" in result.faults[0]
     assert bench.clock.now_s() == pytest.approx(bench.commanded_s + PERIOD_S, abs=1e-6)
+
+
+def test_a_hand_that_closes_too_fast_is_not_held(plan: Plan, bench: Any) -> None:
+    """Its driver takes the speed in other units, and reports that it was sent as wanted."""
+    command = bench.command
+
+    def faster(wanted: Any) -> Any:
+        command(wanted)
+        return wanted
+
+    bench.command = faster
+    result = run(plan, bench)
+    assert result.outcome is Outcome.GRIPPER_FAULT
+    assert "check the unit of speed in its driver" in result.faults[0]
+    assert bench.force_n == 0.0
+    assert bench.stops == 1
 
 
 def test_a_hand_that_never_moves_is_known_after_a_few_commands(plan: Plan, bench: Any) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from palpate.grasp.safety import SafetyLimits
-from palpate.grasp.tracking_error import Following, unbelievable
+from palpate.grasp.tracking_error import Following, SpeedWatch, unbelievable
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 
 WIDTH = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
@@ -89,6 +91,98 @@ def test_idle_is_less_than_a_third_of_what_the_rate_makes(
     assert idle(0.0, 1.005) is None
     # Later than the way takes, no more than all of it is expected.
     assert (idle(2.9, 9.0), idle(3.1, 9.0)) == (True, False)
+
+
+def speeds(
+    limits: GripperLimits, moves: list[tuple[float, float, float]], *, every_s: float
+) -> list[str]:
+    """Return the complaints about movements of a rate, a real speed and a way, one after another.
+
+    Between two of them the hand stands for half a second.
+    """
+    watch, now_s, closure = SpeedWatch(limits, safety=SAFETY), 0.0, 2.0
+    found = list[str]()
+    for rate, real, length in moves:
+        begin, began_s = closure, now_s
+        command = GripperCommand(target=limits.target(begin + length), rate=rate)
+        state = at(limits, limits.target(begin))
+        way = Following.of(command, state=state, now_s=now_s, limits=limits, safety=SAFETY)
+        watch.complaint(replace(state, time_s=now_s), way=None)
+        while now_s < began_s + length / rate + 0.5:
+            now_s += every_s
+            closure = begin + min(real * (now_s - began_s), length)
+            complaint = watch.complaint(at(limits, limits.target(closure), time_s=now_s), way=way)
+            found += [] if complaint is None else [complaint]
+    return found
+
+
+@pytest.mark.parametrize("limits", [WIDTH, PRESSURE])
+@pytest.mark.parametrize("every_s", [0.004, 0.01, 0.067])
+@pytest.mark.parametrize("factor", [1.0, 1.4])
+def test_a_hand_as_fast_as_it_was_sent_is_left_alone(
+    limits: GripperLimits, every_s: float, factor: float
+) -> None:
+    moves = [(20.0, factor * 20.0, 8.0), (4.0, factor * 4.0, 1.0), (35.0, factor * 35.0, 10.0)]
+    assert speeds(limits, moves, every_s=every_s) == []
+
+
+@pytest.mark.parametrize("limits", [WIDTH, PRESSURE])
+@pytest.mark.parametrize("every_s", [0.004, 0.01, 0.067])
+@pytest.mark.parametrize("factor", [3.0, 10.0, 100.0])
+def test_a_hand_that_is_too_fast_is_known(
+    limits: GripperLimits, every_s: float, factor: float
+) -> None:
+    found = speeds(limits, [(20.0, factor * 20.0, 12.0)], every_s=every_s)
+    assert found
+    assert "was sent at 20.0" in found[0]
+    assert "check the unit of speed" in found[0]
+
+
+def test_too_fast_adds_up_over_the_short_commands_of_a_way_at_speed() -> None:
+    """Each command reaches two frames ahead, and the hand arrives before the next one."""
+    watch, width_mm, found = SpeedWatch(WIDTH, safety=SAFETY), 74.0, list[str]()
+    for frame in range(12):
+        state, now_s = at(WIDTH, width_mm), frame / 15
+        sent = GripperCommand(target=width_mm - 1.3, rate=10.0)
+        way = Following.of(sent, state=state, now_s=now_s, limits=WIDTH, safety=SAFETY)
+        watch.complaint(replace(state, time_s=now_s + 1e-3), way=way)
+        width_mm -= 1.3
+        complaint = watch.complaint(at(WIDTH, width_mm, time_s=now_s + 1 / 15), way=way)
+        found += [] if complaint is None else [complaint]
+    assert found
+
+
+def test_a_slower_command_is_obeyed_within_the_latency() -> None:
+    watch, width_mm = SpeedWatch(WIDTH, safety=SAFETY), 60.0
+    fast, slow = (
+        Following.of(
+            GripperCommand(target=20.0, rate=rate),
+            state=at(WIDTH, 60.0),
+            now_s=0.0,
+            limits=WIDTH,
+            safety=SAFETY,
+        )
+        for rate in (60.0, 6.0)
+    )
+    for step in range(1, 60):
+        now_s = 0.005 * step
+        way = fast if now_s <= 0.1 else slow
+        width_mm -= 0.005 * (60.0 if now_s <= 0.1 + SAFETY.latency_s else 6.0)
+        assert watch.complaint(at(WIDTH, width_mm, time_s=now_s), way=way) is None
+
+
+def test_opening_is_never_too_fast_nor_is_a_lag_made_up_for_at_once() -> None:
+    watch = SpeedWatch(WIDTH, safety=SAFETY)
+    way = sent(WIDTH, 40.0, 30.0, rate=4.0)
+    assert watch.complaint(at(WIDTH, 40.0, time_s=0.0), way=way) is None
+    assert watch.complaint(at(WIDTH, 39.5, time_s=0.001), way=way) is None
+    assert watch.complaint(at(WIDTH, 70.0, time_s=0.1), way=way) is None
+
+
+def test_reports_without_a_time_of_their_own_are_not_judged() -> None:
+    watch = SpeedWatch(WIDTH, safety=SAFETY)
+    way = sent(WIDTH, 40.0, 30.0, rate=4.0)
+    assert [watch.complaint(at(WIDTH, mm), way=way) for mm in (40.0, 35.0, 30.0)] == [None] * 3
 
 
 def test_reports_that_can_not_be() -> None:
