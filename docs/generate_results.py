@@ -36,8 +36,14 @@ REAL = (
         "--holds=holds_velostat.csv.gz",
         "--holds=holds_cbsilicone.csv.gz",
     ),
-    ("real-holds", "--holds=holds_cbsilicone.csv.gz", "--holds=holds_velostat.csv.gz"),
-    ("settling-limits", "--holds=holds_cbsilicone.csv.gz"),
+    (
+        "settled",
+        "--holds=holds_cbsilicone.csv.gz",
+        "--holds=holds_force_relaxation.csv.gz",
+        "--holds=holds_velostat.csv.gz",
+        "--holds=holds_food.csv.gz",
+        "--holds=holds_tape.csv.gz",
+    ),
     ("force-ladders", "--ladders=velostat_force_ladders.csv"),
     (
         "presses",
@@ -82,13 +88,7 @@ SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
     "pixels": {"Median |error| of force, percent, by": ()},
     "speed": {"Median": ("3 |", "6 |", "25 |")},
     "realism": {"holds_velostat": ()},
-    "real-holds": {
-        "median |error|, % of the settled": tuple(
-            f"{method} |" for method in ("recorded", "exponential", "log_law_early", "relaxation")
-        ),
-        "share of holds": (),
-    },
-    "settling-limits": {"Real": ()},
+    "settled": {"Median |error|, %": (), "Regret": ()},
     "force-ladders": {"New sensor": ("mean of ladders",)},
     "presses": {"Force after": ("all",), "Relaxation": ("all",)},
     "histories": {"RMS": ("resistance",)},

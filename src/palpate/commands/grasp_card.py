@@ -27,6 +27,7 @@ _ROWS = (
 )
 _NOTES = {
     Status.OK: "",
+    Status.UNPROVEN: "unproven shape",
     Status.TOO_SHORT: "short hold",
     Status.NOT_SETTLING: "not settling",
     Status.SATURATED: "outside range",

@@ -259,7 +259,6 @@ def _methods(
     if not fit_on:
         return made
     from palpate.settling.conformal import calibrate
-    from palpate.settling.evaluate import Calibrates
 
     holds = _settled_holds(fit_on, horizon_s=horizon_s, option="--fit-on", percent=percent)
     if len(holds) < FEW_CALIBRATION_HOLDS:
@@ -268,12 +267,7 @@ def _methods(
             f"than {FEW_CALIBRATION_HOLDS} are rough or missing",
             file=sys.stderr,
         )
-    for name, method in made.items():
-        if isinstance(method, Calibrates):
-            made[name] = method.calibrated_on(holds, horizon_s=horizon_s)
-        else:
-            made[name] = calibrate(method, holds, horizon_s=horizon_s)
-    return made
+    return {name: calibrate(method, holds, horizon_s=horizon_s) for name, method in made.items()}
 
 
 def _settled_holds(

@@ -118,7 +118,9 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
     half = max(reading.high - reading.value, reading.value - reading.low)
     of_law = 0.5 * float(ndtri(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
     enough = max(plan.decide_half_width, of_law)
-    return reading.status is Status.OK and half <= enough * abs(reading.value)
+    # The interval is widened by all that the forecast adds, so an unproven shape does no harm.
+    known = reading.status in (Status.OK, Status.UNPROVEN)
+    return known and half <= enough * abs(reading.value)
 
 
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:

@@ -3,7 +3,7 @@
 A component is a curve and a deviation. Up to one unknown scale s, the differences d of the binned
 samples to the last one have covariance s^2 (K + c c'), with K of the deviation and c of the curve.
 Deviations are factorised once for a grid, and each curve is a rank-one update (Sherman and
-Morrison), so seven factors serve a few hundred components. The forecast is linear in d,
+Morrison), so seven factors serve nearly two hundred components. The forecast is linear in d,
 the evidence is |K + c c'|^(-1/2) (nu s0^2 + d' (K + c c')^-1 d)^(-(nu + m) / 2) under an inverse
 gamma prior of s^2 (O'Hagan & Forster, Kendall's Advanced Theory of Statistics 2B, section 11.18).
 """
@@ -76,22 +76,23 @@ class Conditionals:
     pace: float
 
 
-def conditionals(time_s: FloatArray, *, after_s: float) -> Conditionals:
+def conditionals(time_s: FloatArray, *, after_s: float, loading_s: float = 0.0) -> Conditionals:
     """Work out, or recall, the conditionals of a grid.
 
     `time_s`, shape (n_times,): seconds after the origin of the samples to use; at least two.
     `after_s`: time of the value to predict, seconds after the origin.
+    `loading_s`: how long loading took before the origin; 0 where it is not known.
     """
-    return _recall(time_s.tobytes(), after_s)
+    return _recall(time_s.tobytes(), after_s, loading_s)
 
 
 @lru_cache(maxsize=64)
-def _recall(time_bytes: bytes, after_s: float) -> Conditionals:
+def _recall(time_bytes: bytes, after_s: float, loading_s: float) -> Conditionals:
     bins = log_bins(np.frombuffer(time_bytes))
     time_s = np.append(bins.time_s, after_s)
     last = bins.time_s.size - 1
     others = np.array([*range(last), last + 1], dtype=np.intp)
-    curve = curve_values(time_s)
+    curve = curve_values(time_s, loading_s=loading_s)
     curve = curve[others] - curve[last]
     # Factorised whole: the last row of the factor is that of the horizon given the samples.
     covariances = _covariances(bins, time_s=time_s, others=others)

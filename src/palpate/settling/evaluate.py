@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,15 +17,6 @@ from palpate.settling.scoring import Scores, recorded_value, score, settled_valu
 #: Holds predicted together. Only holds on one sampling grid share work, and those are neighbours.
 HOLDS_AT_A_TIME = 512
 SAMPLES_AT_A_TIME = 500_000
-
-
-@runtime_checkable
-class Calibrates(Protocol):
-    """A method that calibration holds can sharpen."""
-
-    def calibrated_on(self, holds: Iterable[Hold], *, horizon_s: float) -> SettlingMethod:
-        """Return the method as these holds sharpen it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

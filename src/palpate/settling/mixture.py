@@ -13,8 +13,8 @@ from palpate.arrays import FloatArray
 from palpate.settling.conditionals import DEVIATION_OF, N_DEVIATIONS, NOISE, Conditionals
 
 #: Scale of the change of ln R from 0.3 to 20 s, and how many samples' worth that is known: sheets
-#: creep by a tenth, rarely by less than a fiftieth or more than a half.
-SCALE, SCALE_DEGREES = 0.1, 6.0
+#: and soft materials creep by a tenth to a half (median drops of five real materials: .08 to .4).
+SCALE, SCALE_DEGREES = 0.18, 4.0
 #: No curve is the truth: each forecast may have this relative error, and this share of the change
 #: that the recent pace per e-fold of time would bring.
 SHAPE_DOUBT = 0.08
@@ -36,9 +36,8 @@ class Mixture:
 
     #: Shape (n_holds,). First entry of each hold.
     first: NDArray[np.intp]
-    #: Shape (n_kept,). Which hold each entry is of, increasing from 0, and which component.
+    #: Shape (n_kept,). Which hold each entry is of, increasing from 0.
     hold: NDArray[np.intp]
-    component: NDArray[np.intp]
     #: Shape (n_kept,). Posterior probability, change from the last bin to the horizon and its
     #: standard deviation.
     weight: FloatArray
@@ -50,23 +49,19 @@ def posterior(
     forms: Conditionals,
     seen: FloatArray,
     *,
-    log_odds: FloatArray,
     scatter: tuple[FloatArray, float],
     scaled: bool,
-    lightest: float = LIGHTEST,
 ) -> Mixture:
     """Weigh the components by the binned samples of holds on one grid.
 
     `seen`, shape (n_holds, m): differences of the bins to the last one.
-    `log_odds`, shape (n_deviations, n_curves): prior log odds.
     `scatter`, shape (n_holds,): noise variance of one sample, and the number of samples it counts
     for.
     `scaled`: whether the values are ln R, whose scale is known roughly; of other units nothing is.
-    `lightest`: components that weigh less than this share of the heaviest are dropped.
     """
     noise, samples = scatter
     degrees = seen.shape[1] + samples + scaled * SCALE_DEGREES
-    weighing = _weighing(forms, log_odds.tobytes(), samples, degrees)
+    weighing = _weighing(forms, samples, degrees)
     holds, m = seen.shape
     whitened = (seen @ forms.whitening).reshape(holds, N_DEVIATIONS, m)
     along, left, square = _scratch(holds)
@@ -78,7 +73,7 @@ def posterior(
     np.matmul(squares, weighing.handicap, out=left)
     left -= np.square(along, out=square)
     least = np.maximum(left.min(axis=1), 1e-12 * squares.min(axis=1))
-    [kept] = (left <= (least * lightest ** (-2 / degrees))[:, None]).ravel().nonzero()
+    [kept] = (left <= (least * LIGHTEST ** (-2 / degrees))[:, None]).ravel().nonzero()
     hold = kept // along.shape[1]
     component = kept - hold * along.shape[1]
     first = hold.searchsorted(np.arange(holds))
@@ -93,7 +88,6 @@ def posterior(
     return Mixture(
         first=first,
         hold=hold,
-        component=component,
         weight=weight,
         forecast=forecast,
         deviation=np.sqrt(unexplained * weighing.variance[component] + doubt),
@@ -118,10 +112,10 @@ def _scratch(holds: int) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Weighing:
-    """Conditionals of a grid under some odds."""
+    """Conditionals of a grid with noise of one sample in each."""
 
     #: Shape (n_deviations, n_components). What multiplies the unexplained squares of a component,
-    #: for the odds, the noise and the determinants: at least 1; 0 outside of its own deviation.
+    #: for the noise and the determinants: at least 1; 0 outside of its own deviation.
     handicap: FloatArray
     #: Shape (m, n_components). That of the conditionals, with the root of the handicap.
     along: FloatArray
@@ -132,8 +126,8 @@ class _Weighing:
 
 
 @lru_cache(maxsize=64)
-def _weighing(forms: Conditionals, log_odds: bytes, samples: float, degrees: float) -> _Weighing:
-    log_prior = forms.log_weight + np.frombuffer(log_odds) - samples * np.log(NOISE)[DEVIATION_OF]
+def _weighing(forms: Conditionals, samples: float, degrees: float) -> _Weighing:
+    log_prior = forms.log_weight - samples * np.log(NOISE)[DEVIATION_OF]
     handicap = np.exp((log_prior.max() - log_prior) * (2 / degrees))
     root = np.sqrt(handicap)
     return _Weighing(
@@ -155,7 +149,7 @@ def quantiles(mixture: Mixture, shares: FloatArray) -> FloatArray:
     Two components of equal weight:
 
     >>> two = Mixture(
-    ...     first=np.array([0]), hold=np.array([0, 0]), component=np.array([0, 1]),
+    ...     first=np.array([0]), hold=np.array([0, 0]),
     ...     weight=np.array([0.5, 0.5]), forecast=np.array([2.0, 4.0]),
     ...     deviation=np.array([0.5, 0.5]),
     ... )

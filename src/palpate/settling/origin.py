@@ -25,6 +25,8 @@ _REST_OF_IT = 0.5
 _CONTACT_LOG, _CONTACT_SHARE, _CONTACT_S, _RUNG_OUT_S = 0.2, 0.9, 0.3, 0.35
 #: Samples are left out only if this many, over this long (s), are left.
 _FEWEST_LEFT, _SHORTEST_LEFT_S = 4, 0.25
+#: Fewer runs of equal samples show no period of renewal.
+_FEWEST_RUNS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,3 +149,24 @@ def _at_once(values: FloatArray, rested: NDArray[np.intp], *, positive: bool) ->
         least = _GONE * np.abs(values - rest[:, None]).max(axis=1)
     made = (jump > least) & (np.abs(second - first) <= _REST_OF_IT * jump)
     return np.asarray(made & (rested > 0) & (rested + 2 <= last))
+
+
+def refreshed(values: FloatArray) -> NDArray[np.intp]:
+    """Return the samples of one hold at which its reading was renewed.
+
+    A reading that is logged more often than the instrument renews it repeats itself in runs of
+    about one length; only the first of each run is of its time. All samples, where runs differ as
+    those of a rounded reading do.
+
+    `values`, shape (n_times,).
+
+    >>> refreshed(np.array([5.0, 5.0, 4.5, 4.5, 4.2, 4.2])).tolist()
+    [0, 2, 4]
+    >>> refreshed(np.array([5.0, 5.0, 4.5, 4.4, 4.2, 4.2])).tolist()
+    [0, 1, 2, 3, 4, 5]
+    """
+    starts = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1])
+    runs = np.diff(np.append(starts, values.size))
+    if runs.size < _FEWEST_RUNS or runs[:-1].min() < 2 or runs.max() > 2 * runs[:-1].min() + 1:
+        return np.arange(values.size)
+    return starts

@@ -1,15 +1,14 @@
-"""The sensor's own settled holds, shrunk to the general prior.
+"""The sensor's own settled holds: which rule fits them, and how far it is off.
 
-Every past hold, cut to the window of the hold to predict, is evidence for the components that
-predict the value it settled to. The odds become a mixture of the general ones and the mean of
-those; the error that remains is modelled as a share of the change ahead, shrunk towards zero. Both
-weigh more with more holds, so a few holds, or holds unlike each other, change little. It is for the
-same sensor, read the same way.
+The experts are the general predictor as it is, a constant multiple of the last reading, and lines
+in one thing that a hold shows: the general forecast, the log law, the pace of the last e-fold. Each
+is fitted to the past holds, weighed by its errors where a hold is left out of its own fit, and the
+interval reaches as far as those errors do (Lei et al., "Distribution-Free Predictive Inference for
+Regression", JASA 113, 2018), drawn towards the general interval while holds are few.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,30 +16,57 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
 from palpate.holds import Hold
-from palpate.settling.mixture import Mixture
+from palpate.settling.conformal import PROVING_HOLDS
+from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import SettledEstimate
-from palpate.settling.scoring import settled_value
+from palpate.settling.result import SettledEstimate, Status
+from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 
-#: The general odds count as this many of the sensor's own holds, and for a tenth at least.
-GENERAL_HOLDS, MOST = 4.0, 0.9
-#: Holds needed to see a common error; a slope below this many times its variance is none.
-FEWEST = 4
+#: The latest holds are used: a sensor wears, and more sharpen nothing.
+MOST_HOLDS = 60
+#: The general interval counts as this many errors of own holds, and half of it as this many errors
+#: of every expert.
+_GENERAL_ERRORS, _GENERAL_HOLDS = 3.0, 2.0
 #: Cut-offs that are remembered.
-REMEMBERED = 64
+_REMEMBERED = 64
+_TINY = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Shown:
+    """What holds show up to a cut-off, in ln of the last reading, or in units of their range.
+
+    `features`, shape (n_holds, 3): changes to come by the general forecast, the log law and the
+    pace; `below`, `above`, shape (n_holds,): reach of the general interval; `unit` of each hold.
+    """
+
+    features: FloatArray
+    below: FloatArray
+    above: FloatArray
+    unit: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Learned:
+    """Lines of the experts, shape (n_experts, 1 + n_features), weights, and sorted |errors|."""
+
+    lines: FloatArray
+    weights: FloatArray
+    errors: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnRelaxation:
-    """`Relaxation` with odds learned from settled holds of the same sensor.
+    """`Relaxation` and simple rules, weighed and widened by settled holds of the same sensor.
 
     Attributes
     ----------
     holds : tuple of Hold
-        Past holds; those that reach the horizon teach, none of them is to be predicted.
+        Past holds in the order of recording; those that reach the horizon count, none of them is
+        to be predicted.
     general : Relaxation
-        What is known without them; its interval calibration is kept.
+        What is known without them.
 
     Raises
     ------
@@ -57,13 +83,13 @@ class OwnRelaxation:
     ...     for k in range(20, 30))
     >>> method = OwnRelaxation(holds=holds)
     >>> found = method.predict(time_s[:30], 24.5 * shape[None, :30], horizon_s=20.0, level=0.9)
-    >>> round(float(found.value[0]), 1)
-    24.5
+    >>> round(float(found.value[0]), 1), found.status[0].value
+    (24.5, 'ok')
     """
 
     holds: tuple[Hold, ...]
     general: Relaxation = field(default_factory=Relaxation)
-    _learned: dict[tuple[float, float], Relaxation] = field(
+    _known: dict[tuple[float, float, bool], _Learned | None] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -82,94 +108,127 @@ class OwnRelaxation:
         self, time_s: FloatArray, values: FloatArray, *, horizon_s: float, level: float
     ) -> SettledEstimate:
         """Predict the value at the horizon; see `SettlingMethod.predict`."""
-        method = self._at(float(time_s[-1]), horizon_s=horizon_s)
-        return method.predict(time_s, values, horizon_s=horizon_s, level=level)
-
-    def calibrated_on(self, holds: Iterable[Hold], *, horizon_s: float = 20.0) -> OwnRelaxation:
-        """Return the method with intervals as wide as the general one's residuals call for."""
-        scale = self.general.calibrated_on(holds, horizon_s=horizon_s).scale
-        return OwnRelaxation(holds=self.holds, general=replace(self.general, scale=scale))
-
-    def _at(self, cutoff_s: float, *, horizon_s: float) -> Relaxation:
-        """Return the method for holds seen up to a cut-off; recalled, since learning takes time."""
-        key = (cutoff_s, horizon_s)
-        if key not in self._learned:
-            if len(self._learned) >= REMEMBERED:
-                self._learned.clear()
-            self._learned[key] = self._learn(cutoff_s, horizon_s=horizon_s)
-        return self._learned[key]
-
-    def _learn(self, cutoff_s: float, *, horizon_s: float) -> Relaxation:
-        known = [
-            past
-            for hold in map(without_percent, self.holds)
-            if (past := _past(self.general, hold, cutoff_s=cutoff_s, horizon_s=horizon_s))
+        found = self.general.predict(time_s, values, horizon_s=horizon_s, level=level)
+        positive = bool((values > 0).all())
+        key = (float(time_s[-1]), horizon_s, positive)
+        if key not in self._known:
+            if len(self._known) >= _REMEMBERED:
+                self._known.clear()
+            self._known[key] = self._learn(key[0], horizon_s=horizon_s, positive=positive)
+        learned = self._known[key]
+        if learned is None or time_s[-1] >= horizon_s - SETTLED_WINDOW_S / 2:
+            return found
+        shown = _show(time_s, values, found, horizon_s=horizon_s, positive=positive)
+        change = _with_one(shown.features) @ (learned.weights @ learned.lines)
+        holds = learned.errors.size
+        rank = min(int(np.ceil((holds + 1) * level)), holds)
+        reach = holds * learned.errors[rank - 1]
+        total = holds + _GENERAL_ERRORS
+        ends = [
+            change - (reach + _GENERAL_ERRORS * shown.below) / total,
+            change,
+            change + (reach + _GENERAL_ERRORS * shown.above) / total,
         ]
-        if not known:
-            return self.general
-        general = self.general.log_odds
-        shares = [
-            given_truth(found, truth=truth, components=general.size) for found, _, truth in known
+        last = values[:, -1]
+        low, value, high = (
+            last * np.exp(end) if positive else last + shown.unit * end for end in ends
+        )
+        status = np.asarray(found.status).copy()
+        if holds >= PROVING_HOLDS:
+            status[status != Status.NOT_SETTLING] = Status.OK
+        return replace(found, low=low, value=value, high=high, status=status)
+
+    def _learn(self, cutoff_s: float, *, horizon_s: float, positive: bool) -> _Learned | None:
+        rows = [
+            row
+            for hold in map(without_percent, self.holds[-MOST_HOLDS:])
+            if (row := self._past(hold, cutoff_s, horizon_s=horizon_s, positive=positive))
         ]
-        log_odds = own_log_odds(general, shares)
-        gain = (log_odds - general).ravel()
-        missing, seen = [], []
-        for found, change, truth in known:
-            weight = found.weight * np.exp(gain[found.component] - gain.max())
-            missing.append(truth - weight @ found.forecast / weight.sum())
-            seen.append(change)
-        further = shrunk_slope(np.array(missing), np.array(seen))
-        return replace(self.general, log_odds=log_odds, further=further)
+        if not rows:
+            return None
+        features = np.concatenate([shown.features for shown, _ in rows])
+        truth = np.array([change for _, change in rows])
+        general = np.mean([(shown.below + shown.above) / 4 for shown, _ in rows])
+        lines = _fit(features, truth)
+        others = [np.arange(truth.size) != k for k in range(truth.size)]
+        left_out = np.array([_fit(features[k], truth[k]) for k in others if k.any()] or [lines])
+        errors = truth - np.einsum("kef,kf->ek", left_out, _with_one(features))
+        size = (np.abs(errors).sum(axis=1) + _GENERAL_HOLDS * general) / (
+            truth.size + _GENERAL_HOLDS
+        )
+        # The likelihood of errors of this mean size (Laplace), each expert at its own best.
+        weights = (size.min() / (size + _TINY)) ** truth.size
+        weights /= weights.sum()
+        return _Learned(lines=lines, weights=weights, errors=np.sort(np.abs(weights @ errors)))
+
+    def _past(
+        self, hold: Hold, cutoff_s: float, *, horizon_s: float, positive: bool
+    ) -> tuple[_Shown, float] | None:
+        """Return what a past hold showed up to the cut-off, and its change after that."""
+        settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
+        seen = hold.time_s <= cutoff_s
+        values = hold.values[None, seen]
+        if np.isnan(settled) or not seen.any() or not np.ptp(values):
+            return None
+        if positive and min(values.min(), settled) <= 0:
+            return None
+        time_s = hold.time_s[seen]
+        found = self.general.predict(time_s, values, horizon_s=horizon_s, level=0.9)
+        shown = _show(time_s, values, found, horizon_s=horizon_s, positive=positive)
+        return shown, float(_changes(np.array([settled]), values, shown.unit, positive=positive)[0])
 
 
-def _past(
-    general: Relaxation, hold: Hold, *, cutoff_s: float, horizon_s: float
-) -> tuple[Mixture, float, float] | None:
-    """Return forecasts of a past hold from its samples up to the cut-off, its change, its truth."""
-    settled = settled_value(hold.time_s, hold.values, horizon_s=horizon_s)
-    seen = hold.time_s <= cutoff_s
-    if np.isnan(settled) or not seen.any():
-        return None
-    values = hold.values[seen]
-    positive = bool((values > 0).all())
-    known = general.components(hold.time_s[seen], values, horizon_s=horizon_s)
-    if known is None or (positive and settled <= 0):
-        return None
-    found, binned = known
-    truth = (np.log(settled) if positive else settled) - binned[-1]
-    return found, float(binned[-1] - binned[0]), float(truth)
+def _show(
+    time_s: FloatArray,
+    values: FloatArray,
+    general: SettledEstimate,
+    *,
+    horizon_s: float,
+    positive: bool,
+) -> _Shown:
+    unit = np.maximum(np.ptp(values, axis=1), _TINY)
+    last_fold_s = float(time_s[-1] - time_s[0]) * (1 - 1 / np.e)
+    laws = (LogLaw(wait_s=0.1, from_s=0.4), LogLaw(wait_s=last_fold_s / (np.e - 1), from_s=0.2))
+    samples = np.log(values / values[:, -1:]) if positive else values - values[:, -1:]
+    by_law = [
+        law.predict(time_s, samples, horizon_s=horizon_s, level=general.level).value for law in laws
+    ]
+    forecast, low, high = (
+        _changes(np.asarray(end), values, unit, positive=positive)
+        for end in (general.value, general.low, general.high)
+    )
+    scale = 1.0 if positive else unit
+    return _Shown(
+        features=np.column_stack([forecast, *(np.asarray(change) / scale for change in by_law)]),
+        below=forecast - low,
+        above=high - forecast,
+        unit=unit,
+    )
 
 
-def shrunk_slope(missing: FloatArray, seen: FloatArray) -> float:
-    """Return the slope of what is missing over the change seen, drawn towards nothing.
+def _changes(
+    ends: FloatArray, values: FloatArray, unit: FloatArray, *, positive: bool
+) -> FloatArray:
+    """Return changes since the last sample, in ln or in units of the range."""
+    last = values[:, -1]
+    return np.asarray(np.log(ends / last) if positive else (ends - last) / unit)
 
-    Empirical Bayes (James and Stein): the share of the squared slope that its own error explains is
-    taken off, so a slope within its error is none.
 
-    >>> shrunk_slope(np.array([1.0, -1.0, 0.5]), np.array([2.0, 2.0, 2.0]))
-    0.0
+def _with_one(features: FloatArray) -> FloatArray:
+    return np.column_stack([np.ones(len(features)), features])
+
+
+def _fit(features: FloatArray, truth: FloatArray) -> FloatArray:
+    """Return the experts as lines: general, constant, and one for each feature.
+
+    A slope counts one hold without any, so it takes several to show one (ridge).
     """
-    power = float(seen @ seen)
-    slope = float(seen @ missing) / power if power > 0 else 0.0
-    if slope == 0.0 or seen.size < FEWEST:
-        return 0.0
-    left = missing - slope * seen
-    variance = float(left @ left) / (seen.size - 1) / power
-    return slope * max(0.0, 1.0 - FEWEST * variance / slope**2)
-
-
-def given_truth(found: Mixture, *, truth: float, components: int) -> FloatArray:
-    """Return the posterior of all components of one hold given the change that was ahead."""
-    off = (truth - found.forecast) / found.deviation
-    # Heavy tails: where no component forecast the truth, the least wrong must not take all weight.
-    likely = found.weight / found.deviation * (1 + off**2 / 4) ** -2.5
-    share = np.bincount(found.component, weights=likely, minlength=components)
-    return np.asarray(share / share.sum(), np.float64)
-
-
-def own_log_odds(general: FloatArray, shares: list[FloatArray]) -> FloatArray:
-    """Return log odds between the general ones and the mean of those that past holds bear out."""
-    trust = MOST * len(shares) / (len(shares) + GENERAL_HOLDS)
-    odds = np.exp(general - general.max()).ravel()
-    mixed = (1 - trust) * odds / odds.sum() + trust * np.mean(shares, axis=0)
-    return np.asarray(np.log(mixed).reshape(general.shape))
+    n_holds, n_features = features.shape
+    lines = np.zeros((2 + n_features, 1 + n_features))
+    lines[0, 1] = 1.0
+    lines[1:, 0] = truth.mean()
+    off, missing = features - features.mean(axis=0), truth - truth.mean()
+    slopes = off.T @ missing / (np.square(off).sum(axis=0) * (1 + 1 / n_holds) + _TINY**2)
+    lines[2:, 1:] = np.diag(slopes)
+    lines[2:, 0] -= slopes * features.mean(axis=0)
+    return lines

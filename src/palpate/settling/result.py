@@ -19,7 +19,10 @@ class Status(StrEnum):
     Attributes
     ----------
     OK : "ok"
-        The interval can be believed.
+        The interval can be believed: this sensor's own holds prove it, or the shape is well inside
+        of what real materials showed.
+    UNPROVEN : "unproven"
+        Without own holds, and no real material settled in such a shape.
     TOO_SHORT : "too_short"
         Too few samples or too little time.
     NOT_SETTLING : "not_settling"
@@ -37,6 +40,7 @@ class Status(StrEnum):
     """
 
     OK = "ok"
+    UNPROVEN = "unproven"
     TOO_SHORT = "too_short"
     NOT_SETTLING = "not_settling"
     SATURATED = "saturated"

@@ -126,13 +126,9 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.staircases",
         "Force now during staircases of closing and opening, simulated",
     ),
-    "settling-families": (
-        "palpate_studies.settling_grid",
-        "Settled values on every kind of hold, real and drawn, compared with every simpler rule",
-    ),
-    "settling-limits": (
-        "palpate_studies.settling_limits",
-        "How well any predictor could do, real and drawn",
+    "settled": (
+        "palpate_studies.settled",
+        "Settled values on real materials that no rule learned from, and after own holds",
     ),
     "identify": (
         "palpate_studies.identify",
@@ -142,7 +138,6 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.sorting",
         "Purity and items per hour of sorting by rules, simulated",
     ),
-    "real-holds": ("palpate_studies.real_holds", "Table 1 on real recordings, specimens held out"),
 }
 
 #: Benchmark -> (module, what it compares), of the same form.

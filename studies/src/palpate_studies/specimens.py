@@ -1,26 +1,20 @@
-"""Which holds are of one specimen, and predictions for each from calibration on the others."""
+"""Which holds are of one specimen, and the holds of a file that can be scored."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from palpate.errors import InputError
 from palpate.holds import Hold, read_holds
-from palpate.settling.evaluate import Prediction, predict_holds
-from palpate.settling.result import SettlingMethod
 from palpate.settling.scoring import settled_value
 
 #: When a hold counts as settled (paper, section 2.2).
 HORIZON_S = 20.0
 #: A part of a name that distinguishes runs of one specimen: `20mm`, `0.3Strain`, `v4`, `h00`.
 _RUN_PART = re.compile(r"\d+(\.\d+)?[A-Za-z]+|[vh]\d+")
-
-#: Below this many specimens, leaving one out shows little: single holds are left out instead.
-FEWEST_SPECIMENS = 3
 
 
 def settled_holds(file: Path) -> list[Hold]:
@@ -82,41 +76,3 @@ def specimen_of(hold_id: str, *, pattern: re.Pattern[str] | None = None) -> str:
         kept.append(part)
     name = "_".join(kept)
     return name.rstrip("0123456789") if name[0].isalpha() else name
-
-
-def predict_held_out(
-    holds: Sequence[Hold],
-    *,
-    units: Sequence[str],
-    calibrate: Callable[[Sequence[Hold]], SettlingMethod],
-    name: str,
-    cutoffs_s: Sequence[float],
-    horizon_s: float,
-    level: float,
-) -> Iterator[Prediction]:
-    """Yield predictions for the holds of each unit from a method calibrated on all the others.
-
-    Parameters
-    ----------
-    holds : sequence of Hold
-        All of one file.
-    units : sequence of str, length n_holds
-        What is left out together: the specimen of each hold, for example.
-    calibrate : callable
-        Makes the method from calibration holds.
-    name : str
-        What to call the method in the results.
-    cutoffs_s, horizon_s, level
-        As in `predict_holds`.
-    """
-    for left_out in dict.fromkeys(units):
-        inside = [hold for hold, unit in zip(holds, units, strict=True) if unit == left_out]
-        outside = [hold for hold, unit in zip(holds, units, strict=True) if unit != left_out]
-        if outside:
-            yield from predict_holds(
-                inside,
-                methods={name: calibrate(outside)},
-                cutoffs_s=cutoffs_s,
-                horizon_s=horizon_s,
-                level=level,
-            )

@@ -1,4 +1,4 @@
-"""Intervals from calibration holds for methods that have none of their own."""
+"""Intervals from calibration holds, for methods with and without one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from palpate.holds import Hold
 from palpate.settling.conformal import Conformal, calibrate
 from palpate.settling.exponential import Exponential
 from palpate.settling.recorded import Recorded
+from palpate.settling.relaxation import Relaxation
 
 TIME_S = np.arange(0.0, 20.5, 0.1)
 SEEN = TIME_S <= 2.5
@@ -64,3 +65,23 @@ def test_a_hold_that_has_not_moved_has_no_interval() -> None:
     still = method.predict(TIME_S[SEEN], np.full((1, SEEN.sum()), 5.0), horizon_s=20.0, level=0.9)
     assert still.value[0] == 5.0
     assert np.isnan(still.low[0])
+
+
+def test_an_own_interval_is_scaled_and_the_value_stays() -> None:
+    hold = holds(1, seed=4)[0].values[None, SEEN]
+    plain = Relaxation().predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
+    sharp = calibrate(Relaxation(), holds(60, seed=5), horizon_s=20.0)
+    found = sharp.predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
+    assert found.value.tolist() == plain.value.tolist()
+    assert found.high[0] - found.low[0] < 0.7 * (plain.high[0] - plain.low[0])
+    half = sharp.predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.5)
+    assert half.high[0] - half.low[0] < found.high[0] - found.low[0]
+
+
+def test_without_calibration_holds_an_own_interval_stays() -> None:
+    hold = holds(1, seed=4)[0].values[None, SEEN]
+    plain = Relaxation().predict(TIME_S[SEEN], hold, horizon_s=20.0, level=0.9)
+    found = calibrate(Relaxation(), [], horizon_s=20.0).predict(
+        TIME_S[SEEN], hold, horizon_s=20.0, level=0.9
+    )
+    np.testing.assert_allclose([found.low, found.high], [plain.low, plain.high])

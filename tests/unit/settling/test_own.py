@@ -7,10 +7,11 @@ import pytest
 
 from palpate.errors import CalibrationError
 from palpate.holds import Hold
-from palpate.settling.own import FEWEST, OwnRelaxation, shrunk_slope
+from palpate.settling.conformal import PROVING_HOLDS
+from palpate.settling.own import OwnRelaxation
 from palpate.settling.predict import predict_settled
 from palpate.settling.relaxation import Relaxation
-from palpate.settling.result import FloatArray
+from palpate.settling.result import FloatArray, Status
 
 TIME_S = np.arange(1, 303) / 15.0
 
@@ -91,9 +92,74 @@ def test_holds_that_end_too_early_teach_nothing() -> None:
     assert found.value.tolist() == general.value.tolist()
 
 
-def test_an_error_without_a_rule_is_not_learned() -> None:
-    rng = np.random.default_rng(9)
-    seen = np.ones(20)
-    assert abs(shrunk_slope(rng.normal(0.0, 1.0, 20), seen)) < 0.3
-    assert shrunk_slope(np.full(FEWEST - 1, 0.5), seen[: FEWEST - 1]) == 0.0
-    assert shrunk_slope(0.5 + rng.normal(0.0, 0.01, 20), seen) == pytest.approx(0.5, abs=0.02)
+def creeping(count: int, *, tilt: float, seed: int = 10) -> list[Hold]:
+    """Return holds in ohm that all lose the same share, of any size."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0.0, 20.5, 0.1)
+    shape = 1.0 - tilt * np.log((time_s + 1.0) / 21.0)
+    return [
+        Hold(
+            hold_id=str(number),
+            channel=None,
+            time_s=time_s,
+            values=rng.uniform(100, 900) * shape * (1 + 2e-4 * rng.standard_normal(time_s.size)),
+        )
+        for number in range(count)
+    ]
+
+
+def test_more_own_holds_narrow_the_interval() -> None:
+    *past, hold = creeping(25, tilt=0.05)
+    widths = []
+    for count in (3, 6, 12, 24):
+        found = predict_settled(hold, method=OwnRelaxation(holds=tuple(past[:count])))
+        assert found.low < hold.values[197:201].mean() < found.high
+        widths.append(float(found.high - found.low))
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_a_constant_multiple_is_found_where_it_is_true() -> None:
+    rng = np.random.default_rng(11)
+    time_s = np.arange(0.0, 20.5, 0.1)
+    # Contact rings in another way each time, and all that follows is one tenth less.
+    holds = tuple(
+        Hold(
+            hold_id=str(number),
+            channel=None,
+            time_s=time_s,
+            values=np.where(time_s < 10, 1.0 + rng.uniform(0.1, 0.9) * np.exp(-time_s), 0.9),
+        )
+        for number in range(13)
+    )
+    found = predict_settled(holds[-1], cutoff_s=9.0, method=OwnRelaxation(holds=holds[:-1]))
+    assert found.value == pytest.approx(0.9, rel=0.003)
+
+
+def test_own_holds_prove_an_interval() -> None:
+    rng = np.random.default_rng(12)
+    time_s = np.arange(0.0, 20.5, 0.1)
+    holds = [
+        Hold(
+            hold_id=str(number),
+            channel=None,
+            time_s=time_s,
+            values=100 * (1 + 0.3 * np.exp(-time_s / 2) + 2e-4 * rng.standard_normal(time_s.size)),
+        )
+        for number in range(PROVING_HOLDS + 1)
+    ]
+    *past, hold = holds
+    assert predict_settled(hold, cutoff_s=5.0).status is Status.UNPROVEN
+    few = OwnRelaxation(holds=tuple(past[:-1]))
+    assert predict_settled(hold, cutoff_s=5.0, method=few).status is Status.UNPROVEN
+    enough = OwnRelaxation(holds=tuple(past))
+    assert predict_settled(hold, cutoff_s=5.0, method=enough).status is Status.OK
+
+
+def test_past_holds_without_a_sample_before_the_cutoff_count_nothing() -> None:
+    late = tuple(
+        Hold(hold_id=h.hold_id, channel=None, time_s=h.time_s[30:], values=h.values[30:])
+        for h in creeping(4, tilt=0.05)
+    )
+    [hold] = creeping(1, tilt=0.05, seed=13)
+    own = predict_settled(hold, cutoff_s=2.0, method=OwnRelaxation(holds=late))
+    assert own.value == predict_settled(hold, cutoff_s=2.0).value

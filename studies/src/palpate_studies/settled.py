@@ -1,0 +1,368 @@
+"""The settled value on every material, none of which a rule has learned from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from palpate import predict_settled
+from palpate.arrays import FloatArray
+from palpate.commands.options import JsonOption
+from palpate.errors import InputError
+from palpate.holds import Hold
+from palpate.settling.own import OwnRelaxation
+from palpate.settling.result import SettlingMethod, Status
+from palpate.settling.scoring import settled_value
+from palpate_studies import settled_rules as rules
+from palpate_studies.report import OutOption, StudyReport, Table
+from palpate_studies.settled_rules import HORIZON_S, Rule, Shown
+from palpate_studies.specimens import settled_holds
+
+CUTOFFS_S = (1.0, 2.5, 5.0)
+OURS = "ours"
+#: Rules that need no other holds, by the name that `predict_settled` knows them by.
+PLAIN = ("recorded", "exponential", "log_law", "log_law_early")
+#: Past holds of the same sensor, in the order of recording.
+OWN_HOLDS = (3, 6, 12, 24)
+#: At most this many holds of a material are predicted from own holds, spread over all.
+MOST_TESTED = 60
+#: Drawn holds of one exponential, the paper's equation 2: time constants (s), shares, noise, rate.
+SINGLE, SINGLE_HOLDS, SINGLE_SEED = "single exponential, drawn", 200, 7
+_TAU_S, _SHARE, _NOISE, _RATE_HZ = (0.4, 8.0), (0.05, 0.6), (2e-4, 2e-3), 15.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scores:
+    """Signed errors in % of the settled value, and of ours its interval.
+
+    All of shape (n_holds,); `covered`, `half_width` and `ok` are None for rules without interval.
+    """
+
+    error: FloatArray
+    covered: FloatArray | None = None
+    half_width: FloatArray | None = None
+    ok: FloatArray | None = None
+
+
+def command(
+    holds: Annotated[
+        list[Path] | None, typer.Option(help="Holds of one material; repeat it.", metavar="FILE")
+    ] = None,
+    held_out: Annotated[
+        list[Path] | None, typer.Option(help="Holds that are only scored.", metavar="FILE")
+    ] = None,
+    as_json: JsonOption = False,
+    out: OutOption = None,
+) -> None:
+    """Predict settled values on every material, the rules learned on the others.
+
+    Example: palpate study settled --holds silicone.csv.gz --holds food.csv.gz --out report
+    """
+    if not holds or len(holds) < 2:
+        raise InputError("name at least two materials with --holds FILE")
+    report(_read(holds), held_out=_read(held_out or [])).emit(as_json=as_json, out=out)
+
+
+def _read(files: Sequence[Path]) -> dict[str, list[Hold]]:
+    found: dict[str, list[Hold]] = {}
+    for file in files:
+        name = file.name.split(".")[0].removeprefix("holds_")
+        if name in found:
+            raise InputError(f"{file}: a second file of the name {name}; rename one")
+        found[name] = settled_holds(file)
+        for hold in found[name]:
+            if not (hold.values > 0).all():
+                raise InputError(
+                    f"{file}: hold {hold.hold_id} is not positive throughout, and errors in % of "
+                    "such a settled value mean nothing; give ohm, volt or newton"
+                )
+    return found
+
+
+def report(
+    materials: Mapping[str, Sequence[Hold]], *, held_out: Mapping[str, Sequence[Hold]]
+) -> StudyReport:
+    """Score every rule on every material without it, on held-out files, and with own holds."""
+    shown = {
+        (name, cutoff_s): [rules.show(hold, cutoff_s) for hold in holds]
+        for name, holds in {**materials, **held_out}.items()
+        for cutoff_s in CUTOFFS_S
+    }
+    rows = []
+    for name, holds in {**materials, **held_out}.items():
+        others = [other for other in materials if not _shared(materials[other], holds)]
+        for cutoff_s in CUTOFFS_S:
+            learned = {other: shown[other, cutoff_s] for other in others if other != name}
+            found = {
+                **_plain(holds, cutoff_s),
+                **_by_rules(shown[name, cutoff_s], _rules(learned)),
+            }
+            rows += [_row(name, cutoff_s, method, one) for method, one in found.items()]
+        for count in OWN_HOLDS:
+            rows += _own_rows(name, holds, count=min(count, len(holds) - 1), wanted=count)
+    drawn = single_exponentials()
+    rows += [
+        _row(SINGLE, cutoff_s, method, one)
+        for cutoff_s in CUTOFFS_S
+        for method, one in _plain(drawn, cutoff_s).items()
+    ]
+    regrets = regret([row for row in rows if row["material"] in materials])
+    return StudyReport(
+        name="settled",
+        title="The settled value of real recordings, on materials that no rule learned from",
+        provenance=[
+            "Real recordings: "
+            + ", ".join(f"{name} ({len(holds)} holds)" for name, holds in materials.items())
+            + (f"; only scored: {', '.join(held_out)}." if held_out else "."),
+            "The multiple and the ridge learn from the other materials (files with a hold of the "
+            "same name are of the same specimens and count as one). palpate learns nothing from "
+            "recordings without own holds: its shapes have even odds. Which shapes there are, the "
+            "usual size of a drop and the limits of `ok` were chosen on the developers' silicone, "
+            "Velostat, food, tape and force; held-out files show what that is worth.",
+            "Own holds are those recorded before, and for the first ones the last of the file.",
+            f"Drawn: {SINGLE_HOLDS} single exponentials of 0.4 to 8 s.",
+        ],
+        tables=[*_tables(rows), _regret_table(regrets)],
+        payload={"rows": rows, "regret": regrets},
+    )
+
+
+def _shared(some: Sequence[Hold], others: Sequence[Hold]) -> bool:
+    """Return whether two files have a hold in common: then they are of the same specimens."""
+    return bool({hold.hold_id for hold in some} & {hold.hold_id for hold in others})
+
+
+def _plain(holds: Sequence[Hold], cutoff_s: float) -> dict[str, Scores]:
+    """Return the scores of methods as `predict_settled` ships them."""
+    found = {OURS: _scores(holds, cutoff_s, method="relaxation")}
+    return found | {name: _scores(holds, cutoff_s, method=name) for name in PLAIN}
+
+
+def _scores(holds: Sequence[Hold], cutoff_s: float, *, method: str | SettlingMethod) -> Scores:
+    rows = []
+    for hold in holds:
+        settled = settled_value(hold.time_s, hold.values, horizon_s=HORIZON_S)
+        found = predict_settled(hold, cutoff_s=cutoff_s, method=method)
+        rows.append(
+            (
+                100 * (found.value / settled - 1),
+                found.low <= settled <= found.high,
+                50 * (found.high - found.low) / settled,
+                found.status == Status.OK,
+            )
+        )
+    error, covered, half_width, ok = np.array(rows, dtype=np.float64).T
+    if not np.isfinite(half_width).all():
+        return Scores(error=error)
+    return Scores(error=error, covered=covered, half_width=half_width, ok=ok)
+
+
+def _rules(others: Mapping[str, Sequence[Shown]]) -> dict[str, Rule]:
+    return {"multiple": rules.multiple(others), "ridge": rules.ridge(others)} if others else {}
+
+
+def _by_rules(holds: Sequence[Shown], learned: Mapping[str, Rule]) -> dict[str, Scores]:
+    return {
+        name: Scores(error=np.array([100 * np.expm1(rule(one) - one.change) for one in holds]))
+        for name, rule in learned.items()
+    }
+
+
+def _own_rows(name: str, holds: Sequence[Hold], *, count: int, wanted: int) -> list[dict[str, Any]]:
+    """Return rows for predictions after `count` own holds, those recorded before each hold."""
+    if count < 0.9 * wanted:
+        return []
+    rows = []
+    tested = range(0, len(holds), max(1, len(holds) // MOST_TESTED))
+    past = {
+        place: [(place - back) % len(holds) for back in range(count, 0, -1)] for place in tested
+    }
+    methods = {
+        place: OwnRelaxation(holds=tuple(holds[k] for k in before))
+        for place, before in past.items()
+    }
+    for cutoff_s in CUTOFFS_S:
+        every = [rules.show(hold, cutoff_s) for hold in holds]
+        errors: dict[str, list[float]] = {"multiple": [], "slope": [], "log_law": []}
+        ours = []
+        for place in tested:
+            before = [every[k] for k in past[place]]
+            learned = {
+                "multiple": rules.multiple({name: before}),
+                "slope": rules.scaled(before, by=lambda one: one.pace),
+                "log_law": rules.scaled(before, by=lambda one: one.log_law),
+            }
+            for rule, predict in learned.items():
+                change = predict(every[place])
+                errors[rule].append(100 * float(np.expm1(change - every[place].change)))
+            ours.append(_scores([holds[place]], cutoff_s, method=methods[place]))
+        found = {OURS: _joined(ours)} | {
+            rule: Scores(error=np.array(some)) for rule, some in errors.items()
+        }
+        rows += [_row(name, cutoff_s, rule, one, own_holds=count) for rule, one in found.items()]
+    return rows
+
+
+def _joined(scores: Sequence[Scores]) -> Scores:
+    def together(of: Callable[[Scores], FloatArray | None]) -> FloatArray:
+        return np.concatenate([part for one in scores if (part := of(one)) is not None])
+
+    return Scores(
+        error=together(lambda one: one.error),
+        covered=together(lambda one: one.covered),
+        half_width=together(lambda one: one.half_width),
+        ok=together(lambda one: one.ok),
+    )
+
+
+def _row(
+    material: str, cutoff_s: float, method: str, scores: Scores, *, own_holds: int = 0
+) -> dict[str, Any]:
+    def known(values: FloatArray | None, of: Callable[[FloatArray], Any]) -> float | None:
+        return None if values is None else float(of(values))
+
+    size = np.abs(scores.error)
+    return {
+        "material": material,
+        "cutoff_s": cutoff_s,
+        "method": method,
+        "holds": len(size),
+        "median_abs_error_percent": float(np.median(size)),
+        "p90_abs_error_percent": float(np.quantile(size, 0.9)),
+        "bias_percent": float(np.median(scores.error)),
+        "coverage": known(scores.covered, np.mean),
+        "half_width_percent": known(scores.half_width, np.median),
+        "share_ok": known(scores.ok, np.mean),
+        "own_holds": own_holds,
+    }
+
+
+def regret(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return how far each method is from the best of each material, without own holds.
+
+    The geometric mean over materials of its median |error| over the smallest of all methods.
+
+    >>> two = [
+    ...     {"material": m, "cutoff_s": 1.0, "method": n, "own_holds": 0,
+    ...      "median_abs_error_percent": e}
+    ...     for m, n, e in (("a", "x", 1.0), ("a", "y", 2.0), ("b", "x", 8.0), ("b", "y", 2.0))
+    ... ]
+    >>> [(row["method"], round(row["regret"], 2)) for row in regret(two)]
+    [('x', 2.0), ('y', 1.41)]
+    """
+    errors: dict[float, dict[str, dict[str, float]]] = {}
+    for row in rows:
+        if row["own_holds"] == 0:
+            one = errors.setdefault(row["cutoff_s"], {}).setdefault(row["method"], {})
+            one[row["material"]] = row["median_abs_error_percent"]
+    found = []
+    for cutoff_s, by_method in errors.items():
+        for method, by_material in by_method.items():
+            ratios = [
+                error / min(other[material] for other in by_method.values())
+                for material, error in by_material.items()
+            ]
+            mean = float(np.exp(np.mean(np.log(ratios))))
+            found.append({"cutoff_s": cutoff_s, "method": method, "regret": mean})
+    return found
+
+
+def single_exponentials() -> list[Hold]:
+    """Draw holds of the paper's equation 2, as resistances with noise."""
+    rng = np.random.default_rng(SINGLE_SEED)
+
+    def between(ends: tuple[float, float]) -> float:
+        return float(np.exp(rng.uniform(*np.log(ends))))
+
+    time_s = np.arange(0.0, HORIZON_S + 0.5, 1 / _RATE_HZ)
+    shapes = [
+        (1 + between(_SHARE) * np.exp(-time_s / between(_TAU_S)))
+        * (1 + between(_NOISE) * rng.normal(size=time_s.size))
+        for _ in range(SINGLE_HOLDS)
+    ]
+    return [
+        Hold(hold_id=str(number), channel=None, time_s=time_s, values=1000.0 * shape)
+        for number, shape in enumerate(shapes)
+    ]
+
+
+def _tables(rows: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """Return errors of all rules, what palpate's intervals do, and both after own holds."""
+    at = " / ".join(f"{cutoff_s:g}" for cutoff_s in CUTOFFS_S)
+    without = [row for row in rows if row["own_holds"] == 0]
+    methods = list(dict.fromkeys(row["method"] for row in without))
+    error, own_rules = "median_abs_error_percent", (OURS, "multiple", "slope", "log_law")
+    titles = {
+        "median |error|, %": error,
+        "90th percentile, %": "p90_abs_error_percent",
+        "bias, %": "bias_percent",
+        "coverage": "coverage",
+        "half-width, %": "half_width_percent",
+        "share ok": "share_ok",
+    }
+
+    def cell(material: str, method: str, own: int, figure: str) -> str:
+        some = [
+            row[figure]
+            for row in rows
+            if (row["material"], row["method"], row["own_holds"]) == (material, method, own)
+        ]
+        return " / ".join("" if value is None else f"{value:.2f}" for value in some)
+
+    materials = list(dict.fromkeys(row["material"] for row in rows))
+    owned = list(
+        dict.fromkeys((row["material"], row["own_holds"]) for row in rows if row["own_holds"])
+    )
+    return [
+        Table(
+            title=f"Median |error|, % of the settled value, at {at} s",
+            columns=("material", *methods),
+            rows=[[m, *(cell(m, method, 0, error) for method in methods)] for m in materials],
+        ),
+        Table(
+            title=f"palpate without own holds, at {at} s",
+            columns=("material", *titles),
+            rows=[
+                [m, *(cell(m, OURS, 0, figure) for figure in titles.values())] for m in materials
+            ],
+        ),
+        Table(
+            title=f"After own holds: median |error|, %, and palpate's intervals, at {at} s",
+            columns=("material", "own holds", *own_rules, "coverage", "half-width, %"),
+            rows=[
+                [
+                    m,
+                    str(own),
+                    *(cell(m, method, own, error) for method in own_rules),
+                    cell(m, OURS, own, "coverage"),
+                    cell(m, OURS, own, "half_width_percent"),
+                ]
+                for m, own in owned
+            ],
+        ),
+    ]
+
+
+def _regret_table(regrets: Sequence[Mapping[str, Any]]) -> Table:
+    methods = list(dict.fromkeys(row["method"] for row in regrets))
+    return Table(
+        title="Regret: geometric mean over materials of the error over the smallest of all",
+        columns=("cut-off, s", *methods),
+        rows=[
+            [
+                f"{cutoff_s:g}",
+                *(
+                    f"{row['regret']:.2f}"
+                    for method in methods
+                    for row in regrets
+                    if (row["cutoff_s"], row["method"]) == (cutoff_s, method)
+                ),
+            ]
+            for cutoff_s in CUTOFFS_S
+        ],
+    )

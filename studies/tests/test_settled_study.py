@@ -1,0 +1,118 @@
+"""The study of settled values: what it prints, holds out, draws and refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+from palpate.cli import run
+from palpate.commands.study import SETTINGS, study
+from palpate.holds import Hold
+from palpate_studies import settled, settled_rules
+
+CREEP = {"a": (0.03, 0.3), "b": (0.06, 1.0), "c": (0.1, 0.1)}
+
+
+def ran(*arguments: object) -> int:
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.callback()(lambda: None)
+    app.command(name="study", **SETTINGS)(study)
+    return run(app, ["study", "settled", *map(str, arguments)], name="palpate")
+
+
+def holds(name: str, count: int) -> list[Hold]:
+    rng = np.random.default_rng([*name.encode()])
+    slope, from_s = CREEP[name]
+    time_s = np.arange(0.0, 20.5, 0.1)
+    return [
+        Hold(
+            hold_id=f"{name}_h{number}",
+            channel=None,
+            time_s=time_s,
+            values=rng.uniform(50, 500)
+            * np.exp(-slope * np.log(time_s + from_s) + 2e-4 * rng.standard_normal(time_s.size)),
+        )
+        for number in range(count)
+    ]
+
+
+def written(folder: Path, name: str, count: int = 5) -> Path:
+    lines = ["hold_id,time_s,value"]
+    for hold in holds(name, count):
+        pairs = zip(hold.time_s, hold.values, strict=True)
+        lines += [f"{hold.hold_id},{t:.2f},{v}" for t, v in pairs]
+    path = folder / f"holds_{name}.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_every_material_has_every_rule_and_own_holds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(settled, "SINGLE_HOLDS", 2)
+    a, b, c = (written(tmp_path, name) for name in "abc")
+    assert ran("--holds", a, "--holds", b, "--held-out", c, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    rows = document["rows"]
+    without = [row for row in rows if row["own_holds"] == 0]
+    rules = {settled.OURS, *settled.PLAIN, "multiple", "ridge"}
+    for material in "abc":
+        found = {row["method"] for row in without if row["material"] == material}
+        assert found == rules
+        own = [row for row in rows if (row["material"], row["own_holds"]) == (material, 3)]
+        assert {row["method"] for row in own} == {settled.OURS, "multiple", "slope", "log_law"}
+    assert {row["material"] for row in without} == {*"abc", settled.SINGLE}
+    assert set(rows[0]) == {
+        "material",
+        "cutoff_s",
+        "method",
+        "holds",
+        "median_abs_error_percent",
+        "p90_abs_error_percent",
+        "bias_percent",
+        "coverage",
+        "half_width_percent",
+        "share_ok",
+        "own_holds",
+    }
+    assert min(row["regret"] for row in document["regret"]) == pytest.approx(1.0, abs=0.5)
+
+
+def test_a_multiple_learns_from_the_others_alone() -> None:
+    shown = {name: [settled_rules.show(h, 2.5) for h in holds(name, 4)] for name in "ab"}
+    [one] = [settled_rules.show(h, 2.5) for h in holds("c", 1)]
+    rule = settled_rules.multiple(shown)
+    changes = [each.change for some in shown.values() for each in some]
+    assert min(changes) <= rule(one) <= max(changes)
+    assert abs(rule(one) - one.change) > 0.02
+
+
+def test_files_of_the_same_holds_are_left_out_together() -> None:
+    assert settled._shared(holds("a", 2), holds("a", 3))
+    assert not settled._shared(holds("a", 2), holds("b", 2))
+
+
+def test_a_ridge_recovers_what_others_share() -> None:
+    others = {name: [settled_rules.show(h, 5.0) for h in holds(name, 6)] for name in "ac"}
+    rule = settled_rules.ridge(others)
+    for one in (settled_rules.show(h, 5.0) for h in holds("a", 2)):
+        assert rule(one) == pytest.approx(one.change, rel=0.1)
+
+
+def test_one_material_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ran("--holds", written(tmp_path, "a")) == 2
+    assert "two materials" in capsys.readouterr().err
+
+
+def test_values_that_are_not_positive_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, "a")
+    negative = tmp_path / "holds_n.csv"
+    negative.write_text(path.read_text().replace("_h0,0.50,", "_h0,0.50,-"))
+    assert ran("--holds", path, "--holds", negative) == 2
+    assert "not positive" in capsys.readouterr().err
