@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from palpate.grasp.result import GraspResult
     from palpate.recording import RecordingInfo, Replay
 
+#: A minute of a recording then takes 17 hours.
+_SLOWEST = 0.001
+
 
 def replay(
     file: Annotated[Path, typer.Argument(help="An .mcap recording, finished or not.")],
@@ -47,8 +50,8 @@ def replay(
     from palpate.grasp.decide_again import decide_again, read_by_paper
     from palpate.recording import Replay
 
-    if speed is not None and not 0 < speed < float("inf"):
-        raise InputError(f"--speed {speed:g}: must be above 0")
+    if speed is not None and not _SLOWEST <= speed < float("inf"):
+        raise InputError(f"--speed {speed:g}: must be at least {_SLOWEST:g}")
     paper = paper_settings(method or "palpate", epsilon_percent=epsilon_percent, cutoff_s=cutoff_s)
     clock = _clock(file, speed=speed)
     source = Replay(file, clock=clock)

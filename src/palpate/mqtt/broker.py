@@ -59,6 +59,10 @@ def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> B
         raise InputError(f"--mqtt {path}: {why}") from error
     if broker.password is not None and readable:
         raise InputError(f"--mqtt {path}: others can read its password; run `chmod 600 {path}`")
+    if not _is_host(broker.host):
+        raise InputError(f"--mqtt {path}: host {broker.host!r} is no name or address")
+    if broker.port is not None and not 1 <= broker.port <= 65535:
+        raise InputError(f"--mqtt {path}: port {broker.port} is not 1 to 65535")
     if not broker.topic or any(sign in broker.topic for sign in "#+$\0"):
         raise InputError(f"--mqtt {path}: topic {broker.topic!r} can't be published to")
     broker = replace(broker, password=broker.password or environment.get(PASSWORD_VARIABLE))
@@ -70,6 +74,13 @@ def read_broker(path: Path, *, environment: Mapping[str, str] = os.environ) -> B
         certificate=_beside(path, broker.certificate),
         key=_beside(path, broker.key),
     )
+
+
+def _is_host(host: str) -> bool:
+    try:
+        return bool(host.encode("idna")) and host.isprintable() and " " not in host
+    except UnicodeError:  # a part that is empty or too long
+        return False
 
 
 def _beside(path: Path, name: str | None) -> str | None:

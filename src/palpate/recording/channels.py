@@ -24,6 +24,8 @@ RecordedMessage = Frame | GripperState | Event | LoadCells
 
 RECORDING_FORMAT = "1"
 METADATA_NAME = "palpate"
+#: A sum of more conversions of 10 bit does not fit the 32 bits of a count.
+_MOST_CONVERSIONS = 2**21
 _ORIGINS: dict[str, Origin] = {origin: origin for origin in get_args(Origin)}
 NUMBER = {"type": "number"}
 _TIME = {"type": "number", "description": "Seconds on the recording's clock."}
@@ -133,11 +135,14 @@ def _frame(fields: dict[str, Any], layout: ArrayLayout) -> Frame:
         raise ValueError(f"expected {layout.pixels} whole counts")
     if np.any(counts != counts.astype(np.int32)):
         raise ValueError("a count is out of range")
+    oversampling = _whole(fields["oversampling"])
+    if not 1 <= oversampling <= _MOST_CONVERSIONS:
+        raise ValueError(f"oversampling is {oversampling}, not 1 to {_MOST_CONVERSIONS}")
     return Frame(
         time_s=float(fields["time_s"]),
         sequence=_whole(fields["sequence"]),
         counts=counts.reshape(layout.rows, layout.cols),
-        oversampling=_whole(fields["oversampling"]),
+        oversampling=oversampling,
     )
 
 
@@ -230,9 +235,7 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
             calibration=texts.get("calibration"),
             seed=int(texts["seed"]) if "seed" in texts else None,
             versions=json.loads(texts["versions"]),
-            gripper=None
-            if gripper is None
-            else structured(GripperLimits, gripper, where="gripper"),
+            gripper=None if gripper is None else _limits(gripper),
             target_force_n=None if target is None else float(target),
             expect_size_mm=None if expected is None else float(expected),
             damage=texts.get("damage"),
@@ -242,3 +245,10 @@ def decode_info(texts: dict[str, str]) -> RecordingInfo:
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise RecordingError(f"its metadata can't be read: {error!r}") from error
+
+
+def _limits(stored: object) -> GripperLimits:
+    limits = structured(GripperLimits, stored, where="gripper")
+    if not (limits.lowest < limits.highest and limits.fastest > 0):
+        raise ValueError("gripper: no range to move in, or no speed")
+    return limits

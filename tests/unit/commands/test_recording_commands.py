@@ -189,9 +189,13 @@ def test_export_names_the_folder_that_is_missing(
     assert capsys.readouterr().err == said
 
 
-@pytest.mark.parametrize("speed", ["0", "-1", "inf"])
-def test_an_impossible_speed_is_refused(recorded: Path, speed: str) -> None:
+@pytest.mark.parametrize("speed", ["0", "-1", "inf", "nan", "1e-300", "1e-9"])
+def test_an_impossible_speed_is_refused(
+    recorded: Path, speed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert palpate("replay", recorded, "--speed", speed) == 2
+    said = f"palpate: --speed {float(speed):g}: must be at least 0.001\n"
+    assert capsys.readouterr().err == said
 
 
 def test_record_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -89,8 +89,9 @@ def test_every_mistake_is_one_line_with_its_place(
 
 
 def test_a_file_without_rules_or_conditions_is_refused(write: Callable[[str], Path]) -> None:
-    with pytest.raises(InputError, match=r"has no \[\[rule\]\]"):
-        read_rules(write('default = "x"'))
+    for rules in ("", "rule = []", "rule = [1]", "rule = {}"):
+        with pytest.raises(InputError, match=r"has no \[\[rule\]\]"):
+            read_rules(write(f'default = "x"\n{rules}'))
     with pytest.raises(InputError, match="line 2: this rule has no condition"):
         read_rules(write('default = "x"\n[[rule]]\nbin = "y"'))
 

@@ -25,11 +25,14 @@ from palpate.errors import (
     StoreAwayError,
     StoreError,
 )
-from palpate.produce.records import Item
+from palpate.estimate.measurement import Measurement
+from palpate.grasp.result import Outcome
+from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store import engine as store_engine
 from palpate.produce.store.engine import faults_of, make_engine, shown, store_url
 from palpate.produce.store.export import require_parquet
+from palpate.produce.store.item_history import item_pages
 
 SEEN = datetime(2026, 5, 1, tzinfo=UTC)
 
@@ -72,6 +75,54 @@ def test_locked(path: Path) -> None:
     with pytest.raises(StoreAwayError, match=r"items.sqlite: locked by another program for 0.05"):
         open_and_write(path)
     other.close()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "UPDATE sqlite_master SET sql = CAST(x'ff00c9' AS TEXT) WHERE name = 'items'",
+        "UPDATE sqlite_master SET sql = replace(sql, 'kind', 'x') WHERE name = 'items'",
+        "UPDATE sqlite_master SET rootpage = 99 WHERE name = 'items'",
+        "UPDATE items SET first_seen = '2026-0A-01'",
+        "UPDATE items SET kind = x'ff'",
+        "UPDATE items SET kind = CAST(x'c9' AS TEXT)",
+        "UPDATE grasps SET outcome = 'heId'",
+        "UPDATE grasps SET pixel_settled_percent = '{'",
+        "UPDATE grasps SET pixel_settled_percent = '7'",
+        "UPDATE grasps SET height_mm = x'ff'",
+        "UPDATE measurements SET name = 'farce_n'",
+        "UPDATE measurements SET status = 7",
+        "UPDATE verdicts SET source = 'Dalpate'",
+        "UPDATE verdicts SET details = ''",
+    ],
+)
+def test_content_that_palpate_never_wrote_is_one_line(path: Path, damage: str) -> None:
+    force = Measurement(value=1.0, low=0.5, high=1.5, unit="n", level=0.8)
+    with Store.open(path) as store:
+        store.add_grasp(
+            Grasp(
+                item_id="A17",
+                taken_at=SEEN,
+                rig="sim-rigid",
+                drive="width",
+                origin="twin",
+                outcome=Outcome.HELD,
+                measurements={"force_n": force},
+            )
+        )
+        store.add_verdict(
+            Verdict(item_id="A17", about=About.BIN, text="bin 2", given_at=SEEN, details={})
+        )
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("PRAGMA writable_schema = ON")
+    other.execute(damage)
+    other.close()
+    with (
+        pytest.raises(PalpateError, match=r"items\.sqlite|not a|must") as said,
+        Store.open(path) as store,
+    ):
+        item_pages(store, store.items())
+    assert "\n" not in str(said.value)
 
 
 def test_readers_do_not_wait_for_a_writer(path: Path) -> None:

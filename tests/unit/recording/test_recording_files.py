@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,7 @@ from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 
 from palpate.errors import RecordingError
-from palpate.gripper.interface import GripperState
+from palpate.gripper.interface import GripperLimits, GripperState
 from palpate.recording import (
     FileState,
     RecordingInfo,
@@ -28,7 +30,7 @@ from palpate.recording import (
     load_recording,
     recover,
 )
-from palpate.recording.channels import RecordedMessage
+from palpate.recording.channels import RecordedMessage, decode, decode_info, encode, encode_info
 from palpate.recording.writer import DirectFile
 from palpate.sensor.array import RIGID_LAYOUT, Frame
 
@@ -255,6 +257,24 @@ def test_other_files_are_refused_in_one_line(tmp_path: Path, content: bytes) -> 
     with pytest.raises(RecordingError, match=r"other\.mcap: (not an MCAP|an MCAP file, but not)"):
         recover(path, tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize("oversampling", [0, -1, 2**22, 2**40, True, 1.5, None])
+def test_frame_of_an_impossible_number_of_conversions_is_refused(oversampling: object) -> None:
+    frame = encode(Frame(time_s=0.0, sequence=0, counts=np.zeros((4, 2)), oversampling=64))
+    assert decode("/frames", frame, layout=RIGID_LAYOUT) is not None
+    damaged = json.dumps(json.loads(frame) | {"oversampling": oversampling}).encode()
+    with pytest.raises(RecordingError, match=r"oversampling|whole number"):
+        decode("/frames", damaged, layout=RIGID_LAYOUT)
+
+
+@pytest.mark.parametrize("change", [{"fastest": 0.0}, {"highest": 5.0}, {"lowest": 99.0}])
+def test_metadata_of_a_gripper_that_cannot_move_is_refused(change: dict[str, float]) -> None:
+    limits = GripperLimits(drive="width", lowest=5.0, highest=74.0, fastest=60.0)
+    info = RecordingInfo(layout=RIGID_LAYOUT, origin="twin", gripper=limits)
+    assert decode_info(encode_info(info)).gripper == limits
+    with pytest.raises(RecordingError, match="metadata can't be read"):
+        decode_info(encode_info(replace(info, gripper=replace(limits, **change))))
 
 
 def test_a_missing_file_is_one_line(tmp_path: Path) -> None:

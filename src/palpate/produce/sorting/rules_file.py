@@ -67,7 +67,8 @@ class _Reader:
         end = self._headers[0] - 1 if self._headers else len(self._lines)
         self._known_keys(stated, _TOP_KEYS, start=1, end=end)
         tables = stated.get("rule")
-        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        is_list = isinstance(tables, list) and all(isinstance(table, dict) for table in tables)
+        if not is_list or not tables:
             raise self._fault(1, "has no [[rule]]; give at least one, with `bin` and a condition")
         if "default" not in stated:
             raise self._fault(1, 'has no default; give one, e.g. default = "by hand"')

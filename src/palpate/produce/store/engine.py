@@ -156,6 +156,13 @@ def faults_of(where: str) -> Iterator[None]:
         raise _explained(error, where=where) from error
     except sa.exc.TimeoutError as error:
         raise StoreAwayError(f"{where}: all its connections are in use; try again") from error
+    except UnicodeDecodeError as error:  # of the driver, which quotes a damaged schema
+        raise damaged(where) from error
+
+
+def damaged(where: str) -> StoreError:
+    """Return the error for a store with content that palpate never wrote."""
+    return StoreError(f"{where}: {_SQLITE_FAULTS['SQLITE_CORRUPT'][1]}")
 
 
 def _explained(error: sa.exc.DBAPIError, *, where: str) -> StoreError:

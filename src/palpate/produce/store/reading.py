@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from datetime import datetime
 from typing import Any
 
-from palpate.errors import InputError
+from palpate.errors import InputError, PalpateError
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
-from palpate.produce.store.engine import faults_of, sa
+from palpate.produce.store.engine import damaged, faults_of, sa
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
 from palpate.settling.result import Status
 
@@ -240,4 +240,10 @@ class StoreReader:
     @contextmanager
     def _read(self) -> Iterator[sa.Connection]:
         with faults_of(self.name), self._reading.connect() as connection:
-            yield connection
+            try:
+                yield connection
+            except PalpateError:
+                raise
+            # A record is made of whatever the rows hold.
+            except (ValueError, TypeError, KeyError, AttributeError) as error:
+                raise damaged(self.name) from error
