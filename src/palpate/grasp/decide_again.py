@@ -12,7 +12,7 @@ from palpate.estimate.damage_file import recorded_model
 from palpate.grasp.belief import Belief, Observation, observed
 from palpate.grasp.controller import PAPER_HANDLERS
 from palpate.grasp.paper import Paper
-from palpate.grasp.paper_method import by_paper
+from palpate.grasp.paper_method import by_paper, with_size
 from palpate.grasp.phases import Phase
 from palpate.grasp.plan import HOLD_S, LONGEST_S, Plan
 from palpate.grasp.planning import plan_grasp
@@ -84,15 +84,25 @@ def read_by_paper(source: Replay, paper: Paper) -> GraspResult:
     """
     gripper = ReplayGripper(source)
     plan = recorded_plan(replace(source.info, paper=paper.as_text()), gripper=gripper)
-    belief = Belief()
+    belief, closure, stops = Belief(), math.nan, [0.0]
     while not source.ended and belief.phase not in (Phase.HOLD, Phase.RELEASE):
         frame = source.read(timeout_s=math.inf)
         state = gripper.state()
+        # A small step begins and ends between two frames, neither of which sees it move.
+        before, closure = closure, gripper.limits.closure(state)
+        stepped = abs(closure - before) > plan.smallest_step / 2
+        state = replace(state, moving=state.moving or stepped)
         belief = observed(belief, Observation(frame=frame, gripper=state), plan=plan)
         if state.moving:
             belief = replace(belief, moved_s=frame.time_s)
-        else:
-            belief, _ = PAPER_HANDLERS[belief.phase](belief, plan)
+            continue
+        seeking = belief.phase is Phase.APPROACH
+        belief, _ = PAPER_HANDLERS[belief.phase](belief, plan)
+        if seeking and belief.phase is Phase.SQUEEZE:
+            # The hand may have stood too shortly before to be read there.
+            before = max((stop for stop in stops if stop < closure), default=closure)
+            belief = with_size(belief, plan, before=before)
+        stops.append(closure)
     answered, faults = belief.result.settled_percent is not None, belief.result.faults
     if belief.phase is Phase.SETTLE and not answered:
         faults = (*faults, f"the hand never stood still for {paper.cutoff_s:g} s after contact")

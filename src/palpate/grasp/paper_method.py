@@ -83,15 +83,15 @@ def close_until_mean(belief: Belief, plan: Plan) -> Move:
     belief = read(belief, plan)
     if belief.now.relative_percent <= plan.epsilon_percent:
         belief = replace(belief, contact_s=belief.moved_s)
-        return _touched(belief, plan, before=before).enter(Phase.SQUEEZE, note="contact"), None
+        return with_size(belief, plan, before=before).enter(Phase.SQUEEZE, note="contact"), None
     if belief.closure >= plan.gripper.span - 2 * plan.smallest_step:
         return nothing_there(belief, plan)
     command = closed_by(belief, plan.step, plan)
     return blind(belief, plan) if command is None else (belief, command)
 
 
-def _touched(belief: Belief, plan: Plan, *, before: float) -> Belief:
-    """Put the width before contact into the result: the paper's size."""
+def with_size(belief: Belief, plan: Plan, *, before: float) -> Belief:
+    """Put the width before contact into the result: the paper's size; `before`: its closure."""
     if plan.give is None:
         return belief
     zero_mm = plan.give.zero_mm

@@ -67,6 +67,18 @@ def test_recorded_paper_grasp_is_decided_again_alike(tmp_path: Path, capsys: Cap
         assert again[name] == live[name]
 
 
+def test_the_papers_own_grasp_is_read_alike_as_the_hand_moved(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """Steps of 1 mm end within a frame, so that no frame sees the hand move."""
+    file = tmp_path / "run.mcap"
+    live = grasped(capsys, "--extra-mm", "0.5", "--record", str(file))
+    read = document(capsys, "replay", str(file), "--method", "paper")
+    assert read["size_mm"]["value"] == pytest.approx(live["size_mm"]["value"], abs=0.1)
+    settled = live["settled_percent"]["value"]
+    assert read["settled_percent"]["value"] == pytest.approx(settled, rel=0.1)
+
+
 def test_any_recorded_grasp_is_read_by_the_papers_method(tmp_path: Path, capsys: Capture) -> None:
     file = tmp_path / "run.mcap"
     assert palpate("grasp", "--seed", "3", "--record", str(file)) == 0
