@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import runpy
+import socket
 import sys
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from benchmarks.dashboard import ROOT
 from playwright.sync_api import Browser, expect
-from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, served
+from tests.loop.test_dashboard import PATIENCE_MS, SIMULATED, browser, served, serving
 from tests.unit.test_json_schemas import faults
 
 __all__ = ["browser"]
@@ -186,6 +190,25 @@ def test_what_is_not_there_is_404(machine: Machine) -> None:
     status, refused = machine.ask("GET", "/items/no-such-item")
     assert (status, list(refused)) == (404, ["detail"])
     assert machine.ask("GET", "/nowhere")[0] == 404
+
+
+def test_page_of_an_item_without_a_name_is_404(address: str) -> None:
+    for path in ("items/", "items/%20"):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(address + path, timeout=30)
+        refused.value.close()
+        assert refused.value.code == 404
+        assert refused.value.headers["X-Frame-Options"] == "DENY"
+
+
+def test_half_open_connections_do_not_keep_stop_out(tmp_path: Path) -> None:
+    with serving(tmp_path, *SIMULATED) as (address, process), ExitStack() as held:
+        resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (256, 256))
+        host = urlsplit(address)
+        for _ in range(300):
+            half = held.enter_context(socket.create_connection((host.hostname, host.port)))
+            half.sendall(b"POST /api/stop HTTP/1.1\r\nHost: ")
+        assert Machine(address).ask("POST", "/stop") == (200, {"stopped": True})
 
 
 def test_it_describes_itself_with_the_published_schemas(machine: Machine) -> None:

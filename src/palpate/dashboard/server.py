@@ -143,8 +143,11 @@ def _routes(app_state: AppState) -> None:
         ui.page(path)(lambda client, tab=name: build_page(app_state, client, tab=tab))
 
     @ui.page("/items/{item_id:path}")
-    def item(client: Client, item_id: str) -> None:
+    def item(client: Client, item_id: str) -> Response | None:
+        if not item_id.strip():
+            return Response("no item without a name", status_code=404, media_type="text/plain")
         build_page(app_state, client, tab="Items", item_id=item_id)
+        return None
 
     @ui.page("/recordings/{name}")
     def one_recording(client: Client, name: str) -> None:
