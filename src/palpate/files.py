@@ -11,6 +11,9 @@ from pathlib import Path
 
 from palpate.errors import InputError
 
+#: What begins a formula in a spreadsheet, or hides its beginning.
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
+
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
@@ -133,3 +136,16 @@ make it first
         raise InputError(f"{output}: there is no folder {folder}; make it first")
     if not os.access(folder, os.W_OK):
         raise InputError(f"{output}: no right to write to {folder}; choose another place")
+
+
+def csv_cell(value: object) -> object:
+    """Return a cell for a CSV file: text that a spreadsheet would run as a formula is quoted.
+
+    Names of items, holds and files come from whoever typed them. A leading apostrophe makes them
+    text in Excel, LibreOffice and Google Sheets (OWASP, "CSV Injection").
+
+    >>> csv_cell("=HYPERLINK(A1)"), csv_cell("A17"), csv_cell(-1.5)
+    ("'=HYPERLINK(A1)", 'A17', -1.5)
+    """
+    is_formula = isinstance(value, str) and value.lstrip(" ")[:1] in _FORMULA_STARTS
+    return f"'{value}" if is_formula else value

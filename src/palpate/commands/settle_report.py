@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError
-from palpate.files import atomic_path, keep_inputs
+from palpate.files import atomic_path, csv_cell, keep_inputs
 from palpate.settling.evaluate import Prediction, score_predictions
 from palpate.settling.result import SettlingMethod
 from palpate.settling.scoring import Scores, median, summarise
@@ -116,7 +116,9 @@ def write(document: Document, out: Path) -> None:
             with partial.open("w", newline="", encoding="utf-8") as stream:
                 writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
                 writer.writeheader()
-                writer.writerows(rows)
+                writer.writerows(
+                    {name: csv_cell(cell) for name, cell in row.items()} for row in rows
+                )
         else:
             arrow = pyarrow_for("--out FILE.parquet")
             arrow.parquet.write_table(arrow.Table.from_pylist(list(document.rows())), partial)

@@ -23,6 +23,7 @@ from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.errors import InputError
 from palpate.estimate.measurement import Measurement
+from palpate.files import csv_cell
 from palpate.grasp.verdict import verdict
 
 #: Number of grasps that the page lists.
@@ -157,7 +158,7 @@ class History:
         yield _csv_text(columns, [dict(zip(columns, columns, strict=True))])
         entries = (entry for stated in self._stated() if (entry := _entry(stated)) is not None)
         while part := list(islice(entries, _ROWS)):
-            rows = [{**asdict(self._renamed(entry)), **entry.measured} for entry in part]
+            rows = [self._row(entry) for entry in part]
             yield _csv_text(columns, rows)
 
     def _take(self, entry: Entry) -> None:
@@ -181,8 +182,10 @@ class History:
         ]
         self._recent = deque(renamed, maxlen=LISTED)
 
-    def _renamed(self, entry: Entry) -> Entry:
-        return replace(entry, recording=self._names.get(entry.recording, entry.recording))
+    def _row(self, entry: Entry) -> dict[str, Any]:
+        recording = self._names.get(entry.recording, entry.recording)
+        cells = {**asdict(entry), **entry.measured, "recording": recording}
+        return {name: csv_cell(value) for name, value in cells.items()}
 
     def _append(self, stated: dict[str, Any]) -> None:
         """Add a line; a line that was cut off, by a full disk or a power cut, spoils no other."""

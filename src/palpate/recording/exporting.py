@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError, RecordingError
-from palpate.files import atomic_path
+from palpate.files import atomic_path, csv_cell
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
 from palpate.readings.cut import SHORTEST_HOLD_S
@@ -123,10 +123,17 @@ def _resistances(frames: list[Frame], layout: ArrayLayout) -> NDArray[np.float64
     ohm = np.empty(counts.shape)
     for conversions in np.unique(oversampling):
         alike = oversampling == conversions
-        ohm[alike] = pixel_resistance_ohm(
-            counts[alike], layout=layout, oversampling=int(conversions)
-        )
+        ohm[alike] = _resistance_ohm(counts[alike], layout=layout, oversampling=int(conversions))
     return ohm
+
+
+def _resistance_ohm(
+    counts: NDArray[np.integer[Any]], *, layout: ArrayLayout, oversampling: int
+) -> FloatArray:
+    try:
+        return pixel_resistance_ohm(counts, layout=layout, oversampling=oversampling)
+    except ValueError as error:
+        raise RecordingError(f"a frame of the recording: {error}") from error
 
 
 def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
@@ -136,7 +143,10 @@ def _write_csv(path: Path, tables: Iterable[Columns]) -> int:
         for number, table in enumerate(tables):
             if number == 0:
                 writer.writerow(table)
-            columns = list(table.values())
+            columns = [
+                list(map(csv_cell, values)) if _kind(name) == "string" else values
+                for name, values in table.items()
+            ]
             writer.writerows(zip(*columns, strict=True))
             rows += len(columns[0])
     return rows
@@ -176,7 +186,7 @@ def recorded_resistance_ohm(recording: Recording) -> FloatArray:
     ohm = np.empty(recording.counts.shape)
     for oversampling in np.unique(recording.oversampling):
         frames = recording.oversampling == oversampling
-        ohm[frames] = pixel_resistance_ohm(
+        ohm[frames] = _resistance_ohm(
             recording.counts[frames],
             layout=recording.info.layout,
             oversampling=int(oversampling),

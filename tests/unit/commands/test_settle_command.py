@@ -195,6 +195,18 @@ def test_out_writes_the_same_as_json_csv_and_parquet(
     assert rows[5]["settled"] == ""
 
 
+def test_out_csv_has_no_cell_that_a_spreadsheet_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "holds.csv"
+    rows = [f"=1+1,{t},{9 - t / 50}" for t in range(210)]
+    path.write_text("\n".join(["hold_id,time_s,value", *rows]) + "\n")
+    found = document(capsys, path, "--out", tmp_path / "rows.csv")
+    assert found["rows"][0]["hold_id"] == "=1+1"
+    with (tmp_path / "rows.csv").open() as stream:
+        assert next(csv.DictReader(stream))["hold_id"] == "'=1+1"
+
+
 @pytest.mark.parametrize("how", [["--cutoff", "2.5"], ["--until-half-width", "2.5"]])
 def test_milliseconds_are_noticed_once(
     how: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

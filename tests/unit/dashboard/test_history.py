@@ -63,6 +63,16 @@ def test_the_table_has_units_in_its_columns(tmp_path: Path) -> None:
     assert row["simulated"] == "True"
 
 
+@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t=", "\r=", "\n=", " ="])
+def test_table_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path, start: str) -> None:
+    history, typed = History(tmp_path), f'{start}HYPERLINK("http://x/";1)'
+    history.add(replace(ENTRY, item_id=typed, bin=typed, why=typed, measured={"force_n": -1.0}))
+    (row,) = csv.DictReader(io.StringIO("".join(history.csv_parts()), newline=""))
+    assert {row["item_id"], row["bin"], row["why"]} == {f"'{typed}"}
+    assert row["force_n"] == "-1.0"
+    assert history.recent[0].item_id == typed
+
+
 def test_a_renamed_recording_is_followed(tmp_path: Path) -> None:
     history = History(tmp_path)
     history.add(ENTRY)

@@ -132,6 +132,29 @@ def test_the_table_has_one_row_per_frame(tmp_path: Path) -> None:
     assert [row["moving"] for row in table].count("True") == 50
 
 
+def test_export_of_impossible_counts_is_one_line(tmp_path: Path) -> None:
+    first, *rest = grasp()
+    frame = next(one for one in (first, *rest) if isinstance(one, Frame))
+    wrong = replace(frame, counts=np.full((4, 2), -1), time_s=frame.time_s - 1.0)
+    path = write(tmp_path / "run.mcap", [wrong, first, *rest])
+    with RecordingReader(path) as reader, pytest.raises(RecordingError, match="counts from -1"):
+        write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
+    assert not (tmp_path / "run.csv").exists()
+    with pytest.raises(RecordingError, match="counts from -1"):
+        recorded_holds(load_recording(path))
+
+
+def test_exported_csv_has_no_cell_that_a_spreadsheet_runs(tmp_path: Path) -> None:
+    messages = [Event(time_s=0.0, name="=1+1", text=""), *grasp()]
+    with RecordingReader(write(tmp_path / "run.mcap", messages)) as reader:
+        write_export(tmp_path / "run.csv", frame_tables(reader), to="csv")
+        write_export(tmp_path / "run.parquet", frame_tables(reader), to="parquet")
+    with (tmp_path / "run.csv").open(newline="") as stream:
+        assert next(csv.DictReader(stream))["events"] == "'=1+1"
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert parquet.read_table(tmp_path / "run.parquet")["events"][0].as_py() == "=1+1"
+
+
 def test_parquet_keeps_types_without_any_value(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     path = write(tmp_path / "run.mcap", grasp(gripper=False))
