@@ -29,10 +29,13 @@ _TIMES = 2.0
 _ANSWERED_S = 0.2
 #: A motor that turns is never quite steady: this many equal readings in a row are none.
 _EQUAL = 16
-#: Without a calibration of the current, the first movements of the grasp itself show what the gears
-#: take; this many are needed. Later ones may take this many times the largest of them, and this
-#: more, mA.
+#: Without a calibration of the current, the first readings of the grasp itself show what the gears
+#: take: this many short movements, or as many groups of readings in one long one. Later ones may
+#: take this many times the largest of them, and this more, mA.
 _FEWEST, _TIMES_EMPTY, _MORE_MA = 4, 2.0, 20.0
+#: A pixel hides its own fall under load for this long (fades with 0.06 to 0.12 s): a frame that was
+#: scanned so much after the current rose would show a grip.
+_SHEET_LAG_S = 0.06
 
 
 class CurrentWatch:
@@ -53,6 +56,7 @@ class CurrentWatch:
         self._judged = True
         self._twice = 0
         self._empty_ma = list[float]()
+        self._grouped, self._risen_s = 0, math.nan
 
     def alarm(self, state: GripperState, *, belief: Belief) -> Alarm | None:
         """Take the gripper's next report; return an unexplained rise of the current."""
@@ -81,7 +85,12 @@ class CurrentWatch:
             self._turning.append(state.current_ma)
         self._read_s = state.time_s
         self._judged = False
-        return self._too_much(self._pull) or self._stuck()
+        return (
+            self._too_much(self._pull)
+            or self._stuck()
+            or self._reversed()
+            or self._risen(belief, time_s=state.time_s)
+        )
 
     def _least_n(self, readings: deque[tuple[float, float]], *, deviations: float) -> float:
         """Return the force that is there for sure."""
@@ -90,9 +99,13 @@ class CurrentWatch:
             return 0.0
         current_ma, width_mm = np.array(readings).T
         gears = law.gears
-        scatter = deviations * gears.movement_ma / max(gears.mean_ma, 1e-9)
-        most_ma = float(np.mean(gears.at(width_mm))) * math.exp(scatter)
-        most_ma += deviations * law.noise_ma / math.sqrt(len(readings))
+        most_ma = float(np.mean(gears.at(width_mm)))
+        # Friction scatters in proportion; of a mean that is no friction, or less than its scatter,
+        # no proportion is taken.
+        scatter_ma = deviations * gears.movement_ma
+        if gears.mean_ma > gears.movement_ma:
+            scatter_ma = most_ma * math.expm1(scatter_ma / gears.mean_ma)
+        most_ma += scatter_ma + deviations * law.noise_ma / math.sqrt(len(readings))
         per_n = law.ma_per_n * (1.0 + 2.0 * WARMTH_SD)
         return max(float(current_ma.mean()) - most_ma, 0.0) / per_n
 
@@ -115,6 +128,50 @@ class CurrentWatch:
             "closed: it is stuck, and shows no force"
         )
         return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
+
+    def _reversed(self) -> Alarm | None:
+        """Refuse a current with the other sign: it bounds no force."""
+        law = self._plan.current
+        usual = law is None or law.gears.mean_ma > 0
+        mean_ma = float(np.mean(self._turning))
+        if len(self._turning) < _EQUAL or mean_ma >= -_MORE_MA or not usual:
+            return None
+        words = (
+            f"the servo's current is {mean_ma:.0f} mA while the hand closes: its driver must "
+            "report it positive then"
+        )
+        return Alarm(danger=Danger.GRIPPER_FAULT, words=words)
+
+    def _risen(self, belief: Belief, *, time_s: float) -> Alarm | None:
+        """Compare the current within a long movement, where nothing is known of newtons."""
+        if self._plan.current is not None or len(self._pull) < _MOVING:
+            return None
+        pull_ma = float(np.mean([current_ma for current_ma, _ in self._pull]))
+        if len(self._empty_ma) < _FEWEST:
+            self._grouped = (self._grouped + 1) % _MOVING
+            if self._grouped == 0:
+                self._empty_ma.append(pull_ma)
+            return None
+        if pull_ma <= self._most_empty_ma:
+            self._risen_s = math.nan
+            return None
+        if math.isnan(self._risen_s):
+            self._risen_s = time_s
+        answered = belief.now_s > self._risen_s + _SHEET_LAG_S
+        if not answered or belief.watched_n > self._plan.no_push_n:
+            return None
+        return self._unexplained(pull_ma)
+
+    @property
+    def _most_empty_ma(self) -> float:
+        return _TIMES_EMPTY * max(*self._empty_ma, 0.0) + _MORE_MA
+
+    def _unexplained(self, pull_ma: float) -> Alarm:
+        words = (
+            f"the servo's current rose to {pull_ma:.0f} mA, {max(self._empty_ma):.0f} mA moved the "
+            "empty hand, and the sheet shows nothing; run `palpate doctor`"
+        )
+        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
 
     def _unseen(self, belief: Belief) -> Alarm | None:
         """Compare the last movement, and the hand as it stands, with what the sheet shows."""
@@ -150,11 +207,4 @@ class CurrentWatch:
         if len(self._empty_ma) < _FEWEST:
             self._empty_ma.append(pull_ma)
             return None
-        most_ma = max(self._empty_ma)
-        if pull_ma <= _TIMES_EMPTY * max(most_ma, 0.0) + _MORE_MA:
-            return None
-        words = (
-            f"the servo's current rose to {pull_ma:.0f} mA, {most_ma:.0f} mA moved the empty hand, "
-            "and the sheet shows nothing; run `palpate doctor`"
-        )
-        return Alarm(danger=Danger.UNSEEN_FORCE, words=words)
+        return None if pull_ma <= self._most_empty_ma else self._unexplained(pull_ma)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -35,6 +36,8 @@ def belief_of(reading: float, *, closure: float, still: bool) -> Belief:
         touches=(touch,) if still else (),
         still_since_s=9.0 if still else None,
         now_s=10.0,
+        # The sheet of these tests reads twice the force.
+        frames_n=(0.5 * reading, 0.5 * reading),
         sent=closure + 1.0,
     )
 
@@ -150,6 +153,100 @@ def test_without_a_calibration_the_approach_shows_what_the_gears_take(plan: Plan
     assert alarm is not None
     assert alarm.danger is Danger.UNSEEN_FORCE
     assert "moved the empty hand" in alarm.words
+
+
+def swept(
+    watch: CurrentWatch,
+    current_ma: Callable[[float], float],
+    *,
+    reading: Callable[[float], float] = lambda closure: 0.0,
+    rng: np.random.Generator | None = None,
+) -> tuple[float, Alarm | None]:
+    """Close by 30 mm at 15 mm/s in one go, 15 frames/s and a look each 10 ms.
+
+    Returns the closure at which an alarm came, and it.
+    """
+    rng = np.random.default_rng(5) if rng is None else rng
+    belief = belief_of(0.0, closure=0.0, still=False)
+    for look in range(200):
+        time_s, closure = 0.01 * look, 0.15 * look
+        if look % 7 == 0:
+            belief = replace(
+                belief_of(reading(closure), closure=closure, still=False),
+                now_s=time_s,
+                sent=closure + 5.0,
+            )
+        state = GripperState(
+            time_s=time_s,
+            width_mm=74.0 - closure,
+            current_ma=current_ma(closure) + 3.0 * float(rng.standard_normal()),
+            moving=True,
+        )
+        alarm = watch.alarm(state, belief=belief)
+        if alarm is not None:
+            return closure, alarm
+    return closure, None
+
+
+def test_without_a_calibration_one_long_movement_is_enough(plan: Plan) -> None:
+    """The object lies beside the sheet, and the hand closes on it without a stop."""
+    touch_mm = 12.0
+    closure, alarm = swept(
+        CurrentWatch(plan), lambda at: GEARS_MA + MA_PER_N * 4.0 * max(at - touch_mm, 0.0)
+    )
+    assert alarm is not None
+    assert alarm.danger is Danger.UNSEEN_FORCE
+    assert "moved the empty hand, and the sheet shows nothing" in alarm.words
+    # 60 mA more than the gears take are 3.75 N; four readings and the lag of the sheet on top.
+    assert closure - touch_mm < 3.75 / 4.0 + 15.0 * (0.04 + 0.06 + 0.07)
+
+
+def test_without_a_calibration_friction_along_a_long_movement_is_no_grip(plan: Plan) -> None:
+    waves = [
+        swept(
+            CurrentWatch(plan),
+            lambda at: GEARS_MA * (1.0 + 0.3 * np.sin(at)),
+            rng=np.random.default_rng(seed),
+        )[1]
+        for seed in range(20)
+    ]
+    assert waves == [None] * 20
+
+
+def test_a_touch_at_speed_that_the_sheet_shows_a_frame_later_is_no_alarm(plan: Plan) -> None:
+    def force_n(at: float) -> float:
+        return 4.0 * max(at - 12.0, 0.0)
+
+    def stiff_tooth_ma(at: float) -> float:
+        return 100.0 if 6.0 < at < 6.6 else 0.0
+
+    alarm = swept(
+        CurrentWatch(plan),
+        lambda at: GEARS_MA + MA_PER_N * force_n(at) + stiff_tooth_ma(at),
+        reading=lambda at: 2.0 * force_n(at - 0.9),
+    )[1]
+    assert alarm is None
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_current_of_the_other_sign_ends_the_approach(
+    plan: Plan, calibrated: Plan, known: bool
+) -> None:
+    closure, alarm = swept(CurrentWatch(calibrated if known else plan), lambda at: -GEARS_MA)
+    assert alarm is not None
+    assert alarm.danger is Danger.GRIPPER_FAULT
+    assert "-40 mA while the hand closes: its driver must report it positive" in alarm.words
+    assert closure < 3.0
+
+
+@pytest.mark.parametrize("mean_ma", [-GEARS_MA, 0.0, 0.001])
+def test_a_current_of_the_sign_that_was_calibrated_is_not_refused(
+    plan: Plan, mean_ma: float
+) -> None:
+    """A spring helps to close, or the gears take next to nothing."""
+    gears = GearFriction(mean_ma=mean_ma, mean_sd_ma=1.0, movement_ma=4.0)
+    law = CurrentLaw(gears=gears, ma_per_n=MA_PER_N, noise_ma=6.0)
+    assert swept(CurrentWatch(replace(plan, current=law)), lambda at: mean_ma)[1] is None
 
 
 def test_a_gripper_without_current_is_not_judged(calibrated: Plan) -> None:

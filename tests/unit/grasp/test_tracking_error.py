@@ -152,6 +152,10 @@ def test_too_fast_adds_up_over_the_short_commands_of_a_way_at_speed() -> None:
     assert found
 
 
+def test_a_short_step_at_once_is_known() -> None:
+    assert speeds(WIDTH, [(4.0, 400.0, 1.0)], every_s=0.05)
+
+
 def test_a_slower_command_is_obeyed_within_the_latency() -> None:
     watch, width_mm = SpeedWatch(WIDTH, safety=SAFETY), 60.0
     fast, slow = (
