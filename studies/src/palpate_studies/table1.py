@@ -115,9 +115,6 @@ def _provenance(sensors: Mapping[str, int]) -> list[str]:
         "there shows nothing. All else is a prediction.",
         "Our exponential falls back on the recorded value where the fit does not determine the "
         "settled value; the paper does not say what it did there.",
-        "Relaxation holds a sensor as Table 1 describes it possible (as one of several), and the "
-        "part of its prior that is for contact was chosen while looking at holds of these same "
-        "families (other seeds): its row here is no test on an unknown sensor.",
     ]
 
 
