@@ -14,7 +14,7 @@ from palpate.errors import InputError, needing
 from palpate.tables import Kind, Table, read_pieces
 
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
-_OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text"}
+_OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text", "loading_s": "number"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -33,6 +33,8 @@ class Hold:
         In any unit.
     unit : str or None
         Unit of the values where it is known; ``"percent"`` is a change relative to rest.
+    loading_s : float
+        How long the load grew before time 0, seconds; 0 where it is not known or was sudden.
     """
 
     hold_id: str
@@ -40,6 +42,7 @@ class Hold:
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
     unit: str | None = None
+    loading_s: float = 0.0
 
     def __repr__(self) -> str:
         name = self.hold_id if self.channel is None else f"{self.hold_id}:{self.channel}"
@@ -105,10 +108,11 @@ def iterate_holds(
 ) -> Iterator[Hold]:
     """Read holds one by one from CSV, gzipped CSV or Parquet.
 
-    Columns are `hold_id,time_s,value` and optionally `channel` and `unit`. The rows of a hold are
-    together; channels may be interleaved within it. The unit ``percent`` (change relative to rest)
-    helps to predict; others need not be given. A CSV file may have semicolons or tabs instead of
-    commas, and decimal commas then. Memory is bounded by the longest hold, or by `until_s`.
+    Columns are `hold_id,time_s,value` and optionally `channel`, `unit` and `loading_s`. The rows of
+    a hold are together; channels may be interleaved within it. The unit ``percent`` (change
+    relative to rest) and a slow loading help to predict; others need not be given. A CSV file may
+    have semicolons or tabs instead of commas, and decimal commas then. Memory is bounded by the
+    longest hold, or by `until_s`.
 
     Parameters
     ----------
@@ -153,6 +157,7 @@ class _Channel:
     time_s: list[NDArray[np.float64]] = field(default_factory=list)
     values: list[NDArray[np.float64]] = field(default_factory=list)
     unit: str | None = None
+    loading_s: float = 0.0
 
     def add(
         self, time_s: NDArray[np.float64], values: NDArray[np.float64], *, until_s: float
@@ -236,7 +241,10 @@ def _gather(
     for label, members in groups.items():
         if label not in channels:
             _check_text("channel", label, where=f"{name} {table.place(int(members[0]))}")
-            channels[label] = _Channel(unit=_unit(table, int(members[0]), name=name))
+            first = int(members[0])
+            channels[label] = _Channel(
+                unit=_unit(table, first, name=name), loading_s=_loading_s(table, first, name=name)
+            )
         channel = channels[label]
         time_s, values = table.columns["time_s"][members], table.columns["value"][members]
         previous_s = np.concatenate(([channel.last_time_s], time_s[:-1]))
@@ -260,6 +268,19 @@ def _unit(table: Table, row: int, *, name: str) -> str | None:
     return unit or None
 
 
+def _loading_s(table: Table, row: int, *, name: str) -> float:
+    """Return the loading time that the first sample of a channel has, if any."""
+    if "loading_s" not in table.columns:
+        return 0.0
+    loading_s = float(table.columns["loading_s"][row])
+    if loading_s < 0:
+        raise InputError(
+            f"{name} {table.place(row)}: loading_s {loading_s:g} is negative; give seconds, or 0 "
+            "where it is not known"
+        )
+    return loading_s
+
+
 def _explain(time_s: float, previous_s: float, *, where: str, hold: str) -> NoReturn:
     how = "stands still" if time_s == previous_s else "goes backwards"
     raise InputError(
@@ -279,4 +300,5 @@ def _finish(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
             time_s=time_s,
             values=values,
             unit=channel.unit,
+            loading_s=channel.loading_s,
         )

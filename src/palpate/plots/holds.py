@@ -10,7 +10,7 @@ from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.plots.settle import Panel, settle_figure
 from palpate.plots.style import save_figure
-from palpate.settling.percent import for_unit
+from palpate.settling.percent import for_hold
 from palpate.settling.predict import CUTOFF_S, method_named
 
 #: Holds drawn at most: more panels can't be read on a page.
@@ -57,7 +57,7 @@ def plot_holds(
     drawn = holds[:MOST_HOLDS]
     figure = settle_figure(
         [Panel(title=hold.hold_id, hold=hold, cutoff_s=cutoff_s) for hold in drawn],
-        methods={method: for_unit(method_named(method), drawn[0].unit)},
+        methods={method: for_hold(method_named(method), drawn[0])},
         horizon_s=horizon_s,
         level=level,
     )

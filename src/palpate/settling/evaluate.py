@@ -10,7 +10,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.holds import Hold
 from palpate.settling.deciding import first_sure
-from palpate.settling.percent import for_unit
+from palpate.settling.percent import for_hold
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
 from palpate.settling.scoring import Scores, recorded_value, score, settled_value
 
@@ -108,7 +108,7 @@ def decide_holds(
                 decision = first_sure(
                     hold.time_s,
                     hold.values,
-                    method=for_unit(method, hold.unit),
+                    method=for_hold(method, hold),
                     half_width_percent=half_width_percent,
                     horizon_s=horizon_s,
                     level=level,
@@ -185,20 +185,21 @@ def _batches(holds: Iterable[Hold]) -> Iterator[list[Hold]]:
 def _predict_batch(
     batch: Sequence[Hold], method: SettlingMethod, cutoff_s: float, horizon_s: float, level: float
 ) -> list[SettledEstimate | None]:
-    """Predict each hold of a batch, all those of one unit and sampling grid in one call."""
-    grids: dict[tuple[str | None, bytes], list[int]] = {}
+    """Predict each hold of a batch, all those of one unit, loading and grid in one call."""
+    grids: dict[tuple[str | None, float, bytes], list[int]] = {}
     windows: list[FloatArray] = []
     for index, hold in enumerate(batch):
         window_s = hold.time_s[: np.searchsorted(hold.time_s, cutoff_s, side="right")]
         windows.append(window_s)
-        grids.setdefault((hold.unit, window_s.tobytes()), []).append(index)
+        key = (hold.unit, hold.loading_s, window_s.tobytes())
+        grids.setdefault(key, []).append(index)
     found: list[SettledEstimate | None] = [None] * len(batch)
-    for (unit, _), indices in grids.items():
+    for indices in grids.values():
         time_s = windows[indices[0]]
         if not time_s.size:
             continue
         values = np.stack([batch[index].values[: time_s.size] for index in indices])
-        suited = for_unit(method, unit)
+        suited = for_hold(method, batch[indices[0]])
         estimate = suited.predict(time_s, values, horizon_s=horizon_s, level=level)
         for row, index in enumerate(indices):
             found[index] = estimate.hold(row)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from palpate.arrays import FloatArray
 from palpate.holds import Hold
+from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod
 
 #: The only unit that a predictor must be given.
@@ -22,7 +23,6 @@ class InPercent:
     """A method for holds in percent, made of one for holds of any other unit.
 
     >>> import numpy as np
-    >>> from palpate.settling.relaxation import Relaxation
     >>> time_s = np.arange(0.0, 2.5, 0.1)
     >>> left = 0.04 + 0.02 * np.exp(-time_s)
     >>> method = InPercent(method=Relaxation())
@@ -50,6 +50,13 @@ class InPercent:
 def for_unit(method: SettlingMethod, unit: str | None) -> SettlingMethod:
     """Return the method for holds of a unit; None means an unknown one."""
     return InPercent(method=method) if unit == PERCENT else method
+
+
+def for_hold(method: SettlingMethod, hold: Hold) -> SettlingMethod:
+    """Return the method for what is known of a hold: its unit, and how long loading took."""
+    if isinstance(method, Relaxation) and hold.loading_s > 0:
+        method = replace(method, loading_s=hold.loading_s)
+    return for_unit(method, hold.unit)
 
 
 def of_rest(percent: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
@@ -15,7 +16,7 @@ from palpate.errors import InputError
 from palpate.holds import Hold
 from palpate.settling.exponential import Exponential
 from palpate.settling.log_law import LogLaw
-from palpate.settling.percent import for_unit
+from palpate.settling.percent import for_hold
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, SettlingMethod, joined
@@ -62,8 +63,8 @@ def predict_settled(
     Parameters
     ----------
     time_s : Hold or array_like, shape (n_times,)
-        A hold, with its unit; or strictly increasing sampling times, seconds; 0 is the actuation or
-        the peak. Sampling may be uneven.
+        A hold, with its unit and loading time; or strictly increasing sampling times, seconds; 0 is
+        the actuation or the peak. Sampling may be uneven.
     values : array_like, shape (n_times,) or (n_holds, n_times)
         One hold or a batch of them, in any unit; left out where `time_s` is a hold. Samples after
         the cut-off are not looked at.
@@ -105,13 +106,14 @@ def predict_settled(
     if isinstance(time_s, Hold):
         if values is not None:
             raise InputError("a hold has its values already; leave `values` out")
-        unit = unit or time_s.unit
-        times, samples = time_s.time_s, time_s.values
+        hold = replace(time_s, unit=unit or time_s.unit)
+        times, samples = hold.time_s, hold.values
     elif values is None:
         raise InputError("give a Hold, or both time_s and values")
     else:
         times = np.asarray(time_s, dtype=np.float64)
         samples = np.asarray(values, dtype=np.float64)
+        hold = Hold(hold_id="", channel=None, time_s=times, values=samples, unit=unit)
     if times.ndim != 1 or samples.ndim not in (1, 2) or samples.shape[-1] != times.size:
         raise InputError(
             f"values of shape {samples.shape} don't fit time_s of shape {times.shape}; give time_s "
@@ -128,12 +130,12 @@ def predict_settled(
     stop = _samples_until(times, cutoff_s)
     used = samples.reshape(-1, times.size)[:, :stop]
     if not np.isfinite(used).all():
-        hold, sample = np.argwhere(~np.isfinite(used))[0]
+        row, sample = np.argwhere(~np.isfinite(used))[0]
         raise InputError(
-            f"values of hold {hold} at {times[sample]:g} s: {used[hold, sample]} is not a finite "
+            f"values of hold {row} at {times[sample]:g} s: {used[row, sample]} is not a finite "
             "number; drop such samples or cut the hold before them"
         )
-    predictor = for_unit(chosen, unit)
+    predictor = for_hold(chosen, hold)
     blocks = [
         predictor.predict(times[:stop], used[start:end], horizon_s=horizon_s, level=level)
         for start, end in _blocks(len(used))
