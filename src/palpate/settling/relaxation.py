@@ -175,9 +175,10 @@ class Relaxation:
         if limited.any():
             status[limited & (status == Status.OK)] = Status.FELL_BACK
         pace = -forms.pace * steps[:, forms.pace_from]
-        least, most = np.sort(np.outer(PROVEN_PACE, pace), axis=0)
-        unlike = (possible[1] < least) | (possible[1] > most)
-        status[unlike & (status == Status.OK)] = Status.UNPROVEN
+        least, most = PROVEN_PACE
+        unlike = (possible[1] - least * pace) * (possible[1] - most * pace) > 0
+        if unlike.any():
+            status[unlike & (status == Status.OK)] = Status.UNPROVEN
         status[turned | (reach == 0)] = Status.NOT_SETTLING
         return ends, status
 
@@ -188,14 +189,14 @@ def _by_renewal(
     """Yield which holds, and when their readings were renewed with the values then."""
     changed = values[:, 1:] != values[:, :-1]
     # A reading that changes twice in a row is renewed at every sample.
-    slow = ~(changed[:, 1:] & changed[:, :-1]).any(axis=1)
-    if not slow.any():
+    quick = (changed[:, 1:] & changed[:, :-1]).any(axis=1)
+    if quick.all():
         yield np.arange(len(values)), time_s, values
         return
     groups: dict[bytes, list[int]] = {}
     every = np.arange(values.shape[1]).tobytes()
-    for row, repeats in enumerate(slow):
-        key = refreshed(values[row]).tobytes() if repeats else every
+    for row, steady in enumerate(quick):
+        key = every if steady else refreshed(values[row]).tobytes()
         groups.setdefault(key, []).append(row)
     for key, rows in groups.items():
         columns, some = np.frombuffer(key, dtype=np.intp), np.array(rows)
