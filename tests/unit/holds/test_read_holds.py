@@ -265,6 +265,8 @@ def test_other_columns_are_ignored_as_index_columns_of_exports(tmp_path: Path) -
         [hold] = read_holds(path)
         assert (hold.hold_id, hold.channel) == ("a", None)
         assert (hold.time_s.tolist(), hold.values.tolist()) == ([0.0, 1.0], [3.0, 2.0])
+
+
 def test_a_loading_time_is_read_and_may_not_be_negative(tmp_path: Path) -> None:
     file = tmp_path / "slow.csv"
     file.write_text("hold_id,time_s,value,loading_s\na,0,5,60\na,1,4,60\nb,0,5,0\nb,1,4,0\n")
