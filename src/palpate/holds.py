@@ -16,6 +16,9 @@ from palpate.tables import Kind, Table, read_pieces
 _COLUMNS: dict[str, Kind] = {"hold_id": "text", "time_s": "number", "value": "number"}
 _OPTIONAL: dict[str, Kind] = {"channel": "text", "unit": "text", "loading_s": "number"}
 
+#: Stretch before the horizon whose mean counts as the settled value.
+SETTLED_WINDOW_S = 0.5
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Hold:
@@ -302,3 +305,38 @@ def _finish(hold_id: str, channels: dict[str, _Channel]) -> Iterator[Hold]:
             unit=channel.unit,
             loading_s=channel.loading_s,
         )
+
+
+def settled_value(
+    time_s: NDArray[np.float64], values: NDArray[np.float64], *, horizon_s: float
+) -> float:
+    """Return the mean of the last 0.5 s before the horizon; NaN where the hold ends before.
+
+    A sample covers the time up to the next one, so a hold reaches the horizon when its last
+    sample is no more than one usual interval before it.
+
+    `horizon_s`: time of the settled value, seconds.
+
+    >>> time_s = np.arange(0, 21, 0.25)
+    >>> settled_value(time_s, time_s, horizon_s=20.0)
+    19.75
+    >>> settled_value(time_s, time_s, horizon_s=30.0)
+    nan
+    """
+    usual_interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    window = (time_s >= horizon_s - SETTLED_WINDOW_S) & (time_s <= horizon_s)
+    # The slack is for times such as 19.95 + 0.05, which fall short of 20 by rounding.
+    reached = time_s[-1] + usual_interval_s >= horizon_s * (1 - 1e-9)
+    return float(values[window].mean()) if reached and window.any() else float("nan")
+
+
+def recorded_value(
+    time_s: NDArray[np.float64], values: NDArray[np.float64], *, cutoff_s: float
+) -> float:
+    """Return the last sample up to the cut-off; NaN if there is none.
+
+    >>> recorded_value(np.array([0.0, 1.0, 2.0]), np.array([9.0, 8.0, 7.0]), cutoff_s=1.5)
+    8.0
+    """
+    count = int(np.searchsorted(time_s, cutoff_s, side="right"))
+    return float(values[count - 1]) if count else float("nan")

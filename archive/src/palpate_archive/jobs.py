@@ -85,8 +85,8 @@ class Settle:
     def _rows(
         self, labels: list[tuple[str, ...]], time_s: FloatArray, values: FloatArray
     ) -> Iterator[dict[str, Any]]:
+        from palpate.holds import settled_value
         from palpate.settling.predict import predict_settled
-        from palpate.settling.scoring import settled_value
 
         unit = labels[0][-1]
         settled = [settled_value(time_s, each, horizon_s=self.horizon_s) for each in values]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from palpate.commands.settle_source import HoldSource
     from palpate.holds import Hold
     from palpate.readings.holds import CutAt
-    from palpate.settling.evaluate import Prediction
+    from palpate.scoring.predictions import Prediction
     from palpate.settling.result import SettlingMethod
     from palpate.signal.circuit import Divider
 
@@ -277,7 +277,7 @@ def _settled_holds(
     from math import isnan
 
     from palpate.commands.settle_source import HoldSource, ReadingOptions
-    from palpate.settling.scoring import settled_value
+    from palpate.holds import settled_value
 
     source = HoldSource(paths=files, reading=ReadingOptions(unit="percent" if percent else None))
     holds = [hold for file in source.files() for hold in source.holds(file, until_s=horizon_s)]
@@ -301,7 +301,7 @@ def _predict(
     quiet: bool,
 ) -> Iterator[Prediction]:
     """Yield predictions file by file while a bar on standard error shows how far it is."""
-    from palpate.settling.evaluate import decide_holds, predict_holds
+    from palpate.scoring.predictions import decide_holds, predict_holds
 
     files = source.files()
     with progress("settling", total=len(files), quiet=quiet) as show:

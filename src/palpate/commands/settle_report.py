@@ -15,9 +15,9 @@ import numpy as np
 from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import atomic_path, csv_cell, keep_inputs
-from palpate.settling.evaluate import Prediction, score_predictions
+from palpate.scoring.predictions import Prediction, score_predictions
+from palpate.scoring.scores import Scores, median, summarise
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scoring import Scores, median, summarise
 from palpate.tables.binary import pyarrow_for
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.commands.settle_report import Document, by_error
-from palpate.settling.evaluate import Prediction, score_predictions
+from palpate.scoring.predictions import Prediction, score_predictions
 
 if TYPE_CHECKING:
     from rich.console import Console

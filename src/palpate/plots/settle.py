@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.holds import Hold
+from palpate.holds import Hold, settled_value
 from palpate.plots.style import GREY, INK, legend_below, log_axis, look_of, new_figure
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scoring import settled_value
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

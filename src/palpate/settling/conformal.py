@@ -14,10 +14,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
-from palpate.holds import Hold
+from palpate.holds import Hold, settled_value
 from palpate.settling.percent import without_percent
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
-from palpate.settling.scoring import settled_value
 from palpate.signal.transient import peak_index
 
 #: Cut-offs at which errors are taken, s; between them the quantile is interpolated in log time.

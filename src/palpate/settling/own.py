@@ -15,13 +15,12 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.holds import Hold
+from palpate.holds import SETTLED_WINDOW_S, Hold, settled_value
 from palpate.settling.conformal import PROVING_HOLDS
 from palpate.settling.log_law import LogLaw
 from palpate.settling.percent import without_percent
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, Status
-from palpate.settling.scoring import SETTLED_WINDOW_S, settled_value
 
 #: The latest holds are used: a sensor wears, and more sharpen nothing.
 MOST_HOLDS = 60

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from palpate.arrays import FloatArray
+from palpate.holds import SETTLED_WINDOW_S
 from palpate.settling.conditionals import conditionals, noise_scatter
 from palpate.settling.mixture import posterior, quantiles
 from palpate.settling.origin import Window, refreshed, windows
 from palpate.settling.result import SettledEstimate, Status
-from palpate.settling.scoring import SETTLED_WINDOW_S
 
 #: Holds worked on at once; bounds the memory whatever the batch.
 CHUNK = 512

@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.holds import Hold
-from palpate.settling.evaluate import predict_holds, score_predictions
+from palpate.holds import Hold, settled_value
+from palpate.scoring.predictions import predict_holds, score_predictions
 from palpate.settling.exponential import Exponential
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod
-from palpate.settling.scoring import settled_value
 from palpate_studies.press_data import Press
 
 CUTOFF_S, HORIZON_S = 2.5, 20.0

@@ -14,10 +14,9 @@ from palpate import predict_settled
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
-from palpate.holds import Hold
+from palpate.holds import Hold, settled_value
 from palpate.settling.own import OwnRelaxation
 from palpate.settling.result import SettlingMethod, Status
-from palpate.settling.scoring import settled_value
 from palpate_studies import settled_rules as rules
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.settled_rules import HORIZON_S, Rule, Shown

@@ -13,9 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.holds import Hold
+from palpate.holds import Hold, settled_value
 from palpate.settling.log_law import LogLaw
-from palpate.settling.scoring import settled_value
 
 HORIZON_S = 20.0
 #: Stretches of log time that the ridge sees of a hold, and its penalties to choose from.

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.holds import Hold, read_holds
-from palpate.settling.scoring import settled_value
+from palpate.holds import Hold, read_holds, settled_value
 
 #: When a hold counts as settled (paper, section 2.2).
 HORIZON_S = 20.0

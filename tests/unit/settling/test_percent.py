@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.holds import Hold
-from palpate.settling.evaluate import predict_holds
+from palpate.scoring.predictions import predict_holds
 from palpate.settling.own import OwnRelaxation
 from palpate.settling.percent import without_percent
 from palpate.settling.predict import predict_settled

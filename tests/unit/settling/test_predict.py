@@ -10,7 +10,7 @@ import pytest
 import palpate
 from palpate.errors import InputError
 from palpate.holds import Hold
-from palpate.settling.evaluate import predict_holds
+from palpate.scoring.predictions import predict_holds
 from palpate.settling.exponential import Exponential
 from palpate.settling.predict import METHODS, predict_settled
 from palpate.settling.relaxation import Relaxation

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate.holds import read_holds
+from palpate.holds import read_holds, settled_value
 from palpate.settling.conformal import calibrate
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettledEstimate, Status
-from palpate.settling.scoring import settled_value
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.estimate.damage_learning import copies, read_closings
-from palpate.holds import read_holds
-from palpate.settling.scoring import settled_value
+from palpate.holds import read_holds, settled_value
 from palpate_studies.force_ladders import read_ladders
 from palpate_studies.protocol.method import Case, Question
 from palpate_studies.protocol.parts import Fold, folds

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.settling.scoring import recorded_value, score, settled_value, summarise
+from palpate.holds import recorded_value, settled_value
+from palpate.scoring.scores import score, summarise
 from palpate_studies.bootstrap import bootstrap_interval
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.holds import Hold
-from palpate.settling.deciding import first_sure
+from palpate.holds import Hold, recorded_value, settled_value
+from palpate.scoring.deciding import first_sure
+from palpate.scoring.scores import Scores, score
 from palpate.settling.percent import for_hold
 from palpate.settling.result import SettledEstimate, SettlingMethod, Status
-from palpate.settling.scoring import Scores, recorded_value, score, settled_value
 
 #: Holds predicted together. Only holds on one sampling grid share work, and those are neighbours.
 HOLDS_AT_A_TIME = 512

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.holds import Hold
-from palpate.settling import evaluate
-from palpate.settling.evaluate import decide_holds, predict_holds
+from palpate.scoring import predictions as evaluate
+from palpate.scoring.predictions import decide_holds, predict_holds
 from palpate.settling.exponential import Exponential
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
