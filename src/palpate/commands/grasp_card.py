@@ -119,7 +119,7 @@ def _note(measured: Measurement) -> str:
 
 def _bar(measured: Measurement, true: float | None) -> str:
     """Draw interval, estimate and truth on one line: `├──●──┤` and `▼` for the truth."""
-    marks = [measured.low, measured.value, measured.high, *([] if true is None else [true])]
+    marks = [measured.low, measured.middle, measured.high, *([] if true is None else [true])]
     low, high = min(marks), max(marks)
     margin = 0.08 * (high - low) or 1.0
     low, span = low - margin, high - low + 2 * margin
@@ -131,7 +131,7 @@ def _bar(measured: Measurement, true: float | None) -> str:
     left, right = column(measured.low), column(measured.high)
     cells[left : right + 1] = "─" * (right + 1 - left)
     cells[left], cells[right] = "├", "┤"
-    cells[column(measured.value)] = "●"
+    cells[column(measured.middle)] = "●"
     if true is not None:
         inside = measured.low <= true <= measured.high
         cells[column(true)] = f"[{'green' if inside else 'red'}]▼[/]"

@@ -121,11 +121,11 @@ def _when(moment: datetime) -> str:
 
 
 def _value(measured: Measurement | None, digits: int) -> str:
-    return "-" if measured is None else f"{measured.value:.{digits}f}"
+    return "-" if measured is None else measured.text(digits=digits)
 
 
 def _band(measured: Measurement | None, digits: int) -> str:
     if measured is None:
         return "-"
     low, high = f"{measured.low:.{digits}f}", f"{measured.high:.{digits}f}"
-    return f"[bold]{measured.value:.{digits}f}[/]\n[dim]{low}…{high}[/]"
+    return f"[bold]{measured.text(digits=digits)}[/]\n[dim]{low}…{high}[/]"

@@ -64,7 +64,7 @@ def number(measured: Measurement | None, digits: int) -> str:
     """Return a value, marked where its interval does not hold its full promise."""
     if measured is None:
         return "-"
-    return f"{fixed(measured.value, digits)}{'' if measured.status is Status.OK else ' *'}"
+    return f"{fixed(measured.middle, digits)}{'' if measured.status is Status.OK else ' *'}"
 
 
 def fixed(value: float, digits: int) -> str:

@@ -86,7 +86,7 @@ def _tiles(pages: Sequence[ItemHistory], grasps: Sequence[Grasp]) -> list[Tile]:
         ("stiffness_n_per_mm", "Median stiffness", "N/mm", 2),
         ("size_mm", "Median size", "mm", 1),
     ):
-        values = [measured.value for page in pages if (measured := page.latest(name))]
+        values = [measured.middle for page in pages if (measured := page.latest(name))]
         if values:
             low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
             below = f"8 in 10: {low:.{digits}f} to {high:.{digits}f}"

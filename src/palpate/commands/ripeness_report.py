@@ -121,7 +121,7 @@ def _by_day(history: FirmnessHistory) -> list[dict[str, float | int | None]]:
     width = history.drive == "width"
     for number, day in enumerate(history.days):
         settled = [
-            grasp.measurements["settled_percent"].value
+            grasp.measurements["settled_percent"].middle
             for grasp in history.grasps
             if "settled_percent" in grasp.measurements
             and history.nearest_day(grasp.taken_at) == number

@@ -125,7 +125,7 @@ def _early_gain(belief: Belief) -> Gain | None:
 def _settled_gain(force: Measurement | None, foreseen: Settled, plan: Plan) -> Gain | None:
     if force is None:
         return None
-    law_n = float(plan.settled_law.force_n(foreseen.reading.value).value)
+    law_n = float(plan.settled_law.force_n(foreseen.reading.middle).value)
     return settled_gain(force, law_n=law_n, law=plan.settled_law)
 
 

@@ -73,7 +73,7 @@ def settled_gain(force: Measurement, *, law_n: float, law: ForceLaw) -> Gain | N
         return None
     reach = float(ndtri(0.5 + force.level / 2))
     return Gain(
-        log_mean=math.log(force.value / law_n),
+        log_mean=math.log(force.middle / law_n),
         log_sd=math.log(force.high / force.low) / (2.0 * reach),
         law_sd=law.residual_sd,
     )

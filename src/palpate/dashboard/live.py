@@ -124,7 +124,7 @@ class Live:
             and math.isfinite(settled.low + settled.high)
         ):
             self.band.append(
-                Band(progress.time_s, settled.low, settled.value, settled.high, progress.settled_n)
+                Band(progress.time_s, settled.low, settled.middle, settled.high, progress.settled_n)
             )
         if self._force is not None:
             self._force.take(progress.gains)

@@ -98,7 +98,7 @@ def document(
 
 def _newtons(force: Measurement | None) -> list[float]:
     """Return low, value and high, to the milli; nothing where no force is known."""
-    return [] if force is None else [round(n, 3) for n in (force.low, force.value, force.high)]
+    return [] if force is None else [round(n, 3) for n in (force.low, force.middle, force.high)]
 
 
 def _replay(live: Live, tr: Language) -> dict[str, Any] | None:
@@ -339,7 +339,7 @@ def _one(measured: Measurement | None, true: object, tr: Language) -> dict[str, 
     known = {"status": str(measured.status), "truth": true}
     if not measured.number:
         return known | {"value": None, "low": None, "high": None, "text": _bound(measured, tr)}
-    value, low, high = finite([measured.value, measured.low, measured.high])
+    value, low, high = finite([measured.middle, measured.low, measured.high])
     return known | {"value": value, "low": low, "high": high}
 
 

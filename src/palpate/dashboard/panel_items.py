@@ -131,10 +131,10 @@ def chart(title: str, grasps: Sequence[Grasp], name: str, tr: Language) -> str:
     marks = "".join(
         f"<line x1='{x(when):.1f}' x2='{x(when):.1f}' y1='{y(one.low):.1f}' y2='{y(one.high):.1f}' "
         "stroke='var(--accent)' stroke-width='2' opacity='.45'/>"
-        f"<circle cx='{x(when):.1f}' cy='{y(one.value):.1f}' r='4.5' fill='var(--accent)'/>"
+        f"<circle cx='{x(when):.1f}' cy='{y(one.middle):.1f}' r='4.5' fill='var(--accent)'/>"
         for when, one in past
     )
-    path = " ".join(f"{x(when):.1f},{y(one.value):.1f}" for when, one in past)
+    path = " ".join(f"{x(when):.1f},{y(one.middle):.1f}" for when, one in past)
     scale = "".join(
         f"<text class='soft' x='{_LEFT - 4}' y='{y(value) + 4:.1f}' text-anchor='end' "
         f"font-size='11'>{tr.number(value, '.3g')}</text>"

@@ -115,17 +115,17 @@ def object_stiffness(
     >>> found.low < 2.0 < found.high, abs(found.value - 2.0) < 0.1
     (True, True)
     """
-    if np.count_nonzero(curve.felt) < 2 or force.value <= 0:
+    if np.count_nonzero(curve.felt) < 2 or force.middle <= 0:
         return None
     tail = (1 - force.level) / 2
-    log_sd = np.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * ndtri(1 - tail))
+    log_sd = np.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * ndtri(1 - tail))
     # Settled, the force is known better than while closing, and the gain of the contact with it.
     curve = replace(curve, gain_sd=min(curve.gain_sd, float(log_sd)))
     # A fixed seed: the same touch gives the same answer.
     rng = np.random.default_rng(0)
     held = _posterior(curve, give=give, rng=rng)
     own_sd = float(np.sqrt(max(log_sd**2 - curve.gain_sd**2, 0.0) + _FORECAST_SD**2))
-    log_force = np.log(force.value) + own_sd * rng.standard_normal(_DRAWS)
+    log_force = np.log(force.middle) + own_sd * rng.standard_normal(_DRAWS)
     unseen = _UNSEEN + _UNSEEN_SD * rng.standard_normal(_DRAWS)
     log_force += held.end_gain + np.where(rng.random(_DRAWS) < _FRUIT_SHARE, unseen, 0.0)
     force_n = np.exp(log_force)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from palpate.settling.result import Status
@@ -22,20 +23,22 @@ class Measurement:
 
     Attributes
     ----------
-    value, low, high : float
-        Estimate and the ends of its interval, in `unit`.
+    value : float or None
+        Estimate, in `unit`; None where only a bound is known, or nothing.
+    low, high : float
+        Ends of the interval of what is possible; `known_ends` are those that are known.
     unit : str
         As in names: ``"n"``, ``"mm"``, ``"n_per_mm"``, ``"percent"``.
     level : float
         Probability that the interval is meant to cover.
     status : Status
         `ok`, or why less can be promised. With `at_least`, `at_most` and `not_measured` there is no
-        number to report (`number`), and `value` is only the middle of what is possible.
+        value.
     reason : str
         Why there is no number.
     """
 
-    value: float
+    value: float | None
     low: float
     high: float
     unit: str
@@ -43,10 +46,21 @@ class Measurement:
     status: Status = Status.OK
     reason: str = ""
 
+    def __post_init__(self) -> None:
+        if self.status in _ENDS:
+            object.__setattr__(self, "value", None)
+
     @property
     def number(self) -> bool:
         """Whether there is a value to report, and not only a bound."""
-        return self.status not in _ENDS
+        return self.value is not None
+
+    @property
+    def middle(self) -> float:
+        """The value, or the middle of what is possible: by ratio, where no end is negative."""
+        if self.value is not None:
+            return self.value
+        return math.sqrt(self.low * self.high) if self.low > 0 else (self.low + self.high) / 2
 
     @property
     def known_ends(self) -> tuple[float | None, float | None]:
@@ -70,6 +84,8 @@ class Measurement:
         >>> bound = wide.or_bound("the fingers give way more", least=0.02, most=500.0)
         >>> bound.number, str(bound.status), bound.known_ends
         (False, 'at_least', (3.0, None))
+        >>> bound.value is None
+        True
         """
         if self.low > 0 and self.high <= MOST_RATIO * self.low:
             return self
@@ -84,7 +100,7 @@ class Measurement:
         """Return the form that commands print; null for what is not known."""
         low, high = self.known_ends
         return {
-            "value": self.value if self.number else None,
+            "value": self.value,
             "low": low,
             "high": high,
             "status": str(self.status),
@@ -105,7 +121,7 @@ class Measurement:
         'at least 3.0'
         """
         low, high = self.known_ends
-        if self.number:
+        if self.value is not None:
             return f"{self.value:.{digits}f}"
         if low is not None:
             return f"at least {low:.{digits}f}"

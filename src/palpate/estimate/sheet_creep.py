@@ -78,7 +78,7 @@ class OwnCreep:
         >>> round(found.value, 2), found.high - found.value < 0.1
         (1.09, True)
         """
-        if not (now > 0 and forecast.value > 0):
+        if not (now > 0 and forecast.middle > 0):
             return forecast
         reach = float(ndtri(0.5 + forecast.level / 2))
         gone = math.log(max(since_s, self.early_s) / self.early_s)
@@ -86,9 +86,9 @@ class OwnCreep:
         mine = now * math.exp(left * self.log_mean)
         doubt = left * math.hypot(self.log_sd, _OTHERWISE * self.log_mean)
         own_sd = max(doubt, _LEAST_SD)
-        general_sd = max((forecast.high - forecast.low) / (2 * reach * forecast.value), _LEAST_SD)
+        general_sd = max((forecast.high - forecast.low) / (2 * reach * forecast.middle), _LEAST_SD)
         weight = general_sd**2 / (own_sd**2 + general_sd**2)
-        value = math.exp((1 - weight) * math.log(forecast.value) + weight * math.log(mine))
+        value = math.exp((1 - weight) * math.log(forecast.middle) + weight * math.log(mine))
         half = reach * min(own_sd, general_sd)
         return Measurement(
             value=value,

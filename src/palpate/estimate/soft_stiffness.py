@@ -62,16 +62,16 @@ def soft_stiffness(
     True ok
     False saturated
     """
-    if not curve.felt.any() or force.value <= 0:
+    if not curve.felt.any() or force.middle <= 0:
         return None
-    together = _together(curve, give, opening_mm, force.value)
+    together = _together(curve, give, opening_mm, force.middle)
     if together is None:
         return None
     log_mm_per_n, ways_sd = together
     reach = float(ndtri(0.5 + force.level / 2))
-    force_sd = math.log(force.high / max(force.low, 1e-3 * force.value)) / (2 * reach)
+    force_sd = math.log(force.high / max(force.low, 1e-3 * force.middle)) / (2 * reach)
     sd = math.hypot(force_sd, ways_sd)
-    hand_mm_per_n = float(give.give_mm(force.value)) / force.value
+    hand_mm_per_n = float(give.give_mm(force.middle)) / force.middle
     beyond = (log_mm_per_n - math.log(hand_mm_per_n)) / sd
     least, most = bounded_interval(beyond, freedom=_FREEDOM, level=force.level)
     middle = bounded_middle(beyond, freedom=_FREEDOM)

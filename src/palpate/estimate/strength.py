@@ -88,7 +88,7 @@ class Strength:
         normal as its interval is wide.
         """
         log_stiffness = self.log_stiffness + self.stiffness_log_sd * _GRID
-        compliance, middle = np.exp(-log_stiffness), 1.0 / felt.value
+        compliance, middle = np.exp(-log_stiffness), 1.0 / felt.middle
         reach = float(ndtri(0.5 + felt.level / 2))
         softer, stiffer = (1.0 / felt.low - middle) / reach, (middle - 1.0 / felt.high) / reach
         spread = np.maximum(np.where(compliance > middle, softer, stiffer), 1e-3 * middle)

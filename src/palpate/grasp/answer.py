@@ -104,7 +104,7 @@ def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
 def _kept(reading: Measurement, *, now: float) -> Measurement:
     """Return the forecast, or the present reading in its place if nothing held could read that."""
     least, most = now * _KEPT[0], now * _KEPT[1]
-    if now <= 0 or least <= reading.value <= most:
+    if now <= 0 or least <= reading.middle <= most:
         return reading
     return replace(reading, value=now, low=least, high=most, status=Status.FELL_BACK)
 
@@ -115,12 +115,12 @@ def sure_enough(settled: Settled, *, plan: Plan) -> bool:
     Waiting is worth it only while the forecast is doubted more than half as much as the force law.
     """
     reading = settled.reading
-    half = max(reading.high - reading.value, reading.value - reading.low)
+    half = max(reading.high - reading.middle, reading.middle - reading.low)
     of_law = 0.5 * float(ndtri(0.5 + plan.level / 2)) * plan.settled_law.residual_sd
     enough = max(plan.decide_half_width, of_law)
     # The interval is widened by all that the forecast adds, so an unproven shape does no harm.
     known = reading.status in (Status.OK, Status.UNPROVEN)
-    return known and half <= enough * abs(reading.value)
+    return known and half <= enough * abs(reading.middle)
 
 
 def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
@@ -132,9 +132,9 @@ def answered(belief: Belief, settled: Settled, *, plan: Plan) -> Belief:
         decision_time_s=round(belief.now_s - next(touched_s), 6),
         settled_percent=settled.relative_percent,
         force_n=force,
-        peak_force_n=max(belief.peak_force_n, force.value),
+        peak_force_n=max(belief.peak_force_n, force.middle),
     )
-    return replace(belief, result=result, peak_force_n=max(belief.peak_force_n, force.value))
+    return replace(belief, result=result, peak_force_n=max(belief.peak_force_n, force.middle))
 
 
 def examined(belief: Belief, *, plan: Plan) -> Belief:
@@ -172,7 +172,7 @@ def settled_force(settled: Settled, *, felt: MeasuredForce | None, plan: Plan) -
     reading = settled.reading
     more_sd = float(np.hypot(_SINCE_SD, _RELAXED_SD))
     law = Gain.unknown(law_sd=plan.settled_law.residual_sd, more_sd=more_sd).applied(
-        plan.settled_law.force_n([reading.value, reading.low, reading.high], level=plan.level)
+        plan.settled_law.force_n([reading.middle, reading.low, reading.high], level=plan.level)
     )
     value = float(law.value[0])
     status = Status.OK if bool(law.in_range[0]) else Status.SATURATED

@@ -48,13 +48,13 @@ def _corrected_slope_n(belief: Belief, plan: Plan) -> float:
     way = belief.closure - closure
     if not way > 0:
         return slope
-    return min(slope, max((force.value - force_n) / way, slope / _LESS_STEEP))
+    return min(slope, max((force.middle - force_n) / way, slope / _LESS_STEEP))
 
 
 def _fruitless(belief: Belief) -> float:
     """Return the last correction if it raised nothing: the next one goes no further than that."""
     force = belief.result.force_n
-    if belief.corrected is None or force is None or force.value > belief.corrected[1]:
+    if belief.corrected is None or force is None or force.middle > belief.corrected[1]:
         return math.inf
     way = belief.closure - belief.corrected[0]
     return way if way > 0 else math.inf
@@ -97,4 +97,4 @@ def _settled(belief: Belief) -> Belief:
     if force is None:
         return belief
     now = _STILL_RELAXING
-    return pressed(belief, force_n=now * force.value, force_high_n=now * force.high)
+    return pressed(belief, force_n=now * force.middle, force_high_n=now * force.high)

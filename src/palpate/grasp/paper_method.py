@@ -153,7 +153,7 @@ def _by_line(settled: Measurement, plan: Plan) -> Measurement | None:
     line = plan.paper.line
     if line is None:
         return None
-    law = line.force_n([settled.value, settled.low, settled.high], level=plan.level)
+    law = line.force_n([settled.middle, settled.low, settled.high], level=plan.level)
     status = settled.status
     if status is Status.OK and not bool(law.in_range[0]):
         status = Status.SATURATED

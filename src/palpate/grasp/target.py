@@ -57,7 +57,7 @@ def missing_n(belief: Belief, plan: Plan) -> float:
     force = belief.result.force_n
     if force is None:
         return 0.0
-    of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.value
+    of_target_n = 0.0 if plan.target_force_n is None else plan.target_force_n - force.middle
     if plan.lift_force_n is None:
         return of_target_n
     return max(of_target_n, plan.lift_force_n - force.low)
@@ -86,9 +86,9 @@ def over(belief: Belief, plan: Plan) -> bool:
     force, wanted_n = belief.result.force_n, goal_n(plan)
     if force is None or plan.target_force_n is None:
         return False
-    low_n = force.low * wanted_n / max(force.value, wanted_n)
+    low_n = force.low * wanted_n / max(force.middle, wanted_n)
     enough = plan.lift_force_n is None or low_n >= plan.lift_force_n
-    return enough and force.value > (1.0 + plan.target_tolerance) * wanted_n
+    return enough and force.middle > (1.0 + plan.target_tolerance) * wanted_n
 
 
 def astray(belief: Belief, plan: Plan) -> bool:

@@ -29,7 +29,7 @@ _MOST_VECTORS = 1500
 def size_stiffness_figure(pages: Sequence[ItemHistory]) -> Figure | None:
     """Draw every item by its last size and stiffness, by kind; None if none has both."""
     points = [
-        (kind_of(page), size.value, stiffness.value)
+        (kind_of(page), size.middle, stiffness.middle)
         for page in pages
         if (size := page.latest("size_mm")) and (stiffness := page.latest("stiffness_n_per_mm"))
     ]

@@ -278,7 +278,7 @@ def known_measurement(name: str, measurement: Measurement, *, units: Mapping[str
         raise InputError(f"measurement {name!r}: must be one of {', '.join(units)}")
     if measurement.unit != units[name]:
         raise InputError(f"{name} in {measurement.unit!r}: its unit is {units[name]!r}")
-    for end in ("value", "low", "high"):
+    for end in ("middle", "low", "high"):
         refuse_infinite(getattr(measurement, end), what=f"{name}.{end}")
 
 

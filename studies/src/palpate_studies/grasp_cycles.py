@@ -167,12 +167,12 @@ def _by_controller(
         touch_peak_n=at.get("contact peak", np.nan),
         peak_n=truth.peak_force_n,
         damaged=truth.peak_force_n >= sample.obj().yield_n,
-        size_error_mm=np.nan if size is None else size.value - size_mm,
-        force_error=force.value / truth.force_n - 1.0 if force and truth.force_n > 0 else np.nan,
-        settled_error=settled.value / truth.settled_percent - 1.0
+        size_error_mm=np.nan if size is None else size.middle - size_mm,
+        force_error=force.middle / truth.force_n - 1.0 if force and truth.force_n > 0 else np.nan,
+        settled_error=settled.middle / truth.settled_percent - 1.0
         if settled and truth.force_n > 0
         else np.nan,
-        stiffness=stiffness.value if stiffness is not None and stiffness.number else np.nan,
+        stiffness=stiffness.middle if stiffness is not None and stiffness.number else np.nan,
         stiffness_low=np.nan if low is None else low,
         stiffness_high=np.nan if high is None else high,
         true_stiffness=truth.stiffness_n_per_mm or np.nan,

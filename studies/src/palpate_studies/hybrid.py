@@ -148,7 +148,7 @@ def scores(found: Sequence[Hybrid]) -> dict[str, Any]:
     """Return how a set of grasps went."""
     answered = [(one, one.said) for one in found if one.said is not None and one.outcome == "held"]
     inside = [said.low <= one.force_n <= said.high for one, said in answered]
-    error = [abs(np.log(max(said.value, 1e-3) / one.force_n)) for one, said in answered]
+    error = [abs(np.log(max(said.middle, 1e-3) / one.force_n)) for one, said in answered]
     liftable = [one for one in found if one.rupture_n > one.lift_n]
     decided = [one.decision_s for one in found if one.decision_s is not None]
     return {

@@ -34,7 +34,7 @@ def _nearest(
     taught: Sequence[CrateItemGrasps], names: tuple[str, ...], *, may_abstain: bool
 ) -> Guess:
     found = [
-        ([np.log(one.grasp.measurements[name].value) for name in names], item.kind)
+        ([np.log(one.grasp.measurements[name].middle) for name in names], item.kind)
         for item in taught
         for one in item.grasps
         if all(name in one.grasp.measurements for name in names)
@@ -46,6 +46,6 @@ def _nearest(
     )
 
     def guess(measured: Mapping[str, Measurement]) -> str:
-        return known.name(np.log([measured[name].value for name in names]))
+        return known.name(np.log([measured[name].middle for name in names]))
 
     return guess

@@ -249,7 +249,7 @@ def _shown(
     means = [
         float(np.mean(values)) if values else 0.0
         for name in _MEASURED
-        for values in [[one[name].value for one in today if name in one]]
+        for values in [[one[name].middle for one in today if name in one]]
     ]
     change = felt.as_published[item_id, day]
     return [*numbers_of(days), *numbers_of(raw), *means, change]

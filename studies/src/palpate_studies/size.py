@@ -166,7 +166,7 @@ def _compared(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
 def nearest_mm(found: Sequence[Sized], way: str) -> np.ndarray:
     """Return the errors as the paper saw them: estimate and caliper both in whole millimetres."""
     if way in OURS:
-        pairs = [(value.value, true_mm) for value, true_mm in measured(found, way)]
+        pairs = [(value.middle, true_mm) for value, true_mm in measured(found, way)]
     else:
         pairs = [
             (true_mm + error, true_mm)

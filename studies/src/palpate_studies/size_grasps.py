@@ -166,7 +166,7 @@ def errors_mm(found: Sequence[Sized], way: str) -> FloatArray:
         seen = [one for one in found if np.isfinite(one.published_mm)]
         errors = np.array([one.published_mm - one.true_mm for one in seen], dtype=float)
         return errors if way == "published" else without_bias(errors, [one.sensor for one in seen])
-    return np.array([m.value - true_mm for m, true_mm in measured(found, way)], dtype=float)
+    return np.array([m.middle - true_mm for m, true_mm in measured(found, way)], dtype=float)
 
 
 def _learned_errors_mm(found: Sequence[Sized], learner: str) -> FloatArray:

@@ -174,7 +174,7 @@ def _certain(measured: Mapping[str, Measurement], guess: Guess, *, book: RuleBoo
     if size is None or "stiffness_n_per_mm" not in measured:
         return book.default_bin
     identity = as_labelled(guess(measured))
-    sharp = replace(size, low=size.value, high=size.value)
+    sharp = replace(size, low=size.middle, high=size.middle)
     return decide(book, Evidence(identity=identity, size_mm=sharp, grasps=book.most_grasps)).bin
 
 

@@ -135,7 +135,7 @@ def _answer(
         squeeze="gentle" if target_force_n is None else f"{target_force_n:g} N",
         object=_kind_of(obj),
         truth=nominal if truth is None else truth,
-        value=found.value if answered and found else np.nan,
+        value=found.middle if answered and found else np.nan,
         low=found.low if answered and found else np.nan,
         high=found.high if answered and found else np.nan,
         status=str(found.status) if answered and found else "none",

@@ -130,7 +130,7 @@ class PolicyHand:
         position = self._gripper.limits.reported(state)
         touched = bool(np.nanmin(change) <= self._plan.hint_percent)
         self._note(frame.time_s, state, force, touched=touched)
-        values = [position, force.value, force.low, force.high, *change.ravel().tolist()]
+        values = [position, force.middle, force.low, force.high, *change.ravel().tolist()]
         return dict(zip(self.state_names, values, strict=True))
 
     def send(self, action: Mapping[str, float]) -> dict[str, float]:
@@ -174,7 +174,7 @@ class PolicyHand:
     ) -> None:
         """Note where the hand is, and the upper force there if it can be known."""
         closure, self._closure = self._closure, self._gripper.limits.closure(state)
-        self._felt_n = force.value
+        self._felt_n = force.middle
         if state.moving or abs(self._closure - closure) > self._plan.resolution:
             self._moved_s = time_s
         self._way.append((time_s, self._closure))

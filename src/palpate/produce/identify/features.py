@@ -43,11 +43,11 @@ def touch_of(
     ([3.69], [0.015])
     """
     found = [measured.get(name) for name in features]
-    given = [one for one in found if one is not None and 0 < one.low <= one.value <= one.high]
+    given = [one for one in found if one is not None and 0 < one.low <= one.middle <= one.high]
     if len(given) < len(features):
         return None
     return FeaturePoint(
-        value=np.log([one.value for one in given]),
+        value=np.log([one.middle for one in given]),
         sd=np.array([_log_sd(one) for one in given]),
         calibration=calibration,
     )
@@ -67,9 +67,9 @@ def put_together(measured: Sequence[Measurement], *, own_share: float) -> Measur
     """
     count = len(measured)
     left = math.sqrt(own_share / count + max(1.0 - own_share, 0.0))
-    value = float(np.mean([one.value for one in measured]))
-    down = float(np.sqrt(np.mean([(one.value - one.low) ** 2 for one in measured])))
-    up = float(np.sqrt(np.mean([(one.high - one.value) ** 2 for one in measured])))
+    value = float(np.mean([one.middle for one in measured]))
+    down = float(np.sqrt(np.mean([(one.middle - one.low) ** 2 for one in measured])))
+    up = float(np.sqrt(np.mean([(one.high - one.middle) ** 2 for one in measured])))
     return replace(measured[0], value=value, low=value - left * down, high=value + left * up)
 
 

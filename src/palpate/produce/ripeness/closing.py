@@ -90,7 +90,7 @@ def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
     `belief`: what the controller knew when it gave its answer.
     """
     force = belief.result.force_n
-    if plan.give is None or force is None or force.value <= 0 or not belief.staircase:
+    if plan.give is None or force is None or force.middle <= 0 or not belief.staircase:
         return None
     readings = [step.touch.reading for step in belief.staircase]
     read_n = np.exp(belief.gain.log_mean) * plan.early_law.force_n(readings).value
@@ -103,7 +103,7 @@ def closing_firmness(belief: Belief, *, plan: Plan) -> Measurement | None:
     held_mm = plan.gripper.target(belief.closure)
     softness, sd = round_softness(
         np.append(width_mm[loaded], held_mm) - plan.give.zero_mm,
-        force_n=np.append(load_n[loaded], force.value),
+        force_n=np.append(load_n[loaded], force.middle),
         floor_n=floor_n,
         give=plan.give,
     )
@@ -243,7 +243,7 @@ def sheet_gain(belief: Belief, *, plan: Plan) -> Measurement:
 def log_gain(grasp: Grasp) -> float | None:
     """Return the logarithm of the gain that was kept of a grasp; None where none was."""
     kept = grasp.measurements.get(SHEET_GAIN)
-    return None if kept is None else math.log(kept.value)
+    return None if kept is None else math.log(kept.middle)
 
 
 def normal_half_width(level: float) -> float:

@@ -75,16 +75,16 @@ def firmness_of(grasp: Grasp) -> float | None:
     if grasp.drive == "pressure":
         shared, pixels = grasp.measurements.get("shared_pixels"), grasp.pixel_settled_percent
         if shared is not None:
-            return -math.log(shared.value)
+            return -math.log(shared.middle)
         return None if pixels is None else minus_log_sharing(np.array(pixels, dtype=float))
     closing = grasp.measurements.get("firmness_n_per_mm")
     if closing is not None:
-        return math.log(closing.value)
+        return math.log(closing.middle)
     stiffness = grasp.measurements.get("stiffness_n_per_mm")
     force = grasp.measurements.get("force_n")
-    if stiffness is None or force is None or force.value <= 0 or stiffness.value <= 0:
+    if stiffness is None or force is None or force.middle <= 0 or stiffness.middle <= 0:
         return None
-    return math.log(stiffness.value) - math.log(force.value / RIPENESS_N) / 3.0
+    return math.log(stiffness.middle) - math.log(force.middle / RIPENESS_N) / 3.0
 
 
 def minus_log_sharing(percent: ArrayLike) -> float | None:

@@ -257,7 +257,7 @@ class ForceRead:
 
 def _off(width: Measurement, force: Measurement, way_mm_per_n: float) -> float:
     """Return ln of the force read over the true one, but for a constant."""
-    at_usual_mm = width.value + way_mm_per_n * (force.value - RIPENESS_N)
+    at_usual_mm = width.middle + way_mm_per_n * (force.middle - RIPENESS_N)
     return at_usual_mm / (way_mm_per_n * RIPENESS_N)
 
 

@@ -58,13 +58,13 @@ def shared_pixels(
     """
     until_s = answered_s(result)
     width, force = measured.get(CONTACT_WIDTH), measured.get("force_n")
-    if until_s is None or width is None or force is None or min(width.value, force.value) <= 0:
+    if until_s is None or width is None or force is None or min(width.middle, force.middle) <= 0:
         return {}
     held = percent_until(until_s, observations=observations, layout=layout)
     sharing = minus_log_sharing(held)
     if sharing is None:
         return {}
-    beyond = math.log(force.value / RIPENESS_N) + _SIZE_POWER * math.log(width.value / _USUAL_MM)
+    beyond = math.log(force.middle / RIPENESS_N) + _SIZE_POWER * math.log(width.middle / _USUAL_MM)
     closing = _closing(observations, until_s=until_s)
     rise = _rise(closing, held=held, layout=layout)
     value, read, most = (

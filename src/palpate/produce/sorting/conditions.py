@@ -251,6 +251,8 @@ def _likeliest(stages: Mapping[str, float], chances: Mapping[str, float]) -> str
 def _below(bound: float, measured: Measurement) -> float:
     far = NormalDist().inv_cdf(0.5 + measured.level / 2)
     side = (
-        measured.value - measured.low if bound < measured.value else measured.high - measured.value
+        measured.middle - measured.low
+        if bound < measured.middle
+        else measured.high - measured.middle
     )
-    return NormalDist().cdf(far * (bound - measured.value) / max(side, 1e-9))
+    return NormalDist().cdf(far * (bound - measured.middle) / max(side, 1e-9))

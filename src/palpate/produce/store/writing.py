@@ -136,7 +136,7 @@ def _measurement_rows(
             yield {
                 "grasp_number": number,
                 "name": name,
-                "value": float(measured.value),
+                "value": float(measured.middle),
                 "low": float(measured.low),
                 "high": float(measured.high),
                 "level": float(measured.level),

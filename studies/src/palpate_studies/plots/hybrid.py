@@ -51,7 +51,7 @@ def hybrid_figure(found: Sequence[Gripped]) -> Figure:
         for fruit, colour in zip(dict.fromkeys(o.fruit for o in found), COLOURS, strict=False):
             mine = [one for one in found if one.fruit == fruit]
             answered = [(one.force_n, one.said) for one in mine if one.said is not None]
-            ends = [(max(m.value - m.low, 0.0), max(m.high - m.value, 0.0)) for _, m in answered]
+            ends = [(max(m.middle - m.low, 0.0), max(m.high - m.middle, 0.0)) for _, m in answered]
             force_axis.errorbar(
                 [force for force, _ in answered],
                 [m.value for _, m in answered],

@@ -86,7 +86,9 @@ def _draw_each(axis: Any, berries: Sequence[Sized]) -> None:
     axis.errorbar(
         [true for true, _ in measured],
         [m.value for _, m in measured],
-        yerr=np.array([(m.value - m.low, m.high - m.value) for _, m in measured]).reshape(-1, 2).T,
+        yerr=np.array([(m.middle - m.low, m.high - m.middle) for _, m in measured])
+        .reshape(-1, 2)
+        .T,
         fmt=ours[1],
         color=ours[0],
         lw=1,
@@ -100,7 +102,7 @@ def _draw_errors(axis: Any, berries: Sequence[Sized]) -> None:
     bins = np.arange(-2.5, 2.5001, 0.1)
     errors = {
         "published way": [one.published_mm - one.true_mm for one in berries],
-        "ours": [one.ours.value - one.true_mm for one in berries if one.ours is not None],
+        "ours": [one.ours.middle - one.true_mm for one in berries if one.ours is not None],
     }
     for (label, values), look in zip(errors.items(), ("recorded", "relaxation"), strict=True):
         finite = np.array(values)[np.isfinite(values)]
