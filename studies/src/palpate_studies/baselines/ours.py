@@ -59,7 +59,7 @@ class OurForceLaw:
             law = ForceLaw.fit(
                 _settled(asked.curve[:, 0]), force_n=asked.curve[:, 1], population=population
             )
-            return law.force(asked.asked).value
+            return law.force(asked.asked).middle
 
         return answer
 
