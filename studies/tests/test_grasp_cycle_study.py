@@ -99,3 +99,9 @@ def test_the_papers_steps_do_not_stop_at_one_finger(both_fingers: bool) -> None:
     """One finger pushes this object to the middle: its fall of 10 % alone is no contact."""
     sample = Sample(seed=31_012, level="field", kind="rigid")
     assert paper(sample, both_fingers=both_fingers).outcome == "held"
+
+
+def test_paper_method_does_not_call_a_push_by_one_finger_held() -> None:
+    """The mean of all pixels falls by 10 % while one finger pushes and the other feels nothing."""
+    found = paper(Sample(seed=5_900_006, level="field", kind="rigid"))
+    assert (found.outcome, found.peak_n) == ("sensor_lost", 0.0)
