@@ -107,12 +107,13 @@ def _document(item: str, found: ItemBruise) -> dict[str, Any]:
 
 def _show(item: str, found: ItemBruise) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console()
     note = " (simulated)" if found.simulated else ""
     verdict = "bruised" if found.bruised else "sound"
-    console.print(f"[bold]{item}: {verdict}[/bold]{note}", highlight=False)
+    console.print(f"[bold]{escape(str(item))}: {verdict}[/bold]{note}", highlight=False)
     table = Table(box=None, header_style="dim")
     for column in ("side", "grasps", "bruised, %"):
         table.add_column(column, justify="right")

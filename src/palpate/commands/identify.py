@@ -73,17 +73,20 @@ def identify(
 
 def _show(item: str, identity: Identity, known: Identifier, *, why: str, simulated: bool) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from palpate.produce.identify.identifier import UNKNOWN
 
     console = Console()
     note = " (simulated)" if simulated else ""
-    console.print(f"[bold]{item}: {identity.kind}[/bold]{note}", highlight=False)
+    console.print(f"[bold]{escape(f'{item}: {identity.kind}')}[/bold]{note}", highlight=False)
     table = Table("kind", box=None, header_style="dim")
     table.add_column("probability, %", justify="right")
     for kind, probability in sorted(identity.probability.items(), key=lambda pair: -pair[1]):
-        table.add_row("something else" if kind == UNKNOWN else kind, f"{100 * probability:.1f}")
+        table.add_row(
+            "something else" if kind == UNKNOWN else escape(kind), f"{100 * probability:.1f}"
+        )
     console.print(table)
     console.print(why, highlight=False)
     if known.items_missing:

@@ -144,11 +144,13 @@ def _summary_cells(entry: Mapping[str, Any]) -> list[str]:
 
 
 def _row_cells(row: Prediction) -> dict[str, str]:
+    from rich.markup import escape
+
     error_percent = float(score_predictions([row]).error_percent[0])
     sure = np.isfinite(row.low) and row.predicted != 0
     half_percent = 50 * (row.high - row.low) / abs(row.predicted) if sure else float("nan")
     return {
-        "hold": row.hold_id + (f" {row.channel}" if row.channel else ""),
+        "hold": escape(row.hold_id + (f" {row.channel}" if row.channel else "")),
         "cut-off": f"{row.cutoff_s:.3g} s",
         "predicted": _text(row.predicted),
         "unit": row.unit or "-",

@@ -79,23 +79,35 @@ class SortReport:
 
     def _show(self, found: Score | None) -> None:
         from rich.console import Console
+        from rich.markup import escape
         from rich.table import Table
 
         console = Console()
         if found is None:
             console.print("no item came")
             return
+        items = Table("item", "bin", box=None, header_style="dim")
+        items.add_column("probability, %", justify="right")
+        items.add_column("reason", ratio=1)
         for one, placed in zip(self.done, self._placed, strict=True):
             wrong = placed.belongs is not None and placed.belongs != placed.bin
-            note = f" [red](truly: {placed.belongs})[/red]" if wrong else ""
-            console.print(
-                f"[bold]{one.item_id}[/bold] -> {one.decision.why}{note}", highlight=False
+            note = f" [red](truly: {escape(str(placed.belongs))})[/red]" if wrong else ""
+            chance, bin_name = one.decision.probability, one.decision.bin
+            items.add_row(
+                f"[bold]{escape(one.item_id)}[/bold]",
+                escape(bin_name),
+                "-" if chance is None else f"{100 * chance:.0f}",
+                escape(one.decision.why.partition(": ")[2]) + note,
             )
+        console.print(items)
+        console.print()
         table = Table("bin", box=None, header_style="dim")
         for column in ("items", *(["right"] if found.purity is not None else [])):
             table.add_column(column, justify="right")
         for name, (count, right) in found.bins.items():
-            table.add_row(name, str(count), *([str(right)] if found.purity is not None else []))
+            table.add_row(
+                escape(name), str(count), *([str(right)] if found.purity is not None else [])
+            )
         console.print(table)
         console.print(self._last_line(found), highlight=False)
 

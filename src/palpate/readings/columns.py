@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns", "unix"]
-Unit: TypeAlias = Literal["ohm", "percent", "counts", "volt"]
+Unit: TypeAlias = Literal["ohm", "percent", "counts", "volt", "newton", "pascal"]
 
 _SECONDS = {
     "s": ("s", "sec", "secs", "second", "seconds"),
@@ -25,11 +25,20 @@ _SECONDS = {
 _TIME_UNITS = {word: unit for unit, words in _SECONDS.items() for word in words}
 _CLOCKS = {"time", "t", "timestamp", "datetime", "date", "elapsed", "clock", "zeit", "zeitstempel"}
 _UNITS: dict[Unit, set[str]] = {
-    "ohm": {"ohm", "ohms", "ω", "kohm", "kω", "resistance", "r", "widerstand"},
+    "ohm": {"ohm", "ohms", "ω", "resistance", "r", "widerstand"},
     "percent": {"percent", "%", "relative", "rel"},
     "counts": {"counts", "adc", "raw", "analog"},
-    "volt": {"v", "mv", "volt", "volts", "voltage"},
+    "volt": {"v", "volt", "volts", "voltage"},
+    "newton": {"n", "newton", "newtons"},
+    "pascal": {"pa", "pascal", "pascals"},
 }
+#: Prefixes of the SI, and units that take one in a name, in large or small letters.
+_PREFIXES = {"G": 1e9, "M": 1e6, "K": 1e3, "k": 1e3, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "μ": 1e-6}
+_PREFIXED = re.compile(
+    r"(?<![^\W\d_])([GMKkmuµμ])(?: )?(?i:(ohms?|Ω|\u2126)|(v|volts?)|(n|newtons?)|(pa|pascals?))"
+    r"(?![^\W\d_])"
+)
+_OF_GROUP: tuple[Unit, ...] = ("ohm", "volt", "newton", "pascal")
 _READINGS = {"value", "values", "reading", "readings", "sensor", "signal", "fsr", "velostat"}
 _READINGS |= {"pixel", "taxel", "pressure", "conductance", "ch", "channel", "s", "p", "wert"}
 #: Columns that often accompany a sensor's reading and aren't one.
@@ -88,6 +97,9 @@ def unit_of(name: str) -> Unit | None:
     >>> [unit_of(name) for name in ("R1", "resistance_ohm", "A0", "ch1_V", "value")]
     ['ohm', 'ohm', 'counts', 'volt', None]
     """
+    prefixed = _prefixed(name)
+    if prefixed is not None:
+        return prefixed[0]
     words = words_of(name)
     if len(words) == 2 and words[0] == "a" and words[1].isdigit():
         return "counts"
@@ -95,6 +107,26 @@ def unit_of(name: str) -> Unit | None:
     # The last word counts most: r0c0_counts is in counts.
     exact = [unit for unit in found if words[-1] in _UNITS[unit]]
     return next(iter(exact or found), None)
+
+
+def scale_of(name: str) -> float:
+    """Return the factor that a prefix in a reading's name gives: 1000 for kilo-ohms, else 1.
+
+    >>> [scale_of(name) for name in ("S1 [kOhm]", "R (MΩ)", "ch1_mV", "p_kPa", "resistance_ohm")]
+    [1000.0, 1000000.0, 0.001, 1000.0, 1.0]
+    """
+    prefixed = _prefixed(name)
+    return 1.0 if prefixed is None else prefixed[1]
+
+
+def _prefixed(name: str) -> tuple[Unit, float] | None:
+    """Return the unit and factor of the last word of a name that is a unit with a prefix."""
+    found = list(_PREFIXED.finditer(re.sub(r"([a-z])([A-Z])", r"\1 \2", name)))
+    if not found:
+        return None
+    groups = found[-1].groups()
+    at = next(place for place, word in enumerate(groups[1:]) if word)
+    return _OF_GROUP[at], _PREFIXES[groups[0]]
 
 
 def find_readings(names: Sequence[str]) -> list[str]:

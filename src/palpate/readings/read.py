@@ -19,6 +19,7 @@ from palpate.readings.columns import (
     find_part,
     find_readings,
     is_moment,
+    scale_of,
     seconds,
     time_unit_of,
     unit_of,
@@ -44,7 +45,8 @@ class Readings:
     columns : mapping of str to ndarray, shape (n_times,)
         Readings by column; NaN where missing.
     units : mapping of str to str or None
-        ``ohm``, ``percent``, ``counts``, ``volt``, or None where it isn't known.
+        ``ohm``, ``percent``, ``counts``, ``volt``, ``newton``, ``pascal``, or None where it isn't
+        known. Prefixes are converted: readings in ``kOhm`` are here in ohm.
     divider : Divider or None
         What turns counts into ohm.
     is_hold : bool
@@ -142,6 +144,10 @@ def read_recordings(
         time_s, order = _ordered(raw_s, rows, table, clock, where=where, remarks=remarks)
         columns = {name: _averaged(table.columns[name][rows], order) for name in values}
         units: dict[str, Unit | None] = {name: unit or unit_of(name) for name in values}
+        for name in values:
+            if unit is None and scale_of(name) != 1.0:
+                columns[name] = scale_of(name) * columns[name]
+                remarks.append(f"{name} is converted to {units[name]}; --unit changes that")
         found.append(
             Readings(
                 name=f"{stem}:{label}" if label else stem,

@@ -196,6 +196,9 @@ def test_sorting_a_batch_of_the_store_is_a_dry_run(
         assert not kept.verdicts_of("K")
     _, out, _ = palpate(*arguments)
     assert "dry run: nothing was grasped or written; simulated" in " ".join(out.split())
+    head, *rows = [line.split() for line in out.splitlines() if line.strip()]
+    assert head == ["item", "bin", "probability,", "%", "reason"]
+    assert any(row[:2] == ["K", "kiwi"] and row[2].isdigit() for row in rows)
 
 
 def test_what_a_person_said_of_an_item_is_not_guessed(
@@ -274,7 +277,7 @@ def test_a_simulated_crate_learns_from_labelled_items_of_the_store(
     status, out, err = palpate(*arguments, "--store", store)
     assert status == 0
     assert "teaching" not in err
-    assert "crate-3-001 -> " in out
+    assert "crate-3-001  strangers" in out
 
 
 def test_items_before_other_fingers_are_named_line_by_line(

@@ -131,6 +131,48 @@ def test_the_same_holds_whatever_the_form(
     assert [hold.rsplit(":", 1)[1] for hold in holds] == ["1", "2", "3"]
 
 
+@pytest.mark.parametrize(
+    ("name", "per_ohm", "unit"),
+    [
+        ("S1 [kOhm]", 1e-3, "ohm"),
+        ("R (MΩ)", 1e-6, "ohm"),
+        ("sensor_mOhm", 1e3, "ohm"),
+        ("ch1 mV", 1e3, "volt"),
+        ("pressure_kPa", 1e-3, "pascal"),
+        ("grip [mN]", 1e3, "newton"),
+    ],
+)
+def test_prefixed_unit_is_converted_and_said(
+    name: str, per_ohm: float, unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "prefixed.csv"
+    path.write_text(table(TIME_S, per_ohm * OHM, header=f"time_s,{name}", form="{:.3f},{:.9g}"))
+    found, holds, said = settled(path, capsys)
+    assert found == pytest.approx(SETTLED, rel=1e-3)
+    assert holds[0] == "prefixed:1"
+    assert f"{name} is converted to {unit}" in said
+
+
+def test_unit_given_by_the_user_is_not_converted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "given.csv"
+    path.write_text(table(TIME_S, OHM, header="time_s,R_kOhm"))
+    found, _, said = settled(path, capsys, "--unit", "ohm")
+    assert found == pytest.approx(SETTLED, rel=1e-3)
+    assert "converted" not in said
+
+
+def test_names_with_brackets_are_printed_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "two.csv"
+    frame = pd.DataFrame({"time_s": TIME_S, "S1 [kOhm]": OHM / 1e3, "S2 [kOhm]": OHM / 1e3})
+    frame.to_csv(path, index=False)
+    assert run(build_app(), ["settle", str(path)], name="palpate") == 0
+    assert "two:S1 [kOhm]:1" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("ending", ["xlsx", "parquet", "csv"])
 def test_files_that_pandas_writes_with_a_time_index(
     ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
