@@ -35,6 +35,7 @@ def settle(
     level: option.LevelOption = 0.9,
     fit_on: option.FitOnOption = None,
     learn_from: option.LearnFromOption = None,
+    rig: option.OwnRigOption = None,
     until_half_width: option.UntilOption = None,
     time_column: option.TimeColumnOption = None,
     time_unit: option.TimeUnitOption = None,
@@ -81,6 +82,8 @@ def settle(
     check_plot(plot, dpi=dpi)
     report.check_outputs(plot=plot, out=out, inputs=[*files, *(fit_on or []), *(learn_from or [])])
     names = method or ["relaxation"]
+    if rig is not None:
+        learn_from = [*(learn_from or []), _kept_holds(rig)]
     _check_unseen(learn_from or [], files=files)
     chosen = _methods(
         names,
@@ -225,6 +228,18 @@ def _in_seconds(holds: Iterator[Hold], *, source: str) -> Iterator[Hold]:
                     file=sys.stderr,
                 )
         yield hold
+
+
+def _kept_holds(rig: str) -> Path:
+    from palpate.commands.calibrate_settling import kept_holds
+
+    place = kept_holds(rig)
+    if not place.exists():
+        raise InputError(
+            f"--rig {rig}: it keeps no settled holds yet; `palpate calibrate settling RECORDINGS "
+            f"--rig {rig}` cuts them from recordings"
+        )
+    return place
 
 
 def _check_unseen(learn_from: Sequence[Path], *, files: Sequence[Path]) -> None:

@@ -49,6 +49,12 @@ LearnFromOption: TypeAlias = Annotated[
         help="This sensor's own settled holds, for `relaxation` to learn from.", metavar="HOLDS"
     ),
 ]
+OwnRigOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--rig", help="Learn from the settled holds that this rig file keeps.", metavar="FILE"
+    ),
+]
 UntilOption: TypeAlias = Annotated[
     float | None,
     typer.Option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -173,6 +174,36 @@ def test_settling_takes_long_holds_only(tmp_path: Path, capsys: pytest.CaptureFi
     assert "hold for longer" in capsys.readouterr().err
     assert call("settling", str(path), "--out", str(tmp_path / "fit.txt")) == 2
     assert ".csv or .parquet" in capsys.readouterr().err
+
+
+def test_a_rig_keeps_settled_holds_and_settle_learns_from_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from palpate.cli import build_app
+    from palpate.holds import read_holds
+
+    rig = tmp_path / "rig.toml"
+    rig.write_text('calibration = "cal.json"\n[array]\nopen = "a:b"\n[gripper]\nopen = "a:b"\n')
+    time_s = [step / 10 for step in range(206)]
+    for name in ("one", "two", "new"):
+        rows = (f"{name},{t},{9 - 0.5 * math.log(t + 1)},30" for t in time_s)
+        (tmp_path / f"{name}.csv").write_text(
+            "\n".join(["hold_id,time_s,value,loading_s", *rows]) + "\n"
+        )
+    new = str(tmp_path / "new.csv")
+    assert run(build_app(), ["settle", new, "--rig", str(rig)], name="palpate") == 2
+    assert "palpate calibrate settling" in capsys.readouterr().err
+    for name in ("one", "two"):
+        assert call("settling", str(tmp_path / f"{name}.csv"), "--rig", str(rig)) == 0
+    kept = read_holds(tmp_path / "cal-settling.csv")
+    assert [(hold.hold_id, hold.loading_s) for hold in kept] == [("one", 30.0), ("two", 30.0)]
+    assert call("settling", str(tmp_path / "two.csv"), "--rig", str(rig)) == 2
+    assert "hold two is in" in capsys.readouterr().err
+    assert run(build_app(), ["settle", new, "--rig", str(rig), "--json"], name="palpate") == 0
+    [row] = json.loads(capsys.readouterr().out)["rows"]
+    assert abs(row["error_percent"]) < 0.2
+    assert call("settling", new, "--rig", "sim-rigid") == 2
+    assert "simulated rigs keep no holds" in capsys.readouterr().err
 
 
 def recorded(folder: Path) -> Path:
