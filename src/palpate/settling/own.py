@@ -1,10 +1,11 @@
 """The sensor's own settled holds: which rule fits them, and how far it is off.
 
 The experts are the general predictor as it is, a constant multiple of the last reading, and lines
-in one thing that a hold shows: the general forecast, the log law, the pace of the last e-fold. Each
-is fitted to the past holds, weighed by its errors where a hold is left out of its own fit, and the
-interval reaches as far as those errors do (Lei et al., "Distribution-Free Predictive Inference for
-Regression", JASA 113, 2018), drawn towards the general interval while holds are few.
+and multiples of one thing that a hold shows: the general forecast, the log law, the pace of the
+last e-fold. Each is fitted to the past holds, weighed by its errors where a hold is left out of its
+own fit, and the interval reaches as far as those errors do (Lei et al., "Distribution-Free
+Predictive Inference for Regression", JASA 113, 2018), drawn towards the general interval while
+holds are few.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class _Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Learned:
-    """Lines of the experts, shape (n_experts, 1 + n_features), weights, and sorted |errors|."""
+    """Experts as lines, shape (n_experts, 1 + n_features), their weights, and sorted |errors|."""
 
     lines: FloatArray
     weights: FloatArray
@@ -218,16 +219,25 @@ def _with_one(features: FloatArray) -> FloatArray:
 
 
 def _fit(features: FloatArray, truth: FloatArray) -> FloatArray:
-    """Return the experts as lines: general, constant, and one for each feature.
+    """Return the experts as lines: general, constant, and for each feature a line and a multiple.
 
-    A slope counts one hold without any, so it takes several to show one (ridge).
+    The slope of a line counts one hold without any, so it takes several to show one (ridge); the
+    multiple is that of the least absolute error.
     """
     n_holds, n_features = features.shape
-    lines = np.zeros((2 + n_features, 1 + n_features))
+    lines = np.zeros((2 + 2 * n_features, 1 + n_features))
     lines[0, 1] = 1.0
-    lines[1:, 0] = truth.mean()
+    by_line, multiples = lines[2 : 2 + n_features], lines[2 + n_features :]
     off, missing = features - features.mean(axis=0), truth - truth.mean()
     slopes = off.T @ missing / (np.square(off).sum(axis=0) * (1 + 1 / n_holds) + _TINY**2)
-    lines[2:, 1:] = np.diag(slopes)
-    lines[2:, 0] -= slopes * features.mean(axis=0)
+    by_line[:, 1:] = np.diag(slopes)
+    by_line[:, 0] = truth.mean() - slopes * features.mean(axis=0)
+    lines[1, 0] = truth.mean()
+    size = np.abs(features) + _TINY
+    ratio = truth[:, None] * np.sign(features) / size
+    order = np.argsort(ratio, axis=0)
+    below = np.cumsum(np.take_along_axis(size, order, axis=0), axis=0)
+    middle = (below < below[-1] / 2).sum(axis=0)
+    columns = np.arange(n_features)
+    multiples[:, 1:] = np.diag(ratio[order[middle, columns], columns])
     return lines
