@@ -17,7 +17,10 @@ from sensor_msgs.msg import FluidPressure, Image, JointState
 from std_msgs.msg import String
 
 from palpate.errors import PalpateError
-from palpate.estimate.force import ForceLaw, law_from_dict
+from palpate.estimate.force import ForceLaw as StaticLaw
+from palpate.estimate.force import law_from_dict
+from palpate.estimate.force_follower import ForceFollower
+from palpate.estimate.force_law import ForceLaw
 from palpate.gripper.interface import GripperState
 from palpate.recording import RecordingInfo
 from palpate.recording.channels import encode_info
@@ -72,7 +75,9 @@ class SensorTopics:
     def __init__(self, node: Node, about: Provenance) -> None:
         self._node, self._about, self._lock = node, about, threading.Lock()
         law = {} if about.calibration is None else about.calibration.force_law
-        self._law: ForceLaw | None = law_from_dict(law) if law.get("law") == "power" else None
+        self._law: StaticLaw | None = law_from_dict(law) if law.get("law") == "power" else None
+        weighed = law.get("law") == ForceLaw.name
+        self._follower = ForceFollower(ForceLaw.from_dict(law)) if weighed else None
         self._rest_ohm = None if about.calibration is None else about.calibration.rest_ohm
         self._quiet: deque[Frame] = deque()
         self._heard_s, self._fault, self._last = time.monotonic(), "", None
@@ -109,6 +114,13 @@ class SensorTopics:
                 self._forces, (found.value, found.low, found.high), strict=True
             ):
                 publisher.publish(messages.wrench(float(force_n), **at))
+        if self._follower is not None:
+            excess = excess_conductance(ohm, rest_ohm=self._rest_ohm)
+            now = self._follower.step(frame.time_s, excess)
+            for publisher, force_n in zip(
+                self._forces, (now.value, now.low, now.high), strict=True
+            ):
+                publisher.publish(messages.wrench(force_n, **at))
         if state is not None:
             self._see_hand(state, **at)
         self._keep(frame, ohm)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -12,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 import typer
 
 from palpate.commands.options import DpiOption, JsonOption, RigOption
-from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.sensor.calibration import Calibration
@@ -22,8 +19,18 @@ def command(
     rig: RigOption = "",
     loads: Annotated[
         Path | None,
-        typer.Option(help="Dead weights in order, up and down: column load_n.", metavar="CSV"),
+        typer.Option(
+            help="Dead weights in order, such as 1.5, 4, 9 N: column load_n.", metavar="CSV"
+        ),
     ] = None,
+    tolerance_percent: Annotated[
+        float,
+        typer.Option(
+            "--tolerance",
+            help="Dead weights: half interval, percent, at which no more are asked for.",
+            min=0.0,
+        ),
+    ] = 0.0,
     out: Annotated[
         Path | None,
         typer.Option(help="File to make or renew. By default the rig file's, or calibration.json."),
@@ -45,20 +52,21 @@ def command(
 ) -> None:
     """Calibrate the force: guided steps up and down, a held-out check, and a verdict.
 
-    With a load cell: --rig sim-rigid, or a rig file with [load_cells]. Without one, lay dead
-    weights on the pad (typed, or --loads).
+    With a load cell: --rig sim-rigid, or a rig file with [load_cells]. Without one, lay three or
+    more dead weights on the pad, spread over the range; each is asked for, or give --loads.
 
     Example: palpate calibrate force --rig sim-rigid --seed 3 --out pad-3.json
     """
     from palpate.commands.calibrate_bench import calibration_file, has_load_cell
+    from palpate.commands.calibrate_weights import weighed
     from palpate.plots.style import check_plot
 
     path = calibration_file(rig, out)
     check_plot(plot, dpi=dpi)
     if loads is None and has_load_cell(rig):
-        made = _guided(rig, seed=seed, out=path)
+        made, course = _guided(rig, seed=seed, out=path), None
     else:
-        made = _weighed(rig, seed=seed, loads=loads, out=path)
+        made, course = weighed(rig, loads=loads, out=path, tolerance_percent=tolerance_percent)
     made = replace(
         made,
         temperature_c=made.temperature_c if temperature_c is None else temperature_c,
@@ -75,7 +83,10 @@ def command(
 
         save_figure(force_calibration_figure(made), plot, dpi=dpi)
     if as_json:
-        print(json.dumps(_document(made, path=path), indent=1, allow_nan=False))
+        document = _document(made, path=path)
+        if course is not None:
+            document["half_interval_percent"] = course.as_json()
+        print(json.dumps(document, indent=1, allow_nan=False))
     else:
         _print(made, path=path)
 
@@ -141,50 +152,6 @@ def _guided(rig: str, *, seed: int, out: Path) -> Calibration:
     return replace(made, made_at=now_text())
 
 
-def _weighed(rig: str, *, seed: int, loads: Path | None, out: Path) -> Calibration:
-    """Read dead weights as the user lays them down."""
-    from palpate.clock import RealClock
-    from palpate.commands.calibrate_bench import earlier_calibration, now_text
-    from palpate.commands.sensor_source import open_source
-    from palpate.grasp.planning import with_force_law
-    from palpate.sensor.dead_weights import checked_loads, hysteresis_seen, read_loads, weigh
-
-    if rig.startswith("sim-"):
-        raise InputError(
-            f"rig {rig!r} is simulated and nobody can lay weights on it; leave --loads out "
-            "(--rig sim-rigid has a load cell)"
-        )
-    loads_n = read_loads(loads) if loads is not None else _typed_loads()
-    loads_n = checked_loads(loads_n, where="--loads" if loads is None else str(loads))
-    with closing(open_source(rig=rig)) as source:
-        layout = source.array.layout
-        earlier = earlier_calibration(out, layout=layout, simulated=source.simulated)
-        if earlier is None:
-            raise InputError(
-                f"{out} is not there yet; run `palpate calibrate rest --rig {rig} --out {out}`"
-            )
-
-        def place(load_n: float) -> None:
-            typer.prompt(
-                f"lay {load_n:g} N on the pad, then Enter", default="", err=True, show_default=False
-            )
-
-        weighing = weigh(source.array, loads_n=loads_n, place=place, clock=RealClock())
-    for load_n in weighing.refused_n:
-        print(f"refused: {load_n:g} N did not settle", file=sys.stderr)
-    made = with_force_law(replace(earlier, force=weighing.pairs))
-    seen = hysteresis_seen(weighing.pairs.force_n)
-    return replace(made, held_out={**made.held_out, "unloading_seen": seen}, made_at=now_text())
-
-
-def _typed_loads() -> list[float]:
-    text = typer.prompt("loads in newtons, in order, up and down, with spaces", err=True)
-    try:
-        return [float(word) for word in str(text).split()]
-    except ValueError as error:
-        raise InputError(f"loads {text!r}: {error}; type numbers with spaces") from error
-
-
 def _document(made: Calibration, *, path: Path) -> dict[str, Any]:
     return {
         "file": str(path),
@@ -204,7 +171,8 @@ def _hysteresis_seen(made: Calibration) -> bool:
 
 def _print(made: Calibration, *, path: Path) -> None:
     simulated = " (simulated)" if made.origin == "simulated" else ""
-    print(f"{path}{simulated}: force law {made.force_law['law']}, {made.force_law['pairs']} pairs")
+    law = made.force_law["law"]
+    print(f"{path}{simulated}: force law {law}, {len(made.force.force_n)} pairs")
     seen = "seen and learned" if _hysteresis_seen(made) else "not seen: left out"
     print(f"hysteresis: {seen}")
     print(f"expected error of {made.held_out['of']}, on placements or loads left out of the fit:")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palpate.commands.live_foxglove import LiveStream
     from palpate.commands.live_reading import LiveReading
     from palpate.commands.sensor_source import SensorSource
-    from palpate.estimate.force_now import ForceNow
+    from palpate.estimate.force_follower import FollowsForce
 
 #: Where Foxglove looks by itself.
 DEFAULT_ADDRESS = "127.0.0.1:8765"
@@ -114,7 +114,7 @@ def _stream(reading: LiveReading, *, clock: Clock, address: str | None) -> LiveS
     return stream
 
 
-def _followed(source: SensorSource) -> ForceNow:
+def _followed(source: SensorSource) -> FollowsForce:
     """Return what follows the force by the source's calibration."""
     from palpate.grasp.planning import force_now
 

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.clock import Clock
 from palpate.commands.sensor_source import SensorSource
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.force_follower import FollowsForce
 from palpate.estimate.measurement import Measurement
 from palpate.sensor.array import Frame
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -45,7 +45,7 @@ class LiveReading:
         *,
         rest_ohm: FloatArray | None,
         clock: Clock,
-        force: ForceNow | None = None,
+        force: FollowsForce | None = None,
     ) -> None:
         self.source, self.calibrated = source, rest_ohm is not None
         self._layout = source.array.layout

@@ -35,9 +35,12 @@ _MOST_FAINT = 4.0
 #: Samples of one contact repeat each other: together they count as at most this many (error of
 #: strokes given the place: 15 to 30 alike, 5 and 60 worse).
 MOST_SAMPLES = 25.0
-#: One force shows the gain of a contact, and little of its memory: an error of timing on a steep
-#: rise looks like memory. So the weights other than the constant take this share of a full update.
+#: On a steep rise one force shows the gain of a contact, and little of its memory: an error of
+#: timing looks like memory. There the weights other than the constant take this share of a full
+#: update (share 1: strokes .110/.225 and presses .045; .3: .103/.201 and .028).
 MEMORY_SHARE = 0.3
+#: A reading rises where ln excess is this far from its copy of 0.1 s (the third input after x).
+_RISING, _COPY = 0.05, 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,6 +128,8 @@ class ForceLaw:
         Of the weights in the present contact.
     known : int
         Forces that it was updated with.
+    least_n : float
+        Weakest force known, newtons: where less is read, none at all is possible too.
 
     Examples
     --------
@@ -143,7 +148,7 @@ class ForceLaw:
     def __init__(self, population: Population | None = None) -> None:
         self.population = shipped_population() if population is None else population
         self.mean, self.covariance = self.population.mean, self.population.spread
-        self.known, self._given = 0, False
+        self.known, self.least_n, self._given = 0, self.population.least_n, False
 
     @classmethod
     def fit(
@@ -186,7 +191,7 @@ class ForceLaw:
         """Return the law as it is, to be updated on its own."""
         other = type(self)(self.population)
         other.mean, other.covariance = self.mean, self.covariance
-        other.known, other._given = self.known, self._given
+        other.known, other.least_n, other._given = self.known, self.least_n, self._given
         return other
 
     def begin_contact(self) -> None:
@@ -204,7 +209,8 @@ class ForceLaw:
         """
         many = np.ndim(force_n) > 0
         inputs, log_n = _samples(reading if many else [reading], np.atleast_1d(force_n))
-        self._take(inputs, log_n, sd=sd_n * np.exp(-log_n), memory=MEMORY_SHARE)
+        rising = bool((np.abs(inputs[:, _COPY]) > _RISING).any())
+        self._take(inputs, log_n, sd=sd_n * np.exp(-log_n), memory=MEMORY_SHARE if rising else 1.0)
         self._given = True
         return self
 
@@ -216,15 +222,21 @@ class ForceLaw:
         faint = np.clip(self.population.least_n / np.exp(mean), 1.0, _MOST_FAINT)
         return mean, faint * np.sqrt(spread + self.population.variance(design))
 
-    def force(self, reading: Any, *, level: float = 0.9) -> Measurement:
-        """Return the force at a reading; 0 with an upper end where the sheet shows no contact."""
+    def force(
+        self, reading: Any, *, level: float = 0.9, touched: bool | None = None
+    ) -> Measurement:
+        """Return the force at a reading; 0 with an upper end where nothing touches the sheet.
+
+        `touched`: whether something does; by default the reading shows it.
+        """
         inputs = _inputs(reading)
         (mean,), (sd,) = self.log_force(inputs)
-        reach = float(ndtri(0.5 + level / 2)) * sd
-        touched = bool(inputs[0, 0] > np.log(2.0 * CONTACT_EXCESS))
+        value, reach = float(np.exp(mean)), float(ndtri(0.5 + level / 2)) * sd
+        if touched is None:
+            touched = bool(inputs[0, 0] > np.log(2.0 * CONTACT_EXCESS))
         return Measurement(
-            value=float(np.exp(mean)) if touched else 0.0,
-            low=float(np.exp(mean - reach)) if touched else 0.0,
+            value=value if touched else 0.0,
+            low=float(np.exp(mean - reach)) if touched and value >= self.least_n else 0.0,
             high=float(np.exp(mean + reach)),
             unit="n",
             level=level,
@@ -235,6 +247,7 @@ class ForceLaw:
         return {
             "law": self.name,
             "known": self.known,
+            "least_n": self.least_n,
             "weights": self.mean.tolist(),
             "covariance": self.covariance.tolist(),
             "population": self.population.as_dict(),
@@ -258,7 +271,7 @@ class ForceLaw:
             law = cls(population_of(stored["population"]))
             law.mean = _shaped(stored["weights"], law.mean.shape)
             law.covariance = _shaped(stored["covariance"], law.covariance.shape)
-            law.known = int(stored["known"])
+            law.known, law.least_n = int(stored["known"]), float(stored["least_n"])
         except (KeyError, TypeError, ValueError) as error:
             raise CalibrationError(f"force law: {error}; calibrate the force again") from error
         return law
@@ -279,6 +292,7 @@ class ForceLaw:
         left = np.eye(len(self.mean)) - weight @ design
         self.covariance = left @ self.covariance @ left.T + (weight * noise) @ weight.T
         self.known += len(log_n)
+        self.least_n = min(self.least_n, float(np.exp(log_n.min())))
 
 
 @cache

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.estimate.force import ForceLaw
+from palpate.estimate.force_follower import TouchWatch
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelReading
 
@@ -52,11 +53,11 @@ class ForceNow:
     ) -> None:
         self._reading, self._early, self._settled = reading, early, settled
         self._early_s, self._settled_s, self._level = early_s, settled_s, level
-        self._copy = 0.0
+        self._copy, self._touch = 0.0, TouchWatch()
         self._last_s = self._moved_s = -math.inf
 
     def step(self, time_s: float, excess: ArrayLike) -> Measurement:
-        """Take a frame and return the force now.
+        """Take a frame and return the force now; 0 with an upper end where nothing touches.
 
         `time_s`: not earlier than the last one.
         `excess`, shape (rows, cols): excess conductance of each pixel; NaN where one does not read.
@@ -76,9 +77,11 @@ class ForceNow:
         used = laws if weight < 1.0 else laws[1:]
         values = np.maximum([float(law.value) for law in laws], 1e-6)
         value = float(np.exp((1 - weight) * np.log(values[0]) + weight * np.log(values[1])))
+        # A pixel's law begins steeply: what an empty hand reads, noise and offset, is no force.
+        touched = self._touch.step(excess)
         return Measurement(
-            value=value,
-            low=min(value, *(float(law.low) for law in used)),
+            value=value if touched else 0.0,
+            low=min(value, *(float(law.low) for law in used)) if touched else 0.0,
             high=max(value, *(float(law.high) for law in used)),
             unit="n",
             level=self._level,

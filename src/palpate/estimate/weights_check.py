@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.line_law import LineForceLaw
 from palpate.estimate.pixel_law import PlacedReadings, left_out
 from palpate.sensor.calibration import ForcePairs
@@ -69,18 +69,16 @@ def _error_near(log_force: FloatArray, error: FloatArray) -> dict[str, float | N
 def held_out_of_pairs(excess: ArrayLike, *, force_n: ArrayLike) -> dict[str, float | None]:
     """Return the median error near 1, 5 and 10 N of loads left out of the fit, percent.
 
-    All readings of one load are left out together; None where no load is near, or where the others
-    can't carry a law.
+    All readings of one load are left out together; None where no load is near.
     """
     x, y = np.asarray(excess, dtype=float), np.asarray(force_n, dtype=float)
     error = np.full(y.shape, np.nan)
     for load in np.unique(y):
         mine = y == load
-        try:
-            law = PowerForceLaw.fit(x[~mine], force_n=y[~mine])
-        except CalibrationError:
+        if mine.all():
             continue
-        error[mine] = np.abs(law.force_n(x[mine]).value / load - 1.0)
+        law = ForceLaw.fit(x[~mine].tolist(), force_n=y[~mine])
+        error[mine] = [abs(law.force(one).value / load - 1.0) for one in x[mine].tolist()]
     known = np.isfinite(error)
     return _error_near(np.log(y[known]), error[known])
 

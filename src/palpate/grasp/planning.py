@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
-from palpate.estimate.force import ForceLaw, PowerForceLaw
+from palpate.estimate.force import ForceLaw as StaticLaw
+from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.force_follower import FollowsForce, ForceFollower
+from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.pixel_law import PixelReading, PlacedReadings, fit_laws
 from palpate.estimate.servo_force import CurrentLaw
@@ -144,7 +147,7 @@ def check_target_force(force_n: float | None, *, name: str) -> None:
         )
 
 
-def laws_of(pairs: ForcePairs) -> tuple[PixelReading, ForceLaw, ForceLaw]:
+def laws_of(pairs: ForcePairs) -> tuple[PixelReading, StaticLaw, StaticLaw]:
     """Return the reading and its early and settled law; by pixel where the calibration kept them.
 
     Raises
@@ -159,16 +162,26 @@ def laws_of(pairs: ForcePairs) -> tuple[PixelReading, ForceLaw, ForceLaw]:
     return fit_laws(placements_of(pairs))
 
 
-def force_now(pairs: ForcePairs) -> ForceNow:
+def force_now(pairs: ForcePairs) -> FollowsForce:
     """Return what follows the force from frames alone, by the laws that a grasp reads.
+
+    Dead weights give settled readings only: there it is `ForceLaw`, which knows from other sensors
+    how a sheet lags.
 
     Raises
     ------
     CalibrationError
         As `laws_of`.
     """
+    if by_weights(pairs):
+        return ForceFollower(ForceLaw.fit(list(pairs.excess), force_n=pairs.force_n))
     reading, early, settled = laws_of(pairs)
     return ForceNow(reading, early=early, settled=settled, early_s=DWELL_S, settled_s=HORIZON_S)
+
+
+def by_weights(pairs: ForcePairs) -> bool:
+    """Return whether a calibration was made with dead weights, so that all it read had settled."""
+    return bool(pairs.since_move_s) and bool(np.isclose(pairs.since_move_s, HORIZON_S).all())
 
 
 def placements_of(pairs: ForcePairs) -> PlacedReadings:
@@ -184,7 +197,9 @@ def placements_of(pairs: ForcePairs) -> PlacedReadings:
 
 
 def with_force_law(recorded: Calibration) -> Calibration:
-    """Return the calibration with its settled law and the error to expect of the next placement.
+    """Return the calibration with its force law and the error to expect of the next placement.
+
+    From dead weights the law is `palpate.ForceLaw`, from a load cell one of settled readings.
 
     Raises
     ------
@@ -195,14 +210,12 @@ def with_force_law(recorded: Calibration) -> Calibration:
     settled = np.isclose(pairs.since_move_s, HORIZON_S)
     excess, force_n = np.array(pairs.excess)[settled], np.array(pairs.force_n)[settled]
     held_out: dict[str, Any] = {"of": "settled force"}
-    if settled.all():
+    if by_weights(pairs):
+        known = ForceLaw.fit(list(excess), force_n=force_n)
         held_out["error_percent"] = held_out_of_pairs(excess, force_n=force_n)
-    else:
-        errors = held_out_of_placements(placements_of(pairs))
-        held_out |= {
-            "error_percent": errors["settled"],
-            "early_error_percent": errors["early"],
-        }
+        return replace(recorded, force_law=known.as_dict(), held_out=held_out)
+    errors = held_out_of_placements(placements_of(pairs))
+    held_out |= {"error_percent": errors["settled"], "early_error_percent": errors["early"]}
     law = PowerForceLaw.fit(excess, force_n=force_n)
     return replace(recorded, force_law=law.as_dict(), held_out=held_out)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.estimate.force_law import ForceLaw
 from palpate.plots.style import INK, ORANGE, log_axis, new_figure
 from palpate.sensor.calibration import Calibration
 
@@ -40,6 +41,12 @@ def force_calibration_figure(calibration: Calibration) -> Figure:
             log_scale, exponent, offset = law["coefficients"]
             force_n = offset + np.exp(log_scale + exponent * np.log(reading))
             panel.plot(force_n, reading, color=ORANGE, lw=1.4, label="settled law")
+        if law["law"] == ForceLaw.name:
+            reading = np.geomspace(0.5 * min(pairs.excess), 2.0 * max(pairs.excess), 100)
+            each = [ForceLaw.from_dict(law).force(one) for one in reading.tolist()]
+            panel.plot([one.value for one in each], reading, color=ORANGE, lw=1.4, label="law")
+            ends = ([one.low for one in each], [one.high for one in each])
+            panel.fill_betweenx(reading, *ends, color=ORANGE, alpha=0.2, label="90 % interval")
         log_axis(panel.xaxis)
         log_axis(panel.yaxis)
         panel.set(xlabel="force (N)", ylabel="excess conductance, summed over pixels")

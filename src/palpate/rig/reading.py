@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force_now import ForceNow
+from palpate.estimate.force_follower import FollowsForce
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import force_now
 from palpate.sensor.array import Frame
@@ -59,7 +59,7 @@ class Reader:
     def __init__(self, calibration: Calibration) -> None:
         self.rest_ohm = calibration.rest_ohm
         self._layout = calibration.layout
-        self._force: ForceNow | None = None
+        self._force: FollowsForce | None = None
         with suppress(CalibrationError):
             self._force = force_now(calibration.force)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +31,8 @@ _FAINT_EXCESS = 0.1
 #: A pixel that reads less than this is at the end of its converter.
 _SATURATED_OHM = 1.0
 _REST_S = 2.0
+#: Fewest loads, and the ratio of the largest to the smallest: close together they show no slope.
+FEWEST, _LEAST_RATIO = 3, 2.0
 #: Heavier than anything this sensor is made for: grams taken for newtons.
 _HEAVIEST_N = 200.0
 
@@ -61,10 +63,12 @@ def checked_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
     loads = [float(load) for load in loads_n]
     if not all(np.isfinite(load) and load >= 0 for load in loads):
         raise InputError(f"{where}: every load must be a finite number of newtons, 0 or more")
-    if len(loads) < 4 or len(set(loads)) < 3:
+    laid = sorted({load for load in loads if load > 0})
+    if len(laid) < FEWEST or laid[-1] < _LEAST_RATIO * laid[0]:
         raise InputError(
-            f"{where}: {len(loads)} loads, {len(set(loads))} of them different; give at least 4 "
-            "loads of 3 sizes over the whole range, up and down again"
+            f"{where}: {len(loads)} loads, {len(set(loads))} of them different; give at least "
+            f"{FEWEST} spread over the range, the largest {_LEAST_RATIO:g} times the smallest, "
+            "such as 1.5, 4 and 9 N"
         )
     if max(loads) > _HEAVIEST_N:
         raise InputError(
@@ -77,18 +81,20 @@ def checked_loads(loads_n: Sequence[float], *, where: str) -> list[float]:
 def weigh(
     array: PressureArray,
     *,
-    loads_n: Sequence[float],
+    loads_n: Iterable[float],
     place: Callable[[float], None],
     clock: Clock,
+    settled: Callable[[float, float], None] | None = None,
 ) -> Weighing:
     """Read the settled value under each load.
 
     `array`: without any load at first.
-    `loads_n`: in the order in which they are put on.
+    `loads_n`: in the order in which they are put on; each is asked for when the last was read.
     `place`: called with each load; returns once it lies on the sheet.
     `clock`: the clock that frames are stamped by: those from before are dropped.
+    `settled`: called with excess conductance and load of each that settled.
     Raises `CalibrationError` if a pixel is at the end of its converter under a load, or fewer than
-    four steps settle.
+    three steps settle.
     """
     rest_ohm = rest_baseline(_ohm(array, _REST_S)).rest_ohm
     rows: list[tuple[int, float, float, float, float]] = []
@@ -101,10 +107,12 @@ def weigh(
             refused.append(load_n)
         elif load_n > 0:
             rows.append((0, SETTLED_S, *reading, load_n))
-    if len(rows) < 4:
+            if settled is not None:
+                settled(reading[0], load_n)
+    if len(rows) < FEWEST:
         raise CalibrationError(
-            f"force calibration: {len(rows)} loads settled, at least 4 needed; keep everything "
-            "still and lay the weights down on a flat stamp"
+            f"force calibration: {len(rows)} loads settled, at least {FEWEST} needed; keep "
+            "everything still and lay the weights down on a flat stamp"
         )
     columns = list(zip(*rows, strict=True))
     pairs = ForcePairs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -21,6 +22,10 @@ from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stroke_data import read_strokes
 
 Contact = TypeVar("Contact")
+
+#: Three ladders show too little of how much sensors differ in gain and slope: both may differ this
+#: many times as much (guess; a sheet of another make is to be calibrated, too).
+_WIDER = 2.0
 
 #: Contacts of each kind of recording that are learned from, spread over the file: every kind counts
 #: about alike.
@@ -47,9 +52,9 @@ def command(
     parts: dict[str, Sequence[KnownContact]] = {
         "strokes": [stroke_models.known_contact(one) for one in _spread(touches)],
         "presses": [press_models.known_contact(one) for one in _spread(read_presses(presses))],
-        "ladders": [ladder_models.known_contact(one) for one in read_ladders(ladders)],
+        "ladders": _often([ladder_models.known_contact(one) for one in read_ladders(ladders)]),
     }
-    population = learn_population([one for part in parts.values() for one in part])
+    population = _widened(learn_population([one for part in parts.values() for one in part]))
     if write is not None:
         with atomic_path(write) as partial:
             partial.write_text(_text(population))
@@ -60,9 +65,25 @@ def _spread(contacts: Sequence[Contact]) -> Sequence[Contact]:
     return contacts[:: max(len(contacts) // _CONTACTS, 1)]
 
 
+def _widened(population: Population) -> Population:
+    """Return the population with more spread of what a settled reading means."""
+    factor = np.ones(len(population.mean))
+    factor[:2] = _WIDER
+    return replace(population, spread=population.spread * np.outer(factor, factor))
+
+
+def _often(ladders: Sequence[KnownContact]) -> Sequence[KnownContact]:
+    """Repeat ladders: a few, but the only ones that show what a settled reading means."""
+    return [
+        replace(one, place=f"{one.place}-{number}")
+        for number in range(max(_CONTACTS // len(ladders), 1))
+        for one in ladders
+    ]
+
+
 def _text(population: Population) -> str:
     rounded = {
-        name: np.round(values, 5).tolist() if name != "least_n" else round(values, 3)
+        name: np.round(values, 7).tolist() if name != "least_n" else round(values, 3)
         for name, values in population.as_dict().items()
     }
     rows = [f' "{name}": {json.dumps(values)}' for name, values in rounded.items()]

@@ -180,7 +180,8 @@ def known_contact(press: Press) -> KnownContact:
         inputs=_states(press)[used],
         force_n=press.trace.force_n[used],
         weight=weight / weight.mean(),
-        place=press.trace.group,
+        # Repeats of a setting are at several places of the sensor.
+        place=(press.recording_id, press.press),
         given=0,
     )
 

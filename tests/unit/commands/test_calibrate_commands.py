@@ -112,7 +112,7 @@ def test_a_file_that_does_not_fit_stays_as_it_is(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("load_n\n1\n5\n", "give at least 4 loads"),
+        ("load_n\n1\n5\n", "give at least 3 spread"),
         ("load_n\n5\n5\n5\n5\n", "1 of them different"),
         ("load_n\n100\n250\n500\n1000\n", "in grams"),
         ("weight\n1\n2\n3\n4\n", "no column load_n"),

@@ -43,7 +43,7 @@ class PadAndUser:
     def read(self, *, timeout_s: float) -> Frame:
         self._obey()
         self.clock.sleep_s(0.1)
-        excess = 0.0 if self.load_n == 0 else 3.0 * self.load_n**0.8
+        excess = 0.0 if self.load_n == 0 else 8.0 * self.load_n**1.2
         ohm = REST_OHM / (1.0 + excess / RIGID_LAYOUT.pixels)
         counts = 64 * 1024 / (1.0 + ohm / RIGID_LAYOUT.divider.reference_ohm)
         self.sequence += 1

@@ -1,0 +1,68 @@
+"""Newtons at every frame by the law of dead weights; the weight that narrows it most."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.estimate.force_follower import (
+    SPREAD_N,
+    ForceFollower,
+    half_width_percent,
+    most_useful_n,
+)
+from palpate.estimate.force_law import ForceLaw
+from palpate.grasp.planning import force_now
+from palpate.sensor.calibration import ForcePairs
+
+WEIGHTS_N = np.array(SPREAD_N)
+
+
+def excess(force_n: np.ndarray) -> np.ndarray:
+    """Return the excess of an invented sheet under settled forces."""
+    return 8.0 * force_n**1.2
+
+
+@pytest.fixture
+def law() -> ForceLaw:
+    return ForceLaw.fit(excess(WEIGHTS_N).tolist(), force_n=WEIGHTS_N)
+
+
+def test_an_empty_hand_shows_no_force_and_a_touch_shows_one(law: ForceLaw) -> None:
+    follower = ForceFollower(law)
+    rng = np.random.default_rng(2)
+    for frame in range(50):
+        answer = follower.step(0.02 * frame, 0.03 * rng.standard_normal((4, 2)))
+        assert (answer.value, answer.low) == (0.0, 0.0)
+        assert answer.high > 0
+    for frame in range(50, 1200):
+        answer = follower.step(0.02 * frame, np.full((4, 2), excess(np.array(4.0)) / 8))
+    assert answer.low < 4.0 < answer.high
+    assert answer.value == pytest.approx(4.0, rel=0.15)
+
+
+def test_pixels_that_read_open_or_short_keep_the_force_finite(law: ForceLaw) -> None:
+    follower = ForceFollower(law)
+    for time_s, pixel in ((0.0, np.nan), (0.1, np.inf), (0.2, 1.0)):
+        answer = follower.step(time_s, [[pixel, 3.0]])
+        assert np.isfinite([answer.value, answer.low, answer.high]).all()
+
+
+def test_each_weight_narrows_and_the_far_one_most(law: ForceLaw) -> None:
+    none = ForceLaw()
+    one = ForceLaw.fit(excess(WEIGHTS_N[:1]).tolist(), force_n=WEIGHTS_N[:1])
+    widths = [[half_width_percent(each, at_n) for at_n in SPREAD_N] for each in (none, one, law)]
+    assert np.all(np.diff([max(each) for each in widths]) < 0)
+    assert most_useful_n(one) == 9.0
+
+
+def test_three_weights_are_followed_by_the_law_that_the_file_holds() -> None:
+    pairs = ForcePairs(
+        run=(0, 0, 0),
+        since_move_s=(20.0,) * 3,
+        excess=tuple(excess(WEIGHTS_N).tolist()),
+        relative_percent=(-50.0, -70.0, -85.0),
+        force_n=tuple(WEIGHTS_N.tolist()),
+    )
+    follower = force_now(pairs)
+    assert isinstance(follower, ForceFollower)
