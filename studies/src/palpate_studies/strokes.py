@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
+from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stroke_data import SMALLEST_N, Mask, Touch, read_strokes
 from palpate_studies.stroke_models import LEVEL, MODELS, TOLD, Others, others_of
@@ -182,6 +183,37 @@ def _summary(scored: Sequence[Scored], *, by_sensor: bool) -> Rows:
     return summary
 
 
+def _compared(scored: Sequence[Scored]) -> Rows:
+    """Return the error of ours less that of each other model, by pin of a sensor."""
+    rows: Rows = []
+    for told in dict.fromkeys(one.told for one in scored):
+        each = {
+            model: [s for s in scored if (s.model, s.told) == (model, told)] for model in MODELS
+        }
+        for phase in ("all", "unloading"):
+            chosen = [(one.phase == phase) | (phase == "all") for one in each["ours"]]
+            group = [
+                f"{one.touch.sensor}-{one.touch.pin}"
+                for one, mine in zip(each["ours"], chosen, strict=True)
+                for _ in range(int(mine.sum()))
+            ]
+            lost = {
+                model: np.concatenate([s.error[c] for s, c in zip(some, chosen, strict=True)])
+                for model, some in each.items()
+            }
+            rows += [
+                {
+                    "told": told,
+                    "phase": phase,
+                    "rival": rival,
+                    **paired_difference(lost["ours"], lost[rival], group).as_json(),
+                }
+                for rival in MODELS
+                if rival != "ours"
+            ]
+    return rows
+
+
 def _tables(summary: Rows) -> list[Table]:
     """Return a table for each split: one line for each model and what it knows."""
     tables = []
@@ -226,14 +258,21 @@ def _report(scored: Sequence[Scored], *, touches: int) -> StudyReport:
         provenance=(
             f"Real recordings with a load cell; learned from {touches} touches of the training "
             f"file. Samples of {SMALLEST_N:g} N and more; medians over samples.",
+            "`ours` is `palpate.ForceLaw`, its population learned from the training touches. "
             "`place`: the other attempts at the place are known, force and reading. A static law "
-            "takes its gain from them, the force model a law of the place, the clock their usual "
+            "takes its gain from them, `ours` a law of the place, the clock their usual "
             "force at each time. `five_percent`, `eighty_percent`: the force is measured once, on "
             "the way up; later samples are scored.",
             "`constant` and `clock` read no sensor. The touches are alike in time, which helps a "
-            "clock, trees and the force model alike; unloading and small forces show what the "
+            "clock, trees and the force law alike; unloading and small forces show what the "
             "sheet adds.",
         ),
         tables=_tables([*summary, *sensors]),
-        payload={"rows": _rows(scored), "summary": summary, "sensors": sensors, "level": LEVEL},
+        payload={
+            "rows": _rows(scored),
+            "summary": summary,
+            "sensors": sensors,
+            "compared": _compared(scored),
+            "level": LEVEL,
+        },
     )
