@@ -12,6 +12,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.force_ladders",
         "Dead weights on real Velostat, sensors held out",
     ),
+    "import-data": (
+        "palpate_studies.import_data",
+        "Tables of real recordings from clones of the public repositories",
+    ),
     "force-population": (
         "palpate_studies.force_population",
         "What real sensors have in common: the constants of the force law",

@@ -1,0 +1,1 @@
+"""From clones of public repositories to the tables that studies read."""
