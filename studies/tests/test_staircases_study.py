@@ -22,7 +22,7 @@ def test_a_sheet_is_followed_by_the_laws_of_its_calibration() -> None:
     assert list(found) == ["settled", "early", "now"]
     (now,) = found["now"]
     assert (now.force_n > FAINT_N).all()
-    assert np.median(np.abs(np.log(now.value_n / now.force_n))) < 0.3
+    assert np.median(np.abs(np.log(np.maximum(now.value_n, 0.01) / now.force_n))) < 0.3
     assert (now.low_n <= now.value_n).all()
     assert (now.value_n <= now.high_n).all()
 

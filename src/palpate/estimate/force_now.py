@@ -25,6 +25,10 @@ _MOVED_SHARE, _COPY_S = 0.2, 0.5
 _FAINT = 0.02
 
 
+#: A hand whose every pixel shows less excess conductance is empty: offset and noise of the rest.
+_EMPTY = 0.03
+
+
 class ForceNow:
     """Newtons with an interval at every frame.
 
@@ -77,10 +81,11 @@ class ForceNow:
         used = laws if weight < 1.0 else laws[1:]
         values = np.maximum([float(law.value) for law in laws], 1e-6)
         value = float(np.exp((1 - weight) * np.log(values[0]) + weight * np.log(values[1])))
-        # A pixel's law begins steeply: what an empty hand reads, noise and offset, is no force.
+        # A pixel's law begins steeply: noise and offset of an empty hand would read as newtons.
         touched = self._touch.step(excess)
+        empty = float(np.nanmax(np.asarray(excess, dtype=float), initial=0.0)) < _EMPTY
         return Measurement(
-            value=value if touched else 0.0,
+            value=0.0 if empty else value,
             low=min(value, *(float(law.low) for law in used)) if touched else 0.0,
             high=max(value, *(float(law.high) for law in used)),
             unit="n",
