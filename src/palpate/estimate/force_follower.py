@@ -7,9 +7,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
-from palpate.arrays import FloatArray
-from palpate.estimate.force_law import INPUTS, ForceLaw
+from palpate.estimate.force_law import ForceLaw, settled_inputs
 from palpate.estimate.force_states import ForceStates, log_reading
 from palpate.estimate.measurement import Measurement
 from palpate.signal.relative import CONTACT_PERCENT
@@ -87,8 +87,8 @@ def half_width_percent(law: ForceLaw, force_n: float) -> float:
     >>> half_width_percent(known, 4.0) < 0.5 * half_width_percent(ForceLaw(), 4.0)
     True
     """
-    found = law.force(_reading_at(law, force_n))
-    return float(50.0 * (found.high - found.low) / found.value)
+    (_,), (sd,) = law.log_force(settled_inputs(_reading_at(law, force_n)))
+    return float(100.0 * np.sinh(float(ndtri(0.95)) * sd))
 
 
 def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> float:
@@ -100,7 +100,8 @@ def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> floa
 
     def left(load_n: float) -> float:
         reading = _reading_at(law, load_n)
-        after = law.copy().update(reading, force_n=law.force(reading).value)
+        (log_n,), _ = law.log_force(settled_inputs(reading))
+        after = law.copy().update(reading, force_n=float(np.exp(log_n)))
         return sum(half_width_percent(after, at_n) for at_n in SPREAD_N)
 
     return min(loads_n, key=left)
@@ -108,7 +109,5 @@ def most_useful_n(law: ForceLaw, *, loads_n: Sequence[float] = SPREAD_N) -> floa
 
 def _reading_at(law: ForceLaw, force_n: float) -> float:
     """Return the settled excess conductance at which the law shows a force."""
-    inputs: FloatArray = np.zeros((len(_READINGS), INPUTS))
-    inputs[:, 0] = log_reading(_READINGS)
-    log_n = law.log_force(inputs)[0]
+    log_n = law.log_force(settled_inputs(_READINGS))[0]
     return float(_READINGS[np.argmin(np.abs(log_n - np.log(force_n)))])

@@ -319,13 +319,23 @@ def _shaped(values: Any, shape: tuple[int, ...]) -> FloatArray:
     return array
 
 
+def settled_inputs(excess: ArrayLike) -> FloatArray:
+    """Return settled readings of excess conductance as inputs, shape (n,) to (n, INPUTS).
+
+    >>> settled_inputs([0.9])[:, :2].tolist()
+    [[0.0, 0.0]]
+    """
+    readings = np.atleast_1d(log_reading(excess))
+    inputs = np.zeros((len(readings), INPUTS))
+    inputs[:, 0] = readings
+    return inputs
+
+
 def _inputs(reading: Any) -> FloatArray:
     """Return one reading as inputs, shape (1, INPUTS)."""
     given = np.asarray(reading, dtype=float)
     if given.ndim == 0 and not np.isnan(given):
-        inputs = np.zeros((1, INPUTS))
-        inputs[0, 0] = log_reading(given)
-        return inputs
+        return settled_inputs(given)
     if given.shape != (INPUTS,) or np.isnan(given).any():
         raise InputError(
             f"a reading is an excess conductance or the {INPUTS} inputs of a sample, without NaN; "

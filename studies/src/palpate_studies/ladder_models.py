@@ -14,9 +14,8 @@ from scipy.stats import t as student_t
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
-from palpate.estimate.force_law import INPUTS
+from palpate.estimate.force_law import settled_inputs
 from palpate.estimate.force_learning import KnownContact, learn_population
-from palpate.estimate.force_states import log_reading
 
 Predicted: TypeAlias = ForceEstimate
 
@@ -55,9 +54,7 @@ class Ladder:
     @property
     def inputs(self) -> FloatArray:
         """Settled readings as `palpate.ForceLaw` takes them, shape (n_steps, INPUTS)."""
-        found = np.zeros((len(self.load_n), INPUTS))
-        found[:, 0] = log_reading(self.excess_s * self.rest_ohm)
-        return found
+        return settled_inputs(self.excess_s * self.rest_ohm)
 
     @property
     def relative_percent(self) -> FloatArray:

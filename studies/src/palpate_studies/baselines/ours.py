@@ -7,13 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate import ForceLaw
-from palpate.arrays import FloatArray
 from palpate.estimate.damage_learning import FruitClosing, follow_closing, learn_damage
-from palpate.estimate.force_law import INPUTS
+from palpate.estimate.force_law import settled_inputs
 from palpate.estimate.force_learning import KnownContact, learn_population
-from palpate.estimate.force_states import log_reading
 from palpate.estimate.strength import ClosingCurve
-from palpate.settling.predict import predict_settled
 from palpate_studies.protocol.method import Answer, Case, Question
 
 
@@ -46,7 +43,7 @@ class OurForceLaw:
         population = learn_population(
             [
                 KnownContact(
-                    inputs=_settled(whole[:, 0]),
+                    inputs=settled_inputs(whole[:, 0]),
                     force_n=whole[:, 1],
                     weight=np.ones(len(whole)),
                     place=name,
@@ -57,18 +54,11 @@ class OurForceLaw:
 
         def answer(asked: Question) -> float:
             law = ForceLaw.fit(
-                _settled(asked.curve[:, 0]), force_n=asked.curve[:, 1], population=population
+                settled_inputs(asked.curve[:, 0]), force_n=asked.curve[:, 1], population=population
             )
             return law.force(asked.asked).middle
 
         return answer
-
-
-def _settled(excess: FloatArray) -> FloatArray:
-    """Return settled readings of excess conductance as the force law takes them."""
-    inputs = np.zeros((len(excess), INPUTS))
-    inputs[:, 0] = log_reading(excess)
-    return inputs
 
 
 class OurDamageLimit:
