@@ -16,7 +16,6 @@ from palpate.commands.options import JsonOption
 from palpate.errors import InputError
 from palpate.tables import read_table
 from palpate_studies.ladder_models import MODELS, Ladder, Predicted
-from palpate_studies.protocol.paired import paired_difference
 from palpate_studies.report import OutOption, StudyReport, Table
 
 if TYPE_CHECKING:
@@ -200,31 +199,12 @@ def _means(summary: Rows) -> Rows:
     return found
 
 
-def _compared(rows: Rows) -> Rows:
-    """Return the error of ours less that of each other model, by ladder."""
-    lost = {
-        model: [
-            abs(np.log(max(r["predicted_n"], FLOOR_N) / r["load_n"]))
-            for r in rows
-            if r["model"] == model
-        ]
-        for model in MODELS
-    }
-    ladder = [row["ladder"] for row in rows if row["model"] == "ours"]
-    return [
-        {"rival": rival, **paired_difference(lost["ours"], lost[rival], ladder).as_json()}
-        for rival in MODELS
-        if rival != "ours"
-    ]
-
-
 def _report(rows: Rows, left_out: Rows, *, figure: Callable[[], Figure]) -> StudyReport:
     summary = _summary(rows)
     payload: dict[str, Any] = {
         "rows": rows,
         "summary": summary,
         "means": _means(summary),
-        "compared": _compared(rows),
         "level": LEVEL,
     }
     tables = [_table("New sensor, given three spread weights, medians", summary)]
