@@ -4,7 +4,8 @@ Settled values
     `predict_settled` predicts where holds settle to, `SettlingStream` does so sample by sample;
     methods are `Relaxation`, `Exponential` and `Recorded`, answers a `SettledEstimate`.
     `read_holds` returns each `Hold` of a file, `plot_holds` draws them; `read_recording` and
-    `cut_holds` find them in any table, as `Readings`.
+    `cut_holds` find them in any table, as `Readings`. `score` compares methods on holds, in a
+    `ScoreTable`.
 Force
     `ForceLaw` turns readings of a sheet into newtons with an interval, from any number of forces
     measured on it.
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from palpate.rig import Rig, open_rig
     from palpate.rig.grip import Grip
     from palpate.rig.reading import Reading
+    from palpate.scoring.table import ScoreTable, score
     from palpate.settling.exponential import Exponential
     from palpate.settling.predict import predict_settled
     from palpate.settling.recorded import Recorded
@@ -66,6 +68,7 @@ __all__ = [
     "Recorded",
     "Relaxation",
     "Rig",
+    "ScoreTable",
     "SettledEstimate",
     "SettlingStream",
     "Status",
@@ -78,6 +81,7 @@ __all__ = [
     "read_holds",
     "read_recording",
     "run_grasp",
+    "score",
 ]
 
 _HOMES = {
@@ -96,6 +100,7 @@ _HOMES = {
     "Recorded": "palpate.settling.recorded",
     "Relaxation": "palpate.settling.relaxation",
     "Rig": "palpate.rig",
+    "ScoreTable": "palpate.scoring.table",
     "SettledEstimate": "palpate.settling.result",
     "SettlingStream": "palpate.settling.streaming",
     "Status": "palpate.settling.result",
@@ -108,6 +113,7 @@ _HOMES = {
     "read_holds": "palpate.holds",
     "read_recording": "palpate.readings",
     "run_grasp": "palpate.grasp.runner",
+    "score": "palpate.scoring.table",
 }
 
 

@@ -60,6 +60,7 @@ def settle(
     from palpate.commands import settle_report as report
     from palpate.commands.settle_source import HoldSource, ReadingOptions
     from palpate.plots.style import check_plot
+    from palpate.scoring.table import ScoreTable
 
     cutoffs_s = tuple(cutoff or ([] if until_half_width else [DEFAULT_CUTOFF_S]))
     _check_numbers(cutoffs_s, horizon_s=horizon, level=level, until=until_half_width)
@@ -107,8 +108,11 @@ def settle(
     )
     if not predictions:
         raise InputError(f"{holds[0]}: no hold in any of its files")
-    document = report.Document(
-        predictions=predictions, until_half_width_percent=until_half_width, horizon_s=horizon
+    document = ScoreTable(
+        predictions=predictions,
+        horizon_s=horizon,
+        level=level,
+        until_half_width_percent=until_half_width,
     )
     if out is not None:
         report.write(document, out)

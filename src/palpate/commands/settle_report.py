@@ -5,8 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,8 @@ from palpate.commands.settle_source import HoldSource
 from palpate.errors import InputError
 from palpate.files import atomic_path, csv_cell, keep_inputs
 from palpate.scoring.predictions import Prediction, score_predictions
-from palpate.scoring.scores import Scores, median, summarise
+from palpate.scoring.scores import Scores
+from palpate.scoring.table import ScoreTable
 from palpate.settling.result import SettlingMethod
 from palpate.tables.binary import pyarrow_for
 
@@ -24,73 +24,6 @@ if TYPE_CHECKING:
     from palpate.plots.settle import Overview
 
 OUT_ENDINGS = (".json", ".csv", ".parquet")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Document:
-    """The predictions of one run."""
-
-    #: In the order of files, holds, methods and cut-offs.
-    predictions: Sequence[Prediction]
-    #: The rule of decision, where there was one.
-    until_half_width_percent: float | None
-    #: Time of the settled value.
-    horizon_s: float
-
-    def groups(self) -> dict[tuple[str, float | None], list[Prediction]]:
-        """Return predictions by method and cut-off (None: decided hold by hold)."""
-        found: dict[tuple[str, float | None], list[Prediction]] = {}
-        for row in self.predictions:
-            cutoff_s = row.cutoff_s if row.decided is None else None
-            found.setdefault((row.method, cutoff_s), []).append(row)
-        return found
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the document as the public interface has it, null where a figure is unknown."""
-        return {"rows": list(self.rows()), "summary": self.summary()}
-
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield one mapping for each prediction."""
-        scores = score_predictions(self.predictions)
-        for index, row in enumerate(self.predictions):
-            cells = {
-                "hold_id": row.hold_id,
-                "channel": row.channel,
-                "method": row.method,
-                "cutoff_s": row.cutoff_s,
-                "predicted": _known(row.predicted),
-                "low": _known(row.low),
-                "high": _known(row.high),
-                "settled": _known(row.settled),
-                "error_percent": _known(scores.error_percent[index]),
-                "status": str(row.status),
-                "error_of_remaining_percent": _known(scores.of_remaining_percent[index]),
-                "file": row.source,
-                "unit": row.unit,
-            }
-            if self.until_half_width_percent is not None:
-                cells["decided"] = row.decided
-            yield cells
-
-    def summary(self) -> list[dict[str, Any]]:
-        """Return one mapping for each method and cut-off."""
-        found = []
-        for (method, cutoff_s), rows in self.groups().items():
-            scores = score_predictions(rows)
-            entry: dict[str, Any] = {"method": method, "cutoff_s": cutoff_s, "holds": len(rows)}
-            entry |= {name: _known(figure) for name, figure in summarise(scores).items()}
-            entry["holds_with_settled_value"] = sum(bool(np.isfinite(r.settled)) for r in rows)
-            if cutoff_s is None:
-                times_s = np.array([row.cutoff_s for row in rows if row.decided])
-                entry["cutoff_s"] = entry["median_decision_s"] = _known(median(times_s))
-                entry["until_half_width_percent"] = self.until_half_width_percent
-                entry["holds_decided"] = len(times_s)
-            found.append(entry)
-        return found
-
-
-def _known(figure: float) -> float | None:
-    return float(figure) if np.isfinite(figure) else None
 
 
 def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]) -> None:
@@ -105,12 +38,12 @@ def check_outputs(*, plot: Path | None, out: Path | None, inputs: Sequence[Path]
             pyarrow_for("--out FILE.parquet")
 
 
-def write(document: Document, out: Path) -> None:
+def write(document: ScoreTable, out: Path) -> None:
     """Write the document as JSON, or its rows as CSV or Parquet, whole or not at all."""
     ending = out.suffix.lower()
     with atomic_path(out) as partial:
         if ending == ".json":
-            partial.write_text(json.dumps(document.as_json(), allow_nan=False, indent=1) + "\n")
+            partial.write_text(json.dumps(document.to_dict(), allow_nan=False, indent=1) + "\n")
         elif ending == ".csv":
             rows = list(document.rows())
             with partial.open("w", newline="", encoding="utf-8") as stream:
@@ -124,9 +57,9 @@ def write(document: Document, out: Path) -> None:
             arrow.parquet.write_table(arrow.Table.from_pylist(list(document.rows())), partial)
 
 
-def print_json(document: Document) -> None:
+def print_json(document: ScoreTable) -> None:
     """Print the document on standard output, and nothing else."""
-    json.dump(document.as_json(), sys.stdout, allow_nan=False)
+    json.dump(document.to_dict(), sys.stdout, allow_nan=False)
     sys.stdout.write("\n")
 
 
@@ -148,7 +81,7 @@ def _sortable(scores: Scores, predictions: Sequence[Prediction]) -> np.ndarray[A
 
 
 def draw(
-    document: Document,
+    document: ScoreTable,
     source: HoldSource,
     plot: Path,
     *,

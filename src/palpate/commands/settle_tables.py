@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.commands.settle_report import Document, by_error
+from palpate.commands.settle_report import by_error
 from palpate.scoring.predictions import Prediction, score_predictions
+from palpate.scoring.printing import PIPED_WIDTH, WIDE, empty_table, print_scores, short
+from palpate.scoring.table import ScoreTable
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
 #: How many of the holds furthest off are listed.
 ROWS_SHOWN = 10
 
-#: Columns of text where standard output is no terminal that has a width of its own.
-PIPED_WIDTH = 120
 
-#: From these widths on intervals are shown with their half-widths; columns stand well apart; only
-#: names fold.
-WIDE, AIRY, NARROWEST = 100, 80, 60
-
-
-def print_tables(document: Document, *, level: float, written: Sequence[Path]) -> None:
+def print_tables(document: ScoreTable, *, level: float, written: Sequence[Path]) -> None:
     """Print what was predicted; then, where holds reach the horizon, how far off that was."""
     from rich.console import Console
 
@@ -38,7 +32,7 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
     by_status = ", ".join(f"{n} {status}" for status, n in counts.most_common())
     console.print(f"Predictions: {by_status}")
     if any(np.isfinite(row.settled) for row in document.predictions):
-        _print_scores(document, console, level=level)
+        print_scores(document.summary(), console, level=level)
     else:
         console.print(
             f"No hold lasts until {document.horizon_s:g} s, so there is nothing to score against."
@@ -49,39 +43,14 @@ def print_tables(document: Document, *, level: float, written: Sequence[Path]) -
             console.print(
                 f"{entry['method']}: ± fell below {entry['until_half_width_percent']:g} % in "
                 f"{entry['holds_decided']} of {entry['holds']} holds (median time: "
-                f"{_short(entry['median_decision_s'])} s)"
+                f"{short(entry['median_decision_s'])} s)"
                 + ("; the others waited to their end" if others else "")
             )
     for path in written:
         console.print(f"Written: {path}", highlight=False, soft_wrap=True)
 
 
-def _table(console: Console, title: str, *headings: str) -> Table:
-    """Return an empty table; what is too wide for the terminal is folded, never left out."""
-    from rich import box
-    from rich.table import Table
-
-    view = Table(
-        title=title,
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1 if console.width >= AIRY else 0),
-        pad_edge=False,
-        collapse_padding=True,
-    )
-    for place, heading in enumerate(headings):
-        is_name = place == 0 or heading == "status"
-        view.add_column(
-            heading,
-            justify="left" if place == 0 else "right",
-            no_wrap=not is_name and console.width >= NARROWEST,
-            overflow="fold",
-            min_width=min(10, console.width // 7) if place == 0 else len("status") * is_name,
-        )
-    return view
-
-
-def _print_holds(document: Document, console: Console, *, level: float) -> None:
+def _print_holds(document: ScoreTable, console: Console, *, level: float) -> None:
     """Print the holds of the first method, those furthest off or least sure."""
     rows = [r for r in document.predictions if r.method == document.predictions[0].method]
     scored = any(np.isfinite(row.settled) for row in rows)
@@ -97,7 +66,7 @@ def _print_holds(document: Document, console: Console, *, level: float) -> None:
     headings = ["hold", "cut-off", "predicted", *["unit"] * (len(units) > 1), "±"]
     headings += ["interval"] * (console.width >= WIDE)
     headings += ["settled", "error"] * scored + ["status"]
-    table = _table(
+    table = empty_table(
         console,
         f"Value{in_unit} predicted for {document.horizon_s:g} s by {rows[0].method}: {which}",
         *headings,
@@ -107,40 +76,6 @@ def _print_holds(document: Document, console: Console, *, level: float) -> None:
         table.add_row(*(cells[heading] for heading in headings))
     console.print(table)
     console.print(f"[dim]±: half-width of the {level:.0%} interval[/dim]", highlight=False)
-
-
-def _print_scores(document: Document, console: Console, *, level: float) -> None:
-    table = _table(
-        console,
-        "|error| in % of the settled value",
-        *("method", "cut-off", "holds", "median", "mean", "p90", "of rest", f"in {level:.0%}", "±"),
-    )
-    for entry in document.summary():
-        table.add_row(*_summary_cells(entry))
-    console.print(table)
-    console.print(
-        f"[dim]of rest: median |error| in % of the change still to come; in {level:.0%}: share of "
-        "holds inside their interval; ±: median half-width in %[/dim]",
-        highlight=False,
-    )
-
-
-def _summary_cells(entry: Mapping[str, Any]) -> list[str]:
-    cutoff = "-" if entry["cutoff_s"] is None else f"{entry['cutoff_s']:.3g} s"
-    if "holds_decided" in entry:
-        cutoff = f"~{cutoff}"
-    coverage = entry["coverage"]
-    return [
-        entry["method"],
-        cutoff,
-        str(entry["holds"]),
-        _short(entry["median_abs_error_percent"]),
-        _short(entry["mean_abs_error_percent"]),
-        _short(entry["p90_abs_error_percent"]),
-        _short(entry["median_error_of_remaining_percent"]),
-        "-" if coverage is None else f"{coverage:.2f}",
-        _short(entry["median_half_width_percent"]),
-    ]
 
 
 def _row_cells(row: Prediction) -> dict[str, str]:
@@ -168,12 +103,3 @@ def _text(figure: float | None) -> str:
         return "-"
     whole = 1e4 <= abs(figure) < 1e6
     return f"{figure:.0f}" if whole else f"{figure:#.4g}".rstrip(".")
-
-
-def _short(figure: float | None) -> str:
-    """Return a percentage or a time with as many decimals as its column has room for."""
-    if figure is None or not np.isfinite(figure):
-        return "-"
-    if abs(figure) >= 1e4:
-        return f"{figure:.2g}"
-    return f"{figure:.{2 if abs(figure) < 10 else 1 if abs(figure) < 100 else 0}f}"

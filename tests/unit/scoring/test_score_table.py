@@ -1,0 +1,53 @@
+"""`palpate.score`: the scores of `palpate settle` from Python."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.cli import build_app
+from palpate.commands.outcome import run
+
+METHODS, CUTOFFS_S = ["relaxation", "recorded"], [1.0, 2.5]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path, time_s = tmp_path / "holds.csv", np.arange(0.0, 25.0, 0.1)
+    with path.open("w") as file:
+        file.write("hold_id,time_s,value\n")
+        for name, top in (("a", 900.0), ("b", 700.0)):
+            file.writelines(f"{name},{t:.1f},{top - 60 * np.log1p(t):.2f}\n" for t in time_s)
+    return path
+
+
+def test_score_of_holds_is_what_the_command_prints(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [text for name in METHODS for text in ("--method", name)]
+    options += [text for cutoff_s in CUTOFFS_S for text in ("--cutoff", str(cutoff_s))]
+    table = palpate.score(palpate.read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    assert run(build_app(), ["settle", str(path), *options, "--json"], name="palpate") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert table.to_dict()["summary"] == printed["summary"]
+    assert run(build_app(), ["settle", str(path), *options], name="palpate") == 0
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert [line for line in str(table).splitlines() if line.rstrip() not in lines] == []
+
+
+def test_score_as_a_data_frame_has_a_row_for_each_method_and_cutoff(path: Path) -> None:
+    frame = palpate.score(palpate.read_holds(path), methods=METHODS, cutoffs_s=CUTOFFS_S)
+    table = frame.to_dataframe()
+    assert list(zip(table["method"], table["cutoff_s"], strict=True)) == [
+        (method, cutoff_s) for method in METHODS for cutoff_s in CUTOFFS_S
+    ]
+    assert (table["holds"] == 2).all()
+
+
+def test_score_with_an_unknown_method_is_refused(path: Path) -> None:
+    with pytest.raises(palpate.InputError, match="no method 'magic'"):
+        palpate.score(palpate.read_holds(path), methods=["magic"])
