@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 import shutil
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+import palpate
 from palpate.errors import InputError
 from palpate_studies.catalogue import STUDIES
 from palpate_studies.scoreboard import keep, quotes, read_claims, read_findings, read_kept
@@ -191,3 +193,60 @@ def test_the_notes_on_the_paper_count_misses_as_the_results_page_does() -> None:
         found = {word: count for count, word in re.findall(r"(\d+ of \d+) (\w+)", counts)}
         fitted, predicted = found.get("fitted", "-"), found["predicted"]
         assert f"| {table}, {of} `{name}` | {fitted} | {predicted} |" in notes
+
+
+def test_claims_of_shipped_code_rest_on_the_symbol_that_a_verb_reaches() -> None:
+    """The study imports the named class or function from palpate, and so does a command."""
+    claims = [
+        row for row in tomllib.loads((DOCS / "claims.toml").read_text())["claim"] if "code" in row
+    ]
+    assert claims
+    for row in claims:
+        module, symbol = row["code"].split(":")
+        public = {one for one, home in palpate._HOMES.items() if home == module}
+        study = json.loads((DOCS / "kept" / f"{row['result']}.json").read_text())["command"]
+        judged = study_files(study.split()[2])
+        in_study = [path for path in judged if "palpate_studies" in path.parts]
+        assert any(imports(path, module, symbol, public) for path in in_study), row["name"]
+        assert any(imports(path, module, symbol, public) for path in reached()), row["name"]
+
+
+def imports(path: Path, module: str, symbol: str, public: set[str]) -> bool:
+    """Return whether a file imports the symbol from its module, or under its public name."""
+    if path.suffix != ".py":
+        return False
+    return any(
+        isinstance(node, ast.ImportFrom)
+        and any(
+            (node.module == module and one.name == symbol)
+            or (node.module == "palpate" and symbol in public and one.name == symbol)
+            for one in node.names
+        )
+        for node in ast.walk(ast.parse(path.read_text()))
+    )
+
+
+def reached() -> list[Path]:
+    """Return the files of the product that its commands import, directly or not."""
+    commands = (ROOT / "src" / "palpate" / "commands").glob("*.py")
+    files, waiting = dict[Path, None](), list(commands)
+    while waiting:
+        path = waiting.pop()
+        if path in files:
+            continue
+        files[path] = None
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate."):
+                place = (ROOT / "src").joinpath(*str(node.module).split("."))
+                waiting += [one for one in (place.with_suffix(".py"),) if one.is_file()]
+    return list(files)
+
+
+def test_a_study_that_judges_other_code_is_found(tmp_path: Path) -> None:
+    own = tmp_path / "own.py"
+    own.write_text("from palpate_studies.force_model import ForceLaw\n")
+    module = "palpate.estimate.force_law"
+    assert not imports(own, module, "ForceLaw", {"ForceLaw"})
+    own.write_text("from palpate import ForceLaw\n")
+    assert imports(own, module, "ForceLaw", {"ForceLaw"})
+    assert not imports(own, module, "ForceLaw", set())
