@@ -51,6 +51,8 @@ typedef struct board {
   uint8_t in[IN_BYTES];
   uint32_t in_head, in_tail;
   uint32_t byte_cycles;
+  uint32_t safe_edges;
+  int safe_level;
 } board_t;
 
 static double uniform(board_t *board) {
@@ -162,6 +164,14 @@ static void on_load_clock(avr_irq_t *irq, uint32_t value, void *param) {
   avr_raise_irq(cell->data, (uint32_t)bit);
 }
 
+static void on_safe_line(avr_irq_t *irq, uint32_t value, void *param) {
+  (void)irq;
+  board_t *board = param;
+  int level = value != 0;
+  board->safe_edges += level != board->safe_level;
+  board->safe_level = level;
+}
+
 static void no_sleep(avr_t *avr, avr_cycle_count_t cycles) {
   (void)avr;
   (void)cycles;
@@ -183,6 +193,8 @@ static void connect(board_t *board) {
   board->uart_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
   avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_sent,
                           board);
+
+  avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), 7), on_safe_line, board);
 
   board->loads[0].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('J'), 1);
   board->loads[1].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 7);
@@ -219,6 +231,24 @@ board_t *board_open(const char *elf, uint32_t baud, uint64_t seed) {
   return board;
 }
 
+/* Puts a boot loader (Intel hex) in front of the program, and starts in it, now and after every
+ * reset, as the fuses of a bought board say. Returns 0, or -1 if the file can't be read. */
+int board_load_boot(board_t *board, const char *hex) {
+  ihex_chunk_p chunks = NULL;
+  int count = read_ihex_chunks(hex, &chunks);
+  if (count <= 0) return -1;
+  avr_t *avr = board->avr;
+  avr->reset_pc = chunks[0].baseaddr;
+  for (int i = 0; i < count; i++) {
+    if (chunks[i].baseaddr + chunks[i].size > avr->flashend + 1) return -1;
+    memcpy(avr->flash + chunks[i].baseaddr, chunks[i].data, chunks[i].size);
+  }
+  avr->codeend = avr->flashend;
+  free_ihex_chunks(chunks);
+  avr_reset(avr);
+  return 0;
+}
+
 void board_close(board_t *board) {
   avr_terminate(board->avr);
   free(board->avr);
@@ -232,6 +262,7 @@ uint32_t board_out_lost(const board_t *board) { return board->out_lost; }
 double board_output_duty(const board_t *board) { return output_duty(board); }
 double board_pressure(board_t *board) { return pressure_now(board); }
 int board_safe_line(const board_t *board) { return board->avr->data[PORTB_] >> 7 & 1; }
+uint32_t board_safe_edges(const board_t *board) { return board->safe_edges; }
 void board_reset(board_t *board) { avr_reset(board->avr); }
 void board_set_noise_mv(board_t *board, float noise_mv) { board->noise_mv = noise_mv; }
 
@@ -255,7 +286,7 @@ void board_set_load(board_t *board, int index, int32_t raw) {
 
 /* Makes the program hang where it is, as a hit by a particle would: interrupts go on. */
 void board_hang(board_t *board) {
-  const avr_flashaddr_t nowhere = 0x3F000;
+  const avr_flashaddr_t nowhere = 0x3FF00; /* above the boot loader */
   board->avr->flash[nowhere] = 0xFF; /* rjmp to itself */
   board->avr->flash[nowhere + 1] = 0xCF;
   board->avr->pc = nowhere;

@@ -63,7 +63,7 @@ class _Feed:
         stale_after_s = _FIRST_FRAME_S
         if len(self._intervals_s) >= _FEWEST_INTERVALS:
             stale_after_s = self._safety.stale_after_s(median(self._intervals_s))
-        until_s = self._clock.now_s() + stale_after_s
+        until_s, glanced = self._clock.now_s() + stale_after_s, False
         while True:
             left_s = until_s - self._clock.now_s()
             every_s = hand.glance_s(self._clock.now_s()) or left_s
@@ -72,8 +72,8 @@ class _Feed:
                 break
             except DeviceTimeoutError as late:
                 if every_s < left_s:
-                    alarm = hand.glance(belief, now_s=self._clock.now_s())
-                elif left_s < stale_after_s:
+                    alarm, glanced = hand.glance(belief, now_s=self._clock.now_s()), True
+                elif glanced:
                     raise DeviceTimeoutError(
                         f"no frame in {stale_after_s:.2f} s; check the sensor's cable and power"
                     ) from late

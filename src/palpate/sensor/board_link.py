@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from palpate.clock import Clock
@@ -18,8 +19,13 @@ from palpate.sensor.wire_messages import (
     SetRate,
 )
 
-#: A board that was reset by opening its port spends about 2 s in its boot loader.
-ANSWER_TIMEOUT_S = 4.0
+#: Opening its port resets most boards, and any byte keeps a boot loader in its programming mode:
+#: the firmware's own first message is awaited in silence. The stock boot loader of a Mega takes
+#: 0.9 s, and 5.2 s where a byte was on its way to it (both on the simulator): what was being sent
+#: to a board that falls silent is such a byte.
+LISTEN_S, RESTART_S = 2.0, 6.0
+#: After that, an answer is missing from this time on.
+ANSWER_TIMEOUT_S = 2.0
 #: An answer that has not come by then is lost (docs/protocol.md; 1 s at 9600 baud).
 RESEND_S = 0.3
 #: Bytes are fetched in bulk this often: a quarter of the time between frames at 500 Hz at most.
@@ -30,6 +36,8 @@ _FIRMWARE_S_PER_PIXEL = 10e-6  # docs/protocol.md
 
 class BoardLink:
     """Feeds a decoder from a stream and carries out lists of commands without ever waiting.
+
+    Nothing is sent until the board has been heard, or `LISTEN_S` have passed.
 
     `decoder`: to go on counting with after a reconnect.
     """
@@ -48,6 +56,7 @@ class BoardLink:
         self._asked_s = 0.0
         self._bytes_seen = 0
         self._heard = False
+        self._listen_until_s = clock.now_s() + LISTEN_S
 
     @property
     def busy(self) -> bool:
@@ -63,6 +72,10 @@ class BoardLink:
         self._heard = False
         self._next_command()
 
+    def listen(self) -> None:
+        """Send nothing until the board is heard, or `RESTART_S` have passed: it may be starting."""
+        self._listen_until_s = self._clock.now_s() + RESTART_S
+
     def poll(self) -> list[FrameMessage]:
         """Take what has come, send what is due; return the frames, if all commands are answered.
 
@@ -73,6 +86,7 @@ class BoardLink:
         frames: list[FrameMessage] = []
         for message in self.decoder.feed(data) if data else ():
             self._heard = True
+            self._listen_until_s = -math.inf
             if isinstance(message, FrameMessage):
                 if not self._todo:
                     frames.append(message)
@@ -100,11 +114,13 @@ class BoardLink:
     def _next_command(self) -> None:
         # Tags 1 to 255: an identity with tag 0 was not asked for.
         self._tag = self._tag % 255 + 1
-        self._asked_s = self._clock.now_s()
+        self._asked_s = max(self._clock.now_s(), self._listen_until_s)
         self._sent_s = -float("inf")
 
     def _send_if_due(self) -> None:
         now_s = self._clock.now_s()
+        if now_s < self._listen_until_s:
+            return
         if now_s - self._asked_s > ANSWER_TIMEOUT_S:
             raise self._silence()
         if now_s - self._sent_s >= RESEND_S:
@@ -141,14 +157,18 @@ class BoardLink:
         self._next_command()
 
     def _silence(self) -> DeviceError:
-        name = self.stream.name
+        name, waited_s = self.stream.name, LISTEN_S + ANSWER_TIMEOUT_S
         if self._bytes_seen and not self._heard:
             return WireError(
-                f"{name}: {self._bytes_seen} bytes but no valid packet in {ANSWER_TIMEOUT_S:g} s: "
+                f"{name}: {self._bytes_seen} bytes but no valid packet in {waited_s:g} s: "
                 "the baud rate is another, or the board runs other firmware (`palpate flash`)"
             )
+        if self._heard:
+            return DeviceTimeoutError(
+                f"{name}: the board sends, and answers nothing. Is another program using the port?"
+            )
         return DeviceTimeoutError(
-            f"{name}: no answer from the board in {ANSWER_TIMEOUT_S:g} s. Check its power, then "
+            f"{name}: no answer from the board in {waited_s:g} s. Check its power, then "
             "put palpate's firmware on it with `palpate flash`."
         )
 

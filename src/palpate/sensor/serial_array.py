@@ -23,6 +23,7 @@ from palpate.sensor.wire_messages import (
     Contents,
     FrameMessage,
     Identify,
+    Ping,
     SetCeiling,
     SetLayout,
     SetOversampling,
@@ -35,6 +36,8 @@ from palpate.sensor.wire_messages import (
 _REOPEN_S = 0.25
 #: Frames older than this on arrival in the program count as late: 5 periods, at least 100 ms.
 _LATE_PERIODS, _LATE_S = 5, 0.1
+#: A board is pinged while its frames come: at most 3 periods and what an adapter holds back.
+_PING_PERIODS, _PING_S = 3, 0.02
 #: Without a frame for this long the stream is set up again: 10 periods, at least 0.5 s.
 _SILENT_PERIODS, _SILENT_S = 10, 0.5
 
@@ -214,6 +217,8 @@ class SerialArray:
     def send(self, command: Command) -> None:
         """Send a command without waiting for its answer (heartbeat, pressure, ceiling).
 
+        A ping to a board that is starting or silent is left out: it would keep the boot loader.
+
         Raises
         ------
         DeviceError
@@ -221,7 +226,9 @@ class SerialArray:
         """
         if self._link is None:
             raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
-        self._link.send(command)
+        silent = self._clock.now_s() - self._heard_s > _PING_PERIODS / self._rate_hz + _PING_S
+        if not (isinstance(command, Ping) and (silent or self._link.busy)):
+            self._link.send(command)
 
     def arm_ceiling(self, counts: int) -> None:
         """Set the reading of a pixel at which the board vents and lowers its safe line.
@@ -275,6 +282,8 @@ class SerialArray:
         if frames or self._link.busy:
             self._take(frames)
         silent = now_s - self._heard_s > max(_SILENT_S, _SILENT_PERIODS / self._rate_hz)
+        if silent and not self._link.was_reset:
+            self._link.listen()
         if self._link.was_reset or silent:
             self._begin(self._link)
 

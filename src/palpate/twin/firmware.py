@@ -30,6 +30,7 @@ _LONGEST_RUN_S = 1.0
 
 _SIGNATURES: dict[str, tuple[object, list[object]]] = {
     "board_open": (ctypes.c_void_p, [ctypes.c_char_p, ctypes.c_uint32, ctypes.c_uint64]),
+    "board_load_boot": (ctypes.c_int, [ctypes.c_void_p, ctypes.c_char_p]),
     "board_close": (None, [ctypes.c_void_p]),
     "board_run": (ctypes.c_int, [ctypes.c_void_p, ctypes.c_uint64]),
     "board_cycle": (ctypes.c_uint64, [ctypes.c_void_p]),
@@ -38,6 +39,7 @@ _SIGNATURES: dict[str, tuple[object, list[object]]] = {
     "board_output_duty": (ctypes.c_double, [ctypes.c_void_p]),
     "board_pressure": (ctypes.c_double, [ctypes.c_void_p]),
     "board_safe_line": (ctypes.c_int, [ctypes.c_void_p]),
+    "board_safe_edges": (ctypes.c_uint32, [ctypes.c_void_p]),
     "board_reset": (None, [ctypes.c_void_p]),
     "board_hang": (None, [ctypes.c_void_p]),
     "board_set_noise_mv": (None, [ctypes.c_void_p, ctypes.c_float]),
@@ -76,10 +78,19 @@ class FirmwareBoard:
     `elf`: image to run; the one for 1 Mbaud by default.
     `baud`: speed of the serial line.
     `seed`: seed of the converter's noise.
+    `boot_loader`: Intel hex of the boot loader that it starts in, as a bought board does; none by
+        default.
     Raises `DeviceNotFoundError` if simulator or image have not been built.
     """
 
-    def __init__(self, elf: Path | None = None, *, baud: int = 1_000_000, seed: int = 0) -> None:
+    def __init__(
+        self,
+        elf: Path | None = None,
+        *,
+        baud: int = 1_000_000,
+        seed: int = 0,
+        boot_loader: Path | None = None,
+    ) -> None:
         self._board: int | None = None
         self._library = _library()
         path = BUILD / "palpate-mega2560.elf" if elf is None else elf
@@ -91,6 +102,10 @@ class FirmwareBoard:
         self._board = self._library.board_open(str(path).encode(), baud, seed)
         if not self._board:
             raise DeviceNotFoundError(f"{path} is not an image that the simulator can run")
+        if boot_loader is not None:
+            name = str(boot_loader).encode()
+            if not boot_loader.is_file() or self._library.board_load_boot(self._board, name):
+                raise DeviceNotFoundError(f"{boot_loader} is no boot loader in Intel hex")
         self._bytes = np.empty(_OUT_BYTES, dtype=np.uint8)
         self._cycles = np.empty(_OUT_BYTES, dtype=np.uint64)
 
@@ -177,6 +192,11 @@ class FirmwareBoard:
     def safe_line(self) -> bool:
         """Level of the safe line."""
         return bool(self._library.board_safe_line(self._board))
+
+    @property
+    def safe_line_edges(self) -> int:
+        """Changes of the safe line's level so far."""
+        return int(self._library.board_safe_edges(self._board))
 
     def close(self) -> None:
         """Switch it off; calling it again does nothing."""

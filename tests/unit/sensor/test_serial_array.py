@@ -17,6 +17,7 @@ import pytest
 from palpate.clock import ManualClock
 from palpate.errors import DeviceError, DeviceNotFoundError, DeviceTimeoutError, WireError
 from palpate.sensor.array import RIGID_LAYOUT, SOFT_LAYOUT
+from palpate.sensor.board_link import LISTEN_S, RESTART_S, BoardLink
 from palpate.sensor.byte_stream import SerialStream
 from palpate.sensor.ports import Port, find_port
 from palpate.sensor.serial_array import SerialArray
@@ -26,6 +27,8 @@ from palpate.sensor.wire_messages import (
     BoardIdentity,
     CommandType,
     FrameMessage,
+    Identify,
+    Ping,
     Result,
     SetPressure,
 )
@@ -270,7 +273,47 @@ def test_lost_commands_are_sent_again(bench: Bench) -> None:
     board.deaf_to = 3
     array = connect(bench, board)
     assert array.read(timeout_s=0.1).sequence == 0
-    assert bench.now_s() == pytest.approx(100.9, abs=0.05)
+    assert bench.now_s() == pytest.approx(100.9 + LISTEN_S, abs=0.05)
+
+
+def test_nothing_is_sent_before_the_board_is_heard(bench: Bench) -> None:
+    """A byte in its first second would keep it in its boot loader."""
+    board = bench.board()
+    link = BoardLink(bench.open(board.port), clock=bench)
+    link.begin([Identify()])
+    while bench.now_s() < 101.2:
+        bench.sleep_s(0.01)
+        link.poll()
+    assert board.seen == []
+    board.reset(bench.now_s())
+    link.poll()
+    link.poll()
+    bench.sleep_s(0.01)
+    assert board.seen == [CommandType.IDENTIFY]
+    while link.busy:
+        bench.sleep_s(0.01)
+        link.poll()
+    assert bench.now_s() < 101.3
+
+
+def test_a_silent_board_is_not_pinged(bench: Bench) -> None:
+    board = bench.board()
+    array = connect(bench, board)
+    array.read(timeout_s=0.1)
+    array.send(Ping())
+    bench.sleep_s(0.01)
+    assert board.seen[-1] == CommandType.PING
+    board.started_us = None
+    told, until_s = len(board.seen), bench.now_s() + RESTART_S
+    while bench.now_s() < until_s:
+        bench.sleep_s(0.05)
+        array.newest()
+        array.send(Ping())
+        # Its last frames have only just been read.
+        if bench.now_s() < until_s - RESTART_S + 0.11:
+            told = len(board.seen)
+    assert len(board.seen) == told
+    assert array.read(timeout_s=1.0).sequence > 0
 
 
 @pytest.mark.parametrize("drift_ppm", [-4000.0, 0.0, 50.0, 4000.0])
@@ -335,7 +378,7 @@ def test_unplugged_and_plugged_in_again(bench: Bench) -> None:
         array.send(SetPressure(target_kpa=0.0, slew_kpa_per_s=20.0))
     board.plug()
     board.reset(bench.now_s())
-    after = [array.read(timeout_s=2.0) for _ in range(20)]
+    after = [array.read(timeout_s=LISTEN_S + 1.0) for _ in range(20)]
     assert after[0].sequence > before[-1].sequence
     assert np.diff([frame.sequence for frame in after]).tolist() == [1] * 19
     assert after[0].time_s == pytest.approx(bench.now_s(), abs=0.1)
@@ -384,7 +427,7 @@ def test_a_reset_whose_word_is_lost_is_noticed_by_the_silence(bench: Bench) -> N
     array = connect(bench, board)
     array.read(timeout_s=0.1)
     board.started_us = None
-    assert array.read(timeout_s=2.0).sequence > 0
+    assert array.read(timeout_s=RESTART_S + 1.0).sequence > 0
     assert array.counters.restarts == 1
 
 

@@ -1,0 +1,98 @@
+"""A board as it is sold, with a boot loader in front: connecting, resets, the watchdog."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from tests.conftest import skip
+
+from palpate.clock import ManualClock
+from palpate.errors import DeviceError, DeviceTimeoutError
+from palpate.gripper.pneumatic import PneumaticGripper
+from palpate.sensor.array import RIGID_LAYOUT
+from palpate.sensor.ports import ask_identity
+from palpate.sensor.serial_array import SerialArray
+from palpate.sensor.wire import Decoder, encode_command
+from palpate.sensor.wire_messages import BoardMessage, Contents, Identify, Ping
+from palpate.twin.firmware import FirmwareBoard, FirmwareStream
+from palpate.twin.world import World
+
+pytestmark = pytest.mark.usefixtures("firmware_built")
+
+#: Debian's package arduino-core-avr has the Mega's own.
+STOCK = Path(
+    "/usr/share/arduino/hardware/arduino/avr/bootloaders/stk500v2/stk500boot_v2_mega2560.hex"
+)
+#: A board must be connected within this time from its reset, seconds.
+CONNECTED_S = 2.5
+
+
+@contextmanager
+def boards(seed: int = 1) -> Iterator[tuple[World, FirmwareBoard, FirmwareStream]]:
+    """Yield a board that has just been reset by opening its port, wired to the twin's pixels."""
+    if not STOCK.is_file():
+        skip(f"no boot loader at {STOCK}: install arduino-core-avr")
+    world = World(None, seed=3, clock=ManualClock(50.0))
+    board = FirmwareBoard(seed=seed, boot_loader=STOCK)
+    stream = FirmwareStream(world, board=board)
+    try:
+        yield world, board, stream
+    finally:
+        stream.close()
+
+
+def connected(world: World, stream: FirmwareStream, **options: Contents) -> SerialArray:
+    return SerialArray(
+        stream, clock=world.clock, layout=RIGID_LAYOUT, rate_hz=50.0, reopen=None, **options
+    )
+
+
+def test_a_board_that_starts_in_its_boot_loader_is_connected() -> None:
+    for seed in range(3):
+        with boards(seed) as (world, _, stream):
+            begin_s = world.clock.now_s()
+            array = connected(world, stream)
+            assert array.read(timeout_s=0.2).sequence == 0
+            assert 0.5 < world.clock.now_s() - begin_s < CONNECTED_S
+
+
+def test_who_asks_at_once_gets_no_answer() -> None:
+    """What the tests here guard against: bytes in time keep the boot loader."""
+    with boards() as (world, _, stream):
+        decoder, found = Decoder(), list[BoardMessage]()
+        for tag in range(1, 13):
+            stream.write(encode_command(Identify(), tag=tag))
+            world.clock.sleep_s(0.3)
+            found += decoder.feed(stream.read_waiting())
+        assert found == []
+
+
+def test_ports_flash_and_doctor_ask_in_the_same_way() -> None:
+    with boards() as (world, _, stream):
+        begin_s = world.clock.now_s()
+        assert ask_identity(stream, clock=world.clock).board == "Arduino Mega 2560"
+        assert world.clock.now_s() - begin_s < CONNECTED_S
+
+
+@pytest.mark.parametrize(("how", "longest_s"), [("reset", 7.0), ("hang", CONNECTED_S)])
+def test_a_board_that_restarts_through_its_boot_loader_goes_on(how: str, longest_s: float) -> None:
+    """Fingers under pressure are pinged; where a ping is on its way at a reset, it takes longer."""
+    with boards() as (world, board, stream):
+        array = connected(world, stream, contents=Contents.PRESSURE)
+        gripper = PneumaticGripper(array, clock=world.clock)
+        before_s = [array.read(timeout_s=0.2).time_s for _ in range(10)][-1]
+        getattr(board, how)()
+        array.send(Ping())
+        after_s = math.nan
+        while math.isnan(after_s) and world.clock.now_s() < before_s + longest_s:
+            with suppress(DeviceError):
+                gripper.state()
+            with suppress(DeviceTimeoutError):
+                found_s = array.read(timeout_s=0.05).time_s
+                after_s = found_s if array.counters.restarts else math.nan
+        assert 0.5 < after_s - before_s < longest_s
+        assert array.counters.restarts == 1
