@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.settling.exponential import Exponential
+from palpate.settling.percent import for_unit
 from palpate.settling.recorded import Recorded
 from palpate.settling.relaxation import Relaxation
 from palpate.settling.result import SettlingMethod, Status
@@ -233,7 +234,9 @@ def _errors(values: FloatArray, *, speed: float) -> dict[tuple[str, str], Predic
         settled = values[:, (after_s > HOLD_S - 0.5) & (after_s <= HOLD_S)].mean(axis=1)
         seen = (after_s >= 0) & (after_s <= CUTOFF_S)
         for name, method in METHODS.items():
-            predicted = method.predict(after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9)
+            predicted = for_unit(method, "percent").predict(
+                after_s[seen], values[:, seen], horizon_s=HOLD_S, level=0.9
+            )
             low, high = (np.asarray(end, dtype=float) for end in (predicted.low, predicted.high))
             found[clock, name] = Predicted(
                 error_percent=np.abs(100 * (np.asarray(predicted.value) / settled - 1)),
