@@ -3,8 +3,9 @@
 Run `python benchmarks/stop.py`. For each size of the folder it serves one with as many grasps in
 its history, opens one and three pages in Chromium, lets a new recording appear every two seconds,
 and asks for stops: half over a connection that is kept, half over a new one. The time is from the
-request to the answer that the stop reached the hand. Ends with status 1 if a 99th percentile is
-above the limit.
+request to the answer that the stop reached the hand. The browsers get what the server and the
+devices leave of the processors, as if they were on machines of their own. Ends with status 1 if a
+99th percentile is above the limit.
 """
 
 from __future__ import annotations
@@ -124,6 +125,16 @@ def measure(address: str, *, count: int) -> list[float]:
     return found
 
 
+def step_back(parent: int) -> None:
+    """Lower the priority of every thread of a process's children, and of theirs."""
+    from benchmarks.dashboard import children_of
+
+    for child in children_of(parent):
+        for thread in Path(f"/proc/{child}/task").iterdir():
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), 19)
+        step_back(child)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=int, nargs="+", default=[10, 1000, 100_000])
@@ -131,7 +142,7 @@ def main() -> None:
     parser.add_argument("--stops", type=int, default=200)
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
-    from benchmarks.dashboard import CHROMIUM, look, serving
+    from benchmarks.dashboard import CHROMIUM, children_of, look, serving
     from playwright.sync_api import sync_playwright
 
     late = False
@@ -141,12 +152,15 @@ def main() -> None:
             original = fill(folder / "data", count)
             os.environ["PALPATE_STORE"] = str(folder / "items.sqlite")
             served = serving(folder / "data", Path("sim-rigid"), "--object", "avocado-day-3")
-            address, _ = stack.enter_context(served)
+            address, server = stack.enter_context(served)
             play = stack.enter_context(sync_playwright())
             browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
             stack.callback(browser.close)
             for viewers in options.viewers:
                 pages = [look(browser, f"{address}recordings") for _ in range(viewers)]
+                for child in children_of(os.getpid()):
+                    if child != server:
+                        step_back(child)
                 time.sleep(5.0)
                 with arriving(folder / "data", original):
                     ms = measure(address, count=options.stops)

@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.dashboard.activity import Activity
 from palpate.dashboard.device_client import DeviceClient
 from palpate.dashboard.folder import (
     RecordingList,
@@ -91,6 +90,9 @@ class AppState:
         self._heard_s: float | None = None
         #: Number of the newest stop that the devices' process confirmed.
         self._stop_confirmed = 0
+        #: Each wakes a stop that waits for its confirmation.
+        self._waiting = set[Callable[[], object]]()
+        self._lost = False
 
     async def open(self) -> None:
         """Start the devices' process, wait until it can receive a stop, and open the first rig."""
@@ -119,12 +121,20 @@ class AppState:
 
         On any event loop: it waits for nothing but the devices.
         """
-        number, until_s = self.session.stop(), time.monotonic() + patience_s
-        while self._stop_confirmed < number:
-            if self.session.devices.activity is Activity.GONE or time.monotonic() > until_s:
-                return False
-            await asyncio.sleep(_LOOK_S)
-        return True
+        heard = asyncio.Event()
+        wake = partial(asyncio.get_running_loop().call_soon_threadsafe, heard.set)
+        self._waiting.add(wake)
+        try:
+            number = self.session.stop()
+            async with asyncio.timeout(patience_s):
+                while self._stop_confirmed < number and not self._lost:
+                    await heard.wait()
+                    heard.clear()
+        except TimeoutError:
+            pass
+        finally:
+            self._waiting.discard(wake)
+        return self._stop_confirmed >= number
 
     def grasp_order(
         self, *, target_force_n: float | None, item_id: str = "", kind: str = ""
@@ -296,6 +306,9 @@ class AppState:
         if isinstance(update, Update):
             stops = [note.number for note in update.notes if isinstance(note, StopConfirmed)]
             self._stop_confirmed = max([self._stop_confirmed, *stops])
+        self._lost = isinstance(update, DevicesLost)
+        for wake in tuple(self._waiting):
+            wake()
         loop = self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self.session.devices.take, update)

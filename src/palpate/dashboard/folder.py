@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import heapq
+import math
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from datetime import datetime
 from functools import lru_cache
@@ -27,47 +28,61 @@ _TICK_NS = 2_000_000_000
 class RecordingList:
     """The newest recordings of a folder, which may hold hundreds of thousands.
 
-    It is read again only when names came, changed or went since; used by several threads.
+    Its names are read again only when some came, changed or went, and only new files are asked when
+    they were written. Used by several threads.
 
     Parameters
     ----------
     folder : Path
         The folder; it need not be there yet.
+    now_ns : callable
+        The wall's time, nanoseconds.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._lock = folder, Lock()
-        self._changed_ns: int | None = None
-        self._newest: list[Path] = []
+    def __init__(self, folder: Path, *, now_ns: Callable[[], int] = time.time_ns) -> None:
+        self._folder, self._now_ns, self._lock = folder, now_ns, Lock()
+        #: When the folder had changed last when it was read, and when it is to be read once more.
+        self._changed_ns, self._again_ns = -1, math.inf
+        #: When each recording was last written, as it was when its name was new.
+        self._written_s = dict[str, float]()
+        self._newest: list[str] = []
 
     def newest(self) -> list[tuple[Path, os.stat_result]]:
         """Return the newest recordings, at most `LISTED`, with what the folder knows of them."""
         with self._lock:
             try:
                 changed_ns = self._folder.stat().st_mtime_ns
+                now_ns = self._now_ns()
+                if changed_ns != self._changed_ns or now_ns > self._again_ns:
+                    self._look_again()
+                    self._changed_ns = changed_ns
+                    # Within one tick of the file system's clock more may have followed.
+                    unsettled = now_ns - changed_ns < _TICK_NS
+                    self._again_ns = now_ns + _TICK_NS if unsettled else math.inf
             except OSError:
                 return []
-            if changed_ns != self._changed_ns:
-                found = heapq.nlargest(LISTED, _recordings_in(self._folder))
-                self._newest = [self._folder / name for _, name in found]
-                # Within one tick of the file system's clock more may follow.
-                settled = time.time_ns() - changed_ns > _TICK_NS
-                self._changed_ns = changed_ns if settled else None
-            files = self._newest
+            names = self._newest
         listed = []
-        for file in files:
+        for name in names:
             with suppress(OSError):  # it has gone meanwhile
-                listed.append((file, file.stat()))
+                listed.append((self._folder / name, (self._folder / name).stat()))
         return sorted(listed, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
 
-
-def _recordings_in(folder: Path) -> Iterator[tuple[float, str]]:
-    """Yield when each recording was last written, and its name."""
-    with suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            if entry.name.endswith(_ENDING):
-                with suppress(OSError):  # a dangling link, or it has gone meanwhile
-                    yield entry.stat().st_mtime, entry.name
+    def _look_again(self) -> None:
+        names = {name for name in os.listdir(self._folder) if name.endswith(_ENDING)}
+        for gone in self._written_s.keys() - names:
+            del self._written_s[gone]
+        new = names - self._written_s.keys()
+        for name in new:
+            with suppress(OSError):  # a dangling link, or it has gone meanwhile
+                self._written_s[name] = (self._folder / name).stat().st_mtime
+        # Another can follow only where one of the newest has gone.
+        whole = not names.issuperset(self._newest)
+        self._newest = heapq.nlargest(
+            LISTED,
+            self._written_s if whole else self._written_s.keys() & {*self._newest, *new},
+            key=lambda name: (self._written_s[name], name),
+        )
 
 
 def new_recording(folder: Path, what: str) -> Path:

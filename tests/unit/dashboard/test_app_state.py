@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Iterator
+import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -75,27 +74,39 @@ def test_a_link_that_leads_nowhere_does_not_take_the_others_away(tmp_path: Path)
 def test_recording_list_is_read_again_only_when_the_folder_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scanned: list[Path] = []
+    read: list[Path] = []
 
-    def scandir(folder: Path) -> Any:
-        scanned.append(folder)
-        return real_scandir(folder)
+    def listdir(folder: Path) -> list[str]:
+        read.append(folder)
+        return real_listdir(folder)
 
-    real_scandir = os.scandir
-    monkeypatch.setattr(folder_module.os, "scandir", scandir)
+    real_listdir = os.listdir
+    monkeypatch.setattr(folder_module.os, "listdir", listdir)
     for number in range(LISTED + 5):
         (tmp_path / f"{number:03d}.mcap").touch()
         os.utime(tmp_path / f"{number:03d}.mcap", (1e9 + number, 1e9 + number))
     os.utime(tmp_path, (1e9, 1e9))
-    recordings = RecordingList(tmp_path)
+    now_ns = [time.time_ns()]
+    recordings = RecordingList(tmp_path, now_ns=lambda: now_ns[0])
     for _ in range(3):
         assert recordings.newest()[0][0].name == f"{LISTED + 4:03d}.mcap"
-    assert (len(scanned), len(recordings.newest())) == (1, LISTED)
+    assert (len(read), len(recordings.newest())) == (1, LISTED)
     (tmp_path / "new.mcap").touch()
     assert recordings.newest()[0][0].name == "new.mcap"
-    # A name may follow within the same tick of the clock: then it is read again.
     recordings.newest()
-    assert len(scanned) == 3
+    assert len(read) == 2
+    # A name may have followed within the same tick of the clock: it is read once more.
+    for _ in range(5):
+        now_ns[0] += 3_000_000_000
+        recordings.newest()
+    assert len(read) == 3
+    (tmp_path / "new.mcap").rename(tmp_path / "older.mcap")
+    assert [file.name for file, _ in recordings.newest()][:2] == ["older.mcap", "104.mcap"]
+    for file, _ in recordings.newest()[:-1]:
+        file.unlink()
+    assert [file.name for file, _ in recordings.newest()] == [
+        f"{n:03d}.mcap" for n in range(6, -1, -1)
+    ]
 
 
 def test_recording_list_leaves_out_a_file_that_vanishes(
@@ -103,21 +114,15 @@ def test_recording_list_leaves_out_a_file_that_vanishes(
 ) -> None:
     """Files go while they are listed."""
 
-    class Vanishing:
-        def __init__(self, folder: Path) -> None:
-            self._entries = list(real_scandir(folder))
+    def listdir(folder: Path) -> list[str]:
+        names = real_listdir(folder)
+        for name in names:
+            if "gone" in name:
+                (folder / name).unlink()
+        return names
 
-        def __enter__(self) -> Iterator[os.DirEntry[str]]:
-            for entry in self._entries:
-                if "gone" in entry.name:
-                    os.unlink(entry.path)
-            return iter(self._entries)
-
-        def __exit__(self, *error: object) -> None:
-            return
-
-    real_scandir = os.scandir
+    real_listdir = os.listdir
     for name in ("gone-1.mcap", "run.mcap", "gone-2.mcap"):
         (tmp_path / name).touch()
-    monkeypatch.setattr(folder_module.os, "scandir", Vanishing)
+    monkeypatch.setattr(folder_module.os, "listdir", listdir)
     assert names_in(tmp_path) == ["run.mcap"]
