@@ -14,6 +14,8 @@ import argparse
 import http.client
 import json
 import os
+import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -109,12 +111,33 @@ def stop_ms(connection: http.client.HTTPConnection) -> float:
     return took_ms
 
 
-def measure(address: str, *, count: int) -> list[float]:
-    """Ask for stops at odd moments; return how long each took, ms."""
-    host, moments = urlsplit(address).netloc, np.random.default_rng(1)
+@contextmanager
+def echo() -> Iterator[socket.socket]:
+    """Yield a connection to a process that sends every byte back: the machine's own delays."""
+    here, there = socket.socketpair()
+    program = f"import socket\ns = socket.socket(fileno={there.fileno()})\n"
+    program += "while part := s.recv(1): s.send(part)"
+    with here, subprocess.Popen([sys.executable, "-c", program], pass_fds=[there.fileno()]):
+        there.close()
+        yield here
+        here.shutdown(socket.SHUT_RDWR)
+
+
+def echo_ms(connection: socket.socket) -> float:
+    """Return how long a byte took to another process and back."""
+    began_s = time.perf_counter()
+    connection.send(b"x")
+    connection.recv(1)
+    return 1e3 * (time.perf_counter() - began_s)
+
+
+def measure(address: str, *, count: int, bare: socket.socket) -> tuple[list[float], list[float]]:
+    """Ask for stops at odd moments; return how long each took, and each bare round trip, ms."""
+    host, moments, echoes = urlsplit(address).netloc, np.random.default_rng(1), []
     kept, found = http.client.HTTPConnection(host, timeout=30), []
     for number in range(count):
         time.sleep(float(moments.uniform(0.5, 1.5)) * EVERY_S)
+        echoes.append(echo_ms(bare))
         if number % 2:
             found.append(stop_ms(kept))
         else:
@@ -122,7 +145,7 @@ def measure(address: str, *, count: int) -> list[float]:
             found.append(stop_ms(fresh))
             fresh.close()
     kept.close()
-    return found
+    return found, echoes
 
 
 def step_back(parent: int) -> None:
@@ -162,15 +185,16 @@ def main() -> None:
                     if child != server:
                         step_back(child)
                 time.sleep(5.0)
-                with arriving(folder / "data", original):
-                    ms = measure(address, count=options.stops)
+                with arriving(folder / "data", original), echo() as bare:
+                    ms, bare_ms = measure(address, count=options.stops, bare=bare)
                 for page in pages:
                     page.context.close()
                 p50, p90, p99 = np.quantile(ms, [0.5, 0.9, 0.99])
                 late |= p99 > LIMIT_MS
                 print(
                     f"{count} recordings, {viewers} viewers: median {p50:.0f} ms, p90 {p90:.0f}, "
-                    f"p99 {p99:.0f}, longest {max(ms):.0f} (n {len(ms)}); "
+                    f"p99 {p99:.0f}, longest {max(ms):.0f} (n {len(ms)}); a byte to a process and "
+                    f"back p99 {np.quantile(bare_ms, 0.99):.0f}, longest {max(bare_ms):.0f}; "
                     f"load {os.getloadavg()[0]:.1f}",
                     flush=True,
                 )

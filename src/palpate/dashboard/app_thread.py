@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import Awaitable
 from threading import Thread
 from typing import TypeVar
@@ -10,6 +11,10 @@ from typing import TypeVar
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _T = TypeVar("_T")
+#: Python lets another thread run this often, seconds. While a page was being built, an answer of a
+#: direct path took 13.8 ms (p99 41) at the usual 5 ms, and 1.3 ms (p99 18) at this; the median of
+#: 150, two loaded cores.
+_SWITCH_S = 0.0005
 
 
 class AppThread:
@@ -33,10 +38,13 @@ class AppThread:
         self._thread = Thread(target=self._runner.run, args=(self._closed.wait(),), name="pages")
 
     def __enter__(self) -> AppThread:
+        self._usual_switch_s = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH_S)
         self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
+        sys.setswitchinterval(self._usual_switch_s)
         self._loop.call_soon_threadsafe(self._closed.set)
         self._thread.join()
         self._runner.close()

@@ -69,18 +69,26 @@ class RecordingList:
         return sorted(listed, key=lambda one: (one[1].st_mtime, one[0].name), reverse=True)
 
     def _look_again(self) -> None:
-        names = {name for name in os.listdir(self._folder) if name.endswith(_ENDING)}
-        for gone in self._written_s.keys() - names:
-            del self._written_s[gone]
-        new = names - self._written_s.keys()
+        # Loops, and no sets: those would hold up every other thread for as long as they take.
+        names = os.listdir(self._folder)
+        found, new = 0, []
+        for name in names:
+            if name in self._written_s:
+                found += 1
+            elif name.endswith(_ENDING):
+                new.append(name)
+        is_any_gone = found < len(self._written_s)
+        if is_any_gone:
+            there = set(names)
+            self._written_s = {n: s for n, s in self._written_s.items() if n in there}
         for name in new:
             with suppress(OSError):  # a dangling link, or it has gone meanwhile
                 self._written_s[name] = (self._folder / name).stat().st_mtime
-        # Another can follow only where one of the newest has gone.
-        whole = not names.issuperset(self._newest)
+        # Without a loss only a new one can take the place of one of the newest.
+        candidates = self._written_s if is_any_gone else {*self._newest, *new}
         self._newest = heapq.nlargest(
             LISTED,
-            self._written_s if whole else self._written_s.keys() & {*self._newest, *new},
+            (name for name in candidates if name in self._written_s),
             key=lambda name: (self._written_s[name], name),
         )
 

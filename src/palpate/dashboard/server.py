@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import socket
 import tempfile
@@ -114,6 +115,8 @@ def serve(
     if not is_loopback(host):
         app_state.address, code = address, qr_text(address)
     app.router.on_startup.append(lambda: announce(address, code))
+    # A full collection of all that was imported would hold up every thread for 0.1 s.
+    gc.freeze()
     with listening, threaded:
         uvicorn.Server(config).run(sockets=[listening])
 
