@@ -97,8 +97,8 @@ class AccessControl:
         sends it each time, in the header ``Authorization: Bearer TOKEN``.
     loopback : bool
         Whether it is served on the loopback alone.
-    wait : callable
-        Waits for some seconds.
+    now_s, wait : callable
+        A clock, and what waits for some seconds of it.
     """
 
     def __init__(
@@ -107,10 +107,11 @@ class AccessControl:
         *,
         token: str | None,
         loopback: bool,
+        now_s: Callable[[], float] = time.monotonic,
         wait: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self.app, self._token, self._loopback, self._wait = app, token, loopback, wait
-        self._wrong = WrongTries()
+        self._wrong = WrongTries(now_s)
         #: Drawn, so that no guess of the token shows in it.
         self._cookie = secrets.token_urlsafe(32)
 
