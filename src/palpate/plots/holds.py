@@ -57,7 +57,9 @@ def plot_holds(
     drawn = holds[:MOST_HOLDS]
     figure = settle_figure(
         [Panel(title=hold.hold_id, hold=hold, cutoff_s=cutoff_s) for hold in drawn],
-        methods={method: for_hold(method_named(method), drawn[0])},
+        methods={
+            method: for_hold(method_named(method), unit=drawn[0].unit, loading_s=drawn[0].loading_s)
+        },
         horizon_s=horizon_s,
         level=level,
     )

@@ -108,7 +108,7 @@ def decide_holds(
                 decision = first_sure(
                     hold.time_s,
                     hold.values,
-                    method=for_hold(method, hold),
+                    method=for_hold(method, unit=hold.unit, loading_s=hold.loading_s),
                     half_width_percent=half_width_percent,
                     horizon_s=horizon_s,
                     level=level,
@@ -199,7 +199,8 @@ def _predict_batch(
         if not time_s.size:
             continue
         values = np.stack([batch[index].values[: time_s.size] for index in indices])
-        suited = for_hold(method, batch[indices[0]])
+        hold = batch[indices[0]]
+        suited = for_hold(method, unit=hold.unit, loading_s=hold.loading_s)
         estimate = suited.predict(time_s, values, horizon_s=horizon_s, level=level)
         for row, index in enumerate(indices):
             found[index] = estimate.hold(row)

@@ -52,11 +52,11 @@ def for_unit(method: SettlingMethod, unit: str | None) -> SettlingMethod:
     return InPercent(method=method) if unit == PERCENT else method
 
 
-def for_hold(method: SettlingMethod, hold: Hold) -> SettlingMethod:
+def for_hold(method: SettlingMethod, *, unit: str | None, loading_s: float) -> SettlingMethod:
     """Return the method for what is known of a hold: its unit, and how long loading took."""
-    if isinstance(method, Relaxation) and hold.loading_s > 0:
-        method = replace(method, loading_s=hold.loading_s)
-    return for_unit(method, hold.unit)
+    if loading_s > 0 and isinstance(method, Relaxation):
+        method = replace(method, loading_s=loading_s)
+    return for_unit(method, unit)
 
 
 def of_rest(percent: FloatArray) -> FloatArray:

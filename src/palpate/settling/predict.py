@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
@@ -106,14 +105,14 @@ def predict_settled(
     if isinstance(time_s, Hold):
         if values is not None:
             raise InputError("a hold has its values already; leave `values` out")
-        hold = replace(time_s, unit=unit or time_s.unit)
-        times, samples = hold.time_s, hold.values
+        unit, loading_s = unit or time_s.unit, time_s.loading_s
+        times, samples = time_s.time_s, time_s.values
     elif values is None:
         raise InputError("give a Hold, or both time_s and values")
     else:
         times = np.asarray(time_s, dtype=np.float64)
         samples = np.asarray(values, dtype=np.float64)
-        hold = Hold(hold_id="", channel=None, time_s=times, values=samples, unit=unit)
+        loading_s = 0.0
     if times.ndim != 1 or samples.ndim not in (1, 2) or samples.shape[-1] != times.size:
         raise InputError(
             f"values of shape {samples.shape} don't fit time_s of shape {times.shape}; give time_s "
@@ -135,7 +134,7 @@ def predict_settled(
             f"values of hold {row} at {times[sample]:g} s: {used[row, sample]} is not a finite "
             "number; drop such samples or cut the hold before them"
         )
-    predictor = for_hold(chosen, hold)
+    predictor = for_hold(chosen, unit=unit, loading_s=loading_s)
     blocks = [
         predictor.predict(times[:stop], used[start:end], horizon_s=horizon_s, level=level)
         for start, end in _blocks(len(used))
