@@ -4,7 +4,7 @@
 //   A0 ADC0  divider              49-46 PL0-3  row multiplexer select, low bit first
 //   A1 ADC1  pressure read-back   45-42 PL4-7  column multiplexer select, low bit first
 //   5  PE3   pressure output      22-29 PA0-7  row lines 0-7 direct: selected high, idle grounded
-//   13 PB7   safe line            37-30 PC0-7  row lines 8-15 direct, likewise
+//   8  PH5   safe line            37-30 PC0-7  row lines 8-15 direct, likewise
 //   41 PG0, 14 PJ1  load cell 0 clock, data      39 PG2, 38 PD7  load cell 1 clock, data
 // Rows go either to the row multiplexer (idle rows float) or to the direct lines (idle rows are
 // grounded); both sets of pins are always driven.
@@ -41,11 +41,13 @@ constexpr uint16_t kDivisor = static_cast<uint16_t>((F_CPU + BAUD * 4) / (BAUD *
 // Measured in the simulator and rounded up.
 constexpr palpate::Timing kTiming = {104, 120, 14, 8, 12, 80, BAUD};
 
-// Survives resets: the number of the last stream, and whether the watchdog ever bit.
+// Survives resets: the number of the last stream, whether the watchdog ever bit, and a trip of the
+// ceiling.
 struct Kept {
   uint16_t magic;
   uint8_t stream_seed;
   bool watchdog;
+  bool tripped;
 };
 constexpr uint16_t kMagic = 0x9A17;
 Kept kept __attribute__((section(".noinit")));
@@ -248,10 +250,12 @@ class Mega final : public palpate::Board {
   }
 
   void set_safe_line(bool safe) override {
+    // Out of the reach of sbi and cbi, and no interrupt writes this port. Not pin 13, which the boot
+    // loader blinks.
     if (safe) {
-      PORTB |= _BV(PB7);
+      PORTH |= _BV(PH5);
     } else {
-      PORTB &= static_cast<uint8_t>(~_BV(PB7));
+      PORTH &= static_cast<uint8_t>(~_BV(PH5));
     }
   }
 
@@ -305,7 +309,7 @@ void set_up_pins() {
   DDRA = 0xFF;
   DDRC = 0xFF;
   DDRE |= _BV(PE3);
-  DDRB |= _BV(PB7);
+  DDRH |= _BV(PH5);
   DDRG |= _BV(PG0) | _BV(PG2);
   // Pulled up, so that an absent load cell reads as never ready.
   PORTJ |= _BV(PJ1);
@@ -338,7 +342,7 @@ void set_up_serial() {
 }
 
 void remember_reset() {
-  if (kept.magic != kMagic || (reset_cause & _BV(PORF))) kept = {kMagic, 0, false};
+  if (kept.magic != kMagic || (reset_cause & _BV(PORF))) kept = {kMagic, 0, false, false};
   if (reset_cause & _BV(WDRF)) kept.watchdog = true;
 }
 
@@ -406,11 +410,13 @@ void take_byte() {
   receiver.tail = (receiver.tail + 1) & (sizeof receiver.bytes - 1);
   device.on_byte(byte);
   kept.stream_seed = device.stream_seed();
+  kept.tripped = device.tripped();
 }
 
 void take_scan() {
   after_flag();
   device.on_scan(scanner.done);
+  kept.tripped = device.tripped();
   after_flag();
   scanner.ready = false;
 }
@@ -439,7 +445,7 @@ int main() {
   set_sleep_mode(SLEEP_MODE_IDLE);
   wdt_enable(WDTO_250MS);
   sei();
-  device.begin(reset_cause, kept.stream_seed, kept.watchdog);
+  device.begin(reset_cause, kept.stream_seed, kept.watchdog, kept.tripped);
   for (;;) {
     wdt_reset();
     if (byte_waits()) take_byte();

@@ -38,12 +38,15 @@ uint8_t argument_bytes(uint8_t type) {
 }
 }  // namespace
 
-void Device::begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_up) {
+void Device::begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_up,
+                   bool tripped) {
   reset_cause_ = reset_cause;
   stream_seed_ = seed;
   watchdog_ = watchdog_since_power_up;
+  tripped_ = tripped;
   board_.set_pressure_output(0);
-  board_.set_safe_line(true);
+  // Until a host sets a ceiling.
+  board_.set_safe_line(false);
   send_identity(0);
 }
 

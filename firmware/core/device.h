@@ -46,7 +46,8 @@ class Device {
       : board_(board), timing_(timing), name_(name) {}
 
   // `seed` makes stream numbers differ from those before a reset.
-  void begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_up);
+  // A trip of the ceiling before the reset stays one.
+  void begin(uint8_t reset_cause, uint8_t seed, bool watchdog_since_power_up, bool tripped);
   // Only while a transmit buffer is free: the byte may complete a command, which is answered.
   void on_byte(uint8_t byte);
   // Likewise.
@@ -54,6 +55,7 @@ class Device {
   void poll();
   // Keep it over a reset, for the next begin().
   uint8_t stream_seed() const { return stream_seed_; }
+  bool tripped() const { return tripped_; }
 
  private:
   void obey(const Packet& packet);

@@ -44,7 +44,7 @@ extern "C" {
 
 Host* host_new(uint32_t baud) { return new Host({104, 120, 14, 8, 12, 80, baud}); }
 void host_free(Host* host) { delete host; }
-void host_begin(Host* host, uint8_t cause, uint8_t seed) { host->device.begin(cause, seed, false); }
+void host_begin(Host* host, uint8_t cause, uint8_t seed) { host->device.begin(cause, seed, false, false); }
 void host_set_time(Host* host, uint32_t now_us) {
   host->board.now = now_us;
   host->device.poll();

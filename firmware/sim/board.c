@@ -25,7 +25,7 @@
 #define REGULATOR_LAG_S 0.05
 
 /* Data-space addresses, ATmega2560 data sheet, register summary. */
-enum { PORTA_ = 0x22, PORTC_ = 0x28, PORTB_ = 0x25, PORTL_ = 0x10B, TCCR3A_ = 0x90, OCR3AL_ = 0x98 };
+enum { PORTA_ = 0x22, PORTC_ = 0x28, PORTH_ = 0x102, PORTL_ = 0x10B, TCCR3A_ = 0x90, OCR3AL_ = 0x98 };
 
 typedef struct load_cell {
   avr_irq_t *data;
@@ -194,7 +194,7 @@ static void connect(board_t *board) {
   avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_sent,
                           board);
 
-  avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), 7), on_safe_line, board);
+  avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('H'), 5), on_safe_line, board);
 
   board->loads[0].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('J'), 1);
   board->loads[1].data = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 7);
@@ -261,7 +261,7 @@ uint64_t board_misrouted(const board_t *board) { return board->misrouted; }
 uint32_t board_out_lost(const board_t *board) { return board->out_lost; }
 double board_output_duty(const board_t *board) { return output_duty(board); }
 double board_pressure(board_t *board) { return pressure_now(board); }
-int board_safe_line(const board_t *board) { return board->avr->data[PORTB_] >> 7 & 1; }
+int board_safe_line(const board_t *board) { return board->avr->data[PORTH_] >> 5 & 1; }
 uint32_t board_safe_edges(const board_t *board) { return board->safe_edges; }
 void board_reset(board_t *board) { avr_reset(board->avr); }
 void board_set_noise_mv(board_t *board, float noise_mv) { board->noise_mv = noise_mv; }

@@ -230,6 +230,7 @@ def test_pressure_slews_and_vents_without_heartbeat(core: Core) -> None:
 
 
 def test_ceiling_vents_and_holds_until_armed_again(core: Core) -> None:
+    assert not core.safe, "nobody has armed it"
     core.result(wm.SetCeiling(counts=900))
     core.result(wm.SetPressure(target_kpa=20.0, slew_kpa_per_s=500.0))
     core.at_ms(100)

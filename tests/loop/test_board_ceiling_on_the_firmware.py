@@ -20,7 +20,7 @@ from palpate.rig import Rig, open_rig
 from palpate.rig.simulated import calibrated
 from palpate.sensor.calibration import Calibration
 from palpate.sensor.serial_array import SerialArray
-from palpate.sensor.wire_messages import Contents
+from palpate.sensor.wire_messages import BoardStatus, Contents, SetCeiling
 from palpate.twin.devices import TwinGripper
 from palpate.twin.firmware import FirmwareBoard, FirmwareStream
 from palpate.twin.objects import draw_object
@@ -113,7 +113,9 @@ def test_a_rig_arms_the_board(rigid: Desk) -> None:
 def test_the_built_in_rig_on_the_firmware_is_armed_with_its_calibration() -> None:
     with open_rig("sim-firmware", object_name="rigid-block", seed=4) as rig:
         assert isinstance(rig.array, SerialArray)
-        assert rig.array._ceiling.counts == ceiling_counts(rig.calibration) > 0
+        counts = ceiling_counts(rig.calibration)
+        assert counts > 0
+        assert SetCeiling(counts=counts) in rig.array._setup
 
 
 def test_a_grasp_below_the_ceiling_does_not_trip_it(rigid: Desk) -> None:
@@ -161,6 +163,10 @@ def test_a_trip_is_not_forgotten_in_a_reset(rigid: Desk) -> None:
     rigid.board.reset()
     rigid.wait(3.0)
     assert rigid.array.read(timeout_s=1.0).ceiling_tripped
+    newest = rigid.array.newest()
+    assert newest is not None
+    assert newest.status & BoardStatus.CEILING_TRIPPED, "the board itself keeps it"
+    assert not rigid.board.safe_line
     rigid.array.arm_ceiling(900)
     rigid.wait(0.1)
     assert not rigid.array.read(timeout_s=1.0).ceiling_tripped

@@ -60,6 +60,13 @@ def test_a_board_that_starts_in_its_boot_loader_is_connected() -> None:
             assert 0.5 < world.clock.now_s() - begin_s < CONNECTED_S
 
 
+def test_the_boot_loader_does_not_move_the_safe_line() -> None:
+    with boards() as (world, board, stream):
+        array = connected(world, stream)
+        array.read(timeout_s=0.2)
+        assert (board.safe_line, board.safe_line_edges) == (True, 1), "raised by the set-up"
+
+
 def test_who_asks_at_once_gets_no_answer() -> None:
     """What the tests here guard against: bytes in time keep the boot loader."""
     with boards() as (world, _, stream):

@@ -111,6 +111,8 @@ class SerialArray:
             SetOversampling(conversions=oversampling),
             SetRate(rate_hz=rate_hz),
             Identify(),
+            # Off, and the safe line high: until a rig arms it.
+            SetCeiling(counts=0),
             Start(contents=contents),
         )
         self._link: BoardLink | None = BoardLink(stream, clock=clock)
@@ -125,7 +127,6 @@ class SerialArray:
         self._last: Frame | None = None
         self._heard_s = self._tried_s = clock.now_s()
         self._late = self._reconnects = 0
-        self._ceiling = SetCeiling(counts=0)
         self._tripped = False
         try:
             frames = self._link.ask(*self._setup)
@@ -248,8 +249,9 @@ class SerialArray:
         """
         if self._link is None:
             raise DeviceError(f"{self._name} is unplugged; nothing can be sent to it")
-        self._ceiling, self._tripped = SetCeiling(counts=counts), False
-        self._take(self._link.ask(self._ceiling))
+        ceiling, self._tripped = SetCeiling(counts=counts), False
+        self._setup = (*self._setup[:-2], ceiling, self._setup[-1])
+        self._take(self._link.ask(ceiling))
 
     def close(self) -> None:
         """Stop the stream and let go of the port; calling it again does nothing."""
@@ -309,8 +311,8 @@ class SerialArray:
         self._reconnects += 1
 
     def _begin(self, link: BoardLink) -> None:
-        """Set the board up again, its ceiling first."""
-        link.begin((self._ceiling, *self._setup))
+        """Set the board up again; a ceiling command would clear a trip, which stays."""
+        link.begin([c for c in self._setup if not (self._tripped and isinstance(c, SetCeiling))])
 
     def _accept(self, message: FrameMessage, *, arrival_s: float) -> None:
         if message.counts.shape != (self._layout.rows, self._layout.cols):

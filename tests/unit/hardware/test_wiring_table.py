@@ -34,7 +34,7 @@ def wired(pins: str) -> str:
         (r"49-46 PL0-3 +row multiplexer select, low bit first", "49, 48, 47, 46", "S0, S1, S2, S3"),
         (r"45-42 PL4-7 +column multiplexer select", "45, 44, 43, 42", "column select, low bit"),
         (r"\n// +5 +PE3 +pressure output", "5", "pressure, 0 to 5 V is 0 to 50 kPa"),
-        (r"13 +PB7 +safe line", "13", "safe line"),
+        (r"\n// +8 +PH5 +safe line", "8", "safe line"),
         (r"22-29 PA0-7 +row lines 0-7 direct", "22 to 29", "rows R0 to R7"),
         (r"37-30 PC0-7 +row lines 8-15 direct", "37 to 30", "rows R8 to R15"),
         (

@@ -250,7 +250,7 @@ def test_the_board_is_set_up_in_order(bench: Bench) -> None:
     board = bench.board()
     array = connect(bench, board)
     assert [CommandType(kind).name for kind in board.seen] == [
-        "STOP", "LAYOUT", "OVERSAMPLING", "RATE", "IDENTIFY", "START",
+        "STOP", "LAYOUT", "OVERSAMPLING", "RATE", "IDENTIFY", "CEILING", "START",
     ]  # fmt: skip
     assert array.identity is not None
     assert array.identity.board == "pty"
