@@ -91,7 +91,7 @@ def test_what_makes_a_specimen_hard_for_both_drops_out_of_a_paired_difference() 
     assert found.high - found.low < 0.1
     assert paired_difference(rival, hard, names, statistic=np.mean).verdict == "rival"
     assert paired_difference(hard, hard, names).verdict == "undecided"
-    assert paired_difference([1.0], [2.0], ["a"]).as_json()["low"] is None
+    assert paired_difference([1.0], [2.0], ["a"]).to_dict()["low"] is None
     with pytest.raises(ValueError, match="not finite"):
         paired_difference([np.nan, 1.0], [1.0, 1.0], ["a", "b"])
 

@@ -64,7 +64,7 @@ def test_the_replay_decides_as_the_live_run_did(
     replayed = json.loads(capsys.readouterr().out)
     assert replayed.pop("simulated") is True
     assert replayed.pop("recording") == str(path)
-    assert replayed == json.loads(json.dumps(result.as_json()))
+    assert replayed == json.loads(json.dumps(result.to_dict()))
 
 
 def test_the_text_says_that_it_is_simulated(

@@ -98,7 +98,7 @@ def _document(item: str, found: ItemBruise) -> dict[str, Any]:
         "before_percent": found.before_percent,
         "now_percent": found.now_percent,
         "bruised_pixels_percent": found.bruised_percent,
-        "sides": [side.as_json() for side in found.sides],
+        "sides": [side.to_dict() for side in found.sides],
         "learned_on": found.model.learned_on,
         "explanation": found.explanation,
         "simulated": found.simulated,

@@ -85,7 +85,7 @@ def command(
     if as_json:
         document = _document(made, path=path)
         if course is not None:
-            document["half_interval_percent"] = course.as_json()
+            document["half_interval_percent"] = course.to_dict()
         print(json.dumps(document, indent=1, allow_nan=False))
     else:
         _print(made, path=path)

@@ -56,7 +56,7 @@ class Course:
         advice = "within the tolerance" if self.enough else f"most would show {self.next_n:g} N"
         print(f"{load_n:g} N: half intervals at {each}; {advice}", file=sys.stderr)
 
-    def as_json(self) -> dict[str, dict[str, float]]:
+    def to_dict(self) -> dict[str, dict[str, float]]:
         """Return half of the interval at each force before and after the weights, percent."""
         return {
             f"{force}_n": {"before": self.before[force], "after": self.after[force]}

@@ -174,7 +174,7 @@ def grasp(
             watchers=watchers,
         )
         truth = None if devices.truth is None else dict(devices.truth())
-        limited = None if limit is None else limit.as_json(result)
+        limited = None if limit is None else limit.to_dict(result)
         kept = {} if memory is None else memory.take(result, rig=devices, recording=record)
         pull = None
         if pull_n is not None and friction is not None:
@@ -189,7 +189,7 @@ def grasp(
                 subject=devices.subject,
             )
             if pull is not None:
-                document["pull"] = pull.as_json()
+                document["pull"] = pull.to_dict()
             print(json.dumps(document, allow_nan=False, indent=1), flush=True)
         else:
             summary = verdict(result, target_force_n=target_force_n)

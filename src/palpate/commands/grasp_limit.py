@@ -30,7 +30,7 @@ class Limit:
         """Take the controller's next belief."""
         self._low_n = belief.damage_low_n
 
-    def as_json(self, result: GraspResult) -> dict[str, object]:
+    def to_dict(self, result: GraspResult) -> dict[str, object]:
         """Return what the limit was and did, as in the JSON of the grasp."""
         from palpate.grasp.document import limit_document
 

@@ -66,7 +66,7 @@ def replay(
         source.close()
     if as_json:
         simulated = source.info.origin != "hardware"
-        document = {**result.as_json(), "recording": str(file), "simulated": simulated}
+        document = {**result.to_dict(), "recording": str(file), "simulated": simulated}
         print(json.dumps(document, allow_nan=False, indent=1))
     else:
         print(_text(result, info=source.info))

@@ -139,7 +139,7 @@ def _row(one: Sorted, placed: Placed) -> dict[str, Any]:
         "why": one.decision.why,
         "kind": None if identity is None else identity.kind,
         "kind_probability": None if identity is None else dict(identity.probability),
-        "size_mm": None if size is None else size.as_json(),
+        "size_mm": None if size is None else size.to_dict(),
         "grasps": placed.grasps,
         "grasping_s": round(placed.grasping_s, 3),
     }

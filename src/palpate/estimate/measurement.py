@@ -50,6 +50,13 @@ class Measurement:
         if self.status in _ENDS:
             object.__setattr__(self, "value", None)
 
+    def __repr__(self) -> str:
+        value = "None" if self.value is None else f"{self.value:.4g}"
+        return (
+            f"Measurement({value}, {self.low:.4g} to {self.high:.4g}, {self.unit!r}, "
+            f"{self.status})"
+        )
+
     @property
     def number(self) -> bool:
         """Whether there is a value to report, and not only a bound."""
@@ -84,8 +91,8 @@ class Measurement:
         >>> bound = wide.or_bound("the fingers give way more", least=0.02, most=500.0)
         >>> bound.number, str(bound.status), bound.known_ends
         (False, 'at_least', (3.0, None))
-        >>> bound.value is None
-        True
+        >>> bound
+        Measurement(None, 3 to 40, 'n_per_mm', at_least)
         """
         if self.low > 0 and self.high <= MOST_RATIO * self.low:
             return self
@@ -96,7 +103,7 @@ class Measurement:
             status = Status.AT_MOST
         return replace(self, status=status, reason=reason)
 
-    def as_json(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return the form that commands print; null for what is not known."""
         low, high = self.known_ends
         return {

@@ -28,7 +28,7 @@ def grasp_document(
     `subject`: what the simulated world put between the fingers.
     """
     document: dict[str, object] = {
-        **result.as_json(),
+        **result.to_dict(),
         "verdict": verdict(result, target_force_n=target_force_n),
         "damage_limit": damage_limit,
         **names,

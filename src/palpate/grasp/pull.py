@@ -29,7 +29,7 @@ class PullVerdict:
     holds_high_n: float | None
     verdict: Literal["secure to pull", "would slip", "not sure"]
 
-    def as_json(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return the form that `palpate grasp` prints."""
         return {name: getattr(self, name) for name in self.__slots__}
 

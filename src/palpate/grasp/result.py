@@ -54,7 +54,7 @@ class Moment:
     name: str
     finger: int | None = None
 
-    def as_json(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return the form that commands print."""
         on = {} if self.finger is None else {"finger": self.finger}
         return {"time_s": self.time_s, "name": self.name, **on}
@@ -102,15 +102,21 @@ class GraspResult:
     moments: tuple[Moment, ...] = ()
     faults: tuple[str, ...] = field(default=())
 
+    def __repr__(self) -> str:
+        quantities = ("size_mm", "force_n", "stiffness_n_per_mm", "settled_percent")
+        found = [(name, getattr(self, name)) for name in quantities]
+        parts = [f"{name} {one.text(digits=2)}" for name, one in found if one is not None]
+        return f"GraspResult({', '.join([str(self.outcome), *parts])})"
+
     @property
     def limited(self) -> bool:
         """Whether the damage limit kept the force below the target."""
         return any(moment.name == "damage_limit" for moment in self.moments)
 
-    def as_json(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return the documented JSON form, without `verdict` and `truth`."""
         measured = {
-            name: None if value is None else value.as_json()
+            name: None if value is None else value.to_dict()
             for name, value in (
                 ("settled_percent", self.settled_percent),
                 ("size_mm", self.size_mm),
@@ -126,6 +132,6 @@ class GraspResult:
             "peak_force_n": self.peak_force_n,
             "frames": self.frames,
             "frames_lost": self.frames_lost,
-            "moments": [moment.as_json() for moment in self.moments],
+            "moments": [moment.to_dict() for moment in self.moments],
             "faults": list(self.faults),
         }

@@ -43,7 +43,7 @@ def record_as_dict(record: StoreRecord) -> dict[str, Any]:
             values[name] = values[name].isoformat()
     if isinstance(record, Grasp):
         values["measurements"] = {
-            name: measured.as_json() for name, measured in record.measurements.items()
+            name: measured.to_dict() for name, measured in record.measurements.items()
         }
     if isinstance(record, Verdict):
         values["details"] = dict(record.details)

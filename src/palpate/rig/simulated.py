@@ -257,7 +257,7 @@ def _joined(first: BlockPairs, second: BlockPairs) -> BlockPairs:
 
 
 def _truth(world: World) -> Mapping[str, object]:
-    return world.truth().as_json()
+    return world.truth().to_dict()
 
 
 def read_through_firmware(world: World) -> PressureArray:

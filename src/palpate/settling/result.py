@@ -81,6 +81,47 @@ class SettledEstimate:
     method: str
     status: Status | NDArray[np.object_]
 
+    def __repr__(self) -> str:
+        what = f"{self.method}, at {self.horizon_s:g} s"
+        if isinstance(self.value, np.ndarray):
+            return f"SettledEstimate({self.value.size} holds, {what})"
+        return (
+            f"SettledEstimate({self.value:.6g}, {self.low:.6g} to {self.high:.6g}, {what}, "
+            f"{self.status})"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values: numbers for one hold, lists for several, None where unknown.
+
+        Examples
+        --------
+        >>> from palpate.settling.recorded import Recorded
+        >>> found = Recorded().predict(
+        ...     np.array([0.0, 1.0]), np.array([[9.0, 8.0]]), horizon_s=20.0, level=0.9
+        ... )
+        >>> found.to_dict()["value"], found.hold(0).to_dict()["value"]
+        ([8.0], 8.0)
+        """
+
+        def plain(figures: Any) -> Any:
+            if isinstance(figures, np.ndarray):
+                return [plain(figure) for figure in figures]
+            return float(figures) if np.isfinite(figures) else None
+
+        status = self.status
+        return {
+            "value": plain(self.value),
+            "low": plain(self.low),
+            "high": plain(self.high),
+            "level": self.level,
+            "horizon_s": self.horizon_s,
+            "window_s": plain(self.window_s),
+            "method": self.method,
+            "status": [str(one) for one in status]
+            if isinstance(status, np.ndarray)
+            else str(status),
+        }
+
     def hold(self, index: int) -> SettledEstimate:
         """Return the estimate of one hold of a batch, with scalar fields."""
         if not isinstance(self.value, np.ndarray):

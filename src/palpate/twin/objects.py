@@ -205,6 +205,6 @@ class Truth:
     #: Whether the force ever passed the object's yield force.
     damaged: bool
 
-    def as_json(self) -> dict[str, float | bool | None]:
+    def to_dict(self) -> dict[str, float | bool | None]:
         """Return the form that commands print."""
         return {name: getattr(self, name) for name in self.__slots__}

@@ -179,7 +179,7 @@ def _compared(level: str, scores: Mapping[str, Scored]) -> list[dict[str, Any]]:
             "level": level,
             "ours": label,
             "rival": rival,
-            **area_lost(scores[way(names, EARLY_S)], scores[rival]).as_json(),
+            **area_lost(scores[way(names, EARLY_S)], scores[rival]).to_dict(),
         }
         for names, label in SHOWN.items()
         for rival in (THRESHOLD, CHANGE, SAME_WIDTH, TREES[names])

@@ -123,7 +123,7 @@ def _rows(challenge: Challenge, entered: Sequence[Method]) -> list[dict[str, Any
     for rival in rivals:
         lost = losses(rival, challenge.cases, parts=challenge.folds)
         difference = paired_difference(best, lost, specimens)
-        found.append(_row(challenge, rival.name, lost, difference.as_json()))
+        found.append(_row(challenge, rival.name, lost, difference.to_dict()))
     return found
 
 

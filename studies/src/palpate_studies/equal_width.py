@@ -64,7 +64,7 @@ class Settled:
         """Return means over repeats, shape (objects, sensors)."""
         return np.asarray(self.values[reading].mean(axis=2))
 
-    def as_json(self, reading: str) -> dict[str, Any]:
+    def to_dict(self, reading: str) -> dict[str, Any]:
         """Return mean and sd of each object on each sensor."""
         sd = self.values[reading].std(axis=2, ddof=1)
         return {
@@ -242,7 +242,7 @@ class LineStudy:
                 "origin": "twin",
                 **payload,
                 "published_r_squared": self.published_r_squared,
-                "levels": {level: shown[level].as_json(self.reading) for level in LEVELS},
+                "levels": {level: shown[level].to_dict(self.reading) for level in LEVELS},
                 "r_squared": r_squared_payload(conditions, self.ratings),
             },
             figures={

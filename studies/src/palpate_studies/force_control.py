@@ -199,7 +199,7 @@ def compare(found: Sequence[Gripped], *, method: str = "ours") -> list[dict[str,
                         [rival_missed[seed] for seed in both],
                         [str(seed // GRASPS_PER_SHEET) for seed in both],
                         statistic=np.mean,
-                    ).as_json(),
+                    ).to_dict(),
                 }
             )
     return rows

@@ -160,7 +160,7 @@ def compared(found: Sequence[Cycle]) -> list[dict[str, Any]]:
         mine, rival = ([float(one[seed]) for seed in ours] for one in (ours, theirs))
         of = [sheets[seed] for seed in ours]
         difference = paired_difference(mine, rival, of, statistic=np.mean)
-        rows.append({"level": level, "hand": kind, "rival": way, **difference.as_json()})
+        rows.append({"level": level, "hand": kind, "rival": way, **difference.to_dict()})
     return rows
 
 

@@ -258,7 +258,7 @@ def _compared(rows: Rows) -> Rows:
                 [lost[inputs, rival, name] for name in of],
                 [*of.values()],
                 statistic=np.mean,
-            ).as_json(),
+            ).to_dict(),
         }
         for inputs in INPUTS
         for rival in MODELS

@@ -164,7 +164,7 @@ def scores(found: Sequence[Hybrid]) -> dict[str, Any]:
 
 
 def _row(one: Hybrid) -> dict[str, Any]:
-    said = None if one.said is None else one.said.as_json()
+    said = None if one.said is None else one.said.to_dict()
     plain = {name: getattr(one, name) for name in Hybrid.__slots__ if name != "said"}
     return {**plain, "said": said, "damaged": one.damaged, "dropped": one.dropped}
 

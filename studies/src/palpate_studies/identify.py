@@ -215,7 +215,7 @@ def against_lda(given: Sequence[Answer], level: str) -> list[dict[str, Any]]:
                     [rival[key] for key in ours],
                     [f"{sensor}/{item}" for sensor, item in ours],
                     statistic=np.mean,
-                ).as_json(),
+                ).to_dict(),
             }
         )
     return found

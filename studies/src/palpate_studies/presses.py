@@ -194,7 +194,7 @@ def _compared(followed: Mapping[str, Sequence[Followed]]) -> Rows:
         {
             "part": part,
             "rival": rival,
-            **paired_difference(lost("ours", part), lost(rival, part), group).as_json(),
+            **paired_difference(lost("ours", part), lost(rival, part), group).to_dict(),
         }
         for part, group in groups.items()
         for rival in MODELS

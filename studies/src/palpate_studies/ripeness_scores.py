@@ -182,7 +182,7 @@ def compared(rows: Sequence[Judged]) -> list[dict[str, Any]]:
             "rival": way,
             **paired_difference(
                 wrong["ours"], wrong[way], [row.fruit for row in rows], statistic=np.mean
-            ).as_json(),
+            ).to_dict(),
         }
         for way in wrong
         if way != "ours"

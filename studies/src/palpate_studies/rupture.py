@@ -190,7 +190,7 @@ def compare(methods: Sequence[Method], *, closings: Sequence[FruitClosing]) -> l
             "rate_limit": rate,
             **paired_difference(
                 lost[ours][:, column], lost[rival][:, column], names, statistic=np.mean
-            ).as_json(),
+            ).to_dict(),
         }
         for rival in rivals
         for column, rate in enumerate(RATES)

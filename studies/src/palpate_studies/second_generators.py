@@ -139,7 +139,7 @@ def _wrong_less(days: Sequence[VirtualDay], rival_exact: Sequence[bool]) -> dict
         [float(not exact) for exact in rival_exact],
         [day.fruit for day in days],
         statistic=np.mean,
-    ).as_json()
+    ).to_dict()
 
 
 def _bruised(found: Sequence[Examined]) -> dict[str, Any]:
@@ -159,7 +159,7 @@ def _bruised(found: Sequence[Examined]) -> dict[str, Any]:
         **{f"area_{name}": one.auc for name, one in each.items()},
         "lost_less_the_papers_way": area_lost(
             each["with_an_earlier_record"], each["the_papers_way"]
-        ).as_json(),
+        ).to_dict(),
     }
 
 

@@ -155,7 +155,7 @@ def _compared(level: str, found: Sequence[Sized]) -> list[dict[str, Any]]:
             "level": level,
             "way": way,
             "rival": rival,
-            **paired_difference(lost[way], lost[rival], of, statistic=rms).as_json(),
+            **paired_difference(lost[way], lost[rival], of, statistic=rms).to_dict(),
         }
         for way in OURS
         for rival in WAYS
@@ -190,8 +190,8 @@ def _row(one: Sized) -> dict[str, Any]:
         "berry": one.berry,
         "true_mm": one.true_mm,
         "published_mm": one.published_mm if np.isfinite(one.published_mm) else None,
-        "same_steps_mm": None if one.same_steps is None else one.same_steps.as_json(),
-        "ours_mm": None if one.ours is None else one.ours.as_json(),
+        "same_steps_mm": None if one.same_steps is None else one.same_steps.to_dict(),
+        "ours_mm": None if one.ours is None else one.ours.to_dict(),
         "damaged": one.damaged,
     }
 

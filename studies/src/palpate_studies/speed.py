@@ -165,7 +165,7 @@ def _compared(
             "rival": rival,
             **paired_difference(
                 found[clock, "relaxation"].error_percent, found[clock, rival].error_percent, of
-            ).as_json(),
+            ).to_dict(),
         }
         for (level, speed), found in scored.items()
         for clock in CLOCKS

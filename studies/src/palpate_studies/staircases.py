@@ -120,7 +120,7 @@ def _compared(runs: Runs) -> list[dict[str, Any]]:
                 _errors_n(runs[level][rival]),
                 [str(one.sensor) for one in runs[level]["now"] for _ in one.force_n],
                 statistic=rms,
-            ).as_json(),
+            ).to_dict(),
         }
         for level in LEVELS
         for rival in RIVALS

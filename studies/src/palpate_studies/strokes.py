@@ -206,7 +206,7 @@ def _compared(scored: Sequence[Scored]) -> Rows:
                     "told": told,
                     "phase": phase,
                     "rival": rival,
-                    **paired_difference(lost["ours"], lost[rival], group).as_json(),
+                    **paired_difference(lost["ours"], lost[rival], group).to_dict(),
                 }
                 for rival in MODELS
                 if rival != "ours"

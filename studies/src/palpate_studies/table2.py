@@ -76,7 +76,7 @@ def report(*, sensors: int = SENSORS, repeats: int = REPEATS) -> StudyReport:
             "origin": "twin",
             "width_mm": WIDTH_MM,
             "published": {name: list(values[:2]) for name, values in PUBLISHED.items()},
-            "levels": {level: found[level].as_json(READING) for level in LEVELS},
+            "levels": {level: found[level].to_dict(READING) for level in LEVELS},
             "sensors_in_order": ordered,
         },
         figures={

@@ -20,7 +20,7 @@ def test_each_weight_reports_what_it_narrowed(capsys: pytest.CaptureFixture[str]
     assert len(lines) == 3
     assert lines[0].startswith("1.5 N: half intervals at 1.5 N ")
     assert "most would show" in lines[0]
-    document = weights.as_json()
+    document = weights.to_dict()
     assert set(document) == {"1.5_n", "4_n", "9_n"}
     assert all(each["after"] < 0.5 * each["before"] for each in document.values())
 

@@ -83,7 +83,7 @@ def test_a_grasp_of_an_item_is_kept_with_its_calibration(
         # Of what is only bounded the store keeps nothing: a history is made of numbers.
         measured = kept.measurements.get(name)
         number = said[name] if said[name]["value"] is not None else None
-        assert (None if measured is None else measured.as_json()) == number
+        assert (None if measured is None else measured.to_dict()) == number
 
 
 def test_a_grasp_waits_for_a_store_that_is_away(

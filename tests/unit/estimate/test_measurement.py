@@ -28,7 +28,7 @@ def test_what_is_reported(
     low: float, high: float, status: str, ends: tuple[float | None, ...], word: str
 ) -> None:
     found = stiffness(low, high)
-    said = found.as_json()
+    said = found.to_dict()
     assert (said["low"], said["high"]) == ends == found.known_ends
     assert said["status"] == status
     assert (said["value"] is None) == (found.value is None) == (status != "ok")

@@ -53,5 +53,5 @@ def _opened(name: str, hand: Hand, *, object_name: str | None, seed: int, level:
         ),
         origin="twin",
         subject=obj.name,
-        truth=lambda: world.truth().as_json(),
+        truth=lambda: world.truth().to_dict(),
     )

@@ -84,7 +84,7 @@ class ItemBruise:
             explanation=self.explanation,
             details={
                 "learned_on": self.model.learned_on,
-                "sides": [side.as_json() for side in self.sides],
+                "sides": [side.to_dict() for side in self.sides],
             },
         )
 

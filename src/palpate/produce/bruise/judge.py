@@ -79,7 +79,7 @@ class SideVerdict:
     #: Where, the likelier first; empty where the model knows no places.
     spots: tuple[Spot, ...]
 
-    def as_json(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the form that the command prints."""
         return {
             "angle_deg": self.angle_deg,

@@ -91,7 +91,7 @@ def _line(page: ItemHistory) -> dict[str, Any]:
         "simulated": page.simulated,
         "grasps": len(page.grasps),
         "last_taken_at": page.grasps[-1].taken_at.isoformat() if page.grasps else None,
-        **{name: None if value is None else value.as_json() for name, value in latest.items()},
+        **{name: None if value is None else value.to_dict() for name, value in latest.items()},
         "verdicts": {
             str(about): None
             if one is None

@@ -41,7 +41,7 @@ class Ratio:
         """Return whether it is measurably less than wanted."""
         return self.times is not None and self.wanted is not None and self.times < self.wanted
 
-    def as_json(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the fields and what follows from them."""
         return asdict(self) | {"times": self.times, "missed": self.missed}
 

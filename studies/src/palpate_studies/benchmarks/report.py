@@ -39,7 +39,7 @@ def report_of(measured: Mapping[str, Measured], *, full: bool) -> StudyReport:
                 {
                     "name": name,
                     "what": titles[name],
-                    "ratios": [ratio.as_json() for ratio in one.ratios],
+                    "ratios": [ratio.to_dict() for ratio in one.ratios],
                     "notes": list(one.notes),
                 }
                 for name, one in measured.items()

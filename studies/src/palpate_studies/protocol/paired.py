@@ -42,7 +42,7 @@ class Difference:
             return WIN
         return LOSS if self.low > 0 else TIE
 
-    def as_json(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return a JSON form; unknown ends are null."""
         return {
             "difference": self.value,
