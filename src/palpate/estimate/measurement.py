@@ -53,8 +53,7 @@ class Measurement:
     def __repr__(self) -> str:
         value = "None" if self.value is None else f"{self.value:.4g}"
         return (
-            f"Measurement({value}, {self.low:.4g} to {self.high:.4g}, {self.unit!r}, "
-            f"{self.status})"
+            f"Measurement({value}, {self.low:.4g} to {self.high:.4g}, {self.unit!r}, {self.status})"
         )
 
     @property
