@@ -109,13 +109,17 @@ class DamageModel:
         `kind`: kind of the object, empty if not known.
         `rate`: share of objects.
         """
-        strength = self.strengths[kind if kind in self.strengths else ""]
-        log_stiffness, weight = strength.likely(stiffness)
 
         def excess(log_force: float) -> float:
-            return float(weight @ strength.below(float(np.exp(log_force)), log_stiffness)) - rate
+            return self.rate_below(float(np.exp(log_force)), stiffness, kind=kind) - rate
 
         return float(np.exp(brentq(excess, *_LOG_BOUNDS_N, xtol=1e-3)))
+
+    def rate_below(self, force_n: float, stiffness: Measurement, *, kind: str = "") -> float:
+        """Return the share of such objects that a force damages; the inverse of `bound_n`."""
+        strength = self.strengths[kind if kind in self.strengths else ""]
+        log_stiffness, weight = strength.likely(stiffness)
+        return float(weight @ strength.below(force_n, log_stiffness))
 
     def guard(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> DamageGuard:
         """Return a guard for one closing of an object of that kind (``""``: not known)."""

@@ -10,6 +10,11 @@ from numpy.typing import NDArray
 
 from palpate.estimate.damage import DamageModel
 from palpate.estimate.damage_learning import FruitClosing
+from palpate.estimate.measurement import Measurement
+from palpate.estimate.strength import ClosingState
+
+#: Half of the interval of a stiffness by load cell and encoder, as a share of it.
+_EXACT = 0.01
 
 
 class Scored(NamedTuple):
@@ -17,6 +22,25 @@ class Scored(NamedTuple):
 
     force_n: NDArray[np.float64]
     score: NDArray[np.float64]
+
+
+def shipped_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:
+    """Return the share of such fruit that each force would damage, as a grasp's limit has it.
+
+    A grasp stops below `DamageModel.bound_n`; the share reaches the nominal rate at that force.
+    """
+    kind = closing.fruit if kind_known else ""
+    shares = [
+        model.rate_below(state.force_n, _measured(state), kind=kind) for state in closing.states
+    ]
+    return Scored(closing.force_n, np.array(shares))
+
+
+def _measured(state: ClosingState) -> Measurement:
+    """Return the stiffness of a curve as a measurement: the load cell shows it well."""
+    value = float(np.exp(state.log_stiffness))
+    low, high = value / (1 + _EXACT), value * (1 + _EXACT)
+    return Measurement(value=value, low=low, high=high, unit="n_per_mm")
 
 
 def our_scores(closing: FruitClosing, *, model: DamageModel, kind_known: bool) -> Scored:
