@@ -29,6 +29,7 @@ class Course:
 
         self._tolerance_percent = tolerance_percent
         self._law = ForceLaw()
+        self._known: list[tuple[float, float]] = []
         self.before = self.after = self._half_widths()
 
     @property
@@ -47,8 +48,11 @@ class Course:
 
     def take(self, excess: float, load_n: float) -> None:
         """Take a settled reading, and print what it narrowed."""
-        self._law.update(excess, force_n=load_n)
-        self._law.begin_contact()
+        from palpate.estimate.force_law import ForceLaw
+
+        self._known.append((excess, load_n))
+        readings, loads_n = zip(*self._known, strict=True)
+        self._law = ForceLaw.fit(readings, force_n=loads_n)
         last, self.after = self.after, self._half_widths()
         each = ", ".join(
             f"{force} N {last[force]:.0f} to {self.after[force]:.0f} %" for force in self.after

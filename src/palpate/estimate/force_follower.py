@@ -20,7 +20,7 @@ _TOUCHED = 1.0 / (1.0 + CONTACT_PERCENT / 100.0) - 1.0
 #: A pixel that reads short counts as this excess; beyond every calibration.
 _MOST_EXCESS = 1e5
 #: Forces at which a calibration by weights reports its interval, and begins, newtons: spread over
-#: the range of a gripper (three such weights: error of real ladders .22 in ln force, first weights
+#: the range of a gripper (three such weights: error of real ladders .20 in ln force, first weights
 #: of 0.6 to 1.2 N 1.0).
 SPREAD_N = (1.5, 4.0, 9.0)
 #: Readings among which the one of a force is looked for: 0.2 to 20 000 times the rest conductance.

@@ -168,7 +168,8 @@ class ForceLaw:
         force_n : array_like, shape (n,)
             Measured forces, newtons, above 0.
         contact : sequence, length n, optional
-            Samples of one contact share its name; each is a contact of its own by default.
+            Samples of one contact share its name, and later contacts count more. By default each
+            sample is a contact of its own, as of weights laid down one by one, and all count alike.
         population : Population, optional
             Where to start; the one that palpate ships by default.
 
@@ -183,7 +184,11 @@ class ForceLaw:
         if len(names) != len(log_n):
             raise CalibrationError(f"{len(names)} contacts for {len(log_n)} measured forces")
         for name in dict.fromkeys(names.tolist()):
-            law._take(inputs[names == name], log_n[names == name])
+            mine = names == name
+            law._take(inputs[mine], log_n[mine], other_contact=contact is None)
+            if contact is not None:
+                law.begin_contact()
+        if contact is None:
             law.begin_contact()
         return law
 
@@ -277,20 +282,28 @@ class ForceLaw:
         return law
 
     def _take(
-        self, inputs: FloatArray, log_n: FloatArray, *, sd: ArrayLike = 0.0, memory: float = 1.0
+        self,
+        inputs: FloatArray,
+        log_n: FloatArray,
+        *,
+        sd: ArrayLike = 0.0,
+        memory: float = 1.0,
+        other_contact: bool = False,
     ) -> None:
         """Update the weights with samples of one contact (Kalman); `memory`: `MEMORY_SHARE`."""
         design = self.population.design(inputs, given=self._given)
         share = max(len(log_n) / MOST_SAMPLES, 1.0)
         noise = share * (self.population.variance(design) + np.asarray(sd) ** 2)
         gain = with_memory(self.covariance, memory) @ design.T
-        seen = design @ gain
-        seen[np.diag_indices_from(seen)] += noise
-        weight = np.linalg.solve(seen, gain.T).T
+        scatter = np.diag(noise)
+        if other_contact:
+            # What this contact has of its own is shared by its samples, and no part of the place.
+            scatter += design @ self.population.contact_spread @ design.T
+        weight = np.linalg.solve(design @ gain + scatter, gain.T).T
         self.mean = self.mean + weight @ (log_n - design @ self.mean)
         # In Joseph's form, which holds for any gain.
         left = np.eye(len(self.mean)) - weight @ design
-        self.covariance = left @ self.covariance @ left.T + (weight * noise) @ weight.T
+        self.covariance = left @ self.covariance @ left.T + weight @ scatter @ weight.T
         self.known += len(log_n)
         self.least_n = min(self.least_n, float(np.exp(log_n.min())))
 

@@ -9,7 +9,13 @@ import pytest
 
 import palpate
 from palpate.errors import CalibrationError, InputError
-from palpate.estimate.force_law import INPUTS, ForceLaw, Population, shipped_population
+from palpate.estimate.force_law import (
+    INPUTS,
+    ForceLaw,
+    Population,
+    settled_inputs,
+    shipped_population,
+)
 from palpate.estimate.force_learning import KnownContact, learn_population
 from palpate.estimate.force_states import log_reading, states_of
 
@@ -183,3 +189,14 @@ def test_shipped_population_is_sound() -> None:
     # More reading is more force, over the whole range that sensors show.
     values = [ForceLaw().force(excess).value for excess in (0.5, 2.0, 8.0, 30.0, 120.0)]
     assert np.all(np.diff(values) > 0)
+
+
+def test_each_weight_narrows_and_none_widens() -> None:
+    weights_n = [1.5, 4.0, 9.0, 6.0]
+    known = [8.0 * n**1.2 for n in weights_n]
+    inputs = settled_inputs([10.0, 40.0, 100.0])
+    spread = [
+        ForceLaw.fit(known[:count], force_n=weights_n[:count]).log_force(inputs)[1]
+        for count in range(1, 5)
+    ]
+    assert np.all(np.diff(spread, axis=0) < 0)
