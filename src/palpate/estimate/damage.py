@@ -1,8 +1,8 @@
 """A damage limit learned while closing: where the object will rupture, and where to stop before.
 
 Two answers from one closing curve. The *prediction* is the likely rupture force with a lower bound.
-The *guard* stops closing where the force has come close enough to it that at most a nominal share
-of objects like those seen ruptures. Both work with a force from any source, with the kind of object
+The *limit* of a grasp (`DamageModel.bound_n`) is the force below which at most a nominal share of
+objects like those seen ruptures. Both work with a force from any source, with the kind of object
 known or not.
 """
 
@@ -19,7 +19,6 @@ from scipy.optimize import brentq
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.strength import (
     FEWEST_CLOSINGS,
-    ClosingCurve,
     ClosingState,
     Strength,
     fit_strength,
@@ -120,27 +119,6 @@ class DamageModel:
         strength = self.strengths[kind if kind in self.strengths else ""]
         log_stiffness, weight = strength.likely(stiffness)
         return float(weight @ strength.below(force_n, log_stiffness))
-
-    def guard(self, *, kind: str = "", nominal_rate: float = NOMINAL_RATE) -> DamageGuard:
-        """Return a guard for one closing of an object of that kind (``""``: not known)."""
-        return DamageGuard(self, kind=kind, stop_score=self.stop_score(nominal_rate=nominal_rate))
-
-
-class DamageGuard:
-    """Follows one closing and decides when to stop."""
-
-    def __init__(self, model: DamageModel, *, kind: str, stop_score: float) -> None:
-        self._curve = ClosingCurve()
-        self._model = model
-        self._kind = kind
-        self._stop_score = stop_score
-
-    def push(self, closure_mm: float, *, force_n: float) -> list[DamageLimit]:
-        """Take one sample; return the limits at the force levels that it passed, lowest first."""
-        return [
-            self._model.limit(state, kind=self._kind, stop_score=self._stop_score)
-            for state in self._curve.push(closure_mm, force_n=force_n)
-        ]
 
 
 def half_load(limits: Sequence[DamageLimit]) -> DamageLimit | None:

@@ -127,15 +127,6 @@ def test_the_guard_ruptures_about_as_many_new_fruit_as_it_promises(model: Damage
     assert 2 <= ruptured <= 30
 
 
-def test_guard_online_gives_what_its_model_gives(model: DamageModel) -> None:
-    guard = model.guard(kind="plum", nominal_rate=0.02)
-    online = [limit for x in np.linspace(0.05, 5, 500) for limit in guard.push(x, force_n=2.0 * x)]
-    assert online[0].stop is False
-    assert online[-1].stop is True
-    assert all(limit.low_n <= limit.predicted_n for limit in online)
-    assert np.diff([limit.force_n for limit in online]).min() > 0
-
-
 def test_a_smaller_promised_rate_stops_no_later(model: DamageModel) -> None:
     assert model.stop_score(nominal_rate=0.001) <= model.stop_score(nominal_rate=0.01)
     assert model.stop_score(nominal_rate=0.01) <= model.stop_score(nominal_rate=0.2)
