@@ -66,7 +66,11 @@ class Measurement:
         """The value, or the middle of what is possible: by ratio, where no end is negative."""
         if self.value is not None:
             return self.value
-        return math.sqrt(self.low * self.high) if self.low > 0 else (self.low + self.high) / 2
+        return (
+            math.sqrt(self.low * self.high)
+            if 0 < self.low <= self.high
+            else (self.low + self.high) / 2
+        )
 
     @property
     def known_ends(self) -> tuple[float | None, float | None]:

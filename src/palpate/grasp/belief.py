@@ -37,6 +37,8 @@ _OPEN = (Phase.WAIT,)
 #: What is read as "now" is the mean of this many frames, or of all within this time if that is
 #: more.
 _NOW_FRAMES, _NOW_S = 3, 0.14
+#: Fewest frames that show a rise.
+_RISE_FRAMES = 3
 _TIME_S = attrgetter("time_s")
 
 
@@ -131,8 +133,8 @@ class Belief:
         Grip force now and its upper bound, from the last step read.
     peak_force_n : float
         Largest grip force so far.
-    frames_n : tuple of float
-        Grip force by the last two frames alone, the hand moving or not.
+    frames_n : tuple of pairs of float
+        Time and grip force by each of the last frames alone, the hand moving or not.
     damage_low_n : float
         Lower bound of the force that damages the object, from the closing so far.
     pulls : tuple of Pull
@@ -185,7 +187,7 @@ class Belief:
     force_n: float = 0.0
     force_high_n: float = 0.0
     peak_force_n: float = 0.0
-    frames_n: tuple[float, float] = (0.0, 0.0)
+    frames_n: tuple[tuple[float, float], ...] = ()
     damage_low_n: float = float("inf")
     pulls: tuple[Pull, ...] = ()
     gain: Gain = field(default_factory=lambda: Gain.unknown(law_sd=0.0))
@@ -228,7 +230,15 @@ class Belief:
     @property
     def watched_n(self) -> float:
         """Grip force that both of the last two frames show, newtons: one alone may be a spike."""
-        return min(self.frames_n)
+        return min((n for _, n in self.frames_n[-2:]), default=0.0)
+
+    @property
+    def rise_n_per_s(self) -> float:
+        """How fast the last frames show the force to rise, N/s: one alone may be a spike."""
+        if len(self.frames_n) < _RISE_FRAMES:
+            return 0.0
+        (then_s, then_n), (now_s, _) = self.frames_n[0], self.frames_n[-1]
+        return max(self.watched_n - then_n, 0.0) / (now_s - then_s)
 
     @property
     def now(self) -> Touch:
@@ -282,7 +292,9 @@ def observed(belief: Belief, observation: Observation, *, plan: Plan) -> Belief:
     if belief.sweep is not None:
         belief = replace(belief, sweep=_swept(belief.sweep, belief.rest_ohm, ohm, gripper, plan))
     touch = _unremembered(_touch(frame.time_s, ohm, belief, plan), belief)
-    belief = replace(belief, frames_n=(belief.frames_n[1], _frame_n(touch, belief, plan)))
+    frames_n = (*belief.frames_n, (frame.time_s, _frame_n(touch, belief, plan)))
+    recent = sum(time_s >= frame.time_s - _NOW_S for time_s, _ in frames_n)
+    belief = replace(belief, frames_n=frames_n[-max(recent, _RISE_FRAMES) :])
     if gripper.moving:
         return replace(belief, touches=(), pulls=pulled(belief, gripper, plan))
     strongest = max(belief.strongest, touch.reading) if belief.touches else touch.reading

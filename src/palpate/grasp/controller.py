@@ -44,6 +44,8 @@ _HOLDING = (Phase.SQUEEZE, Phase.SETTLE, Phase.ADJUST, Phase.EASE, Phase.HOLD)
 #: of the target (guess: a correction starts at up to 1.05 of it, read by a sheet that creeps).
 _CLOSING = (Phase.SQUEEZE, Phase.SETTLE)
 _TOO_FAR_SHARE = 1.25
+#: The sheet shows a rising force this late, seconds (simulated: 0.06 to 0.12 s).
+_SHEET_LATE_S = 0.1
 #: Less than this share of the strongest touch of this grip means that the object is gone.
 _LOST_SHARE = 0.35
 #: A sheet that shows this much less than at its strongest step, though the hand has closed on this
@@ -122,11 +124,13 @@ def _wished(belief: Belief, plan: Plan) -> Move:
 
 
 def _closes_too_far(belief: Belief, plan: Plan) -> bool:
-    """Return whether a hand that closes already presses more than it was sent on for."""
+    """Return whether a hand that closes presses more than it was sent on for before it stops."""
     moving = belief.still_since_s is None and belief.closure < belief.sent
     if not moving or plan.target_force_n is None or belief.phase not in _CLOSING:
         return False
-    return belief.watched_n > _TOO_FAR_SHARE * target.goal_n(plan)
+    late_s = _SHEET_LATE_S + belief.period_s + plan.safety.latency_s
+    ahead_n = belief.watched_n + late_s * belief.rise_n_per_s
+    return ahead_n > _TOO_FAR_SHARE * target.goal_n(plan)
 
 
 def stopped(belief: Belief, danger: Danger, *, plan: Plan) -> Move:
