@@ -66,11 +66,9 @@ class Measurement:
         """The value, or the middle of what is possible: by ratio, where no end is negative."""
         if self.value is not None:
             return self.value
-        return (
-            math.sqrt(self.low * self.high)
-            if 0 < self.low <= self.high
-            else (self.low + self.high) / 2
-        )
+        if 0 < self.low <= self.high:
+            return math.sqrt(self.low) * math.sqrt(self.high)
+        return self.low / 2 + self.high / 2
 
     @property
     def known_ends(self) -> tuple[float | None, float | None]:

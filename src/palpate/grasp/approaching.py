@@ -74,6 +74,7 @@ def begun(belief: Belief, plan: Plan, *, rows: tuple[int, ...] | None = None) ->
         since_s=belief.now_s,
         slowed=slowed,
         rows=rows,
+        most_n=math.inf if rows is None else _most_push_n(belief, plan),
     )
     return replace(belief, sweep=sweep).enter(Phase.SWEEP)
 
@@ -106,9 +107,8 @@ def swept(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     assert sweep is not None
     # A hand that stands still shakes nothing: its position shows that it did not arrive.
     asleep = sweep.asleep and belief.still_since_s is None
-    # One finger alone pushes up to a force, of which the law of both reads a half: with more the
-    # object is gripped, and the other finger may not show it.
-    gripped = sweep.rows is not None and belief.watched_n > 0.5 * plan.no_push_n
+    # With more than a push takes the object is gripped, and the other finger may not show it.
+    gripped = belief.watched_n > sweep.most_n
     if sweep.time_s and (asleep or gripped or sweep.touched(plan.current)):
         # No further than it reports to be: a stop is never cut.
         here = whole(belief.closure - belief.behind, plan, within=True)
@@ -157,6 +157,15 @@ def stood(belief: Belief, plan: Plan) -> tuple[Belief, GripperCommand | None]:
     back = approach_step(plan) + 0.5 * plan.step + plan.play
     target = whole(max(belief.closure - back, 0.0), plan)
     return belief.enter(Phase.APPROACH), GripperCommand(target=target, rate=plan.rate)
+
+
+def _most_push_n(belief: Belief, plan: Plan) -> float:
+    """Return the force that is read of one finger alone while it pushes, at most.
+
+    The law of both fingers reads a half of it, once the one finger surely feels something.
+    """
+    faint = belief.now.deepest_percent > plan.hint_percent
+    return plan.no_push_n if faint else 0.5 * plan.no_push_n
 
 
 def look_again(belief: Belief, plan: Plan) -> float:

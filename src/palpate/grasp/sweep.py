@@ -8,6 +8,7 @@ servo's current shows a touch that lies off the pixels, and has no lag.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +70,8 @@ class Sweep:
         When it began.
     begin : float
         Closure where it began.
+    most_n : float
+        Force read on the way at which it ends.
     rows : tuple of int or None
         Of the pixels that are watched; None for all.
     time_s : tuple of float
@@ -87,6 +90,7 @@ class Sweep:
     end: float
     since_s: float
     begin: float = 0.0
+    most_n: float = math.inf
     rows: tuple[int, ...] | None = None
     time_s: tuple[float, ...] = ()
     log_ohm: tuple[FloatArray, ...] = ()
