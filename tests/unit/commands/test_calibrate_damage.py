@@ -104,7 +104,7 @@ def test_a_folder_that_is_not_there_is_named(
 def test_the_limit_keeps_a_kiwi_whole_that_its_target_would_damage(
     damage_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    grasp = ["grasp", "--object", "kiwi", "--seed", "3", "--target-force-n", "4", "--json"]
+    grasp = ["grasp", "--object", "kiwi", "--seed", "1", "--target-force-n", "4", "--json"]
     assert palpate(*grasp) == 0
     without = json.loads(capsys.readouterr().out)
     assert without["damage_limit"] is None
