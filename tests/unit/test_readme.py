@@ -16,11 +16,11 @@ README = (ROOT / "README.md").read_text()
 LINKS = sorted(set(re.findall(r"\]\((?!https)([^)#]+)(?:#[^)]*)?\)", README)))
 
 
-#: The paths of three users: what stands in `sh` blocks, but for the two `make` lines.
+#: The paths of three users: what stands in `sh` blocks, but for the `make` lines and the clones.
 PATHS = [
     block
     for block in re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
-    if "make demo" not in block
+    if "make demo" not in block and "git clone" not in block
 ]
 
 

@@ -36,7 +36,7 @@ def as_table(claims: Sequence[Claim]) -> str:
     columns = ("claim", "", "n", "ours", "strongest rival", "difference (90 %)", "better")
     rows = [
         (
-            _noted(one),
+            one.claim + (f" ({one.note})" if one.note else ""),
             one.origin,
             one.count,
             one.ours,
@@ -51,11 +51,6 @@ def as_table(claims: Sequence[Claim]) -> str:
     return _markdown((*columns, "second generator", "command"), rows)
 
 
-def _noted(one: Claim) -> str:
-    """Return the claim with its note."""
-    return f"{one.claim} ({one.note})" if one.note else one.claim
-
-
 def _with_verdict(one: Claim) -> str:
     """Return the second generator's figures, led by who is better there."""
     if not one.second_verdict:
@@ -67,7 +62,7 @@ def as_first_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of the few claims that the first page shows."""
     rows = [
         (
-            _noted(one),
+            one.claim,
             one.count,
             one.ours,
             f"{one.rival} ({one.rival_name})",
