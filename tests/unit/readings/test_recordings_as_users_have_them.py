@@ -149,7 +149,7 @@ def test_prefixed_unit_is_converted_and_said(
     path.write_text(table(TIME_S, per_ohm * OHM, header=f"time_s,{name}", form="{:.3f},{:.9g}"))
     found, holds, said = settled(path, capsys)
     assert found == pytest.approx(SETTLED, rel=1e-3)
-    assert holds[0] == "prefixed:1"
+    assert holds[0] == f"prefixed:{name}:1"
     assert f"{name} is converted to {unit}" in said
 
 
