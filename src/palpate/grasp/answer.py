@@ -18,7 +18,7 @@ from palpate.estimate.gain import Gain, MeasuredForce
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.size import ContactPoint, contact_point
 from palpate.estimate.soft_stiffness import soft_stiffness
-from palpate.grasp.belief import Belief, Closing
+from palpate.grasp.belief import Belief, Closing, Touch
 from palpate.grasp.plan import Plan
 from palpate.grasp.servo_evidence import felt_by_gripper
 from palpate.settling.percent import as_percent, of_rest
@@ -84,7 +84,23 @@ def forecast(belief: Belief, *, plan: Plan) -> Settled:
     reading = _kept(reading, now=belief.now.reading)
     if plan.creep is not None:
         reading = plan.creep.joined(reading, now=belief.now.reading, since_s=float(time_s[-1]))
+        relative = _relative_by(reading, relative, now=belief.now)
     return Settled(relative_percent=relative, reading=reading)
+
+
+def _relative_by(reading: Measurement, relative: Measurement, *, now: Touch) -> Measurement:
+    """Return the forecast of the relative change that the forecast of the reading makes.
+
+    The sheet's own creep is known for the reading; conductance grows by the same share in both.
+    """
+    if not (now.reading > 0 and now.relative_percent < 0):
+        return relative
+    excess = 1.0 / (1.0 + now.relative_percent / 100.0) - 1.0
+    value, low, high = (
+        100.0 * (1.0 / (1.0 + excess * end / now.reading) - 1.0)
+        for end in (reading.middle, reading.high, reading.low)
+    )
+    return replace(relative, value=value, low=low, high=high)
 
 
 def _widened(one: SettledEstimate, *, by: float, unit: str) -> Measurement:
