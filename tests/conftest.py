@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.postgresql import programs, running_server
+from tests.postgresql import PostgresqlProcess, programs
 
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE_ALL") == "1"
 
@@ -36,14 +36,18 @@ def postgresql_server() -> Iterator[str]:
     if found is None:
         skip("no PostgreSQL server; install it (Debian: postgresql)")
     else:
-        with running_server(found) as socket:
-            yield socket
+        with PostgresqlProcess(found) as server:
+            yield str(server.folder)
 
 
 @pytest.fixture
-def postgresql_url(postgresql_server: str) -> Iterator[str]:
+def postgresql_url(
+    postgresql_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[str]:
     """Make an empty schema on the private server; return a URL that leads into it."""
     import psycopg
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
     name = f"store_{os.urandom(6).hex()}"
     server = f"postgresql://postgres@/postgres?host={postgresql_server}"

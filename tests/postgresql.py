@@ -6,8 +6,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 #: Debian keeps the server's programs out of the path, by version.
@@ -25,39 +23,45 @@ def programs() -> Path | None:
     return versions[-1].parent if versions else None
 
 
-@contextmanager
-def running_server(bin_folder: Path) -> Iterator[str]:
-    """Yield the socket's folder of a running server, whose user `postgres` needs no password."""
-    folder = Path(tempfile.mkdtemp(prefix="palpate-pg-"))
-    # The server refuses to run as root: Debian's package has made a user for it.
-    other_user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
-    if other_user:
-        shutil.chown(folder, "postgres")
-    data = folder / "data"
+class PostgresqlProcess:
+    """A server that may be stopped and started; a context manager.
 
-    def run(program: str, *arguments: str) -> None:
-        command = [*other_user, str(bin_folder / program), *arguments]
-        subprocess.run(command, check=True, capture_output=True, cwd=folder, timeout=60)
+    `folder`: of the socket. The user `postgres` needs no password.
+    """
 
-    try:
-        run(
-            "initdb",
-            "-D",
-            str(data),
-            "-U",
-            "postgres",
-            "-A",
-            "trust",
-            "-E",
-            "UTF8",
-            "--locale=C",
-            "--no-sync",
-        )
-        options = f"{FAST} -c listen_addresses='' -c unix_socket_directories={folder}"
-        run("pg_ctl", "-D", str(data), "-w", "-l", str(folder / "log"), "-o", options, "start")
+    def __init__(self, bin_folder: Path) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="palpate-pg-"))
+        self._bin, self._data = bin_folder, str(self.folder / "data")
+        # The server refuses to run as root: Debian's package has made a user for it.
+        self._user = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
+        if self._user:
+            shutil.chown(self.folder, "postgres")
+        access = ("-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync")
+        self._run("initdb", "-D", self._data, *access)
+        self.start()
+
+    @property
+    def url(self) -> str:
+        """URL of the database that every server has."""
+        return f"postgresql://postgres@/postgres?host={self.folder}&connect_timeout=2"
+
+    def start(self) -> None:
+        options = f"{FAST} -c listen_addresses='' -c unix_socket_directories={self.folder}"
+        log = str(self.folder / "log")
+        self._run("pg_ctl", "-D", self._data, "-w", "-l", log, "-o", options, "start")
+
+    def stop(self) -> None:
+        self._run("pg_ctl", "-D", self._data, "-m", "immediate", "stop")
+
+    def __enter__(self) -> PostgresqlProcess:
+        return self
+
+    def __exit__(self, *error: object) -> None:
         try:
-            yield str(folder)
+            self.stop()
         finally:
-            run("pg_ctl", "-D", str(data), "-m", "immediate", "stop")
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _run(self, program: str, *arguments: str) -> None:
+        command = [*self._user, str(self._bin / program), *arguments]
+        subprocess.run(command, check=True, capture_output=True, cwd=self.folder, timeout=60)

@@ -15,8 +15,7 @@ from palpate.errors import InputError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.store import Store
-from palpate.produce.store import schema as store_migrations
+from palpate.produce.store import Store, schema
 from palpate.produce.store.engine import make_engine, store_url
 from palpate.settling.result import Status
 
@@ -35,6 +34,11 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 def store(url: str) -> Iterator[Store]:
     with Store.open(url) as opened:
         yield opened
+
+
+def open_and_read(url: str) -> None:
+    with Store.open(url) as store:
+        store.items()
 
 
 def stiffness(value: float) -> Measurement:
@@ -228,12 +232,13 @@ def test_a_store_opens_again_with_what_it_held(url: str) -> None:
 
 
 def test_a_newer_store_is_refused(url: str, store: Store) -> None:
+    store.items()
     engine = make_engine(store_url(url))
     with engine.begin() as connection:
         connection.exec_driver_sql("UPDATE palpate_schema SET version = 99")
     engine.dispose()
     with pytest.raises(StoreError, match=r"written by a newer palpate \(schema 99, this one"):
-        Store.open(url)
+        open_and_read(url)
 
 
 def test_a_database_of_something_else_is_left_alone(url: str) -> None:
@@ -241,43 +246,18 @@ def test_a_database_of_something_else_is_left_alone(url: str) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql("CREATE TABLE invoices (number INTEGER)")
     with pytest.raises(StoreError, match=r"of something else .*'invoices'"):
-        Store.open(url)
+        open_and_read(url)
     assert sa.inspect(engine).get_table_names() == ["invoices"]
     engine.dispose()
 
 
-def test_a_later_step_keeps_what_is_there(url: str, store: Store) -> None:
-    taken = grasp()
-    store.add_grasp(taken)
-    steps = (*store_migrations.MIGRATIONS, "ALTER TABLE items ADD COLUMN grower TEXT")
-    engine = make_engine(store_url(url)).execution_options(writes=True)
-    for missing in (1, 0):
-        with engine.begin() as connection:
-            assert store_migrations.migrate(connection, where="it", steps=steps) == missing
-    with engine.connect() as connection:
-        assert store_migrations.found_version(connection, where="it", newest=99) == 1 + len(steps)
-    assert "grower" in {column["name"] for column in sa.inspect(engine).get_columns("items")}
-    assert store.grasps_of("A17") == (taken,)
-    engine.dispose()
-
-
-def test_a_step_that_fails_leaves_the_version_before(url: str, store: Store) -> None:
-    steps = (
-        *store_migrations.MIGRATIONS,
-        "ALTER TABLE items ADD COLUMN grower TEXT; CREATE NONSENSE",
-    )
-    engine = make_engine(store_url(url)).execution_options(writes=True)
-    with pytest.raises(sa.exc.DBAPIError), engine.begin() as connection:
-        store_migrations.migrate(connection, where="it", steps=steps)
-    assert "grower" not in {column["name"] for column in sa.inspect(engine).get_columns("items")}
-    store.add_grasp(grasp())
-    engine.dispose()
-
-
 def test_the_tables_are_as_the_code_thinks(url: str, store: Store) -> None:
+    store.items()
     engine = make_engine(store_url(url))
     inspector = sa.inspect(engine)
-    tables = store_migrations.VERSIONS.metadata.tables
+    tables = dict(schema.METADATA.tables)
+    if engine.dialect.name == "postgresql":
+        del tables["outbox"]
     assert set(inspector.get_table_names()) == set(tables)
     for name, table in tables.items():
         found = [column["name"] for column in inspector.get_columns(name)]

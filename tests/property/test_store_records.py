@@ -1,4 +1,4 @@
-"""Any record survives the spool's line of JSON, and the store."""
+"""Any record survives the store."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
-from palpate.produce.records_json import StoreRecord, record_from_json, record_to_json
 from palpate.produce.store import Store
 from palpate.settling.result import Status
 
@@ -96,13 +95,6 @@ verdicts = st.builds(
     source=st.sampled_from(list(Source)),
     verdict_id=st.uuids().map(str),
 )
-
-
-@given(record=items | grasps | verdicts)
-def test_a_record_survives_its_line(record: StoreRecord) -> None:
-    line = record_to_json(record)
-    assert "\n" not in line
-    assert record_from_json(line) == record
 
 
 @settings(max_examples=30, deadline=None)

@@ -45,7 +45,7 @@ EXIT_STATUS = {
     "gripper_fault": 3,
     "stopped": 130,
 }
-#: Neither the store nor its spool could be written, or the recording could not.
+#: The local store could not be written, or the recording could not.
 _NOT_KEPT = 3
 #: The subscriber that records; a fault of it begins so.
 RECORDER = "recorder"

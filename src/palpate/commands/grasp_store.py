@@ -1,4 +1,4 @@
-"""`palpate grasp --item`: what was felt goes to the store, or waits in its spool."""
+"""`palpate grasp --item`: the grasp is written to the local store, and sent to a shared one."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.errors import InputError
+from palpate.errors import InputError, StoreError
 
 if TYPE_CHECKING:
     from palpate.grasp.belief import Observation
     from palpate.grasp.plan import Plan
     from palpate.grasp.result import GraspResult
     from palpate.grasp.runner import Watcher
-    from palpate.produce.records_json import StoreRecord
+    from palpate.produce.records import Grasp
     from palpate.produce.ripeness.closing import ClosingWatch
-    from palpate.produce.store.outbox import Keeper
+    from palpate.produce.store import Store
     from palpate.rig import Rig
 
 
 class Memory:
-    """Watches one grasp of a named item, and keeps it."""
+    """Watches one grasp of a named item, and stores it."""
 
-    def __init__(self, keeper: Keeper, *, item_id: str, angle_deg: float | None) -> None:
-        self._keeper = keeper
+    def __init__(self, store: Store, *, item_id: str, angle_deg: float | None) -> None:
+        self._store = store
         self._item_id = item_id
         self._angle_deg = angle_deg
         self._seen: list[Observation] = []
         self._closing: ClosingWatch | None = None
-        self._records: tuple[StoreRecord, ...] = ()
+        self._record: tuple[Grasp, str] | None = None
 
     def watch(self, plan: Plan) -> Watcher:
         """Return what is to watch the controller's beliefs of a grasp with this plan."""
@@ -44,9 +44,10 @@ class Memory:
 
     def take(self, result: GraspResult, *, rig: Rig, recording: Path | None) -> dict[str, str]:
         """Take how the grasp ended; return its entry in the JSON."""
-        from palpate.produce.grasp_record import records_of
+        from palpate.produce.grasp_record import make_grasp_record
 
-        calibration, grasp = records_of(
+        calibration = rig.calibration.as_text()
+        grasp = make_grasp_record(
             result,
             item_id=self._item_id,
             seen=self._seen,
@@ -54,40 +55,41 @@ class Memory:
             rig=rig.name,
             drive=rig.gripper.limits.drive,
             origin=rig.origin,
-            calibration=rig.calibration.as_text(),
+            calibration=calibration,
             recording=recording,
             angle_deg=self._angle_deg,
             closing={} if self._closing is None else self._closing.measured(),
         )
-        self._records = (calibration, grasp)
+        self._record = grasp, calibration
         return {"item_id": self._item_id, "grasp_id": grasp.grasp_id}
 
     def keep(self) -> bool:
-        """Keep the grasp with the calibration it rests on; False where it is lost.
-
-        A store that does not answer is waited for.
-        """
+        """Write the grasp to the local store, then send it; False where it can't be written."""
+        assert self._record is not None
+        grasp, calibration = self._record
         try:
-            stored = self._keeper.keep(*self._records)
-        except OSError as error:
-            self._say(f"can't be written ({error.strerror}): the grasp is NOT kept")
+            self._store.add_grasp(grasp, calibration=calibration)
+        except StoreError as error:
+            print(f"palpate grasp: {error}: the grasp is NOT kept", file=sys.stderr)
             return False
-        if not stored:
-            self._say("has the grasp, until it is written to the store by the next that finds it")
+        try:
+            self._store.send()
+        except StoreError as error:
+            print(
+                f"palpate grasp: {error}; {self._store.name} has the grasp, and the next command "
+                "that uses the store sends it",
+                file=sys.stderr,
+            )
         return True
-
-    def _say(self, text: str) -> None:
-        keeper = self._keeper
-        print(f"palpate grasp: {keeper.away}; {keeper.spool.path} {text}", file=sys.stderr)
 
 
 def open_memory(
     stack: ExitStack, *, item_id: str | None, store: str | None, angle_deg: float | None
 ) -> Memory | None:
-    """Open the store before anything moves; None where no item is named.
+    """Open the local store before anything moves; None where no item is named.
 
     Raises `InputError` if the item can't be named so, or there is a store and no item; `StoreError`
-    if waiting would not help the store.
+    if the local store can't be used.
     """
     if item_id is None:
         for option, value in (("--store", store), ("--angle-deg", angle_deg)):
@@ -95,10 +97,10 @@ def open_memory(
                 raise InputError(f"{option} {value}: name the item with --item NAME")
         return None
     from palpate.produce.records import Item
-    from palpate.produce.store.outbox import Keeper
+    from palpate.produce.store import Store
 
     Item(item_id=item_id)
-    keeper = stack.enter_context(Keeper(store))
-    if keeper.away is not None:
-        print(f"palpate grasp: {keeper.away}. The grasp will wait for it.", file=sys.stderr)
-    return Memory(keeper, item_id=item_id, angle_deg=angle_deg)
+    opened = stack.enter_context(Store.open(store))
+    if opened.note:
+        print(f"palpate grasp: {opened.note}", file=sys.stderr)
+    return Memory(opened, item_id=item_id, angle_deg=angle_deg)

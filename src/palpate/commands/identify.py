@@ -34,10 +34,10 @@ def identify(
 
     Example: palpate identify A17
     """
+    from palpate.commands.items import opened
     from palpate.produce.identify.items import drive_of, identity_verdict, learn_kinds, touches_of
-    from palpate.produce.store import Store
 
-    with Store.open(store, create=False) as kept:
+    with opened(store) as kept:
         kept.item(item)
         grasps = kept.grasps_of(item)
         drive = drive_of(grasps, item_id=item)

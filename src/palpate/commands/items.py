@@ -87,21 +87,23 @@ def items(
 
 @contextmanager
 def opened(where: str | None, *, create: bool = False) -> Iterator[Store]:
-    """Yield the store; grasps that waited for it are written first."""
-    from palpate.errors import StoreError
+    """Yield the store; a line on stderr says if a shared one did not answer."""
+    from palpate.errors import StoreAwayError
     from palpate.produce.store import Store
-    from palpate.produce.store.outbox import drain, spool_of
 
     with Store.open(where, create=create) as store:
-        spool = spool_of(where)
-        try:
-            taken = drain(spool, into=store)
-        except (StoreError, OSError) as error:
-            print(f"palpate: {spool.path} still waits: {error}", file=sys.stderr)
-        else:
-            if taken:
-                print(f"palpate: {taken} records that waited are now in the store", file=sys.stderr)
+        if store.note:
+            print(f"palpate: {store.note}", file=sys.stderr)
         yield store
+        try:
+            store.send()
+        except StoreAwayError as error:
+            store.away = error
+        if store.away is not None:
+            print(
+                f"palpate: {store.away}; this is from {store.name}, without other stations",
+                file=sys.stderr,
+            )
 
 
 def day_bounds(text: str) -> tuple[date, datetime, datetime]:

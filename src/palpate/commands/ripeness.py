@@ -58,14 +58,14 @@ def ripeness(
 
     Example: palpate ripeness A17 --reference ball --plot a17.png
     """
+    from palpate.commands.items import opened
     from palpate.commands.ripeness_report import print_ripeness, ripeness_document
     from palpate.plots.style import check_plot
     from palpate.produce.ripeness.items import assumed, verdict_of
-    from palpate.produce.store import Store
 
     names = _names(stages, ripe=ripe)
     check_plot(plot, dpi=dpi)
-    with Store.open(store, create=False) as kept:
+    with opened(store) as kept:
         asked = _asked(kept, items or [], batch=batch)
         if plot is not None and len(asked) != 1:
             raise InputError(f"--plot {plot}: draws one item; {len(asked)} were asked for")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from contextlib import ExitStack
 from datetime import datetime
 from functools import partial
@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.commands.sort_supply import SimulatedCrate, Supply
-from palpate.errors import DeviceError, InputError
+from palpate.errors import DeviceError, InputError, StoreError
 from palpate.produce.sorting.conditions import KindIs, SizeWithin
 
 if TYPE_CHECKING:
     from palpate.commands.sort_report import SortReport
     from palpate.estimate.measurement import Measurement
     from palpate.produce.identify.identifier import Identifier
-    from palpate.produce.records_json import StoreRecord
+    from palpate.produce.records import Verdict
     from palpate.produce.sorting.hand import TimedGrasp
     from palpate.produce.sorting.rules import RuleBook
     from palpate.produce.sorting.run import Sorted
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 #: Grasps of each item that teaches: two show how far grasps of one item differ.
 _TAUGHT_GRASPS = 2
 _BROKEN = {"sensor_lost": "the sensor was lost", "gripper_fault": "the gripper failed"}
-#: Writes records to the store, where there is one.
-Keep = Callable[..., object]
 
 
 def sort_from_store(
@@ -38,11 +36,11 @@ def sort_from_store(
 
     Raises `InputError` if there is no such batch, or no item with a grasp.
     """
+    from palpate.commands.items import opened
     from palpate.produce.sorting.decide import decide
     from palpate.produce.sorting.run import Sorted, evidence_of
-    from palpate.produce.store import Store
 
-    with Store.open(store, create=False) as kept:
+    with opened(store) as kept:
         met = kept.items() if batch is None else kept.of_batch(batch)
         found = [(item, kept.grasps_of(item.item_id)) for item in met]
         found = [(item, grasps) for item, grasps in found if grasps]
@@ -81,39 +79,46 @@ def sort_with_rig(
     simulated = isinstance(supply, SimulatedCrate)
     _refuse_blind(report.book, supply, rules=rules)
     with ExitStack() as stack:
-        kept, keep = _opened(stack, store, simulated=simulated)
+        kept = None if simulated and store is None else _open(stack, store)
         identifier = None
         if report.book.asks(KindIs):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
-                identifier = _taught(supply, keep)
+                identifier = _taught(supply, kept)
                 check_kinds(report.book, taught=identifier.kinds, path=rules)
             elif kept is not None:
                 identifier = _learned(kept, report.book, rules=rules)
         for name in supply.names():
-            keep(Item(item_id=name, batch=batch), _calibration(supply))
-            kind = None if kept is None else kept.item(name).kind
-            verdicts = () if kept is None else kept.verdicts_of(name)
+            kind: str | None = None
+            verdicts: tuple[Verdict, ...] = ()
+            if kept is not None:
+                kept.add_item(Item(item_id=name, batch=batch))
+                kind, verdicts = kept.item(name).kind, kept.verdicts_of(name)
             done = sort_item(
                 name,
                 book=report.book,
                 identifier=identifier,
-                grasp=partial(_kept_grasp, name, supply, keep),
+                grasp=partial(_grasp_and_store, name, supply, kept),
                 kind=kind,
                 verdicts=verdicts,
             )
-            _keep_verdicts(done, keep, now=supply.hand.now())
+            if kept is not None:
+                _store_verdicts(done, kept, now=supply.hand.now())
             report.add(done, belongs=supply.belongs(name, book=report.book))
 
 
-def _opened(stack: ExitStack, store: str | None, *, simulated: bool) -> tuple[Store | None, Keep]:
-    """Open the store to learn from, and what writes to it even while it is away for a moment."""
+def _open(stack: ExitStack, store: str | None) -> Store:
+    """Open the store to learn from and to write to; what is shared is sent at the end."""
     from palpate.produce.store import Store
-    from palpate.produce.store.outbox import Keeper
 
-    if simulated and store is None:
-        return None, lambda *records: None
+    def send(kept: Store) -> None:
+        try:
+            kept.send()
+        except StoreError as error:
+            print(f"palpate: {error}; {kept.name} has the grasps, sent later", file=sys.stderr)
+
     kept = stack.enter_context(Store.open(store))
-    return kept, stack.enter_context(Keeper(store)).keep
+    stack.callback(send, kept)
+    return kept
 
 
 def _learned(
@@ -148,7 +153,7 @@ def _refuse_blind(book: RuleBook, supply: Supply, *, rules: Path) -> None:
             )
 
 
-def _taught(supply: SimulatedCrate, keep: Keep) -> Identifier:
+def _taught(supply: SimulatedCrate, kept: Store | None) -> Identifier:
     """Grasp labelled items of each kind, so that there is something to go by."""
     from palpate.produce.identify.identifier import Identifier, TaughtItem
     from palpate.produce.identify.items import touches_of
@@ -162,28 +167,31 @@ def _taught(supply: SimulatedCrate, keep: Keep) -> Identifier:
             size = timed[-1].grasp.measurements.get("size_mm") if timed else None
             timed.append(_grasped(item.item_id, supply, turn=turn, size=size))
         grasps = [one.grasp for one in timed]
-        keep(item, _calibration(supply), *grasps)
+        if kept is not None:
+            kept.add_item(item)
+            kept.add_grasps(grasps, calibration=supply.calibration)
         touches = touches_of(grasps, drive="width")
         found.append(TaughtItem(kind=str(item.kind), touches=touches))
     return Identifier(found)
 
 
-def _kept_grasp(
-    name: str, supply: Supply, keep: Keep, turn: int, size: Measurement | None
+def _grasp_and_store(
+    name: str, supply: Supply, kept: Store | None, turn: int, size: Measurement | None
 ) -> TimedGrasp:
-    """Grasp an item and keep the grasp at once: what was felt is not lost if the next one fails."""
+    """Grasp an item and store the grasp before the next one, which may fail."""
     timed = _grasped(name, supply, turn=turn, size=size)
-    keep(timed.grasp)
+    if kept is not None:
+        kept.add_grasp(timed.grasp, calibration=supply.calibration)
     return timed
 
 
-def _keep_verdicts(done: Sorted, keep: Keep, *, now: datetime) -> None:
+def _store_verdicts(done: Sorted, kept: Store, *, now: datetime) -> None:
     from palpate.produce.identify.items import identity_verdict
     from palpate.produce.sorting.run import bin_verdict
 
     if done.identity is not None and done.identity.grasps:
-        keep(identity_verdict(done.item_id, done.identity, given_at=now))
-    keep(bin_verdict(done, given_at=now))
+        kept.add_verdict(identity_verdict(done.item_id, done.identity, given_at=now))
+    kept.add_verdict(bin_verdict(done, given_at=now))
 
 
 def _grasped(name: str, supply: Supply, *, turn: int, size: Measurement | None) -> TimedGrasp:
@@ -196,9 +204,3 @@ def _grasped(name: str, supply: Supply, *, turn: int, size: Measurement | None) 
     if outcome in _BROKEN:
         raise DeviceError(f"while grasping {name} {_BROKEN[outcome]}; run `palpate doctor`")
     return timed
-
-
-def _calibration(supply: Supply) -> StoreRecord:
-    from palpate.produce.records_json import CalibrationText
-
-    return CalibrationText(content=supply.calibration)

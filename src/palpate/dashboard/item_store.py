@@ -18,10 +18,11 @@ from palpate.recording import RecordingReader
 from palpate.recording.replay import observations
 
 if TYPE_CHECKING:
-    from palpate.produce.records_json import StoreRecord
+    from palpate.produce.records import Grasp
     from palpate.produce.sorting.decide import BinDecision
     from palpate.produce.sorting.rules import RuleBook
     from palpate.produce.store.item_history import ItemHistory
+    from palpate.produce.store.sender import Sender
 
 MISSING = "items need the store: pip install 'palpate[produce]'"
 
@@ -39,6 +40,7 @@ class ItemStore:
 
     def __init__(self, where: str | None, *, rules: RuleBook | None = None) -> None:
         self._where, self._rules = where, rules
+        self._sender: Sender | None = None
         #: Why the last record did not reach the store; empty if it did.
         self.trouble = "" if find_spec("sqlalchemy") else MISSING
 
@@ -50,21 +52,28 @@ class ItemStore:
         item_id: str,
         closing: Mapping[str, Measurement],
     ) -> None:
-        """Write a recorded grasp to the store; while that is away, to its spool.
+        """Write a recorded grasp to the local store, which a shared one is sent from.
 
         `closing` holds the measurements of the whole closing, as `ClosingWatch.measured` gives it.
         """
         if self.trouble == MISSING:
             return
-        from palpate.produce.store.outbox import Keeper
+        from palpate.produce.store import Store
+        from palpate.produce.store.sender import Sender
 
         try:
-            records = _records(result, recording=recording, item_id=item_id, closing=closing)
-            with Keeper(self._where) as keeper:
-                kept = keeper.keep(*records)
-                self.trouble = "" if kept else f"{keeper.away}; it waits in {keeper.spool.path}"
+            grasp, calibration = _read_grasp(
+                result, recording=recording, item_id=item_id, closing=closing
+            )
+            with Store.open(self._where) as store:
+                store.add_grasp(grasp, calibration=calibration)
         except (PalpateError, OSError) as error:
             self.trouble = str(error)
+            return
+        self.trouble = ""
+        if self._sender is None:
+            self._sender = Sender(self._where)
+        self._sender.wake()
 
     def sort(self, item_id: str) -> BinDecision | None:
         """Return which bin an item goes to, by all its grasps; None without rules.
@@ -144,11 +153,11 @@ class ItemStore:
             return item_page(store, item_id)
 
 
-def _records(
+def _read_grasp(
     result: GraspResult, *, recording: Path, item_id: str, closing: Mapping[str, Measurement]
-) -> tuple[StoreRecord, ...]:
-    """Return the grasp, and the calibration it rests on, as the store takes them."""
-    from palpate.produce.grasp_record import records_of
+) -> tuple[Grasp, str]:
+    """Return the record of a grasp, and the text of its calibration."""
+    from palpate.produce.grasp_record import make_grasp_record
 
     with RecordingReader(recording) as reader:
         info = reader.info
@@ -157,7 +166,7 @@ def _records(
             for frame, state in observations(reader)
             if state is not None
         ]
-    return records_of(
+    grasp = make_grasp_record(
         result,
         item_id=item_id,
         seen=seen,
@@ -169,3 +178,4 @@ def _records(
         recording=recording,
         closing=closing,
     )
+    return grasp, info.calibration or ""

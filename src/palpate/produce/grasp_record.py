@@ -14,7 +14,6 @@ from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
 from palpate.produce.felt_pixels import MEAN_S, answered_s, felt_pixels
 from palpate.produce.records import MEASURED, Drive, Grasp
-from palpate.produce.records_json import CalibrationText
 from palpate.produce.ripeness.shared_load import shared_pixels
 from palpate.produce.store.writing import calibration_id_of
 from palpate.recording import Origin
@@ -27,7 +26,7 @@ _ANSWERED = ("settled_percent", "size_mm", "force_n", "stiffness_n_per_mm")
 HELD_AT: dict[Drive, str] = {"width": "width_mm", "pressure": "pressure_kpa"}
 
 
-def records_of(
+def make_grasp_record(
     result: GraspResult,
     *,
     item_id: str,
@@ -40,23 +39,20 @@ def records_of(
     recording: Path | None,
     angle_deg: float | None = None,
     closing: Mapping[str, Measurement] = MappingProxyType({}),
-) -> tuple[CalibrationText, Grasp]:
-    """Return the calibration and the grasp, in the order in which a store takes them.
+) -> Grasp:
+    """Return the record of a grasp that ended now.
 
-    `result`: what the grasp came to, now.
-    `item_id`: what was grasped.
-    `seen`: all that was observed.
-    `rig`, `drive`, `origin`: what it was grasped with, and whether that was real.
+    `seen`: every observation of the grasp.
     `calibration`: the whole text of the calibration file.
-    `recording`: where the frames are.
+    `recording`: the file of its frames.
     `angle_deg`: side of the item that the first finger touched.
-    `closing`: what was measured of the closing by who watched it (`closing_firmness.ClosingWatch`).
+    `closing`: measurements of the whole closing (`ClosingWatch.measured`).
     """
     answers = ((name, getattr(result, name)) for name in _ANSWERED)
     # The store keeps numbers; a bound is not a number.
     measured = {name: value for name, value in answers if value is not None and value.number}
     measured |= {**held_at(seen, result=result, drive=drive), **closing}
-    grasp = Grasp(
+    return Grasp(
         item_id=item_id,
         taken_at=datetime.now(UTC),
         rig=rig,
@@ -72,7 +68,6 @@ def records_of(
         calibration_id=calibration_id_of(calibration),
         recording=None if recording is None else str(recording.resolve()),
     )
-    return CalibrationText(content=calibration), grasp
 
 
 def held_at(

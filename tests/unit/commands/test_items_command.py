@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -12,11 +14,14 @@ from palpate.cli import build_app, run
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Source, Verdict
-from palpate.produce.store import Store
+from palpate.produce.store import Store, engine
 from palpate.produce.store.engine import lasting_name, store_url
-from palpate.produce.store.outbox import Spool, spool_path
+from palpate.produce.store.spool import spool_path
 
 NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
+
+#: Written by the version before.
+SPOOL = Path(__file__).parents[2] / "golden" / "store" / "spool.jsonl"
 
 
 def palpate(*arguments: str) -> int:
@@ -27,7 +32,7 @@ def palpate(*arguments: str) -> int:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PALPATE_STORE", raising=False)
-    monkeypatch.setenv("PALPATE_SPOOL", str(tmp_path / "spool"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("COLUMNS", "120")
     return tmp_path
 
@@ -86,7 +91,7 @@ def test_a_grasp_of_an_item_is_kept_with_its_calibration(
         assert (None if measured is None else measured.to_dict()) == number
 
 
-def test_a_grasp_waits_for_a_store_that_is_away(
+def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
     capsys: pytest.CaptureFixture[str], folder: Path
 ) -> None:
     nowhere = f"postgresql://palpate@/items?host={folder}"
@@ -94,39 +99,40 @@ def test_a_grasp_waits_for_a_store_that_is_away(
     out, err = capsys.readouterr()
     assert json.loads(out)["item_id"] == "A17"
     assert "no answer; check the server" in err
-    assert "has the grasp, until it is written to the store" in err
-    (waiting,) = (folder / "spool").glob("*.jsonl")
-    assert len(Spool(waiting).waiting()) == 2
+    assert "has the grasp, and the next command that uses the store sends it" in err
+    assert palpate("items", "A17", "--store", nowhere, "--json") == 0
+    out, err = capsys.readouterr()
+    assert len(json.loads(out)["grasps"]) == 1
+    assert "no answer; check the server" in err
+    assert "without other stations" in err
 
 
 @pytest.mark.parametrize("form", [(), ("--json",)])
 def test_the_result_is_on_the_screen_before_the_store_is_asked(
-    capsys: pytest.CaptureFixture[str],
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    form: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, form: tuple[str, ...]
 ) -> None:
     shown: list[str] = []
 
-    def ctrl_c(self: Store, grasp: Grasp) -> None:
+    def ctrl_c(self: Store, grasp: Grasp, *, calibration: str) -> None:
         shown.append(capsys.readouterr().out)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Store, "add_grasp", ctrl_c)
     assert palpate("grasp", "--item", "A17", "--seed", "1", *form) == 130
     assert "SIMULATED" in shown[0].upper()
-    (waiting,) = (folder / "spool").glob("*.jsonl")
-    assert len(Spool(waiting).waiting()) == 2
 
 
-def test_a_grasp_that_can_be_kept_nowhere_is_said(
-    capsys: pytest.CaptureFixture[str], folder: Path
+def test_grasp_that_the_local_store_refuses_exits_with_3(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
-    (folder / "spool").write_text("a file where the folder should be")
-    nowhere = f"postgresql://palpate@/items?host={folder}"
-    assert palpate("grasp", "--item", "A17", "--store", nowhere, "--seed", "1", "--json") == 3
+    monkeypatch.setattr(engine, "LOCK_TIMEOUT_S", 0.05)
+    Store.open().close()
+    with closing(sqlite3.connect(folder / "palpate-items.sqlite", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        assert palpate("grasp", "--item", "A17", "--seed", "1", "--json") == 3
     out, err = capsys.readouterr()
     assert json.loads(out)["item_id"] == "A17"
+    assert "locked by another program" in err
     assert "the grasp is NOT kept" in err
 
 
@@ -262,14 +268,17 @@ def test_an_empty_store_says_how_to_fill_it(capsys: pytest.CaptureFixture[str]) 
     assert "`palpate grasp --item NAME` adds one" in capsys.readouterr().out
 
 
-def test_what_waited_is_there_when_one_looks(capsys: pytest.CaptureFixture[str]) -> None:
+def test_spool_of_an_earlier_version_is_imported_and_reported(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     Store.open().close()
-    spool = Spool(spool_path(lasting_name(store_url(None))))
-    spool.add(grasp("A17"), grasp("K2"))
+    spool = spool_path(lasting_name(store_url(None)))
+    spool.parent.mkdir(parents=True)
+    spool.write_bytes(SPOOL.read_bytes())
     assert palpate("items", "--json") == 0
     out, err = capsys.readouterr()
-    assert len(json.loads(out)["items"]) == 2
-    assert "2 records that waited are now in the store" in err
+    assert len(json.loads(out)["items"]) == 1
+    assert "4 records that waited" in err
 
 
 @pytest.mark.usefixtures("filled")

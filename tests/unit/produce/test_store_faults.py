@@ -38,8 +38,9 @@ SEEN = datetime(2026, 5, 1, tzinfo=UTC)
 
 
 @pytest.fixture(autouse=True)
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def impatient(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(store_engine, "LOCK_TIMEOUT_S", 0.05)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
 @pytest.fixture
@@ -67,6 +68,7 @@ def without_root() -> Iterator[Path]:
 def open_and_write(where: str | Path) -> None:
     with Store.open(where) as store:
         store.add_item(Item(item_id="B2"))
+        store.send()
 
 
 def test_locked(path: Path) -> None:
@@ -257,29 +259,29 @@ def test_the_default_is_the_variable_then_a_file_here(
 def test_a_server_that_refuses_or_lacks_the_database(postgresql_server: str) -> None:
     url = f"postgresql://postgres@/{{}}?host={postgresql_server}"
     with pytest.raises(StoreError, match="no such database on the server") as refused:
-        Store.open(url.format("nothing_here"))
+        open_and_write(url.format("nothing_here"))
     assert refused.value.exit_status == 2
     with pytest.raises(StoreError, match="the server refused the user or password"):
-        Store.open(f"postgresql://nobody@/postgres?host={postgresql_server}")
+        open_and_write(f"postgresql://nobody@/postgres?host={postgresql_server}")
 
 
 def test_a_server_that_is_away(tmp_path: Path) -> None:
     with pytest.raises(StoreAwayError, match="no answer; check the server") as away:
-        Store.open(f"postgresql://palpate:secret@/items?host={tmp_path}")
+        open_and_write(f"postgresql://palpate:secret@/items?host={tmp_path}")
     assert away.value.exit_status == 3
     assert "secret" not in str(away.value)
     assert "\n" not in str(away.value)
 
 
 def test_a_server_whose_user_may_only_read(postgresql_url: str) -> None:
-    Store.open(postgresql_url).close()
+    open_and_write(postgresql_url)
     separator = "%20-c%20default_transaction_read_only=on"
     with pytest.raises(StoreError, match="read-only; name the primary server"):
         open_and_write(f"{postgresql_url}{separator}")
 
 
 def test_a_server_that_is_locked(postgresql_url: str) -> None:
-    Store.open(postgresql_url).close()
+    open_and_write(postgresql_url)
     engine = make_engine(store_url(postgresql_url))
     with engine.begin() as connection:
         connection.exec_driver_sql("LOCK TABLE items IN ACCESS EXCLUSIVE MODE")

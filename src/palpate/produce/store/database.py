@@ -1,20 +1,46 @@
 """The store: every item, grasp, measurement, verdict and calibration that was used.
 
-One SQLite file by default, PostgreSQL by URL; several processes may write at once. What was
-acknowledged is on the disk.
+Records are written to a local SQLite file, in one transaction each; several processes may write at
+once. Where a PostgreSQL server is named, an outbox in that file feeds it, and history is read from
+the server, because other stations have grasped the items too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
-from palpate.errors import StoreError
+from palpate.errors import StoreAwayError, StoreError
 from palpate.produce.records import Grasp, Item, Verdict
-from palpate.produce.store.engine import faults_of, make_engine, sa, shown, store_url, url_to_read
+from palpate.produce.store.engine import (
+    faults_of,
+    lasting_name,
+    make_engine,
+    sa,
+    shown,
+    store_url,
+    url_to_read,
+)
+from palpate.produce.store.outbox import (
+    SHARED,
+    copy_record,
+    enqueue,
+    item_kind,
+    read_waiting,
+    remove,
+)
 from palpate.produce.store.reading import StoreReader
-from palpate.produce.store.schema import MIGRATIONS, found_version, migrate
+from palpate.produce.store.schema import GRASPS, ITEMS, NEWEST, migrate, read_version
+from palpate.produce.store.spool import (
+    SpoolRecord,
+    file_of,
+    import_spool,
+    spool_path,
+    state_folder,
+)
 from palpate.produce.store.writing import (
     write_calibration,
     write_grasps,
@@ -22,12 +48,18 @@ from palpate.produce.store.writing import (
     write_verdict,
 )
 
+_Read = TypeVar("_Read")
+#: Records sent to the shared store in one transaction.
+_SENT_TOGETHER = 200
+
 
 class Store(StoreReader):
-    """Memory of items and grasps; a context manager. Made by `Store.open`.
+    """Items and grasps; a context manager. Made by `Store.open`.
 
-    Every method raises `StoreAwayError` where the database does not answer now (no server, locked,
-    disk full) and `StoreError` where it can't be used as it is (read-only, damaged).
+    Every method raises `StoreAwayError` where the local file does not answer now (locked, disk
+    full) and `StoreError` where it can't be used as it is (read-only, damaged).
+
+    `shared`: the PostgreSQL server, if one is named; it is connected to when it is first needed.
 
     >>> with Store.open("sqlite://") as store:
     ...     store.add_item(Item(item_id="A17", kind="avocado", batch="Monday"))
@@ -35,9 +67,14 @@ class Store(StoreReader):
     ['A17']
     """
 
-    def __init__(self, engine: sa.Engine, *, name: str) -> None:
+    def __init__(self, engine: sa.Engine, *, name: str, shared: sa.URL | None = None) -> None:
         super().__init__(engine, name=name)
         self._writing = engine.execution_options(writes=True)
+        self._shared_url, self._server = shared, None
+        #: What became of records that an earlier version left waiting; empty if there were none.
+        self.note = ""
+
+    _server: Store | None
 
     @classmethod
     def open(cls, where: str | Path | None = None, *, create: bool = True) -> Store:
@@ -45,70 +82,103 @@ class Store(StoreReader):
 
         `where`: a file, or a URL: ``sqlite:///items.sqlite``, ``postgresql://user@host/database``.
             By default ``$PALPATE_STORE``, else ``palpate-items.sqlite`` in the current folder.
+            The local file of a server is in ``$XDG_STATE_HOME/palpate``.
         `create`: False to refuse a file that is not there, and to take one that can only be read.
         Raises `InputError` if it is a URL of another kind of database; `StoreError` if it is no
         store, is read-only, damaged, or written by a newer palpate; `StoreAwayError` if it does not
         answer now; `MissingExtraError` if PostgreSQL is asked for without its driver.
         """
-        url = store_url(where)
+        url, shared = store_url(where), None
+        lasting = lasting_name(url)
+        if url.get_backend_name() != "sqlite":
+            make_engine(url).dispose()  # names the extra that is missing
+            folder, shared, create = state_folder(), url, True
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise StoreError(
+                    f"{folder}: can't be made ({error.strerror}); name another folder in "
+                    "$XDG_STATE_HOME"
+                ) from error
+            url = store_url(folder / file_of(lasting, prefix="items", suffix=".sqlite"))
         name = shown(url)
-        if url.get_backend_name() == "sqlite" and url.database and "uri" not in url.query:
+        if url.database and "uri" not in url.query:
             _check_file(Path(url.database), name=name, create=create)
             if not create:
                 url = url_to_read(url)
-        store = cls(make_engine(url), name=name)
+        store = cls(make_engine(url), name=name, shared=shared)
         try:
-            with faults_of(name):
-                store._bring_up_to_date()
+            store._bring_up_to_date(create=create)
+            if url.database:
+                store._import_spool(spool_path(lasting), create=create)
         except BaseException:
             store.close()
             raise
         return store
 
-    def _bring_up_to_date(self) -> None:
-        with self._reading.connect() as connection:
-            before = found_version(connection, where=self.name)
-        # One that needs nothing is not locked for it, and may be read-only.
-        if before < 1 + len(MIGRATIONS):
-            with self._writing.begin() as connection:
-                migrate(connection, where=self.name)
-
     def add_item(self, item: Item) -> None:
         """Add an item, or fill in what is newly known of it: None leaves what is there."""
         with self._write() as connection:
-            write_item(connection, item)
+            self._write_item(connection, item)
 
     def add_calibration(self, text: str) -> str:
-        """Keep the text of a calibration file; return its id, the same for the same text."""
+        """Add the text of a calibration file; return its id, the same for the same text."""
         with self._write() as connection:
             return write_calibration(connection, text)
 
-    def add_grasp(self, grasp: Grasp) -> bool:
+    def add_grasp(self, grasp: Grasp, *, calibration: str | None = None) -> bool:
         """Add a grasp with its measurements in one transaction; False if it was there already.
 
+        `calibration`: the text of its calibration, where the store may not have it yet.
         Raises `InputError` if its calibration is not in the store.
         """
-        return self.add_grasps([grasp]) == 1
+        return self.add_grasps([grasp], calibration=calibration) == 1
 
-    def add_grasps(self, grasps: Iterable[Grasp]) -> int:
+    def add_grasps(self, grasps: Iterable[Grasp], *, calibration: str | None = None) -> int:
         """Add many grasps in one transaction; return how many were new.
 
         Raises `InputError` if one's calibration is not in the store.
         """
         with self._write() as connection:
-            return write_grasps(connection, grasps)
+            if calibration is not None:
+                write_calibration(connection, calibration)
+            return self._write_grasps(connection, grasps)
 
     def add_verdict(self, verdict: Verdict) -> bool:
         """Add a verdict; False if it was there already.
 
         Raises `InputError` if its item or grasp is not in the store.
         """
+        if self._shared_url is not None:
+            self._copy_subject(verdict)
         with self._write() as connection:
-            return write_verdict(connection, verdict)
+            return self._write_verdict(connection, verdict)
+
+    def send(self) -> int:
+        """Send what waits to the shared store, in order; return how many records it took.
+
+        Raises `StoreAwayError` if it does not answer, `StoreError` if it can't be used; what it has
+        not acknowledged waits.
+        """
+        sent = 0
+        while rows := self._read_waiting():
+            with (
+                faults_of(self.name),
+                self._reading.connect() as local,
+                self._open_server()._write() as remote,
+            ):
+                for row in rows:
+                    copy_record(local, remote, row.kind, row.content)
+            with self._write() as connection:
+                remove(connection, [row.number for row in rows])
+            sent += len(rows)
+        return sent
 
     def close(self) -> None:
-        """Let go of the database. May be called twice."""
+        """Close the database. May be called twice."""
         self._reading.dispose()
+        if self._server is not None:
+            self._server.close()
 
     def __enter__(self) -> Store:
         return self
@@ -116,10 +186,119 @@ class Store(StoreReader):
     def __exit__(self, *error: object) -> None:
         self.close()
 
+    # -- the shared store -------------------------------------------------------------------------
+
+    def _fetch(self, read: Callable[[sa.Connection], _Read]) -> _Read:
+        if self._shared_url is not None and self.away is None:
+            try:
+                self.send()
+                return self._open_server()._fetch(read)
+            except StoreAwayError as error:
+                self.away = error
+        return super()._fetch(read)
+
+    def _open_server(self) -> Store:
+        if self._server is None:
+            assert self._shared_url is not None
+            server = Store(make_engine(self._shared_url), name=shown(self._shared_url))
+            try:
+                server._bring_up_to_date(create=True)
+            except BaseException:
+                server.close()
+                raise
+            self._server = server
+        return self._server
+
+    def _read_waiting(self) -> list[sa.Row[tuple[int, str, str, str]]]:
+        if self._shared_url is None:
+            return []
+        return super()._fetch(lambda c: list(read_waiting(c, SHARED, limit=_SENT_TOGETHER)))
+
+    def _copy_subject(self, verdict: Verdict) -> None:
+        """Copy the item and the grasp of a verdict here, if only the shared store has them."""
+        item = sa.select(ITEMS.c.item_id).where(ITEMS.c.item_id == verdict.item_id)
+        grasp = sa.select(GRASPS.c.grasp_id).where(GRASPS.c.grasp_id == verdict.grasp_id)
+        missing = super()._fetch(lambda c: (c.scalar(item) is None, c.scalar(grasp) is None))
+        if not (missing[0] or (missing[1] and verdict.grasp_id is not None)):
+            return
+
+        def copy(remote: sa.Connection) -> None:
+            with self._write() as local:
+                copy_record(remote, local, "item kind batch label", verdict.item_id)
+                if verdict.grasp_id is not None:
+                    copy_record(remote, local, "grasp", verdict.grasp_id)
+
+        try:
+            self._open_server()._fetch(copy)
+        except StoreAwayError as error:
+            self.away = error
+
+    # -- writing, with the rows of the outbox in the same transaction ------------------------------
+
+    def _write_item(self, connection: sa.Connection, item: Item) -> None:
+        write_item(connection, item)
+        if self._shared_url is not None:
+            enqueue(connection, SHARED, [(item_kind(item), item.item_id)])
+
+    def _write_grasps(self, connection: sa.Connection, grasps: Iterable[Grasp]) -> int:
+        added = write_grasps(connection, grasps)
+        if self._shared_url is not None:
+            enqueue(connection, SHARED, [("grasp", grasp_id) for grasp_id in added])
+        return len(added)
+
+    def _write_verdict(self, connection: sa.Connection, verdict: Verdict) -> bool:
+        is_new = write_verdict(connection, verdict)
+        if is_new and self._shared_url is not None:
+            enqueue(connection, SHARED, [("verdict", verdict.verdict_id)])
+        return is_new
+
     @contextmanager
     def _write(self) -> Iterator[sa.Connection]:
         with faults_of(self.name), self._writing.begin() as connection:
             yield connection
+
+    def _bring_up_to_date(self, *, create: bool) -> None:
+        with faults_of(self.name):
+            with self._reading.connect() as connection:
+                before = read_version(connection, where=self.name)
+            # A current store is not locked for it, and may be read-only.
+            if before == NEWEST[connection.dialect.name]:
+                return
+            try:
+                with faults_of(self.name), self._writing.begin() as connection:
+                    migrate(connection, where=self.name)
+            except StoreError:
+                # An older store on a medium that can't be written is read as it is.
+                if create or before == 0:
+                    raise
+
+    def _import_spool(self, path: Path, *, create: bool) -> None:
+        # A folder without the right to look into it has no spool of this user.
+        if not os.path.exists(path) or path.stat().st_size == 0:
+            return
+
+        def write(connection: sa.Connection, record: SpoolRecord) -> None:
+            match record:
+                case str():
+                    write_calibration(connection, record)
+                case Item():
+                    self._write_item(connection, record)
+                case Grasp():
+                    self._write_grasps(connection, [record])
+                case Verdict():
+                    self._write_verdict(connection, record)
+
+        try:
+            with self._write() as connection:
+                self.note = import_spool(path, connection=connection, write=write)
+            # Should this fail, the same records come again, which changes nothing.
+            path.replace(path.with_suffix(".imported"))
+        except (OSError, StoreError) as error:
+            if create:
+                raise StoreError(
+                    f"{path}: records of an earlier version can't be imported ({error}); "
+                    "make room or change the rights of the file"
+                ) from error
 
 
 def _check_file(path: Path, *, name: str, create: bool) -> None:

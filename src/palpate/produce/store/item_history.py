@@ -6,13 +6,12 @@ The JSON is `item.json` and `items.json` of `docs/schemas`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from typing import Any
 
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Grasp, Item, Verdict
-from palpate.produce.records_json import record_as_dict
 from palpate.produce.store.database import Store
 
 
@@ -81,6 +80,25 @@ def item_document(page: ItemHistory) -> dict[str, Any]:
         "grasps": [record_as_dict(grasp) for grasp in page.grasps],
         "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
     }
+
+
+def record_as_dict(record: Item | Grasp | Verdict) -> dict[str, Any]:
+    """Return a record as JSON values: its fields by name, times in ISO 8601.
+
+    >>> record_as_dict(Item(item_id="A17", kind="kiwi"))["kind"]
+    'kiwi'
+    """
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    for name, value in values.items():
+        if isinstance(value, datetime):
+            values[name] = value.isoformat()
+    if isinstance(record, Grasp):
+        values["measurements"] = {
+            name: measured.to_dict() for name, measured in record.measurements.items()
+        }
+    if isinstance(record, Verdict):
+        values["details"] = dict(record.details)
+    return values
 
 
 def _line(page: ItemHistory) -> dict[str, Any]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
-from palpate.errors import InputError, PalpateError
+from palpate.errors import InputError, PalpateError, StoreAwayError
 from palpate.estimate.measurement import Measurement
 from palpate.produce.records import MEASURED, About, Grasp, Item, Source, Verdict
 from palpate.produce.store.engine import damaged, faults_of, sa
 from palpate.produce.store.schema import CALIBRATIONS, GRASPS, ITEMS, MEASUREMENTS, VERDICTS
 from palpate.settling.result import Status
+
+_Read = TypeVar("_Read")
 
 #: Numbers in one IN list: below SQLite's bound on parameters in every build.
 _MOST_NUMBERS = 500
@@ -102,6 +104,8 @@ class StoreReader:
     def __init__(self, engine: sa.Engine, *, name: str) -> None:
         self._reading = engine
         self.name = name
+        #: Why the answers are this station's own alone; None while the shared store answers.
+        self.away: StoreAwayError | None = None
 
     def calibration(self, calibration_id: str) -> str:
         """Return the text of a calibration.
@@ -111,8 +115,7 @@ class StoreReader:
         query = sa.select(CALIBRATIONS.c.content).where(
             CALIBRATIONS.c.calibration_id == calibration_id
         )
-        with self._read() as connection:
-            text: str | None = connection.scalar(query)
+        text: str | None = self._fetch(lambda connection: connection.scalar(query))
         if text is None:
             raise InputError(f"{self.name}: no calibration {calibration_id!r}")
         return text
@@ -137,24 +140,23 @@ class StoreReader:
         """Return at most `limit` items of this kind and batch, the last met first."""
         query = narrowed(sa.select(ITEMS), kind=kind, batch=batch)
         query = query.order_by(ITEMS.c.first_seen.desc(), ITEMS.c.item_id).limit(limit)
-        with self._read() as connection:
-            return read_items(connection, query)
+        return self._fetch(lambda connection: read_items(connection, query))
 
     def items_named(self, item_ids: Sequence[str]) -> tuple[Item, ...]:
         """Return several items in the order of the names; those that are not known are left out."""
-        found: dict[str, Item] = {}
-        with self._read() as connection:
-            for start in range(0, len(item_ids), _ITEMS):
-                wanted = ITEMS.c.item_id.in_(item_ids[start : start + _ITEMS])
-                for item in read_items(connection, sa.select(ITEMS).where(wanted)):
-                    found[item.item_id] = item
+
+        def read(connection: sa.Connection) -> dict[str, Item]:
+            parts = (item_ids[n : n + _ITEMS] for n in range(0, len(item_ids), _ITEMS))
+            queries = (sa.select(ITEMS).where(ITEMS.c.item_id.in_(part)) for part in parts)
+            return {item.item_id: item for q in queries for item in read_items(connection, q)}
+
+        found = self._fetch(read)
         return tuple(found[name] for name in item_ids if name in found)
 
     def grasps_of(self, item_id: str) -> tuple[Grasp, ...]:
         """Return the grasps of an item, oldest first; none for an item that is not known."""
         query = sa.select(GRASPS).where(GRASPS.c.item_id == item_id)
-        with self._read() as connection:
-            return read_grasps(connection, query.order_by(*_IN_TIME))
+        return self._fetch(lambda connection: read_grasps(connection, query.order_by(*_IN_TIME)))
 
     def histories(
         self, item_ids: Sequence[str]
@@ -164,13 +166,13 @@ class StoreReader:
             names = item_ids[start : start + _ITEMS]
             grasps: dict[str, list[Grasp]] = {name: [] for name in names}
             verdicts: dict[str, list[Verdict]] = {name: [] for name in names}
-            felt = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names))
+            felt = sa.select(GRASPS).where(GRASPS.c.item_id.in_(names)).order_by(*_IN_TIME)
             on_them = verdict_query().where(VERDICTS.c.item_id.in_(names))
-            with self._read() as connection:
-                for grasp in read_grasps(connection, felt.order_by(*_IN_TIME)):
-                    grasps[grasp.item_id].append(grasp)
-                for verdict in read_verdicts(connection, on_them):
-                    verdicts[verdict.item_id].append(verdict)
+            found = self._fetch(partial(_read_both, grasps=felt, verdicts=on_them))
+            for grasp in found[0]:
+                grasps[grasp.item_id].append(grasp)
+            for verdict in found[1]:
+                verdicts[verdict.item_id].append(verdict)
             for name in names:
                 yield tuple(grasps[name]), tuple(verdicts[name])
 
@@ -195,17 +197,22 @@ class StoreReader:
         if kind is not None or batch is not None:
             query = narrowed(query.join(ITEMS), kind=kind, batch=batch)
         query = query.order_by(GRASPS.c.number).limit(_BATCH)
-        last = -1
-        while True:
-            with self._read() as connection:
-                numbers = query.with_only_columns(GRASPS.c.number).where(GRASPS.c.number > last)
-                found = list(connection.scalars(numbers))
-                if not found:
-                    return
-                batch_of = sa.select(GRASPS).where(GRASPS.c.number.in_(found))
-                rows = read_grasps(connection, batch_of.order_by(GRASPS.c.number))
+
+        def read(connection: sa.Connection, after: int) -> tuple[tuple[Grasp, ...], int]:
+            numbers = query.with_only_columns(GRASPS.c.number).where(GRASPS.c.number > after)
+            found = list(connection.scalars(numbers))
+            batch_of = sa.select(GRASPS).where(GRASPS.c.number.in_(found))
+            rows = read_grasps(connection, batch_of.order_by(GRASPS.c.number)) if found else ()
+            return rows, found[-1] if found else after
+
+        rows, last = self._fetch(partial(read, after=-1))
+        answered_by = self.away
+        while rows:
             yield from rows
-            last = found[-1]
+            rows, last = self._fetch(partial(read, after=last))
+            # Two databases number grasps differently.
+            if self.away is not answered_by and self.away is not None:
+                raise self.away
 
     def verdicts_of(
         self, item_id: str, *, about: About | None = None, source: Source | None = None
@@ -234,16 +241,20 @@ class StoreReader:
     ) -> tuple[Verdict, ...]:
         if source is not None:
             query = query.where(VERDICTS.c.source == str(source))
-        with self._read() as connection:
-            return read_verdicts(connection, query)
+        return self._fetch(lambda connection: read_verdicts(connection, query))
 
-    @contextmanager
-    def _read(self) -> Iterator[sa.Connection]:
+    def _fetch(self, read: Callable[[sa.Connection], _Read]) -> _Read:
         with faults_of(self.name), self._reading.connect() as connection:
             try:
-                yield connection
+                return read(connection)
             except PalpateError:
                 raise
-            # A record is made of whatever the rows hold.
+            # A record is made from the content of the rows.
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 raise damaged(self.name) from error
+
+
+def _read_both(
+    connection: sa.Connection, *, grasps: sa.Select[Any], verdicts: sa.Select[Any]
+) -> tuple[tuple[Grasp, ...], tuple[Verdict, ...]]:
+    return read_grasps(connection, grasps), read_verdicts(connection, verdicts)

@@ -1,21 +1,20 @@
-"""The tables of the store, made and brought up to date.
+"""The tables of the store, created and brought up to date.
 
-A new store gets the tables below. One of an older version gets the numbered steps that it misses: a
-step is never changed once it is released, because stores out there rest on it. All that is missing
-runs in one transaction, so that a store is at one version or at the next.
+Schema 2 added the outbox to the local SQLite file. A PostgreSQL server has no outbox: it stays at
+schema 1, so that stations with an earlier palpate can share it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
 from palpate.errors import StoreError
 from palpate.produce.store.engine import postgresql, sa, sqlite
 
-#: SQL that leads from version n to version n + 1; the first leads from version 1.
-MIGRATIONS: tuple[str, ...] = ()
+#: Newest schema version of each kind of database.
+NEWEST: Mapping[str, int] = {"sqlite": 2, "postgresql": 1}
 #: One at a time, whichever process comes first: the key of PostgreSQL's advisory lock.
 _LOCK = 0x70616C70
 
@@ -129,40 +128,49 @@ VERDICTS = sa.Table(
     sa.Index("verdicts_by_subject", "about", "source", "given_at"),
 )
 
+OUTBOX = sa.Table(
+    "outbox",
+    METADATA,
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("receiver", sa.Text, nullable=False),
+    sa.Column("kind", sa.Text, nullable=False),
+    sa.Column("content", sa.Text, nullable=False),
+    # A number is never used again: a late acknowledgement can't remove a newer row.
+    sqlite_autoincrement=True,
+)
+
 
 def insert(table: sa.Table, *, dialect: str) -> sqlite.Insert | postgresql.Insert:
     """Return an insert that can state what to do where the row exists already."""
     return postgresql.insert(table) if dialect == "postgresql" else sqlite.insert(table)
 
 
-def migrate(connection: sa.Connection, *, where: str, steps: Sequence[str] = MIGRATIONS) -> int:
-    """Make the tables, or bring them to the newest version; return how many steps were missing.
+def migrate(connection: sa.Connection, *, where: str) -> None:
+    """Create the tables, or bring them to the newest version, in the caller's transaction.
 
     `where`: what the user calls the store.
-    `steps`: SQL of each step, see `MIGRATIONS`.
     Raises `StoreError` if the database was written by a newer palpate, or belongs to something
     else.
     """
-    if connection.dialect.name == "postgresql":
+    database = connection.dialect.name
+    if database == "postgresql":
         connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_LOCK)))
-    newest = 1 + len(steps)
-    version = found_version(connection, where=where, newest=newest)
+    version = read_version(connection, where=where)
+    if version == NEWEST[database]:
+        return
     if version == 0:
-        METADATA.create_all(connection)
-        reached = range(newest, newest + 1)
+        local = database == "sqlite"
+        METADATA.create_all(
+            connection, tables=[t for t in METADATA.sorted_tables if local or t is not OUTBOX]
+        )
     else:
-        for statement in ";".join(steps[version - 1 :]).split(";"):
-            if statement.strip():
-                connection.exec_driver_sql(statement)
-        reached = range(version + 1, newest + 1)
-    for number in reached:
-        connection.execute(VERSIONS.insert().values(version=number, applied_at=datetime.now(UTC)))
-    return newest - version
+        OUTBOX.create(connection)
+    connection.execute(
+        VERSIONS.insert().values(version=NEWEST[database], applied_at=datetime.now(UTC))
+    )
 
 
-def found_version(
-    connection: sa.Connection, *, where: str, newest: int = 1 + len(MIGRATIONS)
-) -> int:
+def read_version(connection: sa.Connection, *, where: str) -> int:
     """Return the schema version that a database is at; 0 for an empty one.
 
     Raises `StoreError` if it was written by a newer palpate, or belongs to something else.
@@ -176,6 +184,7 @@ def found_version(
             )
         return 0
     version: int = connection.scalar(sa.select(sa.func.max(VERSIONS.c.version))) or 0
+    newest = NEWEST[connection.dialect.name]
     if version > newest:
         raise StoreError(
             f"{where}: written by a newer palpate (schema {version}, this one knows up to "

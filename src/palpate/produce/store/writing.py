@@ -63,10 +63,10 @@ def write_calibration(connection: sa.Connection, text: str) -> str:
     return calibration_id
 
 
-def write_grasps(connection: sa.Connection, grasps: Iterable[Grasp]) -> int:
-    """Add grasps with their items and measurements; return how many were new."""
+def write_grasps(connection: sa.Connection, grasps: Iterable[Grasp]) -> list[str]:
+    """Add grasps with their items and measurements; return the ids of those that were new."""
     left = iter(grasps)
-    added = 0
+    added: list[str] = []
     while chunk := list(islice(left, _CHUNK)):
         _know_items(connection, chunk)
         statement = insert(GRASPS, dialect=connection.dialect.name).on_conflict_do_nothing(
@@ -80,7 +80,8 @@ def write_grasps(connection: sa.Connection, grasps: Iterable[Grasp]) -> int:
         measured = list(_measurement_rows(chunk, numbers))
         if measured:
             connection.execute(MEASUREMENTS.insert(), measured)
-        added += len(numbers)
+        ids = dict.fromkeys(grasp.grasp_id for grasp in chunk)
+        added += [grasp_id for grasp_id in ids if grasp_id in numbers]
     return added
 
 

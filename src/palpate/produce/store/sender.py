@@ -1,0 +1,64 @@
+"""A thread that sends what waits to the shared store, so that no grasp waits for a network."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from palpate.errors import PalpateError
+from palpate.produce.store.database import Store
+
+#: How long a server that was away is left alone, unless something new is to be sent, seconds.
+_RETRY_S = 10.0
+#: A server that does not answer does not keep the program from ending, seconds.
+_FAREWELL_S = 3.0
+
+
+class Sender:
+    """Sends in the background until it is closed; a context manager.
+
+    `where`: the store, as `Store.open` takes it.
+    `complain`: called with a line, once for each new reason, when the server does not take records.
+    """
+
+    def __init__(
+        self, where: str | Path | None, *, complain: Callable[[str], None] = lambda line: None
+    ) -> None:
+        self._where, self._complain = where, complain
+        self._wake, self._closing = threading.Event(), False
+        self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Send now; returns at once."""
+        self._wake.set()
+
+    def close(self) -> None:
+        """Try to send the rest, for a limited time; the remaining records wait in the file."""
+        self._closing = True
+        self._wake.set()
+        self._thread.join(_FAREWELL_S)
+
+    def __enter__(self) -> Sender:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        last = ""
+        while True:
+            closing = self._closing
+            try:
+                with Store.open(self._where) as store:
+                    store.send()
+                last = ""
+            except PalpateError as error:
+                if str(error) != last:
+                    self._complain(f"{error}; records wait for it in the local store")
+                last = str(error)
+            if closing:
+                return
+            self._wake.wait(_RETRY_S if last else None)
+            self._wake.clear()

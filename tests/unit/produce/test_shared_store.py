@@ -1,0 +1,179 @@
+"""Records written here reach the shared store once, in order, while it is away and after."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from queue import Queue
+
+import pytest
+from tests.conftest import skip
+from tests.postgresql import PostgresqlProcess, programs
+
+from palpate.errors import StoreAwayError, StoreError
+from palpate.grasp.result import Outcome
+from palpate.produce.records import About, Grasp, Item, Verdict
+from palpate.produce.store import Store
+from palpate.produce.store import sender as store_sender
+from palpate.produce.store.sender import Sender
+from palpate.produce.store.writing import calibration_id_of
+
+TIME = datetime(2026, 5, 1, 8, tzinfo=UTC)
+
+
+@contextmanager
+def station(monkeypatch: pytest.MonkeyPatch, folder: Path, url: str) -> Iterator[Store]:
+    """Yield the store of one station: a state folder of its own, the server of all."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(folder))
+    with Store.open(url) as store:
+        yield store
+
+
+def make_grasp(item_id: str = "A17", *, hours: float = 0.0) -> Grasp:
+    return Grasp(
+        item_id=item_id,
+        taken_at=TIME + timedelta(hours=hours),
+        rig="sim-rigid",
+        drive="width",
+        origin="twin",
+        outcome=Outcome.HELD,
+    )
+
+
+def waiting(store: Store) -> int:
+    with sqlite3.connect(store.name.removeprefix("store ")) as connection:
+        (found,) = connection.execute("SELECT count(*) FROM outbox").fetchone()
+    connection.close()
+    return int(found)
+
+
+def test_history_has_the_grasps_of_every_station(
+    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        station(monkeypatch, tmp_path / "one", postgresql_url) as one,
+        station(monkeypatch, tmp_path / "two", postgresql_url) as two,
+    ):
+        first, second = make_grasp(), make_grasp(hours=1)
+        one.add_grasp(replace(first, calibration_id=calibration_id_of("x")), calibration="x")
+        one.add_item(Item(item_id="A17", kind="avocado"))
+        assert [g.grasp_id for g in one.grasps_of("A17")] == [first.grasp_id]
+        two.add_grasp(second)
+        for store in (two, one):
+            assert [g.grasp_id for g in store.grasps_of("A17")] == [
+                first.grasp_id,
+                second.grasp_id,
+            ]
+            assert store.item("A17").kind == "avocado"
+            assert store.calibration(calibration_id_of("x")) == "x"
+            assert store.away is None
+
+
+def test_verdict_about_a_grasp_of_another_station_is_kept(
+    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = replace(make_grasp(), calibration_id=calibration_id_of("x"))
+    verdict = Verdict(
+        item_id="A17", about=About.RIPENESS, text="ripe", given_at=TIME, grasp_id=taken.grasp_id
+    )
+    with station(monkeypatch, tmp_path / "one", postgresql_url) as one:
+        one.add_grasp(taken, calibration="x")
+        one.send()
+    with station(monkeypatch, tmp_path / "two", postgresql_url) as two:
+        assert two.add_verdict(verdict)
+        assert two.send() == 1
+    with station(monkeypatch, tmp_path / "one", postgresql_url) as one:
+        assert one.verdicts_of("A17") == (verdict,)
+        assert one.grasps_of("A17") == (taken,)
+
+
+def test_item_set_here_leaves_the_columns_set_elsewhere(
+    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        station(monkeypatch, tmp_path / "one", postgresql_url) as one,
+        station(monkeypatch, tmp_path / "two", postgresql_url) as two,
+    ):
+        one.add_item(Item(item_id="A17", kind="avocado", batch="Monday", first_seen=TIME))
+        one.send()
+        two.add_item(Item(item_id="A17", kind="kiwi"))
+        two.send()
+        one.add_item(Item(item_id="A17", label="dark"))
+        expected = Item(item_id="A17", kind="kiwi", batch="Monday", label="dark", first_seen=TIME)
+        assert one.item("A17") == expected
+
+
+def test_records_sent_twice_are_in_the_shared_store_once(
+    postgresql_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with station(monkeypatch, tmp_path, postgresql_url) as store:
+        store.add_grasps([make_grasp(hours=n) for n in range(450)])
+        path = store.name.removeprefix("store ")
+        with sqlite3.connect(path) as connection:
+            rows = connection.execute("SELECT * FROM outbox").fetchall()
+        assert store.send() == 450
+        # As if the acknowledgement had been lost.
+        with connection:
+            connection.executemany("INSERT INTO outbox VALUES (?, ?, ?, ?)", rows)
+        connection.close()
+        assert store.send() == 450
+        assert [g.taken_at for g in store.grasps()] == [
+            TIME + timedelta(hours=n) for n in range(450)
+        ]
+
+
+def test_local_store_without_a_server_has_an_empty_outbox(tmp_path: Path) -> None:
+    with Store.open(tmp_path / "items.sqlite") as store:
+        store.add_grasp(make_grasp())
+        assert store.send() == 0
+        assert waiting(store) == 0
+
+
+def test_state_folder_that_cannot_be_made_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    with pytest.raises(StoreError, match=r"can't be made .* name another folder"):
+        Store.open(f"postgresql://palpate@/items?host={tmp_path}")
+
+
+@pytest.fixture
+def server() -> Iterator[PostgresqlProcess]:
+    found = programs()
+    if found is None:
+        skip("no PostgreSQL server; install it (Debian: postgresql)")
+    with PostgresqlProcess(found) as running:
+        yield running
+
+
+def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
+    server: PostgresqlProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store_sender, "_RETRY_S", 0.05)
+    complaints: Queue[str] = Queue()
+    grasps = [make_grasp(hours=n) for n in range(60)]
+    with station(monkeypatch, tmp_path, server.url) as store:
+        store.add_grasps(grasps[:20])
+        assert len(store.grasps_of("A17")) == 20
+        server.stop()
+        for grasp in grasps[20:40]:
+            store.add_grasp(grasp)
+        with pytest.raises(StoreAwayError, match=r"no answer|connection was lost"):
+            store.send()
+        assert store.grasps_of("A17") == tuple(grasps[:40]), "from the local file"
+        assert store.away is not None
+    with Sender(server.url, complain=complaints.put) as sender:
+        assert "records wait for it in the local store" in complaints.get(timeout=60)
+        server.start()
+        with Store.open(server.url) as store:
+            store.add_grasps(grasps[40:])
+        sender.wake()
+    with Store.open(server.url) as store:
+        assert store.send() == waiting(store) == 0
+        assert list(store.grasps()) == grasps
+        assert store.away is None
