@@ -84,7 +84,7 @@ def results(port: int, folder: Path, *, count: int) -> None:
     listening = Subscriber(port, "bench")
     broker = Broker(host="127.0.0.1", port=port, tls=False, topic="bench")
     complaints: Queue[str] = Queue()
-    publisher = Publisher(broker, outbox=folder / "bench.sqlite", complain=complaints.put)
+    publisher = Publisher(broker, store=folder / "bench.sqlite", complain=complaints.put)
     listening.until("online")
     text, call_ms, arrived_ms = "x" * 3000, [], []
     for number in range(count):

@@ -50,9 +50,9 @@ def broker_file(folder: Path, port: int) -> str:
     return str(file)
 
 
-def publisher_to(broker: BrokerProcess, outbox: Path, complaints: Queue[str]) -> Publisher:
+def publisher_to(broker: BrokerProcess, store: Path, complaints: Queue[str]) -> Publisher:
     plain = Broker(host="127.0.0.1", port=broker.port, tls=False, topic=TOPIC)
-    return Publisher(plain, outbox=outbox, complain=complaints.put)
+    return Publisher(plain, store=store, complain=complaints.put)
 
 
 def numbers(documents: list[dict[str, int]]) -> list[int]:
@@ -113,7 +113,7 @@ def test_a_broker_that_hangs_or_is_away_delays_neither_grasp_nor_stop(
 def test_nothing_is_lost_and_nothing_overtakes_when_the_broker_restarts_in_the_middle(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
-    publisher = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    publisher = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     for number in range(300):
         publisher.result({"number": number})
     heard = [subscriber.until("result") for _ in range(5)]
@@ -129,7 +129,7 @@ def test_nothing_is_lost_and_nothing_overtakes_when_the_broker_restarts_in_the_m
 def test_what_a_killed_broker_did_not_take_arrives_later(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
-    publisher = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    publisher = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     publisher.result({"number": 0})
     heard = [subscriber.until("result")]
     broker.kill()
@@ -145,7 +145,7 @@ def test_what_a_killed_broker_did_not_take_arrives_later(
 def test_what_waited_when_the_program_ended_comes_first_in_the_next_run(
     broker: BrokerProcess, subscriber: Subscriber, tmp_path: Path
 ) -> None:
-    first = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    first = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     subscriber.until("online")
     broker.hang()
     for number in range(3):
@@ -153,7 +153,7 @@ def test_what_waited_when_the_program_ended_comes_first_in_the_next_run(
     first.close()
     broker.kill()
     broker.start()
-    second = publisher_to(broker, tmp_path / "outbox.sqlite", Queue())
+    second = publisher_to(broker, tmp_path / "items.sqlite", Queue())
     second.result({"number": 3})
     heard = [subscriber.until("result") for _ in range(4)]
     assert numbers(heard) == [0, 1, 2, 3]
@@ -161,11 +161,13 @@ def test_what_waited_when_the_program_ended_comes_first_in_the_next_run(
     assert subscriber.until("online", lambda told: not told["online"]) == {"online": False}
 
 
-def test_an_outbox_that_cannot_be_opened_is_told(broker: BrokerProcess, tmp_path: Path) -> None:
+def test_store_that_cannot_be_opened_is_reported_and_results_are_sent(
+    broker: BrokerProcess, tmp_path: Path
+) -> None:
     complaints: Queue[str] = Queue()
-    (tmp_path / "outbox.sqlite").write_bytes(b"no database" * 100)
+    (tmp_path / "items.sqlite").write_bytes(b"no database" * 100)
     listening = Subscriber(broker.port, TOPIC)
-    publisher = publisher_to(broker, tmp_path / "outbox.sqlite", complaints)
+    publisher = publisher_to(broker, tmp_path / "items.sqlite", complaints)
     publisher.result({"number": 1})
     assert listening.until("result") == {"number": 1}
     assert "results wait in memory alone" in complaints.get(timeout=PATIENCE_S)
@@ -199,7 +201,7 @@ def test_a_broker_with_tls_and_a_password(tmp_path: Path) -> None:
     for password in ("guess", "sesame"):
         complaints: Queue[str] = Queue()
         asked = read_broker(file, environment={"PALPATE_MQTT_PASSWORD": password})
-        publisher = Publisher(asked, outbox=tmp_path / "outbox.sqlite", complain=complaints.put)
+        publisher = Publisher(asked, store=tmp_path / "items.sqlite", complain=complaints.put)
         publisher.result({"password": password})
         if password == "guess":
             assert "look at username and password" in complaints.get(timeout=PATIENCE_S)

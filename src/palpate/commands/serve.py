@@ -132,17 +132,19 @@ def serve(
         port=port,
         token=token,
         announce=_announce,
-        publisher=None if mqtt is None else _publisher(mqtt, folder=folder),
+        publisher=None if mqtt is None else _publisher(mqtt, store=store, folder=folder),
         lines=open_lines(opcua=opcua, modbus=modbus, token=token, folder=folder),
     )
 
 
-def _publisher(file: Path, *, folder: Path) -> Publisher:
-    """Connect to a broker; results wait for it in the folder of the recordings."""
+def _publisher(file: Path, *, store: str | None, folder: Path) -> Publisher:
+    """Connect to a broker; results wait for it in the store."""
     from palpate.mqtt.broker import read_broker
-    from palpate.mqtt.publisher import Publisher
+    from palpate.mqtt.publisher import Publisher, import_outbox
 
-    return Publisher(read_broker(file), outbox=folder / "mqtt-outbox.sqlite", complain=_complain)
+    broker = read_broker(file)
+    import_outbox(folder / "mqtt-outbox.sqlite", store=store)
+    return Publisher(broker, store=store, complain=_complain)
 
 
 def _rules(path: Path) -> RuleBook:

@@ -1,4 +1,4 @@
-"""Results and state to an MQTT broker: an outbox on the disk, and a thread that empties it.
+"""Results and state to an MQTT broker: a thread that empties the outbox of the store.
 
 Knows nothing of grasps: it takes documents. The topics are ``TOPIC/result`` (each result, in order,
 at least once), ``TOPIC/state`` (the newest, retained) and ``TOPIC/online`` (retained; the broker

@@ -8,19 +8,23 @@ import socket
 import sqlite3
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias
 
-from palpate.errors import InputError, needing
+from palpate.errors import InputError, StoreError, needing
 from palpate.mqtt.broker import Broker
-from palpate.mqtt.outbox import Outbox
+from palpate.produce.store import Store
 
 with needing("--mqtt", extra="mqtt"):
     import paho.mqtt.client as paho
     from paho.mqtt.enums import CallbackAPIVersion
 
+#: At most this many results wait: a day of a grasp every nine seconds, about 30 MB. When one more
+#: comes the oldest goes, and is counted.
+MOST_WAITING = 10_000
 #: A broker that is silent for one and a half times this is lost, and is looked for again.
 _KEEPALIVE_S = 10
 _CONNECT_S, _SOONEST_S, _LATEST_S = 5.0, 1, 10
@@ -59,13 +63,14 @@ _Event: TypeAlias = _Result | _State | _Connected | _Gone | _Arrived
 class Publisher:
     """Publishes documents; the caller never waits.
 
-    A result goes to the outbox first, and leaves it once the broker has it. One is on its way at a
-    time, so that their order holds through every lost connection; a result whose receipt was lost
-    comes twice.
+    A result is written to the outbox of the store first, and leaves it once the broker has
+    acknowledged it. One is sent at a time, so that their order holds through every lost connection;
+    a result whose receipt was lost comes twice.
 
-    `outbox`: the file of results that wait; those of an earlier run go first.
-    `complain`: called with a line when the broker refuses, or the outbox fails; by a thread of its
+    `store`: as `Store.open` takes it; results of an earlier run go first.
+    `complain`: called with a line when the broker refuses, or the store fails; by a thread of its
         own.
+    `most`: how many results may wait.
     Raises `InputError` if a certificate can't be used.
     """
 
@@ -73,10 +78,12 @@ class Publisher:
         self,
         broker: Broker,
         *,
-        outbox: Path,
+        store: str | Path | None,
         complain: Callable[[str], None],
+        most: int = MOST_WAITING,
     ) -> None:
-        self._topic, self._path, self._complain = broker.topic, outbox, complain
+        self._topic, self._where, self._complain = broker.topic, store, complain
+        self._most, self._dropped = most, 0
         self._events: SimpleQueue[_Event | None] = SimpleQueue()
         self._last_state: bytes | None = None
         self._link = _Link()
@@ -98,7 +105,7 @@ class Publisher:
             self._events.put(_State(payload))
 
     def close(self) -> None:
-        """Say goodbye; what the broker did not take waits in the outbox."""
+        """Disconnect; results that the broker did not acknowledge wait in the store."""
         self._events.put(None)
         self._thread.join(_FAREWELL_S)
 
@@ -106,60 +113,57 @@ class Publisher:
 
     def _run(self) -> None:
         try:
-            outbox = Outbox(self._path)
-        except (sqlite3.Error, OSError) as error:
-            self._complain(f"mqtt: {self._path}: {error}; results wait in memory alone")
-            outbox = Outbox(":memory:")
+            store = Store.open(self._where)
+        except StoreError as error:
+            self._complain(f"mqtt: {error}; results wait in memory alone")
+            store = Store.open("sqlite://")
         try:
             while (event := self._events.get()) is not None:
                 try:
-                    self._take(event, outbox)
-                    self._send(outbox)
-                except sqlite3.Error as error:
-                    self._complain(f"mqtt: {self._path}: {error}; make room, a result may be lost")
+                    self._take(event, store)
+                    self._send(store)
+                except StoreError as error:
+                    self._complain(f"mqtt: {error}; a result may be lost")
         finally:
-            outbox.close()
-            self._farewell()
+            store.close()
+            if self._link.up:
+                self._publish("online", _OFFLINE)
+            self._client.disconnect()
+            self._client.loop_stop()
 
-    def _take(self, event: _Event, outbox: Outbox) -> None:
+    def _take(self, event: _Event, store: Store) -> None:
         link = self._link
         match event:
             case _Result():
-                outbox.add(event.payload)
+                self._dropped += store.add_message(event.payload.decode(), most=self._most)
             case _State():
                 link.state, link.state_sent = event.payload, False
             case _Connected():
                 link.up, link.state_sent = True, False
-                self._publish("online", _payload({"online": True, "dropped": outbox.dropped}))
+                self._publish("online", _payload({"online": True, "dropped": self._dropped}))
             case _Gone():
                 link.up = False
             case _Arrived() if link.on_its_way is not None and event.message == link.on_its_way[0]:
-                outbox.remove(link.on_its_way[1])
+                store.remove_message(link.on_its_way[1])
                 link.on_its_way = None
             case _Arrived() if event.message == link.state_message:
                 link.state_message = None
 
-    def _send(self, outbox: Outbox) -> None:
+    def _send(self, store: Store) -> None:
         """Hand the client what it may have: one result and one state at a time."""
         link = self._link
         if not link.up:
             return
         if link.state is not None and not link.state_sent and link.state_message is None:
             link.state_message, link.state_sent = self._publish("state", link.state), True
-        waiting = None if link.on_its_way is not None else outbox.oldest()
+        waiting = None if link.on_its_way is not None else store.oldest_message()
         if waiting is not None:
-            number, payload = waiting
-            link.on_its_way = self._publish("result", payload, retain=False), number
+            number, text = waiting
+            link.on_its_way = self._publish("result", text.encode(), retain=False), number
 
     def _publish(self, name: str, payload: bytes, *, retain: bool = True) -> int:
         # The client sends it again by itself when the connection comes back.
         return self._client.publish(f"{self._topic}/{name}", payload, qos=1, retain=retain).mid
-
-    def _farewell(self) -> None:
-        if self._link.up:
-            self._publish("online", _OFFLINE)
-        self._client.disconnect()
-        self._client.loop_stop()
 
     # -- the client, whose callbacks come from its own thread ------------------------------------
 
@@ -198,6 +202,24 @@ class _Link:
     state: bytes | None = None
     state_sent: bool = False
     state_message: int | None = None
+
+
+def import_outbox(path: Path, *, store: str | Path | None) -> None:
+    """Move results that wait in the file of an earlier version to the store.
+
+    Raises `StoreError` if the store does not take them, or the file can't be read.
+    """
+    if not path.exists():
+        return
+    try:
+        with closing(sqlite3.connect(path)) as waiting:
+            rows = waiting.execute("SELECT payload FROM waiting ORDER BY number").fetchall()
+    except sqlite3.Error as error:
+        raise StoreError(f"{path}: {error}; results wait in it: move it away to go on") from error
+    with Store.open(store) as opened:
+        for (payload,) in rows:
+            opened.add_message(payload.decode(), most=MOST_WAITING)
+    path.replace(path.with_suffix(".imported"))
 
 
 def _payload(document: Mapping[str, object]) -> bytes:

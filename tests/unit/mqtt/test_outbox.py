@@ -1,51 +1,78 @@
-"""The outbox: in order, on the disk, and bounded."""
+"""Messages that wait for the broker: in order, on the disk, and bounded."""
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
-from hypothesis import given
+import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.mqtt.outbox import Outbox
+from palpate.errors import StoreError
+from palpate.mqtt.publisher import import_outbox
+from palpate.produce.records import Item
+from palpate.produce.store import Store
 
 
-def emptied(outbox: Outbox) -> list[bytes]:
+def empty(store: Store) -> list[str]:
     found = []
-    while (oldest := outbox.oldest()) is not None:
+    while (oldest := store.oldest_message()) is not None:
         found.append(oldest[1])
-        outbox.remove(oldest[0])
+        store.remove_message(oldest[0])
     return found
 
 
+@settings(deadline=None)
 @given(sizes=st.lists(st.integers(0, 5), max_size=12), most=st.integers(1, 6))
-def test_it_gives_the_newest_in_their_order_and_counts_the_others(
+def test_outbox_keeps_the_newest_in_order_and_counts_the_others(
     sizes: list[int], most: int
 ) -> None:
     """Messages come in bursts, and one goes after each."""
-    outbox, kept, number, dropped = Outbox(":memory:", most=most), [], 0, 0
-    for size in sizes:
-        for _ in range(size):
-            number += 1
-            kept.append(b"%d" % number)
-            outbox.add(kept[-1])
-            dropped += max(0, len(kept) - most)
-            kept = kept[-most:]
-        if kept:
-            oldest = outbox.oldest()
-            assert oldest is not None
-            assert oldest[1] == kept.pop(0)
-            outbox.remove(oldest[0])
-    assert (emptied(outbox), outbox.dropped) == (kept, dropped)
-    outbox.close()
+    kept: list[str] = []
+    number = dropped = counted = 0
+    with Store.open("sqlite://") as store:
+        for size in sizes:
+            for _ in range(size):
+                number += 1
+                kept.append(str(number))
+                counted += store.add_message(kept[-1], most=most)
+                dropped += max(0, len(kept) - most)
+                kept = kept[-most:]
+            oldest = store.oldest_message()
+            assert (None if oldest is None else oldest[1]) == (kept[0] if kept else None)
+            if oldest is not None:
+                store.remove_message(oldest[0])
+                kept.pop(0)
+        assert (empty(store), counted) == (kept, dropped)
 
 
-def test_it_outlives_the_program(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "outbox.sqlite"
-    first = Outbox(path)
-    first.add(b"one")
-    first.add(b"two")
-    first.close()
-    second = Outbox(path)
-    assert emptied(second) == [b"one", b"two"]
-    second.close()
+def test_messages_outlive_the_program_next_to_records(tmp_path: Path) -> None:
+    for text in ("one", "two"):
+        with Store.open(tmp_path / "items.sqlite") as store:
+            store.add_message(text, most=10)
+            store.add_item(Item(item_id=text))
+    with Store.open(tmp_path / "items.sqlite") as store:
+        assert empty(store) == ["one", "two"]
+        assert len(store.items()) == 2
+
+
+def test_outbox_file_of_an_earlier_version_is_imported_once(tmp_path: Path) -> None:
+    old, new = tmp_path / "mqtt-outbox.sqlite", tmp_path / "items.sqlite"
+    with closing(sqlite3.connect(old)) as waiting, waiting:
+        waiting.execute(
+            "CREATE TABLE waiting (number INTEGER PRIMARY KEY AUTOINCREMENT, payload BLOB NOT NULL)"
+        )
+        waiting.executemany("INSERT INTO waiting (payload) VALUES (?)", [(b"one",), (b"two",)])
+    import_outbox(old, store=new)
+    import_outbox(old, store=new)
+    with Store.open(new) as store:
+        assert empty(store) == ["one", "two"]
+
+
+def test_outbox_file_that_is_damaged_is_one_line(tmp_path: Path) -> None:
+    old = tmp_path / "mqtt-outbox.sqlite"
+    old.write_bytes(b"no database" * 100)
+    with pytest.raises(StoreError, match=r"mqtt-outbox\.sqlite: .*move it away to go on"):
+        import_outbox(old, store=tmp_path / "items.sqlite")

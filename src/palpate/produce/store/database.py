@@ -25,8 +25,10 @@ from palpate.produce.store.engine import (
     url_to_read,
 )
 from palpate.produce.store.outbox import (
+    MQTT,
     SHARED,
     copy_record,
+    drop_oldest,
     enqueue,
     item_kind,
     read_waiting,
@@ -173,6 +175,22 @@ class Store(StoreReader):
                 remove(connection, [row.number for row in rows])
             sent += len(rows)
         return sent
+
+    def add_message(self, text: str, *, most: int) -> int:
+        """Queue a message for a broker; return how many older ones beyond `most` were dropped."""
+        with self._write() as connection:
+            enqueue(connection, MQTT, [("result", text)])
+            return drop_oldest(connection, MQTT, most=most)
+
+    def oldest_message(self) -> tuple[int, str] | None:
+        """Return number and text of the message that has waited longest."""
+        rows = super()._fetch(lambda connection: read_waiting(connection, MQTT, limit=1))
+        return (rows[0].number, rows[0].content) if rows else None
+
+    def remove_message(self, number: int) -> None:
+        """Remove a message that the broker has acknowledged."""
+        with self._write() as connection:
+            remove(connection, [number])
 
     def close(self) -> None:
         """Close the database. May be called twice."""

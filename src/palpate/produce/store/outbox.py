@@ -42,6 +42,14 @@ def remove(connection: sa.Connection, numbers: Sequence[int]) -> None:
     connection.execute(OUTBOX.delete().where(OUTBOX.c.number.in_(numbers)))
 
 
+def drop_oldest(connection: sa.Connection, receiver: str, *, most: int) -> int:
+    """Remove the rows beyond the newest `most` of a receiver; return how many those were."""
+    numbers = sa.select(OUTBOX.c.number).where(OUTBOX.c.receiver == receiver)
+    last = numbers.order_by(OUTBOX.c.number.desc()).limit(1).offset(most).scalar_subquery()
+    surplus = OUTBOX.delete().where(OUTBOX.c.receiver == receiver, OUTBOX.c.number <= last)
+    return connection.execute(surplus).rowcount
+
+
 def item_kind(item: Item) -> str:
     """Return the kind of an item's row: it names the columns that were given."""
     return " ".join(["item", *(n for n in ("kind", "batch", "label") if getattr(item, n))])
