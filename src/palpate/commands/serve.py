@@ -140,10 +140,11 @@ def serve(
 def _publisher(file: Path, *, store: str | None, folder: Path) -> Publisher:
     """Connect to a broker; results wait for it in the store."""
     from palpate.mqtt.broker import read_broker
-    from palpate.mqtt.publisher import Publisher, import_outbox
+    from palpate.mqtt.publisher import Publisher, import_outbox, receiver_of
 
     broker = read_broker(file)
-    import_outbox(folder / "mqtt-outbox.sqlite", store=store)
+    old = folder / "mqtt-outbox.sqlite"
+    import_outbox(old, store=store, receiver=receiver_of(broker))
     return Publisher(broker, store=store, complain=_complain)
 
 

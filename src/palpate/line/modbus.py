@@ -9,9 +9,7 @@ from typing import Any
 from palpate.errors import InputError, needing
 from palpate.line.machine import CommandRefusedError, Machine, line_state
 from palpate.line.results import (
-    MEASUREMENTS,
     OUTCOME_NUMBERS,
-    PARTS,
     bin_of,
     item_of,
     measured_values,
@@ -137,45 +135,6 @@ class ModbusStation:
         found[REFUSAL : REFUSAL + TEXT_REGISTERS] = text_registers(self._refusal)
         found[COMMAND:END] = self._written
         return found
-
-
-def register_map() -> list[tuple[str, str]]:
-    """Return the map for the documentation: addresses and meaning.
-
-    >>> register_map()[0]
-    ('0', 'state: 0 stopped, 1 idle, 2 execute, 3 holding, 4 aborted')
-    """
-    outcomes = ", ".join(f"{number} {name}" for name, number in OUTCOME_NUMBERS.items())
-    rows = [
-        (f"{STATE}", "state: 0 stopped, 1 idle, 2 execute, 3 holding, 4 aborted"),
-        (
-            f"{FLAGS}",
-            "flags: bit 0 frames are fresh, 1 the hand is open, 2 a client drives, 3 simulated",
-        ),
-        (f"{STOPS}-{STOPS + 1}", "number of stops"),
-        (f"{RESULTS}-{RESULTS + 1}", "number of grasps that have ended in this run"),
-        (f"{OUTCOME}", f"outcome of the last: 0 none yet, {outcomes}"),
-    ]
-    for place, name in enumerate(MEASUREMENTS):
-        at = VALUES + 2 * len(PARTS) * place
-        rows.append((f"{at}-{at + 5}", f"`{name}`: value, low, high; 32-bit floats, NaN unknown"))
-    for at, meaning in (
-        (ITEM, "item of the last grasp, ASCII"),
-        (BIN, "its bin, ASCII"),
-        (REFUSAL, "why the last command was refused, ASCII"),
-    ):
-        rows.append((f"{at}-{at + TEXT_REGISTERS - 1}", meaning))
-    return [
-        *rows,
-        (f"{COMMAND}", "write: 1 grasp, 2 release, 3 stop, 4 take over, 5 leave"),
-        (f"{TARGET}", "write before 1: grip force, 0.01 N; 0 is a gentle squeeze"),
-        (
-            f"{KNOWN_STOPS}-{KNOWN_STOPS + 1}",
-            "write before 1: the number of stops that the sender "
-            "has seen; 0xFFFFFFFF, as at the start, compares nothing",
-        ),
-        (f"{NEW_ITEM}-{END - 1}", "write before 1: the item, ASCII, filled with zeros"),
-    ]
 
 
 def text_registers(text: str) -> list[int]:

@@ -246,15 +246,11 @@ class OpcUaStation:
         await self.refresh()
         return [ua.Variant(is_stopped, ua.VariantType.Boolean)]
 
-    async def _take_over(self, parent: Any) -> list[ua.Variant]:
-        self._machine.take_over(DRIVER)
-        await self.refresh()
-        return []
+    async def _take_over(self, parent: Any) -> _Answer:
+        return await self._obey(lambda: self._machine.take_over(DRIVER))
 
-    async def _leave(self, parent: Any) -> list[ua.Variant]:
-        self._machine.leave(DRIVER)
-        await self.refresh()
-        return []
+    async def _leave(self, parent: Any) -> _Answer:
+        return await self._obey(lambda: self._machine.leave(DRIVER))
 
 
 def _measured_names() -> list[str]:

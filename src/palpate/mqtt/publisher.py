@@ -1,4 +1,4 @@
-"""One thread between who has something to publish and a broker that may not answer."""
+"""A thread that publishes to a broker which may not answer."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import threading
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeAlias
+from typing import Any
 
 from palpate.errors import InputError, StoreError, needing
 from palpate.mqtt.broker import Broker
@@ -30,34 +31,6 @@ _KEEPALIVE_S = 10
 _CONNECT_S, _SOONEST_S, _LATEST_S = 5.0, 1, 10
 #: A broker that does not answer does not keep the program from ending.
 _FAREWELL_S = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Result:
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class _State:
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class _Connected:
-    pass
-
-
-@dataclass(frozen=True, slots=True)
-class _Gone:
-    pass
-
-
-@dataclass(frozen=True, slots=True)
-class _Arrived:
-    message: int
-
-
-_Event: TypeAlias = _Result | _State | _Connected | _Gone | _Arrived
 
 
 class Publisher:
@@ -84,7 +57,8 @@ class Publisher:
     ) -> None:
         self._topic, self._where, self._complain = broker.topic, store, complain
         self._most, self._dropped = most, 0
-        self._events: SimpleQueue[_Event | None] = SimpleQueue()
+        self._receiver = receiver_of(broker)
+        self._calls: SimpleQueue[Callable[[Store], object] | None] = SimpleQueue()
         self._last_state: bytes | None = None
         self._link = _Link()
         self._client = self._connecting(broker)
@@ -95,18 +69,23 @@ class Publisher:
 
     def result(self, document: Mapping[str, object]) -> None:
         """Publish a result, now or when the broker is there."""
-        self._events.put(_Result(_payload(document)))
+        text = json.dumps(document, allow_nan=False)
+
+        def queue(store: Store) -> None:
+            self._dropped += store.add_message(text, receiver=self._receiver, most=self._most)
+
+        self._calls.put(queue)
 
     def state(self, document: Mapping[str, object]) -> None:
         """Publish the state, unless it is the one published last."""
         payload = _payload(document)
         if payload != self._last_state:
             self._last_state = payload
-            self._events.put(_State(payload))
+            self._calls.put(lambda _: self._link.show(payload))
 
     def close(self) -> None:
         """Disconnect; results that the broker did not acknowledge wait in the store."""
-        self._events.put(None)
+        self._calls.put(None)
         self._thread.join(_FAREWELL_S)
 
     # -- the thread -----------------------------------------------------------------------------
@@ -118,51 +97,48 @@ class Publisher:
             self._complain(f"mqtt: {error}; results wait in memory alone")
             store = Store.open("sqlite://")
         try:
-            while (event := self._events.get()) is not None:
+            while (call := self._calls.get()) is not None:
                 try:
-                    self._take(event, store)
+                    call(store)
                     self._send(store)
                 except StoreError as error:
                     self._complain(f"mqtt: {error}; a result may be lost")
         finally:
             store.close()
-            if self._link.up:
+            if self._link.is_up:
                 self._publish("online", _OFFLINE)
             self._client.disconnect()
             self._client.loop_stop()
 
-    def _take(self, event: _Event, store: Store) -> None:
+    def _greet(self, store: Store) -> None:
+        self._link.is_up, self._link.is_state_sent = True, False
+        self._publish("online", _payload({"online": True, "dropped": self._dropped}))
+
+    def _lose(self, store: Store) -> None:
+        self._link.is_up = False
+
+    def _acknowledge(self, message: int, store: Store) -> None:
         link = self._link
-        match event:
-            case _Result():
-                self._dropped += store.add_message(event.payload.decode(), most=self._most)
-            case _State():
-                link.state, link.state_sent = event.payload, False
-            case _Connected():
-                link.up, link.state_sent = True, False
-                self._publish("online", _payload({"online": True, "dropped": self._dropped}))
-            case _Gone():
-                link.up = False
-            case _Arrived() if link.on_its_way is not None and event.message == link.on_its_way[0]:
-                store.remove_message(link.on_its_way[1])
-                link.on_its_way = None
-            case _Arrived() if event.message == link.state_message:
-                link.state_message = None
+        if link.sent is not None and message == link.sent[0]:
+            store.remove_message(link.sent[1])
+            link.sent = None
+        elif message == link.state_message:
+            link.state_message = None
 
     def _send(self, store: Store) -> None:
         """Hand the client what it may have: one result and one state at a time."""
         link = self._link
-        if not link.up:
+        if not link.is_up:
             return
-        if link.state is not None and not link.state_sent and link.state_message is None:
-            link.state_message, link.state_sent = self._publish("state", link.state), True
-        waiting = None if link.on_its_way is not None else store.oldest_message()
+        if link.state is not None and not link.is_state_sent and link.state_message is None:
+            link.state_message, link.is_state_sent = self._publish("state", link.state), True
+        waiting = None if link.sent is not None else store.oldest_message(self._receiver)
         if waiting is not None:
             number, text = waiting
-            link.on_its_way = self._publish("result", text.encode(), retain=False), number
+            link.sent = self._publish("result", text.encode(), retain=False), number
 
     def _publish(self, name: str, payload: bytes, *, retain: bool = True) -> int:
-        # The client sends it again by itself when the connection comes back.
+        # The client sends it again when the connection comes back.
         return self._client.publish(f"{self._topic}/{name}", payload, qos=1, retain=retain).mid
 
     # -- the client, whose callbacks come from its own thread ------------------------------------
@@ -181,30 +157,41 @@ class Publisher:
             except (OSError, ValueError) as error:
                 raise InputError(f"--mqtt: its certificates can't be used: {error}") from error
         client.on_connect = self._on_connect
-        client.on_disconnect = lambda *_: self._events.put(_Gone())
-        client.on_publish = lambda _client, _data, message, *_: self._events.put(_Arrived(message))
+        client.on_disconnect = lambda *_: self._calls.put(self._lose)
+        client.on_publish = lambda _client, _data, message, *_: self._calls.put(
+            partial(self._acknowledge, message)
+        )
         return client
 
     def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, more: Any) -> None:
         if reason.is_failure:
             self._complain(f"mqtt: the broker refuses: {reason}; look at username and password")
         else:
-            self._events.put(_Connected())
+            self._calls.put(self._greet)
 
 
 @dataclass(slots=True)
 class _Link:
     """State of the connection, owned by the thread."""
 
-    up: bool = False
-    #: The client's number of the result that it has, and the outbox's.
-    on_its_way: tuple[int, int] | None = None
+    is_up: bool = False
+    #: Numbers of the result that was sent: the client's and the outbox's.
+    sent: tuple[int, int] | None = None
     state: bytes | None = None
-    state_sent: bool = False
+    is_state_sent: bool = False
     state_message: int | None = None
 
+    def show(self, state: bytes) -> None:
+        """Take the newest state."""
+        self.state, self.is_state_sent = state, False
 
-def import_outbox(path: Path, *, store: str | Path | None) -> None:
+
+def receiver_of(broker: Broker) -> str:
+    """Return the name of a station's broker in the outbox: stations differ by their topic."""
+    return f"mqtt {broker.topic}"
+
+
+def import_outbox(path: Path, *, store: str | Path | None, receiver: str) -> None:
     """Move results that wait in the file of an earlier version to the store.
 
     Raises `StoreError` if the store does not take them, or the file can't be read.
@@ -218,7 +205,7 @@ def import_outbox(path: Path, *, store: str | Path | None) -> None:
         raise StoreError(f"{path}: {error}; results wait in it: move it away to go on") from error
     with Store.open(store) as opened:
         for (payload,) in rows:
-            opened.add_message(payload.decode(), most=MOST_WAITING)
+            opened.add_message(payload.decode(), receiver=receiver, most=MOST_WAITING)
     path.replace(path.with_suffix(".imported"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,22 +10,39 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate.line import modbus
 from palpate.line.machine import LineState, line_state
-from palpate.line.modbus import TEXT_REGISTERS, register_map, text_of, text_registers
+from palpate.line.modbus import TEXT_REGISTERS, text_of, text_registers
+from palpate.line.results import MEASUREMENTS, OUTCOME_NUMBERS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "packhouse.md"
 
 
-def test_register_map_stands_on_its_page() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    for register, meaning in register_map():
-        assert f"| {register} | {meaning} |" in page
-
-
-def test_register_map_has_no_register_twice() -> None:
-    spans = [[int(end) for end in register.split("-")] for register, _ in register_map()]
+def test_page_lists_every_register_once_at_its_address() -> None:
+    rows = re.findall(r"^\| (\d+)(?:-(\d+))? \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.M)
+    spans = [(int(first), int(last or first)) for first, last, _ in rows]
+    meanings = {int(first): meaning for first, _, meaning in rows}
     for before, after in pairwise(spans):
-        assert before[-1] < after[0]
+        assert before[1] < after[0]
+    text = modbus.TEXT_REGISTERS - 1
+    measured = [modbus.VALUES + 6 * place for place in range(len(MEASUREMENTS))]
+    assert spans == [
+        (modbus.STATE, modbus.STATE),
+        (modbus.FLAGS, modbus.FLAGS),
+        (modbus.STOPS, modbus.STOPS + 1),
+        (modbus.RESULTS, modbus.RESULTS + 1),
+        (modbus.OUTCOME, modbus.OUTCOME),
+        *((at, at + 5) for at in measured),
+        *((at, at + text) for at in (modbus.ITEM, modbus.BIN, modbus.REFUSAL)),
+        (modbus.COMMAND, modbus.COMMAND),
+        (modbus.TARGET, modbus.TARGET),
+        (modbus.KNOWN_STOPS, modbus.KNOWN_STOPS + 1),
+        (modbus.NEW_ITEM, modbus.END - 1),
+    ]
+    for at, name in zip(measured, MEASUREMENTS, strict=True):
+        assert f"`{name}`" in meanings[at]
+    for name, number in OUTCOME_NUMBERS.items():
+        assert f"{number} {name}" in meanings[modbus.OUTCOME]
 
 
 @given(st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=2 * TEXT_REGISTERS))

@@ -18,7 +18,7 @@ from palpate.produce.store import Store
 
 def empty(store: Store) -> list[str]:
     found = []
-    while (oldest := store.oldest_message()) is not None:
+    while (oldest := store.oldest_message("one")) is not None:
         found.append(oldest[1])
         store.remove_message(oldest[0])
     return found
@@ -37,10 +37,10 @@ def test_outbox_keeps_the_newest_in_order_and_counts_the_others(
             for _ in range(size):
                 number += 1
                 kept.append(str(number))
-                counted += store.add_message(kept[-1], most=most)
+                counted += store.add_message(kept[-1], receiver="one", most=most)
                 dropped += max(0, len(kept) - most)
                 kept = kept[-most:]
-            oldest = store.oldest_message()
+            oldest = store.oldest_message("one")
             assert (None if oldest is None else oldest[1]) == (kept[0] if kept else None)
             if oldest is not None:
                 store.remove_message(oldest[0])
@@ -51,7 +51,8 @@ def test_outbox_keeps_the_newest_in_order_and_counts_the_others(
 def test_messages_outlive_the_program_next_to_records(tmp_path: Path) -> None:
     for text in ("one", "two"):
         with Store.open(tmp_path / "items.sqlite") as store:
-            store.add_message(text, most=10)
+            store.add_message(text, receiver="one", most=10)
+            store.add_message("of another", receiver="two", most=1)
             store.add_item(Item(item_id=text))
     with Store.open(tmp_path / "items.sqlite") as store:
         assert empty(store) == ["one", "two"]
@@ -65,8 +66,8 @@ def test_outbox_file_of_an_earlier_version_is_imported_once(tmp_path: Path) -> N
             "CREATE TABLE waiting (number INTEGER PRIMARY KEY AUTOINCREMENT, payload BLOB NOT NULL)"
         )
         waiting.executemany("INSERT INTO waiting (payload) VALUES (?)", [(b"one",), (b"two",)])
-    import_outbox(old, store=new)
-    import_outbox(old, store=new)
+    import_outbox(old, store=new, receiver="one")
+    import_outbox(old, store=new, receiver="one")
     with Store.open(new) as store:
         assert empty(store) == ["one", "two"]
 
@@ -75,4 +76,4 @@ def test_outbox_file_that_is_damaged_is_one_line(tmp_path: Path) -> None:
     old = tmp_path / "mqtt-outbox.sqlite"
     old.write_bytes(b"no database" * 100)
     with pytest.raises(StoreError, match=r"mqtt-outbox\.sqlite: .*move it away to go on"):
-        import_outbox(old, store=tmp_path / "items.sqlite")
+        import_outbox(old, store=tmp_path / "items.sqlite", receiver="one")

@@ -25,7 +25,6 @@ from palpate.produce.store.engine import (
     url_to_read,
 )
 from palpate.produce.store.outbox import (
-    MQTT,
     SHARED,
     copy_record,
     drop_oldest,
@@ -121,7 +120,7 @@ class Store(StoreReader):
     def add_item(self, item: Item) -> None:
         """Add an item, or fill in what is newly known of it: None leaves what is there."""
         with self._write() as connection:
-            self._write_item(connection, item)
+            self._write_record(connection, item)
 
     def add_calibration(self, text: str) -> str:
         """Add the text of a calibration file; return its id, the same for the same text."""
@@ -154,7 +153,7 @@ class Store(StoreReader):
         if self._shared_url is not None:
             self._copy_subject(verdict)
         with self._write() as connection:
-            return self._write_verdict(connection, verdict)
+            return self._write_record(connection, verdict) == 1
 
     def send(self) -> int:
         """Send what waits to the shared store, in order; return how many records it took.
@@ -176,19 +175,19 @@ class Store(StoreReader):
             sent += len(rows)
         return sent
 
-    def add_message(self, text: str, *, most: int) -> int:
-        """Queue a message for a broker; return how many older ones beyond `most` were dropped."""
+    def add_message(self, text: str, *, receiver: str, most: int) -> int:
+        """Queue a message; return how many older ones beyond `most` were dropped."""
         with self._write() as connection:
-            enqueue(connection, MQTT, [("result", text)])
-            return drop_oldest(connection, MQTT, most=most)
+            enqueue(connection, receiver, [("message", text)])
+            return drop_oldest(connection, receiver, most=most)
 
-    def oldest_message(self) -> tuple[int, str] | None:
-        """Return number and text of the message that has waited longest."""
-        rows = super()._fetch(lambda connection: read_waiting(connection, MQTT, limit=1))
+    def oldest_message(self, receiver: str) -> tuple[int, str] | None:
+        """Return number and text of the message that has waited longest for a receiver."""
+        rows = super()._fetch(lambda connection: read_waiting(connection, receiver, limit=1))
         return (rows[0].number, rows[0].content) if rows else None
 
     def remove_message(self, number: int) -> None:
-        """Remove a message that the broker has acknowledged."""
+        """Remove a message that its receiver has acknowledged."""
         with self._write() as connection:
             remove(connection, [number])
 
@@ -253,22 +252,28 @@ class Store(StoreReader):
 
     # -- writing, with the rows of the outbox in the same transaction ------------------------------
 
-    def _write_item(self, connection: sa.Connection, item: Item) -> None:
-        write_item(connection, item)
+    def _write_record(self, connection: sa.Connection, record: SpoolRecord) -> int:
+        """Write a record; return how many were new."""
+        rows: list[tuple[str, str]] = []
+        match record:
+            case str():
+                write_calibration(connection, record)
+            case Item():
+                write_item(connection, record)
+                rows = [(item_kind(record), record.item_id)]
+            case Grasp():
+                return self._write_grasps(connection, [record])
+            case Verdict():
+                rows = [("verdict", record.verdict_id)] * write_verdict(connection, record)
         if self._shared_url is not None:
-            enqueue(connection, SHARED, [(item_kind(item), item.item_id)])
+            enqueue(connection, SHARED, rows)
+        return len(rows)
 
     def _write_grasps(self, connection: sa.Connection, grasps: Iterable[Grasp]) -> int:
         added = write_grasps(connection, grasps)
         if self._shared_url is not None:
             enqueue(connection, SHARED, [("grasp", grasp_id) for grasp_id in added])
         return len(added)
-
-    def _write_verdict(self, connection: sa.Connection, verdict: Verdict) -> bool:
-        is_new = write_verdict(connection, verdict)
-        if is_new and self._shared_url is not None:
-            enqueue(connection, SHARED, [("verdict", verdict.verdict_id)])
-        return is_new
 
     @contextmanager
     def _write(self) -> Iterator[sa.Connection]:
@@ -294,21 +299,9 @@ class Store(StoreReader):
         # A folder without the right to look into it has no spool of this user.
         if not os.path.exists(path) or path.stat().st_size == 0:
             return
-
-        def write(connection: sa.Connection, record: SpoolRecord) -> None:
-            match record:
-                case str():
-                    write_calibration(connection, record)
-                case Item():
-                    self._write_item(connection, record)
-                case Grasp():
-                    self._write_grasps(connection, [record])
-                case Verdict():
-                    self._write_verdict(connection, record)
-
         try:
             with self._write() as connection:
-                self.note = import_spool(path, connection=connection, write=write)
+                self.note = import_spool(path, connection=connection, write=self._write_record)
             # Should this fail, the same records come again, which changes nothing.
             path.replace(path.with_suffix(".imported"))
         except (OSError, StoreError) as error:

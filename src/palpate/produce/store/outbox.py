@@ -20,8 +20,8 @@ from palpate.produce.store.writing import (
     write_verdict,
 )
 
-#: Receivers: the shared store, and an MQTT broker.
-SHARED, MQTT = "shared", "mqtt"
+#: The receiver of records; other receivers take messages.
+SHARED = "shared"
 
 
 def enqueue(connection: sa.Connection, receiver: str, rows: Iterable[tuple[str, str]]) -> None:
