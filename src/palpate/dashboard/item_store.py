@@ -5,12 +5,12 @@ The store is opened for each look and each grasp: it may be away, and others use
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from palpate.errors import PalpateError, StoreError
+from palpate.errors import InputError, PalpateError, StoreError
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.belief import Observation
 from palpate.grasp.result import GraspResult
@@ -21,9 +21,11 @@ if TYPE_CHECKING:
     from palpate.produce.records import Grasp
     from palpate.produce.sorting.decide import BinDecision
     from palpate.produce.sorting.rules import RuleBook
+    from palpate.produce.store import Store
     from palpate.produce.store.item_history import ItemHistory
     from palpate.produce.store.sender import Sender
 
+_Read = TypeVar("_Read")
 MISSING = "items need the store: pip install 'palpate[produce]'"
 
 
@@ -110,17 +112,7 @@ class ItemStore:
         PalpateError
             If the store can't be used, or does not answer.
         """
-        if self.trouble == MISSING:
-            return []
-        from palpate.produce.store import Store
-
-        try:
-            with Store.open(self._where, create=False) as store:
-                return [item.item_id for item in store.items(limit=limit)]
-        except StoreError as error:
-            if "no such file" in str(error):
-                return []
-            raise
+        return self._read(lambda store: [i.item_id for i in store.items(limit=limit)]) or []
 
     def pages(self, *, limit: int) -> tuple[ItemHistory, ...]:
         """Return the pages of items, the last met first; none where there is no store yet.
@@ -130,27 +122,39 @@ class ItemStore:
         PalpateError
             If the store can't be used, or does not answer.
         """
-        if not self.items(limit=1):
-            return ()
-        from palpate.produce.store import Store
         from palpate.produce.store.item_history import item_pages
 
-        with Store.open(self._where, create=False) as store:
-            return item_pages(store, store.items(limit=limit))
+        return self._read(lambda store: item_pages(store, store.items(limit=limit))) or ()
 
     def page(self, item_id: str) -> ItemHistory:
-        """Return what is known of an item.
+        """Return the history of an item.
 
         Raises
         ------
         PalpateError
             If there is no such item, or the store can't be used.
         """
-        from palpate.produce.store import Store
         from palpate.produce.store.item_history import item_page
 
-        with Store.open(self._where, create=False) as store:
-            return item_page(store, item_id)
+        found = self._read(lambda store: item_page(store, item_id))
+        if found is None:
+            raise InputError(f"no item {item_id!r}: the store is empty")
+        return found
+
+    def _read(self, read: Callable[[Store], _Read]) -> _Read | None:
+        """Read from the store; None where there is none yet."""
+        if self.trouble == MISSING:
+            return None
+        from palpate.produce.store import Store
+
+        try:
+            store = Store.open(self._where, create=False)
+        except StoreError as error:
+            if "no such file" in str(error):
+                return None
+            raise
+        with store:
+            return read(store)
 
 
 def _read_grasp(

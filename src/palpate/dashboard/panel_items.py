@@ -98,8 +98,9 @@ def item_html(page: ItemHistory, tr: Language = ENGLISH) -> str:
         for one in reversed(page.verdicts)
     )
     badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if page.simulated else ""
+    away = f"<p class='note' lang='en'>{html.escape(page.away)}</p>" if page.away else ""
     return (
-        f"<p class='result'>{html.escape(item.item_id)} {badge}</p>"
+        away + f"<p class='result'>{html.escape(item.item_id)} {badge}</p>"
         f"<p>{html.escape(what)}{', ' if what else ''}"
         f"{tr.many('{n} grasp', '{n} grasps', len(grasps))}</p>"
         + chart(tr("Stiffness, N/mm"), grasps, "stiffness_n_per_mm", tr)

@@ -13,12 +13,15 @@ from queue import Queue
 import pytest
 from tests.conftest import skip
 from tests.postgresql import PostgresqlProcess, programs
+from tests.unit.test_json_schemas import faults
 
+from palpate.dashboard.panel_items import item_html
 from palpate.errors import StoreAwayError, StoreError
 from palpate.grasp.result import Outcome
 from palpate.produce.records import About, Grasp, Item, Verdict
 from palpate.produce.store import Store
 from palpate.produce.store import sender as store_sender
+from palpate.produce.store.item_history import item_document, item_page
 from palpate.produce.store.sender import Sender
 from palpate.produce.store.writing import calibration_id_of
 
@@ -147,8 +150,9 @@ def server() -> Iterator[PostgresqlProcess]:
     found = programs()
     if found is None:
         skip("no PostgreSQL server; install it (Debian: postgresql)")
-    with PostgresqlProcess(found) as running:
-        yield running
+    else:
+        with PostgresqlProcess(found) as running:
+            yield running
 
 
 def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
@@ -166,7 +170,10 @@ def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
         with pytest.raises(StoreAwayError, match=r"no answer|connection was lost"):
             store.send()
         assert store.grasps_of("A17") == tuple(grasps[:40]), "from the local file"
-        assert store.away is not None
+        document = item_document(item_page(store, "A17"))
+        assert f"this is from {store.name} alone" in document["away"]
+        assert faults("item", document) == []
+        assert "this is from" in item_html(item_page(store, "A17"))
     with Sender(server.url, complain=complaints.put) as sender:
         assert "records wait for it in the local store" in complaints.get(timeout=60)
         server.start()
@@ -177,3 +184,4 @@ def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
         assert store.send() == waiting(store) == 0
         assert list(store.grasps()) == grasps
         assert store.away is None
+        assert "away" not in item_document(item_page(store, "A17"))

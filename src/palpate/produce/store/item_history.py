@@ -25,6 +25,8 @@ class ItemHistory:
     grasps: tuple[Grasp, ...]
     #: By palpate and by people.
     verdicts: tuple[Verdict, ...]
+    #: Why grasps of other stations may be missing; empty if the shared store answered.
+    away: str = ""
 
     @property
     def simulated(self) -> bool:
@@ -61,15 +63,17 @@ def item_page(store: Store, item_id: str) -> ItemHistory:
 def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
     """Gather the pages of several items, in their order."""
     histories = store.histories([item.item_id for item in items])
+    read = list(zip(items, histories, strict=True))
+    away = "" if store.away is None else f"{store.away}; this is from {store.name} alone"
     return tuple(
-        ItemHistory(item=item, grasps=grasps, verdicts=verdicts)
-        for item, (grasps, verdicts) in zip(items, histories, strict=True)
+        ItemHistory(item=item, grasps=grasps, verdicts=verdicts, away=away)
+        for item, (grasps, verdicts) in read
     )
 
 
 def items_document(pages: Sequence[ItemHistory]) -> dict[str, Any]:
     """Return the document of a list of items."""
-    return {"items": [_line(page) for page in pages]}
+    return {"items": [_line(page) for page in pages], **_away(pages)}
 
 
 def item_document(page: ItemHistory) -> dict[str, Any]:
@@ -79,6 +83,7 @@ def item_document(page: ItemHistory) -> dict[str, Any]:
         "simulated": page.simulated,
         "grasps": [record_as_dict(grasp) for grasp in page.grasps],
         "verdicts": [record_as_dict(verdict) for verdict in page.verdicts],
+        **_away([page]),
     }
 
 
@@ -99,6 +104,10 @@ def record_as_dict(record: Item | Grasp | Verdict) -> dict[str, Any]:
     if isinstance(record, Verdict):
         values["details"] = dict(record.details)
     return values
+
+
+def _away(pages: Sequence[ItemHistory]) -> dict[str, str]:
+    return next(({"away": page.away} for page in pages if page.away), {})
 
 
 def _line(page: ItemHistory) -> dict[str, Any]:
