@@ -28,6 +28,7 @@ import numpy as np
 
 from palpate.errors import PalpateError
 from palpate.produce.store import Store
+from palpate.produce.store.sender import Sender
 from store import made_up_grasps
 
 DEBIAN = Path("/usr/lib/postgresql")
@@ -62,14 +63,15 @@ def server(folder: Path) -> Iterator[str]:
 
 
 def station(
-    url: str, number: int, *, until_s: float, every_s: float
+    url: str, number: int, *, folder: Path, until_s: float, every_s: float
 ) -> tuple[list[str], list[str], list[float]]:
     """Write grasps until the time; return those acknowledged, those refused, and ms for each."""
+    os.environ["XDG_STATE_HOME"] = str(folder / f"station-{number}")
     rng = np.random.default_rng(number)
     templates = list(made_up_grasps(TEMPLATES))
     acknowledged, refused, spent_ms = list[str](), list[str](), list[float]()
     due_s = time.time() + every_s * rng.random()
-    with Store.open(url) as store:
+    with Store.open(url) as store, Sender(url) as sender:
         while time.time() < until_s:
             time.sleep(max(due_s - time.time(), 0.0))
             due_s += every_s
@@ -82,10 +84,12 @@ def station(
             try:
                 store.add_grasp(grasp)
                 acknowledged.append(grasp.grasp_id)
+                sender.wake()
             except PalpateError:
-                # `palpate grasp` and `serve` keep such a one on the disk and offer it again.
                 refused.append(grasp.grasp_id)
             spent_ms.append(1e3 * (time.perf_counter() - started_s))
+        sender.close()
+        store.send()
     return acknowledged, refused, spent_ms
 
 
@@ -107,13 +111,13 @@ def main() -> None:
     parser.add_argument("--every", type=float, default=5.0, help="seconds from grasp to grasp")
     told = parser.parse_args()
     with tempfile.TemporaryDirectory() as place, server(Path(place)) as url:
-        Store.open(url).close()
+        os.environ["XDG_STATE_HOME"] = place
         empty = asked(url, SIZE)
         with get_context("spawn").Pool(told.stations) as pool:
             # Not before every process is there.
             pool.map(os.path.exists, ["/"] * told.stations, chunksize=1)
             until_s = time.time() + told.seconds
-            ways = {"until_s": until_s, "every_s": told.every}
+            ways = {"folder": Path(place), "until_s": until_s, "every_s": told.every}
             running = [
                 pool.apply_async(station, (url, number), ways) for number in range(told.stations)
             ]

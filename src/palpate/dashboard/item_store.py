@@ -6,6 +6,7 @@ The store is opened for each look and each grasp: it may be away, and others use
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -102,7 +103,9 @@ class ItemStore:
                 kind=kind,
                 verdicts=store.verdicts_of(item_id),
             )
-        return decide(self._rules, evidence)
+            away = store.away
+        decision = decide(self._rules, evidence)
+        return decision if away is None else replace(decision, why=f"{decision.why} ({away})")
 
     def items(self, *, limit: int = 200) -> list[str]:
         """Return the names of items, the last met first; none where there is no store yet.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from palpate.errors import PalpateError
@@ -48,17 +49,19 @@ class Sender:
 
     def _run(self) -> None:
         last = ""
-        while True:
-            closing = self._closing
-            try:
-                with Store.open(self._where) as store:
+        is_last_round = False
+        with ExitStack() as opened:
+            store: Store | None = None
+            while not is_last_round:
+                is_last_round = self._closing
+                try:
+                    store = store or opened.enter_context(Store.open(self._where))
                     store.send()
-                last = ""
-            except PalpateError as error:
-                if str(error) != last:
-                    self._complain(f"{error}; records wait for it in the local store")
-                last = str(error)
-            if closing:
-                return
-            self._wake.wait(_RETRY_S if last else None)
-            self._wake.clear()
+                    last = ""
+                except PalpateError as error:
+                    if str(error) != last:
+                        self._complain(f"{error}; records wait for it in the local store")
+                    last = str(error)
+                if not is_last_round:
+                    self._wake.wait(_RETRY_S if last else None)
+                    self._wake.clear()
