@@ -76,8 +76,8 @@ class Memory:
             self._store.send()
         except StoreError as error:
             print(
-                f"palpate grasp: {error}; {self._store.name} has the grasp, and the next command "
-                "that uses the store sends it",
+                f"palpate grasp: {error}; {self._store.local_name} has the grasp, and the next "
+                "command that uses the store sends it",
                 file=sys.stderr,
             )
         return True

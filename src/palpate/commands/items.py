@@ -101,7 +101,7 @@ def opened(where: str | None, *, create: bool = False) -> Iterator[Store]:
             store.away = error
         if store.away is not None:
             print(
-                f"palpate: {store.away}; this is from {store.name}, without other stations",
+                f"palpate: {store.away}; this is from {store.local_name}, without other stations",
                 file=sys.stderr,
             )
 

@@ -114,7 +114,9 @@ def _open(stack: ExitStack, store: str | None) -> Store:
         try:
             kept.send()
         except StoreError as error:
-            print(f"palpate: {error}; {kept.name} has the grasps, sent later", file=sys.stderr)
+            print(
+                f"palpate: {error}; {kept.local_name} has the grasps, sent later", file=sys.stderr
+            )
 
     kept = stack.enter_context(Store.open(store))
     stack.callback(send, kept)

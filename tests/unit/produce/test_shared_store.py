@@ -48,7 +48,7 @@ def make_grasp(item_id: str = "A17", *, hours: float = 0.0) -> Grasp:
 
 
 def waiting(store: Store) -> int:
-    with sqlite3.connect(store.name.removeprefix("store ")) as connection:
+    with sqlite3.connect(store.local_name.removeprefix("store ")) as connection:
         (found,) = connection.execute("SELECT count(*) FROM outbox").fetchone()
     connection.close()
     return int(found)
@@ -115,7 +115,7 @@ def test_records_sent_twice_are_in_the_shared_store_once(
 ) -> None:
     with station(monkeypatch, tmp_path, postgresql_url) as store:
         store.add_grasps([make_grasp(hours=n) for n in range(450)])
-        path = store.name.removeprefix("store ")
+        path = store.local_name.removeprefix("store ")
         with sqlite3.connect(path) as connection:
             rows = connection.execute("SELECT * FROM outbox").fetchall()
         assert store.send() == 450
@@ -171,7 +171,7 @@ def test_server_stopped_and_started_loses_nothing_and_keeps_the_order(
             store.send()
         assert store.grasps_of("A17") == tuple(grasps[:40]), "from the local file"
         document = item_document(item_page(store, "A17"))
-        assert f"this is from {store.name} alone" in document["away"]
+        assert f"this is from {store.local_name} alone" in document["away"]
         assert faults("item", document) == []
         assert "this is from" in item_html(item_page(store, "A17"))
     with Sender(server.url, complain=complaints.put) as sender:

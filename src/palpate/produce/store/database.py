@@ -72,6 +72,8 @@ class Store(StoreReader):
         super().__init__(engine, name=name)
         self._writing = engine.execution_options(writes=True)
         self._shared_url, self._server = shared, None
+        if shared is not None:
+            self.name = shown(shared)
         #: What became of records that an earlier version left waiting; empty if there were none.
         self.note = ""
 
@@ -164,7 +166,7 @@ class Store(StoreReader):
         sent = 0
         while rows := self._read_waiting():
             with (
-                faults_of(self.name),
+                faults_of(self.local_name),
                 self._reading.connect() as local,
                 self._open_server()._write() as remote,
             ):
@@ -277,19 +279,19 @@ class Store(StoreReader):
 
     @contextmanager
     def _write(self) -> Iterator[sa.Connection]:
-        with faults_of(self.name), self._writing.begin() as connection:
+        with faults_of(self.local_name), self._writing.begin() as connection:
             yield connection
 
     def _bring_up_to_date(self, *, create: bool) -> None:
-        with faults_of(self.name):
+        with faults_of(self.local_name):
             with self._reading.connect() as connection:
-                before = read_version(connection, where=self.name)
+                before = read_version(connection, where=self.local_name)
             # A current store is not locked for it, and may be read-only.
             if before == NEWEST[connection.dialect.name]:
                 return
             try:
-                with faults_of(self.name), self._writing.begin() as connection:
-                    migrate(connection, where=self.name)
+                with faults_of(self.local_name), self._writing.begin() as connection:
+                    migrate(connection, where=self.local_name)
             except StoreError:
                 # An older store on a medium that can't be written is read as it is.
                 if create or before == 0:

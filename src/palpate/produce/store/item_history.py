@@ -64,7 +64,7 @@ def item_pages(store: Store, items: Sequence[Item]) -> tuple[ItemHistory, ...]:
     """Gather the pages of several items, in their order."""
     histories = store.histories([item.item_id for item in items])
     read = list(zip(items, histories, strict=True))
-    away = "" if store.away is None else f"{store.away}; this is from {store.name} alone"
+    away = "" if store.away is None else f"{store.away}; this is from {store.local_name} alone"
     return tuple(
         ItemHistory(item=item, grasps=grasps, verdicts=verdicts, away=away)
         for item, (grasps, verdicts) in read

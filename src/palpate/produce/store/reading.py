@@ -98,12 +98,12 @@ class StoreReader:
     Every method raises `StoreAwayError` where the database does not answer now, and `StoreError`
     where it can't be used as it is.
 
-    `name`: what to call the store in messages.
+    `name`: what to call the store in messages; `local_name` is that of its file.
     """
 
     def __init__(self, engine: sa.Engine, *, name: str) -> None:
         self._reading = engine
-        self.name = name
+        self.name = self.local_name = name
         #: Why the answers are this station's own alone; None while the shared store answers.
         self.away: StoreAwayError | None = None
 
@@ -244,14 +244,14 @@ class StoreReader:
         return self._fetch(lambda connection: read_verdicts(connection, query))
 
     def _fetch(self, read: Callable[[sa.Connection], _Read]) -> _Read:
-        with faults_of(self.name), self._reading.connect() as connection:
+        with faults_of(self.local_name), self._reading.connect() as connection:
             try:
                 return read(connection)
             except PalpateError:
                 raise
             # A record is made from the content of the rows.
             except (ValueError, TypeError, KeyError, AttributeError) as error:
-                raise damaged(self.name) from error
+                raise damaged(self.local_name) from error
 
 
 def _read_both(
