@@ -72,14 +72,8 @@ class Memory:
         except StoreError as error:
             print(f"palpate grasp: {error}: the grasp is NOT kept", file=sys.stderr)
             return False
-        try:
-            self._store.send()
-        except StoreError as error:
-            print(
-                f"palpate grasp: {error}; {self._store.local_name} has the grasp, and the next "
-                "command that uses the store sends it",
-                file=sys.stderr,
-            )
+        if waiting := self._store.send_or_explain():
+            print(f"palpate grasp: {waiting}", file=sys.stderr)
         return True
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection
-from contextlib import ExitStack
+from contextlib import nullcontext
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.commands.sort_supply import SimulatedCrate, Supply
-from palpate.errors import DeviceError, InputError, StoreError
+from palpate.errors import DeviceError, InputError
 from palpate.produce.sorting.conditions import KindIs, SizeWithin
 
 if TYPE_CHECKING:
@@ -75,11 +75,11 @@ def sort_with_rig(
     from palpate.produce.records import Item
     from palpate.produce.sorting.rules_file import check_kinds
     from palpate.produce.sorting.run import sort_item
+    from palpate.produce.store import Store
 
     simulated = isinstance(supply, SimulatedCrate)
     _refuse_blind(report.book, supply, rules=rules)
-    with ExitStack() as stack:
-        kept = None if simulated and store is None else _open(stack, store)
+    with nullcontext() if simulated and store is None else Store.open(store) as kept:
         identifier = None
         if report.book.asks(KindIs):
             if isinstance(supply, SimulatedCrate) and (kept is None or not kept.items(limit=1)):
@@ -104,23 +104,8 @@ def sort_with_rig(
             if kept is not None:
                 _store_verdicts(done, kept, now=supply.hand.now())
             report.add(done, belongs=supply.belongs(name, book=report.book))
-
-
-def _open(stack: ExitStack, store: str | None) -> Store:
-    """Open the store to learn from and to write to; what is shared is sent at the end."""
-    from palpate.produce.store import Store
-
-    def send(kept: Store) -> None:
-        try:
-            kept.send()
-        except StoreError as error:
-            print(
-                f"palpate: {error}; {kept.local_name} has the grasps, sent later", file=sys.stderr
-            )
-
-    kept = stack.enter_context(Store.open(store))
-    stack.callback(send, kept)
-    return kept
+        if kept is not None and (waiting := kept.send_or_explain()):
+            print(f"palpate: {waiting}", file=sys.stderr)
 
 
 def _learned(

@@ -99,7 +99,7 @@ def test_grasp_with_shared_store_away_is_kept_in_the_local_file(
     out, err = capsys.readouterr()
     assert json.loads(out)["item_id"] == "A17"
     assert "no answer; check the server" in err
-    assert "has the grasp, and the next command that uses the store sends it" in err
+    assert "has the records, and the next command sends them" in err
     assert palpate("items", "A17", "--store", nowhere, "--json") == 0
     out, err = capsys.readouterr()
     assert len(json.loads(out)["grasps"]) == 1

@@ -177,6 +177,14 @@ class Store(StoreReader):
             sent += len(rows)
         return sent
 
+    def send_or_explain(self) -> str:
+        """Send what waits; return a line about records that still wait, empty if none do."""
+        try:
+            self.send()
+        except StoreError as error:
+            return f"{error}; {self.local_name} has the records, and the next command sends them"
+        return ""
+
     def add_message(self, text: str, *, receiver: str, most: int) -> int:
         """Queue a message; return how many older ones beyond `most` were dropped."""
         with self._write() as connection:
