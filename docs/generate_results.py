@@ -25,7 +25,6 @@ SIMULATED = (
     ("fatigue",),
     ("noise",),
     ("detection-limit",),
-    ("pixels",),
     ("speed",),
 )
 REAL = (
@@ -85,7 +84,6 @@ SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
         )
     },
     "detection-limit": {"Weakest": ()},
-    "pixels": {"Median |error| of force, percent, by": ()},
     "speed": {"Median": ("3 |", "6 |", "25 |")},
     "realism": {"holds_velostat": ()},
     "settled": {"Median |error|, %": (), "Regret": ()},
@@ -172,7 +170,7 @@ def main() -> None:
         "are simulated, at its levels `lab` and `field`. The [scoreboard](scoreboard.md) has the "
         "claims with their strongest rivals. "
         "Elsewhere: [every kind of hold](prediction.md), [stiffness, staircases](force.md), "
-        "[grasping](grasp-produce.md), [size, slip, recorded fruit](size-slip-hybrid.md), "
+        "[grasping](grasp-produce.md), [size and slip](size-slip.md), "
         "[ripeness](ripeness.md), [bruises](bruise.md), [sorting](sort.md).\n"
     ]
     parts += [section(arguments, folder=Path.cwd()) for arguments in SIMULATED]

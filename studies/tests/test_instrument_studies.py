@@ -18,7 +18,6 @@ from palpate_studies import (
     environment,
     fatigue,
     noise,
-    pixels,
     speed,
     springs,
     table2,
@@ -42,7 +41,6 @@ REPORTS: dict[str, Callable[[], StudyReport]] = {
         sensors=1, chains={name: noise.CHAINS[name] for name in NOISE_CHAINS}
     ),
     "detection-limit": lambda: detection_limit.report(sensors=1),
-    "pixels": lambda: pixels.report(sensors=1),
     "speed": lambda: speed.report(sensors=1, repeats=1),
 }
 
@@ -133,16 +131,6 @@ def test_spikes_fall_to_a_median_and_mains_to_a_notch(made: dict[str, StudyRepor
 def test_own_noise_sees_less_force_than_the_fixed_threshold(made: dict[str, StudyReport]) -> None:
     (fixed, own), *_ = made["detection-limit"].payload["weakest_n"]["lab, flat (springs)"]
     assert 0.0 < own < fixed < 5.0
-
-
-def test_scaling_mends_dead_pixels_on_flat_things(made: dict[str, StudyReport]) -> None:
-    (row,) = (
-        row
-        for row in made["pixels"].payload["dead"]
-        if (row["level"], row["tested_on"], row["dead"]) == ("lab", "flat", 4)
-    )
-    errors = row["median_abs_error_percent"]
-    assert errors["sum scaled to all pixels"] < 0.5 * errors["left out of the sum"]
 
 
 def test_slow_closing_needs_the_clock_at_its_end(made: dict[str, StudyReport]) -> None:

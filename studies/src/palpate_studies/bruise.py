@@ -211,8 +211,7 @@ def _provenance(examined: Sequence[Examined]) -> list[str]:
         f"References: class, {REFERENCE_APPLES} other sound apples on the same sensor; item, one "
         "grasp a quarter turn on; history, one earlier grasp of the same side, sound then.",
         "What keeps a side met for the first time from being judged at 0.97 is how the gains of "
-        "pixels scatter from grasp to grasp, in addition to the fruit's own shape: `palpate study "
-        "bruise-limits` judges such sides from loads read without error, and nearly so.",
+        "pixels scatter from grasp to grasp, in addition to the fruit's own shape.",
         "A first look, five grasps around apples bruised anywhere on a belt of 20 mm, found one "
         "bruise in two never touched: a round, firm fruit touches a finger over some 10 mm. So "
         "the side in question is presented here, as in the paper, and the belt is reported apart.",

@@ -28,21 +28,15 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.grasp_cycle",
         "Seconds to touch and answer, what they risk and what is learned, simulated",
     ),
-    "grasp-forms": (
-        "palpate_studies.grasp_forms",
-        "The same on layered, foam-like and dough-like things and real fruit's curves, simulated",
-    ),
     "faults": ("palpate_studies.faults", "Single faults in every phase of a grasp, simulated"),
     "harvest": (
         "palpate_studies.harvest",
         "Pulls of 1 to 10 N on held fruit: the verdict against the truth, simulated",
     ),
-    "hybrid": ("palpate_studies.hybrid", "Recorded fruit and sheets through the real firmware"),
     "noise": (
         "palpate_studies.noise",
         "Filters against mains pick-up and motor spikes, on the twin",
     ),
-    "pixels": ("palpate_studies.pixels", "Number of pixels, and dead ones, on the twin"),
     "presence": (
         "palpate_studies.presence",
         "Video 3, closing again until something is there, simulated",
@@ -55,10 +49,6 @@ STUDIES: dict[str, tuple[str, str]] = {
     "histories": (
         "palpate_studies.histories",
         "Force of stretched silicone from the history of its resistance, real recordings",
-    ),
-    "soft-sensor": (
-        "palpate_studies.soft_sensor",
-        "Force of a published soft sensor, depths left out",
     ),
     "strokes": (
         "palpate_studies.strokes",
@@ -80,10 +70,6 @@ STUDIES: dict[str, tuple[str, str]] = {
     "bruise": (
         "palpate_studies.bruise",
         "Table 6 and Figure 17, bruised and sound apples, simulated",
-    ),
-    "bruise-limits": (
-        "palpate_studies.bruise_limits",
-        "How well a bruise could be found without a sheet's scatter",
     ),
     "detection-limit": (
         "palpate_studies.detection_limit",

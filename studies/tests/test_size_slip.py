@@ -1,4 +1,4 @@
-"""Studies of size, slip and the hybrid: small runs, and scores of known errors."""
+"""Studies of size and slip: small runs, and scores of known errors."""
 
 from __future__ import annotations
 
@@ -10,13 +10,9 @@ import numpy as np
 import pytest
 from tests.pdf_fonts import check_all_fonts
 
-from palpate.estimate.damage_learning import read_closings
 from palpate.estimate.measurement import Measurement
-from palpate_studies import hybrid, size, slip
+from palpate_studies import size, slip
 from palpate_studies.baselines.told_everything import LEARNERS
-from palpate_studies.hybrid_data import read_curves, read_sheets
-from palpate_studies.hybrid_grasps import fixed_closing
-from palpate_studies.hybrid_world import Curve, Lag, RecordedSheet, RecordedWorld
 from palpate_studies.size_grasps import Sized, deeper_mm, errors_mm, sized
 
 
@@ -91,74 +87,4 @@ def test_slip_study_sees_and_stays_quiet(tmp_path: Path) -> None:
     for row in report.payload["quiet"]:
         assert row["called"] == 0
     assert (tmp_path / "slip.png").stat().st_size > 10_000
-    check_all_fonts(tmp_path)
-
-
-# -- the hybrid ------------------------------------------------------------------------------------
-
-CURVE = Curve(
-    name="a",
-    fruit="kiwi",
-    closing_mm=np.array([0.0, 1.0, 2.0]),
-    force_n=np.array([0.0, 1.0, 4.0]),
-    rupture_n=4.0,
-)
-SHEET = RecordedSheet(
-    rest_ohm=800.0,
-    load_n=np.array([0.0, 0.5, 1.0, 2.0, 10.0]),
-    log_fall=np.array([0.0, 1.0, 1.5, 2.0, 4.0]),
-    scatter=0.0,
-    lags=[Lag(since_s=np.array([0.0, 20.0]), share=np.array([0.9, 1.0]))],
-)
-
-
-def test_the_recorded_world_plays_the_recordings() -> None:
-    from palpate.sensor.array import RIGID_LAYOUT
-
-    world = RecordedWorld(SHEET, layout=RIGID_LAYOUT, seed=1)
-    world.place(CURVE, size_mm=40.0)
-    world.drive(39.0, rate=60.0)
-    world.clock.sleep_s(30.0)
-    now_s = world.now_s()
-    assert world.force_n(now_s) == pytest.approx(1.0)
-    ohm = world.pixel_resistance_ohm(now_s)
-    # A finger's newton is shared among its four pixels, and each answers by the ladder.
-    loads = np.interp(np.log(800.0 / ohm), SHEET.log_fall, SHEET.load_n)
-    np.testing.assert_allclose(loads.reshape(2, 4).sum(axis=1), 1.0, rtol=1e-3)
-    assert world.peak_force_n == pytest.approx(1.0)
-
-
-def test_a_step_is_answered_like_a_hold() -> None:
-    from palpate.sensor.array import RIGID_LAYOUT
-
-    world = RecordedWorld(SHEET, layout=RIGID_LAYOUT, seed=1)
-    world.place(CURVE, size_mm=40.0)
-    world.drive(39.0, rate=1e3)
-    world.clock.sleep_s(0.1)
-    early = np.log(800.0 / world.pixel_resistance_ohm(world.now_s()))
-    world.clock.sleep_s(30.0)
-    late = np.log(800.0 / world.pixel_resistance_ohm(world.now_s()))
-    np.testing.assert_allclose(early / late, 0.9, atol=0.005)
-
-
-def test_a_fixed_closing_ruptures_what_is_soft() -> None:
-    assert fixed_closing(CURVE, contact_n=0.2).damaged
-
-
-def test_hybrid_on_the_recordings(real_data: Path, tmp_path: Path) -> None:
-    curves, index = real_data / "fruit_rupture.csv.gz", real_data / "fruit_rupture_index.csv"
-    read = read_curves(curves, index)
-    assert len(read) == 163
-    assert all(curve.force_n[-1] >= curve.rupture_n for curve in read)
-    sheets = read_sheets(
-        real_data / "velostat_force_ladders.csv", [real_data / "holds_velostat.csv.gz"]
-    )
-    report = hybrid.report(read, read_closings(curves, index), sheets, grasps=2, firmware=False)
-    report.write(tmp_path)
-    ways = {row["way"]: row for row in report.payload["rows"][:4]}
-    ours, told = ways[hybrid.OURS], ways[hybrid.TOLD]
-    assert ours["peak_n"] < ways["threshold and 3 mm"]["peak_n"]
-    assert not ours["damaged"]
-    assert not told["damaged"]
-    assert (tmp_path / "hybrid.png").stat().st_size > 10_000
     check_all_fonts(tmp_path)
