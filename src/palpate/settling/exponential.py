@@ -9,17 +9,16 @@ equation 3, and why a fit whose C runs away is not taken.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.settling.result import SettledEstimate, Status
-from palpate.settling.varpro import Flag, Number, RateFit, fit_one_rate, fit_rate
+from palpate.settling.varpro import fit_rate
 from palpate.signal.transient import WAIT_S, hold_window
 
 #: Three parameters need a fourth sample to be a fit at all.
@@ -76,8 +75,6 @@ def fit_exponential(
     >>> [round(float(x[0]), 6) for x in (fit.amplitude, fit.rate_per_s, fit.settled)]
     [40.0, 1.2, -60.0]
     """
-    if len(values) == 1:
-        return _fit_one(time_s, values, wait_s=wait_s)
     if len(values) <= _BLOCK:
         return _fit_block(time_s, values, wait_s=wait_s)
     parts = [
@@ -105,7 +102,12 @@ def _fit_block(time_s: FloatArray, values: FloatArray, *, wait_s: float) -> Expo
         ordinates = values[rows, first:] - last[rows, None]
         length_s = float(since_first[-1])
         fit = fit_rate(since_first, ordinates, rates=_rates(length_s, since_first.size))
-        stands = _stands(fit, come=come[rows], samples=since_first.size)
+        # An offset counts from the last sample.
+        near = abs(fit.offset) <= come[rows]
+        clear = fit.gained * (since_first.size - MIN_SAMPLES + 1) >= (
+            _CLEAR_CURVATURE * fit.unexplained
+        )
+        stands = (near | clear) & ~fit.at_end
         settled[rows] += np.where(stands, fit.offset, 0.0)
         rate_per_s[rows] = fit.rate
         decays = np.minimum(fit.rate * (time_s[first] - window.peak_s[rows]), _MOST_DECAYS)
@@ -121,34 +123,6 @@ def _fit_block(time_s: FloatArray, values: FloatArray, *, wait_s: float) -> Expo
     )
 
 
-def _fit_one(time_s: FloatArray, values: FloatArray, *, wait_s: float) -> ExponentialFit:
-    """Fit a single hold, values of shape (1, n_times), in a third of the time of a block."""
-    window = hold_window(time_s, values, wait_s=wait_s)
-    first, hold = int(window.first[0]), values[0]
-    last, peak = float(hold[-1]), int(window.peak[0])
-    if window.stop - first < MIN_SAMPLES:
-        found, status = (last, np.nan, np.nan, 0.0), Status.TOO_SHORT
-    else:
-        since_first = time_s[first:] - time_s[first]
-        length_s = float(since_first[-1])
-        rates = _rates(length_s, since_first.size)
-        fit = fit_one_rate(since_first, hold[first:] - last, rates=rates)
-        stands = _stands(fit, come=abs(float(hold[peak]) - last), samples=since_first.size)
-        decays = min(fit.rate * float(time_s[first] - time_s[peak]), _MOST_DECAYS)
-        amplitude = fit.amplitude * math.exp(decays)
-        settled = last + fit.offset if stands else last
-        found = (settled, amplitude, fit.rate, length_s if stands else 0.0)
-        status = Status.OK if stands else Status.NOT_SETTLING
-    columns = np.array(found)[:, None]
-    return ExponentialFit(
-        settled=columns[0],
-        amplitude=columns[1],
-        rate_per_s=columns[2],
-        window_s=columns[3],
-        status=np.array([status], dtype=object),
-    )
-
-
 @lru_cache(maxsize=64)
 def _rates(length_s: float, samples: int) -> FloatArray:
     """Return the grid of rates for a window, its padding included."""
@@ -158,18 +132,6 @@ def _rates(length_s: float, samples: int) -> FloatArray:
     rates: FloatArray = slowest * np.exp(_GRID_STEP * np.arange(-_PADDING, steps + _PADDING + 1))
     rates.setflags(write=False)
     return rates
-
-
-def _stands(fit: RateFit[Number, Flag], *, come: Number, samples: int) -> Flag:
-    """Return which fits determine their settled value.
-
-    `come` is how far the signal has come since its peak; the offset counts from the last sample.
-    """
-    near = abs(fit.offset) <= come
-    clear = fit.gained * (samples - MIN_SAMPLES + 1) >= _CLEAR_CURVATURE * fit.unexplained
-    determined: Any = near | clear
-    stands: Flag = determined & (fit.at_end ^ True)
-    return stands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,11 +8,10 @@ its nodes starts Newton's method close enough that one step is mostly enough.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Generic, TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +31,6 @@ _LAST_STEP = 1e-4
 _MOST_STEPS = 50
 #: Points on an abscissa whose table is kept: half a megabyte at most.
 _LONGEST_KEPT = 1024
-
-Number = TypeVar("Number", float, FloatArray)
-Flag = TypeVar("Flag", bool, NDArray[np.bool_])
 
 
 def decay(x: FloatArray, rate: FloatArray) -> FloatArray:
@@ -57,25 +53,25 @@ def saturation(x: FloatArray, rate: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RateFit(Generic[Number, Flag]):
-    """Least-squares parameters of a batch of fits, each of shape (n,), or of one, as numbers."""
+class RateFit:
+    """Least-squares parameters of a batch of fits, each of shape (n,)."""
 
     #: Parameters of ``amplitude * basis(x, rate) + offset``; offset 0 where none was fitted.
-    rate: Number
-    amplitude: Number
-    offset: Number
+    rate: FloatArray
+    amplitude: FloatArray
+    offset: FloatArray
     #: Sum of squared residuals.
-    unexplained: Number
+    unexplained: FloatArray
     #: How much larger that sum is at the slowest rate of the grid, where a decay is a straight
     #: line: how much information the data carry about the rate.
-    gained: Number
+    gained: FloatArray
     #: The sum of squares is smallest at an end of the grid: the data don't determine the rate.
-    at_end: Flag
+    at_end: NDArray[np.bool_]
 
 
 def fit_rate(
     x: FloatArray, y: FloatArray, *, rates: FloatArray, basis: Basis = decay, offset: bool = True
-) -> RateFit[FloatArray, NDArray[np.bool_]]:
+) -> RateFit:
     """Fit ``amplitude * basis(x, rate) + offset`` to each row of `y`.
 
     `y`, shape (n, n_points): ordinates.
@@ -114,37 +110,6 @@ def fit_rate(
         amplitude=amplitude,
         offset=mean - amplitude * shape_mean,
         unexplained=np.maximum(np.einsum("nm,nm->n", centred, centred) - explained, 0.0),
-        gained=explained - at_slowest,
-        at_end=at_end,
-    )
-
-
-def fit_one_rate(
-    x: FloatArray, y: FloatArray, *, rates: FloatArray, basis: Basis = decay, offset: bool = True
-) -> RateFit[float, bool]:
-    """Fit a single row, `y` of shape (n_points,), to numbers.
-
-    The same search as that of `fit_rate` on one row, in a third of its time: for few data a
-    call into NumPy costs more than its computation.
-    """
-    table, weight = _grid(x, rates, basis=basis, offset=offset)
-    mean = float(y @ weight)
-    centred = y - mean
-    log_rate, at_end, at_slowest = _nearest_of_one(centred, table, rates=rates)
-    limit = 0.0 if at_end else math.log(rates[1] / rates[0])
-    for _ in range(_MOST_STEPS):
-        rate = math.exp(log_rate)
-        moments = _moments_of_one(x, centred, weight, rate, basis=basis)
-        step = min(max(moments.newton(), -limit), limit)
-        log_rate += step
-        amplitude, shape_mean, explained = moments.linear(rate * math.expm1(step))
-        if abs(step) <= _LAST_STEP:
-            break
-    return RateFit(
-        rate=math.exp(log_rate),
-        amplitude=amplitude,
-        offset=mean - amplitude * shape_mean,
-        unexplained=max(float(centred @ centred) - explained, 0.0),
         gained=explained - at_slowest,
         at_end=at_end,
     )
@@ -205,44 +170,25 @@ def _nearest(
     return log_rate, at_end, np.square(projection[:, 0])
 
 
-def _nearest_of_one(
-    y: FloatArray, table: FloatArray, *, rates: FloatArray
-) -> tuple[float, bool, float]:
-    """Return what `_nearest` does, for one row."""
-    projection = table @ y
-    best, last = int(np.abs(projection).argmax()), len(rates) - 1
-    at_end = not _REACH <= best <= last - _REACH
-    centre = min(max(best, _REACH), last - _REACH)
-    fine = np.square(projection[centre - _REACH : centre + _REACH + 1] @ _INTERPOLATE)
-    at = min(max(int(fine.argmax()), 1), 2 * _ZOOM - 1)
-    shift = min(max(_vertex(*fine[at - 1 : at + 2].tolist()), -1.0), 1.0)
-    position = centre if at_end else centre + (at + shift) / _ZOOM - 1
-    log_rate = math.log(rates[0]) + position * math.log(rates[1] / rates[0])
-    at_slowest = float(projection[0])
-    return log_rate, at_end, at_slowest * at_slowest
-
-
-def _vertex(before: Number, here: Number, after: Number) -> Number:
+def _vertex(before: FloatArray, here: FloatArray, after: FloatArray) -> FloatArray:
     """Return where the parabola through -1, 0, 1 has its top; 0 where it has none."""
     bend = before - 2 * here + after
-    top: Number = 0.5 * (before - after) * (bend < 0) / (bend - (bend == 0))
-    return top
+    return np.asarray(0.5 * (before - after) * (bend < 0) / (bend - (bend == 0)))
 
 
 @dataclass(frozen=True, slots=True)
-class _Moments(Generic[Number]):
-    """Inner products at a given rate, of the centred basis with the data (p) and itself (q).
+class _Moments:
+    """Inner products at given rates, of the centred basis with the data (p) and itself (q).
 
-    Each of p and q is followed by its two derivatives with respect to the rate. Of one fit they are
-    numbers, of several arrays: the formulas are the same.
+    Each of mean, p and q is followed by its two derivatives with respect to the rate.
     """
 
-    rate: Number
-    mean: Sequence[Number] | FloatArray
-    p: Sequence[Number] | FloatArray
-    q: Sequence[Number]
+    rate: FloatArray
+    mean: FloatArray
+    p: FloatArray
+    q: tuple[FloatArray, FloatArray, FloatArray]
 
-    def newton(self) -> Number:
+    def newton(self) -> FloatArray:
         """Return the step in ln(rate) towards the largest explained sum of squares, p^2 / q."""
         p, p1, p2 = self.p
         q, q1, q2 = self.q
@@ -252,10 +198,9 @@ class _Moments(Generic[Number]):
         # Where the slope is zero the two are equal; taken as equal here, Newton stays quadratic.
         bend = self.rate * (p2 * inverse - 0.5 * q2 / q + by_p * by_q)
         flattest = -1e-12 * self.rate
-        step: Number = (by_q - by_p) / (bend + (bend > flattest) * (flattest - bend))
-        return step
+        return np.asarray((by_q - by_p) / (bend + (bend > flattest) * (flattest - bend)))
 
-    def linear(self, change: Number) -> tuple[Number, Number, Number]:
+    def linear(self, change: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return amplitude, mean of the basis and explained sum after a small change of rate."""
         half = 0.5 * change * change
         p, q, mean = (m[0] + m[1] * change + m[2] * half for m in (self.p, self.q, self.mean))
@@ -264,21 +209,10 @@ class _Moments(Generic[Number]):
 
 def _moments(
     x: FloatArray, y: FloatArray, weight: FloatArray, rate: FloatArray, *, basis: Basis
-) -> _Moments[FloatArray]:
+) -> _Moments:
     parts = basis(x, rate[:, None])
     mean = parts @ weight
     parts -= mean[:, :, None]
     q, half_q1, half_q2 = np.einsum("inm,nm->in", parts, parts[0])
     q2 = 2 * (half_q2 + np.einsum("nm,nm->n", parts[1], parts[1]))
     return _Moments(rate, mean, np.einsum("inm,nm->in", parts, y), (q, 2 * half_q1, q2))
-
-
-def _moments_of_one(
-    x: FloatArray, y: FloatArray, weight: FloatArray, rate: float, *, basis: Basis
-) -> _Moments[float]:
-    parts = basis(x, np.array([[rate]]))[:, 0]
-    mean = parts @ weight
-    parts -= mean[:, None]
-    (q, half_q1, half_q2), (_, square, _), _ = (parts @ parts.T).tolist()
-    q_and_slopes = q, 2 * half_q1, 2 * (half_q2 + square)
-    return _Moments(rate, mean.tolist(), (parts @ y).tolist(), q_and_slopes)

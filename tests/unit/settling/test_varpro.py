@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.settling.varpro import decay, fit_one_rate, fit_rate, saturation
+from palpate.settling.varpro import decay, fit_rate, saturation
 
 RATES = np.geomspace(1e-3, 1e3, 90)
 
@@ -55,18 +55,3 @@ def test_the_sum_of_squares_is_that_of_the_residuals_and_minimal() -> None:
     assert (squares(fit.rate * 1.001) > fit.unexplained).all()
     assert (squares(fit.rate * 0.999) > fit.unexplained).all()
     assert fit.gained == pytest.approx(squares(np.full(5, 1e-3)) - fit.unexplained, rel=1e-6)
-
-
-def test_one_row_alone_has_the_fit_it_has_in_a_batch() -> None:
-    rng = np.random.default_rng(7)
-    x = np.linspace(0, 2, 25)
-    y = rng.uniform(1, 3, (40, 1)) * np.exp(-rng.uniform(0.3, 8, (40, 1)) * x)
-    y += rng.normal(0, 0.02, y.shape)
-    y[0], y[1] = 0.0, x
-    batch = fit_rate(x, y, rates=RATES)
-    for index, row in enumerate(y):
-        one = fit_one_rate(x, row, rates=RATES)
-        assert one.at_end == batch.at_end[index]
-        for name in ("rate", "amplitude", "offset", "unexplained", "gained"):
-            expected = getattr(batch, name)[index]
-            assert getattr(one, name) == pytest.approx(expected, rel=1e-7, abs=1e-9), name
