@@ -423,7 +423,7 @@ def test_what_excel_needs_is_named_where_it_is_missing(
 ) -> None:
     path = tmp_path / "r.xlsx"
     pd.DataFrame({"time_s": TIME_S, "R": OHM}).to_excel(path)
-    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    monkeypatch.setitem(sys.modules, "python_calamine", None)
     assert "pip install 'palpate[data]'" in refused(path, capsys)
 
 
