@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     from palpate.grasp.result import GraspResult, Outcome
     from palpate.grasp.runner import run_grasp
     from palpate.holds import Hold, read_holds
+    from palpate.holds.cutting import cut_holds
+    from palpate.holds.recordings import Readings, read_recording
     from palpate.plots.holds import plot_holds
-    from palpate.readings import Readings, cut_holds, read_recording
     from palpate.recording import load_recording
     from palpate.rig import Rig, open_rig
     from palpate.rig.grip import Grip
@@ -96,7 +97,7 @@ _HOMES = {
     "PalpateError": "palpate.errors",
     "Plan": "palpate.grasp.plan",
     "Reading": "palpate.rig.reading",
-    "Readings": "palpate.readings",
+    "Readings": "palpate.holds.recordings",
     "Recorded": "palpate.settling.recorded",
     "Relaxation": "palpate.settling.relaxation",
     "Rig": "palpate.rig",
@@ -104,14 +105,14 @@ _HOMES = {
     "SettledEstimate": "palpate.settling.result",
     "SettlingStream": "palpate.settling.streaming",
     "Status": "palpate.settling.result",
-    "cut_holds": "palpate.readings",
+    "cut_holds": "palpate.holds.cutting",
     "load_recording": "palpate.recording",
     "open_rig": "palpate.rig",
     "plan_grasp": "palpate.grasp.planning",
     "plot_holds": "palpate.plots.holds",
     "predict_settled": "palpate.settling.predict",
     "read_holds": "palpate.holds",
-    "read_recording": "palpate.readings",
+    "read_recording": "palpate.holds.recordings",
     "run_grasp": "palpate.grasp.runner",
     "score": "palpate.scoring.table",
 }

@@ -14,8 +14,7 @@ import pyarrow.parquet as pq
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.holds import Hold, read_holds
-from palpate.tables import strict, text
+from palpate.holds import Hold, read_holds, strict, text
 
 #: Not the sign that stands for lost bytes, which is refused.
 SIGNS = st.characters(codec="utf-8", exclude_categories=("C", "Z"), exclude_characters="\ufffd")

@@ -14,7 +14,9 @@ from tests.touches import resistance_ohm
 
 import palpate
 from palpate.errors import PalpateError
-from palpate.readings.cut import find_contacts
+from palpate.holds.contacts import find_contacts
+from palpate.holds.cutting import cut_columns
+from palpate.holds.recordings import read_recordings
 
 TIME_S = np.round(np.arange(0, 60, 0.05), 3)
 OHM = np.round(resistance_ohm(TIME_S, touches=((3.0, 20.0), (26.0, 55.0))), 3)
@@ -128,8 +130,8 @@ def test_no_file_gives_anything_but_holds_or_one_line(tmp_path: Path) -> None:
         path = tmp_path / f"f{number % 7}{chance.choice(['.csv', '.xlsx', '.parquet', '.gz'])}"
         path.write_bytes(damaged(chance))
         try:
-            for readings in palpate.readings.read_recordings(path):
-                palpate.readings.cut_columns(readings)
+            for readings in read_recordings(path):
+                cut_columns(readings)
         except PalpateError as error:
             refused.append((str(path), str(error)))
     assert 200 < len(refused) < 1900

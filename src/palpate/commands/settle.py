@@ -15,7 +15,7 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from palpate.commands.settle_source import HoldSource
     from palpate.holds import Hold
-    from palpate.readings.holds import CutAt
+    from palpate.holds.cutting import CutAt
     from palpate.scoring.predictions import Prediction
     from palpate.settling.result import SettlingMethod
     from palpate.signal.circuit import Divider

@@ -10,13 +10,13 @@ from typing import Literal
 
 from palpate.errors import InputError, PalpateError, RecordingError
 from palpate.holds import Hold, iterate_holds
-from palpate.readings import CutColumn, cut_columns, read_recordings, why_none
-from palpate.readings.columns import TimeUnit, Unit
-from palpate.readings.holds import CutAt
-from palpate.readings.relative import relative_readings
+from palpate.holds.columns import TimeUnit, Unit
+from palpate.holds.cutting import CutAt, CutColumn, cut_columns, why_none
+from palpate.holds.recordings import read_recordings
+from palpate.holds.relative import relative_readings
+from palpate.holds.table_files import MCAP_MAGIC, form_of, open_table
+from palpate.holds.text import lines_of, open_text
 from palpate.signal.circuit import Divider
-from palpate.tables.files import MCAP_MAGIC, form_of, open_table
-from palpate.tables.text import lines_of, open_text
 
 #: Endings that a recording in a folder may have; other files of it are skipped.
 RECORDING_ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".gz", ".xlsx", ".parquet", ".mcap")
@@ -169,7 +169,7 @@ def is_holds_file(file: Path) -> bool:
                 with open_text(stream, name=name) as text:
                     return "hold_id" in next(lines_of(text), "")
             if form == "parquet":
-                from palpate.tables.binary import open_parquet
+                from palpate.holds.binary import open_parquet
 
                 with open_parquet(stream, name=name) as parquet:
                     return "hold_id" in parquet.schema_arrow.names

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import InputError
 from palpate.estimate.damage import FOLDS, DamageLimit, DamageModel, fit_damage_model, half_load
 from palpate.estimate.strength import ClosingCurve, ClosingState
-from palpate.tables import read_table
+from palpate.holds.strict import read_table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,7 +17,8 @@ from palpate.errors import CalibrationError, RecordingError
 from palpate.files import atomic_path, csv_cell
 from palpate.gripper.interface import GripperState
 from palpate.holds import Hold
-from palpate.readings.cut import SHORTEST_HOLD_S
+from palpate.holds.binary import pyarrow_for
+from palpate.holds.contacts import SHORTEST_HOLD_S
 from palpate.recording.contents import Event, GripperTrack, Recording
 from palpate.recording.reader import RecordingReader
 from palpate.sensor.array import ArrayLayout, Frame
@@ -30,7 +31,6 @@ from palpate.signal.relative import (
     relative_change_percent,
     rest_baseline,
 )
-from palpate.tables.binary import pyarrow_for
 
 Columns = dict[str, list[Any]]
 Format = Literal["csv", "parquet"]

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.clock import Clock
 from palpate.errors import CalibrationError, InputError
+from palpate.holds.strict import read_table
 from palpate.sensor.array import FRAME_TIMEOUT_S, PressureArray
 from palpate.sensor.calibration import ForcePairs
 from palpate.sensor.pixel_resistance import pixel_resistance_ohm
@@ -20,7 +21,6 @@ from palpate.signal.relative import (
     rest_baseline,
     total_excess,
 )
-from palpate.tables import read_table
 
 #: When the sheet counts as settled (paper, section 2.2), and how long a step is given at most.
 SETTLED_S, _PATIENCE_S = 20.0, 40.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.commands.options import JsonOption
 from palpate.errors import InputError
-from palpate.tables import read_table
+from palpate.holds.strict import read_table
 from palpate_studies.ladder_models import MODELS, Ladder, Predicted
 from palpate_studies.report import OutOption, StudyReport, Table
 

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_states import states_of
-from palpate.tables import read_table
+from palpate.holds.strict import read_table
 
 #: Name -> what the models see.
 INPUTS: Mapping[str, str] = {"resistance": "log_ohm", "displacement": "displacement_mm"}

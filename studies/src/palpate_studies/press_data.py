@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.tables import read_table
+from palpate.holds.strict import read_table
 
 #: A press is a run of force above this, and above this share of the recording's 90th percentile,
 SMALLEST_FORCE_N = 0.5

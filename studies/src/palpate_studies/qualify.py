@@ -15,6 +15,7 @@ from palpate.commands.options import JsonOption
 from palpate.estimate.measurement import Measurement
 from palpate.grasp.planning import plan_grasp
 from palpate.grasp.runner import run_grasp
+from palpate.holds.strict import read_table
 from palpate.produce.qualify.agreement import (
     FIGURES,
     Agreement,
@@ -26,7 +27,6 @@ from palpate.produce.qualify.agreement import (
 from palpate.produce.qualify.readings import PairedReadings
 from palpate.produce.qualify.scatter import Scatter
 from palpate.rig.simulated import calibrated
-from palpate.tables.strict import read_table
 from palpate.twin.devices import TwinArray, TwinGripper
 from palpate.twin.objects import draw_object
 from palpate.twin.world import World

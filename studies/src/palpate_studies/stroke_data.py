@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
 from palpate.estimate.force_states import log_reading, states_of
-from palpate.tables import read_table
+from palpate.holds.strict import read_table
 
 Mask: TypeAlias = NDArray[np.bool_]
 

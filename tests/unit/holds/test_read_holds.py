@@ -13,7 +13,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.holds import Hold, iterate_holds, read_holds
-from palpate.tables.files import read_table_file
+from palpate.holds.table_files import read_table_file
 
 HEADER = "hold_id,time_s,value\n"
 RANDOM_BYTES = np.random.default_rng(7).bytes(5000)

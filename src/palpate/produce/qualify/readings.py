@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import InputError
-from palpate.tables.strict import read_table
+from palpate.holds.strict import read_table
 
 #: Fewest items whose scatter is worth a figure: with fewer an interval covers anything (guess).
 FEWEST_ITEMS = 8

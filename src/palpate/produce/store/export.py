@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from palpate.files import atomic_path
+from palpate.holds.binary import pyarrow_for
 from palpate.produce.records import MEASURED, Grasp, Item, Verdict
 from palpate.produce.store.engine import sa
 from palpate.produce.store.schema import GRASPS, ITEMS, VERDICTS, UtcTime
-from palpate.tables.binary import pyarrow_for
 
 _BATCH = 10_000
 #: Details come last, as JSON text; measurements are columns of their own.

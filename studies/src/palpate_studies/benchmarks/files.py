@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.gripper.interface import GripperState
+from palpate.holds.table_files import read_table_file
 from palpate.recording import FileState, RecordingInfo, RecordingReader, RecordingWriter
 from palpate.recording.reader import load_recording, summarise_recording
 from palpate.sensor.array import RIGID_LAYOUT, Frame
-from palpate.tables.files import read_table_file
 from palpate_studies.benchmarks.protocol import Measured, Ratio, side_by_side_s
 from palpate_studies.benchmarks.running import command_of
 

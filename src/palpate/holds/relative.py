@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.readings.read import Readings
+from palpate.holds.recordings import Readings
 from palpate.signal.circuit import resistance_ohm
 from palpate.signal.relative import mean_change
 
@@ -39,7 +39,7 @@ def relative_readings(readings: Readings, *, rest_s: tuple[float, float], mean: 
 
     Examples
     --------
-    >>> from palpate.readings import read_recording
+    >>> from palpate.holds.recordings import read_recording
     >>> table = {"time_s": [0, 1, 2, 3], "a": [10, 10, 10, 5.0], "b": [20, 20, 20, 20.0]}
     >>> changed = relative_readings(read_recording(table), rest_s=(0, 2), mean=True)
     >>> changed.columns["mean change"].tolist()

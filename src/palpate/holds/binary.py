@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError, needing
-from palpate.tables.form import form_of_rows, score_rows
-from palpate.tables.rows import GatheredRows
-from palpate.tables.table import Table, usable
-from palpate.tables.text import LONGEST_LINE
+from palpate.holds.form import form_of_rows, score_rows
+from palpate.holds.rows import GatheredRows
+from palpate.holds.table import Table, usable
+from palpate.holds.text import LONGEST_LINE
 
 _SAMPLE_ROWS = 400
 #: What a column may have in a Parquet file apart from its cells, bytes.

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.arrays import FloatArray
-from palpate.readings.contacts import MOVED_WITHIN_S, ContactOutline, Stretch, heights, outline
+from palpate.holds.outline import MOVED_WITHIN_S, ContactOutline, Stretch, heights, outline
 
 #: From contact to opening; a shorter touch is more often a step on the way than a hold. At
 #: least half of it is left after loading.

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.holds import Hold
-from palpate.readings.columns import Unit
-from palpate.readings.cut import find_contacts
-from palpate.readings.read import Readings, read_recordings
+from palpate.holds.columns import Unit
+from palpate.holds.contacts import find_contacts
+from palpate.holds.hold import Hold
+from palpate.holds.recordings import Readings, read_recordings
 from palpate.signal.circuit import Divider, resistance_ohm
 
 #: How holds are found: after contacts, at a time in seconds, or the whole recording as one.

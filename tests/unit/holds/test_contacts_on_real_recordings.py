@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.readings.cut import find_contacts
-from palpate.tables import read_table
+from palpate.holds.contacts import find_contacts
+from palpate.holds.strict import read_table
 
 #: A press, by its force: as `palpate study presses` defines it.
 PRESS_N, PRESS_SHARE, PRESS_S = 0.5, 0.3, 0.8

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.readings.columns import (
+from palpate.holds.columns import (
     TimeUnit,
     Unit,
     find_clock,
@@ -24,9 +24,9 @@ from palpate.readings.columns import (
     time_unit_of,
     unit_of,
 )
+from palpate.holds.rows import refuse_or_report
+from palpate.holds.table import Table
 from palpate.signal.circuit import Divider
-from palpate.tables.rows import refuse_or_report
-from palpate.tables.table import Table
 
 #: Longest ending first: of ``log.csv.gz`` the stem is ``log``.
 _ENDINGS = (".gz", ".csv", ".tsv", ".txt", ".dat", ".log", ".xlsx", ".xlsm", ".parquet", ".pq")
@@ -164,8 +164,8 @@ def read_recordings(
 
 def _table(source: Any) -> tuple[Table, str]:
     """Return the table of a source and the stem of its name."""
-    from palpate.tables.binary import table_of_arrays
-    from palpate.tables.files import read_table_file
+    from palpate.holds.binary import table_of_arrays
+    from palpate.holds.table_files import read_table_file
 
     if isinstance(source, str | os.PathLike):
         path = Path(source)

@@ -13,9 +13,9 @@ from itertools import accumulate, chain, islice
 from typing import TextIO, TypeAlias, cast
 
 from palpate.errors import InputError
-from palpate.tables.form import find_form
-from palpate.tables.rows import GatheredRows
-from palpate.tables.table import Table
+from palpate.holds.form import find_form
+from palpate.holds.rows import GatheredRows
+from palpate.holds.table import Table
 
 #: Rows of fields, and the number of each one's first line in the file.
 NumberedRows: TypeAlias = tuple[list[list[str]], Sequence[int]]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.tables.form import NO_VALUE
-from palpate.tables.table import Table, unique_names, usable
+from palpate.holds.form import NO_VALUE
+from palpate.holds.table import Table, unique_names, usable
 
 #: Rows that can't be used are left out, and reported, up to this share: a log that begins or ends
 #: in the middle of a line, a byte lost on a serial line.

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import InputError
-from palpate.tables.files import form_of, open_table
-from palpate.tables.form import SEPARATORS, split_fields
-from palpate.tables.table import LARGEST, Table, usable
-from palpate.tables.text import ROWS_AT_A_TIME, lines_of, open_text, split_rows
+from palpate.holds.form import SEPARATORS, split_fields
+from palpate.holds.table import LARGEST, Table, usable
+from palpate.holds.table_files import form_of, open_table
+from palpate.holds.text import ROWS_AT_A_TIME, lines_of, open_text, split_rows
 
 #: What a column holds: a finite number, one that may be left empty (NaN), or text.
 Kind: TypeAlias = Literal["number", "number or empty", "text"]
@@ -217,7 +217,7 @@ def _refuse(column: str, found: str, *, where: str, remedy: str) -> NoReturn:
 
 
 def _parquet_pieces(file: BufferedReader, wanted: _Wanted, *, name: str) -> Iterator[Table]:
-    from palpate.tables.binary import open_parquet
+    from palpate.holds.binary import open_parquet
 
     with open_parquet(file, name=name) as parquet:
         schema = parquet.schema_arrow
@@ -254,7 +254,7 @@ def _check_type(type_: Any, column: str, kind: Kind, *, name: str) -> None:
 
 def _cells(cells: Any, column: str, kind: Kind, *, start: int, name: str) -> NDArray[Any]:
     if kind == "text":
-        from palpate.tables.binary import texts_of
+        from palpate.holds.binary import texts_of
 
         return np.array(
             [str(text) for text in texts_of(cells, column, name=name, missing="")], object

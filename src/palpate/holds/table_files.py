@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from palpate.errors import InputError
-from palpate.tables.table import Table
-from palpate.tables.text import SAMPLE_BYTES, read_text
+from palpate.holds.table import Table
+from palpate.holds.text import SAMPLE_BYTES, read_text
 
 FileForm: TypeAlias = Literal["text", "parquet", "spreadsheet"]
 
@@ -63,9 +63,9 @@ def read_table_file(path: Path) -> Table:
         if form == "text":
             return read_text(file, name=name)
         if form == "parquet":
-            from palpate.tables.binary import read_parquet_table
+            from palpate.holds.binary import read_parquet_table
 
             return read_parquet_table(file, name=name)
-    from palpate.tables.binary import read_spreadsheet
+    from palpate.holds.binary import read_spreadsheet
 
     return read_spreadsheet(path)

@@ -1,0 +1,102 @@
+"""A hold: a stretch of one channel after the gripper stopped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.errors import needing
+
+#: Stretch before the horizon whose mean counts as the settled value.
+SETTLED_WINDOW_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Hold:
+    """One channel of one hold.
+
+    Attributes
+    ----------
+    hold_id : str
+        Name in the file.
+    channel : str or None
+        Pixel or signal, where a hold has several.
+    time_s : ndarray, shape (n_times,)
+        Strictly increasing; 0 is the actuation or the peak. Sampling may be uneven.
+    values : ndarray, shape (n_times,)
+        In any unit.
+    unit : str or None
+        Unit of the values where it is known; ``"percent"`` is a change relative to rest.
+    loading_s : float
+        How long the load grew before time 0, seconds; 0 where it is not known or was sudden.
+    """
+
+    hold_id: str
+    channel: str | None
+    time_s: NDArray[np.float64]
+    values: NDArray[np.float64]
+    unit: str | None = None
+    loading_s: float = 0.0
+
+    def __repr__(self) -> str:
+        name = self.hold_id if self.channel is None else f"{self.hold_id}:{self.channel}"
+        parts = [f"{self.time_s.size} samples"]
+        if self.time_s.size:
+            parts.append(f"{self.time_s[0]:g} to {self.time_s[-1]:g} s")
+        if self.unit is not None:
+            parts.append(self.unit)
+        return f"Hold({name!r}, {', '.join(parts)})"
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the samples on matplotlib axes, the current ones by default, and return the axes.
+
+        Raises
+        ------
+        MissingExtraError
+            If matplotlib is not installed.
+        """
+        with needing("a plot", extra="plots"):
+            import matplotlib.pyplot as plt
+        drawn = plt.gca() if axes is None else axes
+        drawn.plot(self.time_s, self.values, label=self.hold_id)
+        drawn.set_xlabel("time (s)")
+        drawn.set_ylabel("value" if self.unit is None else f"value ({self.unit})")
+        return drawn
+
+
+def settled_value(
+    time_s: NDArray[np.float64], values: NDArray[np.float64], *, horizon_s: float
+) -> float:
+    """Return the mean of the last 0.5 s before the horizon; NaN where the hold ends before.
+
+    A sample covers the time up to the next one, so a hold reaches the horizon when its last
+    sample is no more than one usual interval before it.
+
+    `horizon_s`: time of the settled value, seconds.
+
+    >>> time_s = np.arange(0, 21, 0.25)
+    >>> settled_value(time_s, time_s, horizon_s=20.0)
+    19.75
+    >>> settled_value(time_s, time_s, horizon_s=30.0)
+    nan
+    """
+    usual_interval_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    window = (time_s >= horizon_s - SETTLED_WINDOW_S) & (time_s <= horizon_s)
+    # The slack is for times such as 19.95 + 0.05, which fall short of 20 by rounding.
+    reached = time_s[-1] + usual_interval_s >= horizon_s * (1 - 1e-9)
+    return float(values[window].mean()) if reached and window.any() else float("nan")
+
+
+def recorded_value(
+    time_s: NDArray[np.float64], values: NDArray[np.float64], *, cutoff_s: float
+) -> float:
+    """Return the last sample up to the cut-off; NaN if there is none.
+
+    >>> recorded_value(np.array([0.0, 1.0, 2.0]), np.array([9.0, 8.0, 7.0]), cutoff_s=1.5)
+    8.0
+    """
+    count = int(np.searchsorted(time_s, cutoff_s, side="right"))
+    return float(values[count - 1]) if count else float("nan")
