@@ -125,11 +125,18 @@ def find_contacts(time_s: FloatArray, values: FloatArray, *, unit: str | None = 
         if loaded[place] and rest is not None:
             # What is no more than the next rest was no load, but a start that wore off.
             loaded[place] = toward * (stretch.level - shape.stretches[rest].level) >= shape.step
-    contacts = [
-        _contact(stretch, last, shape, toward, time_s=time_s, height=height)
-        for (last, stretch), held in zip(pairwise(shape.stretches), loaded[1:], strict=True)
-        if held
-    ]
+    contacts: list[Contact] = []
+    for (last, stretch), held in zip(pairwise(shape.stretches), loaded[1:], strict=True):
+        if held:
+            start_s = _loaded_s(stretch, toward, time_s=time_s, height=height)
+            contacts.append(
+                Contact(
+                    onset_s=stretch.onset_s,
+                    start_s=start_s,
+                    end_s=stretch.end_s,
+                    refused=_refusal(stretch, last, shape, start_s, time_s=time_s),
+                )
+            )
     return Cut(contacts=contacts, moves=True, rises=rises, began_loaded=began_loaded)
 
 
@@ -159,24 +166,6 @@ def _comes_to_load(stretch: Stretch, shape: ContactOutline, toward: float) -> bo
     reached = toward * (shape.height[inside] - stretch.before)
     stayed = toward * (stretch.level - stretch.before)
     return bool(stayed >= shape.step and stayed >= STAYS_SHARE * reached.max())
-
-
-def _contact(
-    stretch: Stretch,
-    last: Stretch,
-    shape: ContactOutline,
-    toward: float,
-    *,
-    time_s: FloatArray,
-    height: FloatArray,
-) -> Contact:
-    start_s = _loaded_s(stretch, toward, time_s=time_s, height=height)
-    return Contact(
-        onset_s=stretch.onset_s,
-        start_s=start_s,
-        end_s=stretch.end_s,
-        refused=_refusal(stretch, last, shape, start_s, time_s=time_s),
-    )
 
 
 def _loaded_s(stretch: Stretch, toward: float, *, time_s: FloatArray, height: FloatArray) -> float:

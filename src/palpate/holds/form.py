@@ -56,7 +56,7 @@ def find_form(lines: Sequence[str], *, name: str) -> Form:
     best, most = None, 0
     for separator in SEPARATORS:
         rows = [split_fields(line, separator) for line in lines]
-        score, width = _score(rows)
+        score, width = score_rows(rows)
         if score > most:
             best, most = (separator, rows, width), score
     if best is None:
@@ -89,10 +89,6 @@ def form_of_rows(rows: Sequence[Sequence[str]], width: int, *, separator: str | 
 
 def score_rows(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
     """Return how well rows make a table, 0 where they don't, and its number of columns."""
-    return _score(rows)
-
-
-def _score(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
     widths = Counter(len(row) for row in rows if len(row) > 1 and _numbers_in(row) > 0)
     if not widths:
         return 0, 0
@@ -100,11 +96,9 @@ def _score(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
     like = [len(row) == width and _numbers_in(row) > 0 for row in rows]
     filled = [ok for ok, row in zip(like, rows, strict=True) if any(f.strip() for f in row)]
     run = any(all(filled[k : k + _RUN]) for k in range(len(filled)) if filled[k])
-    return (
-        (sum(_numbers_in(row) for row, ok in zip(rows, like, strict=True) if ok), width)
-        if (run)
-        else (0, 0)
-    )
+    if not run:
+        return 0, 0
+    return sum(_numbers_in(row) for row, ok in zip(rows, like, strict=True) if ok), width
 
 
 def _numbers_in(row: Sequence[str]) -> int:

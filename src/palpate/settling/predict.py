@@ -136,16 +136,14 @@ def predict_settled(
         )
     predictor = for_hold(chosen, unit=unit, loading_s=loading_s)
     blocks = [
-        predictor.predict(times[:stop], used[start:end], horizon_s=horizon_s, level=level)
-        for start, end in _blocks(len(used))
+        predictor.predict(
+            times[:stop], used[start : start + _BLOCK], horizon_s=horizon_s, level=level
+        )
+        # An empty batch is one block.
+        for start in range(0, max(len(used), 1), _BLOCK)
     ]
     estimate = blocks[0] if len(blocks) == 1 else joined(blocks)
     return estimate if samples.ndim == 2 else estimate.hold(0)
-
-
-def _blocks(holds: int) -> list[tuple[int, int]]:
-    """Return where the blocks of a batch begin and end; an empty batch is one."""
-    return [(start, start + _BLOCK) for start in range(0, max(holds, 1), _BLOCK)]
 
 
 def _samples_until(times: FloatArray, cutoff_s: float) -> int:
