@@ -25,9 +25,9 @@ def holds(seed: int, count: int, *, noise: float = 0.03) -> FloatArray:
     return np.asarray(level * shape + noise * rng.standard_normal((count, TIME_S.size)))
 
 
-def named(values: FloatArray) -> tuple[Hold, ...]:
+def named(values: FloatArray, time_s: FloatArray = TIME_S) -> tuple[Hold, ...]:
     return tuple(
-        Hold(hold_id=str(place), channel=None, time_s=TIME_S, values=row)
+        Hold(hold_id=str(place), channel=None, time_s=time_s, values=row)
         for place, row in enumerate(values)
     )
 
@@ -80,10 +80,7 @@ def test_no_holds_are_refused() -> None:
 
 def test_holds_that_end_too_early_teach_nothing() -> None:
     short = TIME_S < 10.0
-    taught = tuple(
-        Hold(hold_id=h.hold_id, channel=None, time_s=TIME_S[short], values=h.values[short])
-        for h in named(holds(7, 5))
-    )
+    taught = named(holds(7, 5)[:, short], TIME_S[short])
     tested = holds(8, 2)
     found, general = (
         predict_settled(TIME_S, tested, cutoff_s=2.5, method=method)
@@ -92,24 +89,19 @@ def test_holds_that_end_too_early_teach_nothing() -> None:
     assert found.value.tolist() == general.value.tolist()
 
 
-def creeping(count: int, *, tilt: float, seed: int = 10) -> list[Hold]:
-    """Return holds in ohm that all lose the same share, of any size."""
+LONG_S = np.arange(0.0, 20.5, 0.1)
+
+
+def creeping(count: int, *, seed: int = 10) -> FloatArray:
+    """Return values in ohm of holds that all lose the same share, of any size."""
     rng = np.random.default_rng(seed)
-    time_s = np.arange(0.0, 20.5, 0.1)
-    shape = 1.0 - tilt * np.log((time_s + 1.0) / 21.0)
-    return [
-        Hold(
-            hold_id=str(number),
-            channel=None,
-            time_s=time_s,
-            values=rng.uniform(100, 900) * shape * (1 + 2e-4 * rng.standard_normal(time_s.size)),
-        )
-        for number in range(count)
-    ]
+    shape = 1.0 - 0.05 * np.log((LONG_S + 1.0) / 21.0)
+    size = rng.uniform(100, 900, (count, 1))
+    return np.asarray(size * shape * (1 + 2e-4 * rng.standard_normal((count, LONG_S.size))))
 
 
 def test_more_own_holds_narrow_the_interval() -> None:
-    *past, hold = creeping(25, tilt=0.05)
+    *past, hold = named(creeping(25), LONG_S)
     widths = []
     for count in (3, 6, 12, 24):
         found = predict_settled(hold, method=OwnRelaxation(holds=tuple(past[:count])))
@@ -120,34 +112,17 @@ def test_more_own_holds_narrow_the_interval() -> None:
 
 def test_a_constant_multiple_is_found_where_it_is_true() -> None:
     rng = np.random.default_rng(11)
-    time_s = np.arange(0.0, 20.5, 0.1)
     # Contact rings in another way each time, and all that follows is one tenth less.
-    holds = tuple(
-        Hold(
-            hold_id=str(number),
-            channel=None,
-            time_s=time_s,
-            values=np.where(time_s < 10, 1.0 + rng.uniform(0.1, 0.9) * np.exp(-time_s), 0.9),
-        )
-        for number in range(13)
-    )
-    found = predict_settled(holds[-1], cutoff_s=9.0, method=OwnRelaxation(holds=holds[:-1]))
+    ringing = 1.0 + rng.uniform(0.1, 0.9, (13, 1)) * np.exp(-LONG_S)
+    *past, hold = named(np.where(LONG_S < 10, ringing, 0.9), LONG_S)
+    found = predict_settled(hold, cutoff_s=9.0, method=OwnRelaxation(holds=tuple(past)))
     assert found.value == pytest.approx(0.9, rel=0.003)
 
 
 def test_own_holds_prove_an_interval() -> None:
     rng = np.random.default_rng(12)
-    time_s = np.arange(0.0, 20.5, 0.1)
-    holds = [
-        Hold(
-            hold_id=str(number),
-            channel=None,
-            time_s=time_s,
-            values=100 * (1 + 0.3 * np.exp(-time_s / 2) + 2e-4 * rng.standard_normal(time_s.size)),
-        )
-        for number in range(PROVING_HOLDS + 1)
-    ]
-    *past, hold = holds
+    noise = 2e-4 * rng.standard_normal((PROVING_HOLDS + 1, LONG_S.size))
+    *past, hold = named(100 * (1 + 0.3 * np.exp(-LONG_S / 2) + noise), LONG_S)
     assert predict_settled(hold, cutoff_s=5.0).status is Status.UNPROVEN
     few = OwnRelaxation(holds=tuple(past[:-1]))
     assert predict_settled(hold, cutoff_s=5.0, method=few).status is Status.UNPROVEN
@@ -156,10 +131,7 @@ def test_own_holds_prove_an_interval() -> None:
 
 
 def test_past_holds_without_a_sample_before_the_cutoff_count_nothing() -> None:
-    late = tuple(
-        Hold(hold_id=h.hold_id, channel=None, time_s=h.time_s[30:], values=h.values[30:])
-        for h in creeping(4, tilt=0.05)
-    )
-    [hold] = creeping(1, tilt=0.05, seed=13)
+    late = named(creeping(4)[:, 30:], LONG_S[30:])
+    [hold] = named(creeping(1, seed=13), LONG_S)
     own = predict_settled(hold, cutoff_s=2.0, method=OwnRelaxation(holds=late))
     assert own.value == predict_settled(hold, cutoff_s=2.0).value
