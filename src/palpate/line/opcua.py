@@ -55,6 +55,16 @@ _STATE: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
     "Stops": (ua.VariantType.Int64, lambda state: int(state["stops"])),
     "Trouble": (ua.VariantType.String, lambda state: state["trouble"] or ""),
 }
+#: Variables of the result -> how they follow from the grasp document; None before the first.
+_RESULT: dict[str, tuple[ua.VariantType, Callable[[Any], Any]]] = {
+    "Outcome": (ua.VariantType.String, lambda found: "" if found is None else found["outcome"]),
+    "Item": (ua.VariantType.String, item_of),
+    "Bin": (ua.VariantType.String, bin_of),
+    "Document": (
+        ua.VariantType.String,
+        lambda found: "" if found is None else json.dumps(found, allow_nan=False),
+    ),
+}
 
 
 class _Password(UserManager):
@@ -86,8 +96,8 @@ class OpcUaStation:
     def __init__(self, machine: Machine, *, password: str | None, folder: Path) -> None:
         self._machine, self._password, self._folder = machine, password, folder
         self._server = Server(user_manager=None if password is None else _Password(password))
-        self._state: dict[str, Node] = {}
-        self._result: dict[str, Node] = {}
+        #: Name of a variable -> its node and its type; and the value that it shows.
+        self._nodes: dict[str, tuple[Node, ua.VariantType]] = {}
         self._shown: dict[str, Any] = {}
         self._results = -1
 
@@ -116,26 +126,18 @@ class OpcUaStation:
     async def refresh(self) -> None:
         """Write what has changed since the last time; clients that subscribed are notified."""
         state = self._machine.state()
-        for name, (kind, value_of) in _STATE.items():
-            await self._write(self._state[name], name, value_of(state), kind)
+        for name, (_, value_of) in _STATE.items():
+            await self._write(name, value_of(state))
         number, result = self._machine.result()
         if number == self._results:
             return
         self._results = number
-        text = ua.VariantType.String
-        values = measured_values(result)
-        for place, name in enumerate(_measured_names()):
-            await self._write(self._result[name], name, values[place], ua.VariantType.Double)
-        document = "" if result is None else json.dumps(result, allow_nan=False)
-        for name, value in (
-            ("Outcome", "" if result is None else str(result["outcome"])),
-            ("Item", item_of(result)),
-            ("Bin", bin_of(result)),
-            ("Document", document),
-        ):
-            await self._write(self._result[name], name, value, text)
+        for name, value in zip(_measured_names(), measured_values(result), strict=True):
+            await self._write(name, value)
+        for name, (_, value_of) in _RESULT.items():
+            await self._write(name, value_of(result))
         # Last: a client that waits for this number finds the rest written.
-        await self._write(self._result["Number"], "Number", number, ua.VariantType.Int64)
+        await self._write("Number", number)
 
     async def _encrypt(self, host: str) -> None:
         key, certificate = self._folder / "opcua-key.pem", self._folder / "opcua-certificate.der"
@@ -159,22 +161,15 @@ class OpcUaStation:
 
     async def _build(self, space: int) -> None:
         station = await self._server.nodes.objects.add_object(space, "Station")
-        for name, (kind, _) in _STATE.items():
-            self._state[name] = await station.add_variable(
-                space, name, _EMPTY[kind], varianttype=kind
-            )
-        self._state["Refusal"] = await station.add_variable(
-            space, "Refusal", "", varianttype=ua.VariantType.String
-        )
         result = await station.add_object(space, "Result")
-        kinds = dict.fromkeys(("Outcome", "Item", "Bin", "Document"), ua.VariantType.String)
-        kinds["Number"] = ua.VariantType.Int64
-        kinds |= dict.fromkeys(_measured_names(), ua.VariantType.Double)
-        for name, kind in kinds.items():
-            self._result[name] = await result.add_variable(
-                space, name, _EMPTY[kind], varianttype=kind
-            )
         text, number = ua.VariantType.String, ua.VariantType.Double
+        of_state = {name: kind for name, (kind, _) in _STATE.items()} | {"Refusal": text}
+        of_result = {name: kind for name, (kind, _) in _RESULT.items()}
+        of_result |= {"Number": ua.VariantType.Int64} | dict.fromkeys(_measured_names(), number)
+        for parent, kinds in ((station, of_state), (result, of_result)):
+            for name, kind in kinds.items():
+                node = await parent.add_variable(space, name, _EMPTY[kind], varianttype=kind)
+                self._nodes[name] = node, kind
         for name, method, taken, given in (
             (
                 "Grasp",
@@ -194,11 +189,13 @@ class OpcUaStation:
         ):
             await station.add_method(space, name, method, taken, given)
 
-    async def _write(self, node: Node, name: str, value: Any, kind: ua.VariantType) -> None:
-        same = self._shown.get(name)
-        if name in self._shown and (same == value or _both_nan(same, value)):
+    async def _write(self, name: str, value: Any) -> None:
+        shown = self._shown.get(name)
+        # NaN differs from itself.
+        if name in self._shown and (shown == value or (shown != shown and value != value)):
             return
         self._shown[name] = value
+        node, kind = self._nodes[name]
         await node.write_value(ua.Variant(value, kind))
 
     # -- methods: each returns its answers as variants -----------------------------------------
@@ -237,7 +234,7 @@ class OpcUaStation:
             refusal, answer = str(error), _status(StatusCodes.BadInvalidState)
         except InputError as error:
             refusal, answer = str(error), _status(StatusCodes.BadInvalidArgument)
-        await self._write(self._state["Refusal"], "Refusal", refusal, ua.VariantType.String)
+        await self._write("Refusal", refusal)
         await self.refresh()
         return answer
 
@@ -273,7 +270,3 @@ def _argument(name: str, kind: ua.VariantType, about: str) -> ua.Argument:
 
 def _status(code: int) -> ua.StatusCode:
     return ua.StatusCode(ua.UInt32(code))
-
-
-def _both_nan(one: Any, other: Any) -> bool:
-    return all(isinstance(value, float) and math.isnan(value) for value in (one, other))
