@@ -17,8 +17,7 @@ from sensor_msgs.msg import FluidPressure, Image, JointState
 from std_msgs.msg import String
 
 from palpate.errors import PalpateError
-from palpate.estimate.force import ForceLaw as StaticLaw
-from palpate.estimate.force import law_from_dict
+from palpate.estimate.force import StaticLaw, law_from_dict
 from palpate.estimate.force_follower import ForceFollower
 from palpate.estimate.force_law import ForceLaw
 from palpate.gripper.interface import GripperState

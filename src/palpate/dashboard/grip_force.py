@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from palpate.errors import CalibrationError
-from palpate.estimate.force import ForceEstimate, ForceLaw
+from palpate.estimate.force import ForceEstimate, StaticLaw
 from palpate.estimate.force_now import ForceNow
 from palpate.estimate.gain import Gain
 from palpate.estimate.measurement import Measurement
@@ -24,8 +24,8 @@ class ForceLaws:
     """The two laws of a calibration, soon after a movement and settled, and what they read."""
 
     reading: PixelReading
-    early: ForceLaw
-    settled: ForceLaw
+    early: StaticLaw
+    settled: StaticLaw
 
     @classmethod
     def of(cls, calibration: Calibration | None) -> ForceLaws | None:
@@ -47,7 +47,7 @@ class ContactGains:
     settled: Gain | None = None
 
 
-def settled_gain(force: Measurement, *, law_n: float, law: ForceLaw) -> Gain | None:
+def settled_gain(force: Measurement, *, law_n: float, law: StaticLaw) -> Gain | None:
     """Return the gain that turns what the settled law reads into a settled force.
 
     Parameters
@@ -56,7 +56,7 @@ def settled_gain(force: Measurement, *, law_n: float, law: ForceLaw) -> Gain | N
         The settled force, with all that is known of it weighed in.
     law_n : float
         What the law alone reads.
-    law : ForceLaw
+    law : StaticLaw
         The settled law.
 
     Examples
@@ -113,7 +113,7 @@ class _GainedLaw:
     name: ClassVar[str] = "gained"
     reads: ClassVar[str] = "as its law"
 
-    def __init__(self, law: ForceLaw) -> None:
+    def __init__(self, law: StaticLaw) -> None:
         self._law = law
         self.gain: Gain | None = None
 

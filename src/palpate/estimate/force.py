@@ -29,7 +29,7 @@ MIN_LOAD_RATIO = 1.2
 _FAINT = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
-class ForceLaw(Protocol):
+class StaticLaw(Protocol):
     """A calibrated law from one kind of reading to force."""
 
     #: Name in calibration files.

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.estimate.force import ForceLaw
+from palpate.estimate.force import StaticLaw
 from palpate.estimate.force_follower import TouchWatch
 from palpate.estimate.measurement import Measurement
 from palpate.estimate.pixel_law import PixelReading
@@ -49,8 +49,8 @@ class ForceNow:
         self,
         reading: PixelReading,
         *,
-        early: ForceLaw,
-        settled: ForceLaw,
+        early: StaticLaw,
+        settled: StaticLaw,
         early_s: float,
         settled_s: float,
         level: float = 0.9,

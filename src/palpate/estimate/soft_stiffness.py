@@ -18,11 +18,10 @@ import math
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from palpate.estimate.closing_stiffness import ClosingSteps
+from palpate.estimate.closing_stiffness import ClosingSteps, normal_density
 from palpate.estimate.compliance import SOFTEST_N_PER_MM, STIFFEST_N_PER_MM, Compliance
 from palpate.estimate.feldman_cousins import bounded_interval, bounded_middle
 from palpate.estimate.measurement import Measurement
-from palpate.estimate.normal import normal_density
 from palpate.settling.result import Status
 
 #: Relative to the last force of the same contact, the first force that a sheet feels has this error

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
-from palpate.estimate.force import ForceLaw
+from palpate.estimate.force import StaticLaw
 from palpate.estimate.pixel_law import PixelReading
 from palpate.estimate.servo_force import CurrentLaw
 from palpate.estimate.sheet_creep import OwnCreep
@@ -32,7 +32,7 @@ class Plan:
         Of the frames to come.
     rest_ohm : ndarray, shape (rows, cols)
         Rest resistances of the calibration.
-    settled_law, early_law : ForceLaw
+    settled_law, early_law : StaticLaw
         Force from the reading at the settling horizon, and from that `dwell_s` after a movement:
         the sheet lags, so they are two laws.
     give : Compliance or None
@@ -130,8 +130,8 @@ class Plan:
 
     layout: ArrayLayout
     rest_ohm: NDArray[np.float64]
-    settled_law: ForceLaw
-    early_law: ForceLaw
+    settled_law: StaticLaw
+    early_law: StaticLaw
     give: Compliance | None
     steepest_n: float
     gripper: GripperLimits

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from palpate.errors import CalibrationError, InputError
 from palpate.estimate.compliance import Compliance, SoftFingerCompliance
 from palpate.estimate.damage import DamageModel
-from palpate.estimate.force import ForceLaw as StaticLaw
-from palpate.estimate.force import PowerForceLaw
+from palpate.estimate.force import PowerForceLaw, StaticLaw
 from palpate.estimate.force_follower import FollowsForce, ForceFollower
 from palpate.estimate.force_law import ForceLaw
 from palpate.estimate.force_now import ForceNow

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import FloatArray
 from palpate.errors import CalibrationError
-from palpate.estimate.force import ForceLaw
+from palpate.estimate.force import StaticLaw
 from palpate.estimate.pixel_law import PixelReading
 from palpate.grasp.calibrating import Bench, measure_rest
 from palpate.grasp.planning import force_now, laws_of
@@ -140,7 +140,7 @@ def _readers(pairs: ForcePairs) -> Mapping[str, Reader]:
     return {"settled": _static(reading, settled), "early": _static(reading, early), "now": now}
 
 
-def _static(reading: PixelReading, law: ForceLaw) -> Reader:
+def _static(reading: PixelReading, law: StaticLaw) -> Reader:
     def read(_: float, excess: FloatArray) -> tuple[float, float, float]:
         answer = law.force_n(reading.reading(excess))
         return float(answer.value), float(answer.low), float(answer.high)
