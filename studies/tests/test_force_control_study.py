@@ -1,4 +1,4 @@
-"""The studies of force control and presence: what they count, on grasps made by hand."""
+"""The study of force control: what it counts, on grasps made by hand."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from palpate_studies.force_control_world import (
     task,
     thing,
 )
-from palpate_studies.presence import Session, report
 from palpate_studies.protocol.parts import SeenBeforeError
 
 
@@ -174,19 +173,3 @@ def test_ours_without_its_limit_is_compared_with_rivals_alone() -> None:
     assert [row["rival"] for row in compare(found)] == ["rival"]
     (row,) = compare(found, method=UNLIMITED)
     assert (row["method"], row["ours_near"], row["rival_near"]) == (UNLIMITED, 1.0, 0.0)
-
-
-def test_presence_counts_what_was_missed_and_imagined() -> None:
-    def session(name: str, empty: int, outcome: str, said: int) -> Session:
-        return Session(level="lab", name=name, empty_tries=empty, outcome=outcome, said_empty=said)
-
-    counted = report(
-        [
-            session("kiwi", 1, "held", 1),
-            session("kiwi", 0, "held", 1),
-            session("", 3, "held", 1),
-            session("", 3, "nothing_there", 3),
-        ]
-    ).payload["summary"][0]
-    assert (counted["missed"], counted["imagined"]) == (1, 1)
-    assert counted["sessions_right"] == 2

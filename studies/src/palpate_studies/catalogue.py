@@ -37,10 +37,6 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.noise",
         "Filters against mains pick-up and motor spikes, on the twin",
     ),
-    "presence": (
-        "palpate_studies.presence",
-        "Video 3, closing again until something is there, simulated",
-    ),
     "qualify": (
         "palpate_studies.qualify",
         "Agreement with a penetrometer: 720 real apples, and simulated ones on the twin",
