@@ -4,9 +4,6 @@ Run `python benchmarks/dashboard.py --seconds 600`. The board is a process at th
 pseudo-terminal, `palpate serve` reads and records it: with nobody looking, with three pages open in
 Chromium, with nobody again. It reports the loop's period, the memory of both processes, and whether
 the recording is complete.
-
-With `--realtime` (needs the right to) the board and the devices' process come before all others,
-the latter by `palpate serve --realtime`; the server and the browsers stay as they are.
 """
 
 from __future__ import annotations
@@ -28,7 +25,6 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from palpate.dashboard.realtime import put_first
 from palpate.gripper.interface import GripperCommand, GripperLimits, GripperState
 from palpate.recording import load_recording
 from palpate.sensor.array import RIGID_LAYOUT
@@ -179,24 +175,20 @@ def main() -> None:
     parser.add_argument("--rate-hz", type=float, default=500.0)
     parser.add_argument("--seconds", type=float, default=600.0, help="with three viewers")
     parser.add_argument("--alone", type=float, default=120.0, help="seconds with none")
-    parser.add_argument("--realtime", action="store_true", help="board and loop come first")
     options = parser.parse_args()
     sys.path.insert(0, str(ROOT))
     with (
         tempfile.TemporaryDirectory() as folder,
-        board_on_a_line(options.rate_hz) as (port, board),
+        board_on_a_line(options.rate_hz) as (port, _),
         serving(
             Path(folder),
             write_rig(Path(folder), port=port, rate_hz=options.rate_hz),
-            *(["--realtime"] if options.realtime else []),
         ) as (address, pid),
         sync_playwright() as play,
         play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"]) as browser,
     ):
         first = look(browser, address)
         record(first, wanted=True)
-        if options.realtime:
-            put_first(board)
         first.context.close()
         time.sleep(5.0)
         watch(address, pid, seconds=options.alone, what="no viewer")

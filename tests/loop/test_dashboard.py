@@ -12,15 +12,11 @@ import tty
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from time import monotonic
 
-import numpy as np
 import pytest
-import zxingcpp
 from benchmarks.dashboard import ROOT, children_of, write_rig
-from matplotlib.image import imread
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from tests.closings import write_damage_file
 from tests.conftest import skip
@@ -445,11 +441,6 @@ def test_beyond_the_loopback_it_wants_a_token_and_says_when_it_is_gone(
         page.get_by_label("Token").fill("correct-horse")
         page.get_by_role("button", name="Enter").click()
         expect(page.locator("#link")).to_be_visible()
-        page.get_by_role("button", name="Open on a phone").click()
-        code = page.get_by_role("img", name="QR code of the address")
-        pixels = 255 * imread(BytesIO(code.screenshot()))[..., :3]
-        (read,) = zxingcpp.read_barcodes(pixels.astype(np.uint8))
-        assert read.text == address, "without the token"
     expect(page.locator("#link")).to_have_attribute("data-state", "stale")
     expect(page.locator("#link-text")).to_contain_text("NO CONNECTION")
     expect(page.locator("#lost-why")).to_contain_text("palpate serve does not answer")

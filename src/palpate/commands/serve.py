@@ -86,14 +86,6 @@ def serve(
             metavar="[HOST:]PORT",
         ),
     ] = None,
-    realtime: Annotated[
-        bool,
-        typer.Option(
-            "--realtime",
-            help="Schedule the devices before all else, so that no viewer on this machine holds "
-            "them up (Linux; needs the permission).",
-        ),
-    ] = False,
 ) -> None:
     """Show pixels, prediction and verdict in a browser; grasp, calibrate, examine, replay.
 
@@ -120,7 +112,6 @@ def serve(
         seed=seed,
         speed=speed,
         benches={"sim-rigid": open_simulated_bench},
-        realtime=realtime,
         damage=None if damage is None else DamageFile.load(damage),
         damage_path=damage,
         rules=None if rules is None else _rules(rules),
@@ -164,11 +155,8 @@ def _complain(text: str) -> None:
     print(f"palpate serve: {text}", file=sys.stderr, flush=True)
 
 
-def _announce(address: str, code: str) -> None:
-    """Print the address; on a terminal also its QR code, for a phone."""
+def _announce(address: str) -> None:
     print(f"palpate serve: {address}  (Ctrl-C ends it)", flush=True)
-    if sys.stdout.isatty():
-        print(code, flush=True)
 
 
 def open_simulated_bench(rig: str, seed: int) -> CellBench:

@@ -18,8 +18,6 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as ASGIMessage
 
-from palpate.dashboard.language import COOKIE as LANGUAGE_COOKIE
-from palpate.dashboard.language import Language, Message, language_for
 from palpate.errors import InputError
 
 COOKIE = "palpate-token"
@@ -124,14 +122,12 @@ class AccessControl:
         headers = Headers(scope=scope)
         answer: Response | None = None
         if not self._ours(headers):
-            answer = _page(
-                _language(scope, headers), 403, Message("This address is not for other sites.")
-            )
+            answer = _page(403, "This address is not for other sites.")
         elif self._token is not None and not self._knows(headers):
             if scope["path"].startswith(_FOR_MACHINES):
                 answer = await self._weigh(scope, headers, self._token)
             else:
-                answer = await self._ask(scope, receive, self._token, tr=_language(scope, headers))
+                answer = await self._ask(scope, receive, self._token)
         if answer is None:
             await self.app(scope, receive, send)
         elif scope["type"] == "websocket":
@@ -179,23 +175,21 @@ class AccessControl:
         self._wrong.add(visitor)
         return False
 
-    async def _ask(self, scope: Scope, receive: Receive, token: str, *, tr: Language) -> Response:
+    async def _ask(self, scope: Scope, receive: Receive, token: str) -> Response:
         """Take the token from the form or the address, or ask for it."""
         sent = _field(scope.get("query_string", b""))
         if scope["type"] == "http" and scope["method"] == "POST":
             form = await _form(Request(scope, receive))
             if form is None:
-                return _page(tr, 413, Message("That is too long for a token."), form=True)
+                return _page(413, "That is too long for a token.", form=True)
             sent = _field(form)
         if not sent:
-            return _page(
-                tr, 401, Message("Whoever started this dashboard knows its token."), form=True
-            )
+            return _page(401, "Whoever started this dashboard knows its token.", form=True)
         found = await self._try(sent, token, _visitor(scope))
         if found is None:
-            return _page(tr, 429, Message("Too many wrong tokens: wait a minute."), form=True)
+            return _page(429, "Too many wrong tokens: wait a minute.", form=True)
         if not found:
-            return _page(tr, 403, Message("That is not the token."), form=True)
+            return _page(403, "That is not the token.", form=True)
         welcome = RedirectResponse(_without_token(scope), status_code=303)
         welcome.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
         return welcome
@@ -252,12 +246,6 @@ class WrongTries:
         return "" if full and visitor not in self._tries else visitor
 
 
-def _language(scope: Scope, headers: Headers) -> Language:
-    asked = _fields(scope.get("query_string", b"")).get("lang", [""])[0]
-    chosen = asked or cookie_parser(headers.get("cookie", "")).get(LANGUAGE_COOKIE)
-    return language_for(chosen, headers.get("accept-language", ""))
-
-
 def _without_token(scope: Scope) -> str:
     """Return the address that was asked for; of this site, whatever it begins with."""
     fields = _fields(scope.get("query_string", b""))
@@ -311,10 +299,10 @@ def _same(sent: str, token: str) -> bool:
 
 
 # To the address that was asked for.
-_FORM = """<form method="post"><label>{token}
+_FORM = """<form method="post"><label>Token
 <input name="token" type="password" autofocus autocomplete="off"></label><button>{enter}</button>
 </form>"""
-_PAGE = """<!doctype html><html lang="{lang}"><meta charset="utf-8"><title>palpate</title>
+_PAGE = """<!doctype html><html lang="en-US"><meta charset="utf-8"><title>palpate</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>
 :root {{ color-scheme: light dark }}
 body {{ font: 17px/1.5 system-ui, sans-serif; display: grid; place-content: center; gap: 16px;
@@ -326,7 +314,7 @@ input, button {{ font: inherit; padding: 10px 14px; border-radius: 8px; border: 
 </style><h1>palpate</h1><p>{text}</p>{form}</html>"""
 
 
-def _page(tr: Language, status: int, text: Message, *, form: bool = False) -> Response:
-    asked = _FORM.format(token=tr("Token"), enter=tr("Enter")) if form else ""
-    page = _PAGE.format(lang=tr.tag, text=html.escape(tr(text)), form=asked)
+def _page(status: int, text: str, *, form: bool = False) -> Response:
+    asked = _FORM if form else ""
+    page = _PAGE.format(text=html.escape(text), form=asked)
     return HTMLResponse(page, status_code=status)

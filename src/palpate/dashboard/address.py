@@ -1,17 +1,12 @@
-"""Where others can open the pages, as an address and as a QR code."""
+"""The address at which others can open the pages."""
 
 from __future__ import annotations
 
-import io
 import socket
 from ipaddress import ip_address
 
-import segno
-
 #: Addresses for documentation (RFC 5737, RFC 3849): the route to them leaves this machine.
 _ELSEWHERE = {socket.AF_INET: "198.51.100.1", socket.AF_INET6: "2001:db8::1"}
-#: Free modules around the code; readers want four, and the dark screen of a terminal is no border.
-_MARGIN = 4
 
 
 def address_for_others(host: str, port: int) -> str:
@@ -45,16 +40,3 @@ def _own_address(family: socket.AddressFamily) -> str:
         except OSError:
             return "::1" if family is socket.AF_INET6 else "127.0.0.1"
         return str(asking.getsockname()[0])
-
-
-def qr_text(address: str) -> str:
-    """Return an address as a QR code of characters, for a terminal."""
-    out = io.StringIO()
-    segno.make(address, micro=False).terminal(out=out, border=_MARGIN, compact=True)
-    return out.getvalue()
-
-
-def qr_svg(address: str) -> str:
-    """Return an address as a QR code: an SVG picture, dark on light whatever the page is."""
-    code = segno.make(address, micro=False)
-    return str(code.svg_inline(border=_MARGIN, omitsize=True, dark="#000", light="#fff"))

@@ -22,7 +22,6 @@ from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.history import Entry, History, entry_of
 from palpate.dashboard.item_store import ItemStore
 from palpate.dashboard.job_context import BenchOpener
-from palpate.dashboard.language import Message
 from palpate.dashboard.messages import DevicesLost, Grasped, StopConfirmed, Update
 from palpate.dashboard.orders import GraspOrder, OpenRig, Order, Request
 from palpate.dashboard.page_document import kind_of
@@ -58,8 +57,6 @@ class Settings:
     speed: float
     #: Opens the bench with a load cell, by the rig's name.
     benches: dict[str, BenchOpener]
-    #: Whether the devices' process comes before all others.
-    realtime: bool = False
     #: The learned limit that grasps respect, and its file.
     damage: DamageFile | None = None
     damage_path: Path | None = None
@@ -79,7 +76,6 @@ class AppState:
         #: The last grasp, as `palpate grasp --json` prints it; None before the first.
         self.result: dict[str, object] | None = None
         #: Where others can open the pages; None where only this machine can.
-        self.address: str | None = None
         #: Called with each such document.
         self.on_result: list[Callable[[dict[str, object]], None]] = []
         self.session = Session(
@@ -98,9 +94,7 @@ class AppState:
         """Start the devices' process, wait until it can receive a stop, and open the first rig."""
         self._loop = asyncio.get_running_loop()
         settings = self.settings
-        self._process = DeviceClient(
-            self.take, benches=settings.benches, realtime=settings.realtime
-        )
+        self._process = DeviceClient(self.take, benches=settings.benches)
         first = OpenRig(
             name=settings.rigs[0],
             object_name=settings.object_name,
@@ -147,9 +141,7 @@ class AppState:
             If the force is out of range, the item can't be named so, or the kind is not known.
         """
         if target_force_n is not None and not 0 < target_force_n <= FORCE_CEILING_N:
-            raise InputError(
-                Message("target force: above 0 and at most {most_n:g} N", most_n=FORCE_CEILING_N)
-            )
+            raise InputError(f"target force: above 0 and at most {FORCE_CEILING_N:g} N")
         if item_id:
             Item(item_id=item_id)
         damage = self.settings.damage
@@ -197,11 +189,7 @@ class AppState:
 
     def _check_idle(self, name: str) -> None:
         if name in self.session.devices.files_in_use:
-            raise InputError(
-                Message(
-                    "{name} is in use: wait until its grasp, recording or replay ends", name=name
-                )
-            )
+            raise InputError(f"{name} is in use: wait until its grasp, recording or replay ends")
 
     def calibration_file(self) -> Path:
         """Return the calibration file of the rig: named in the rig file, or in the folder."""

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from palpate.dashboard.job_context import CellBench, JobContext
-from palpate.dashboard.language import Message
 from palpate.dashboard.messages import Calibrated
 from palpate.dashboard.orders import CalibrateForce, CalibrateRest
 from palpate.errors import DeviceError
@@ -55,7 +54,7 @@ def calibrate_rest(order: CalibrateRest, *, context: JobContext) -> Calibrated:
 
 
 def _rest_open(rig: Rig, context: JobContext) -> RestValues:
-    context.guide(Message("The hand opens. Leave the sensor alone"))
+    context.guide("The hand opens. Leave the sensor alone")
     bench = Bench(
         array=context.watched(),
         gripper=rig.gripper,
@@ -68,7 +67,7 @@ def _rest_open(rig: Rig, context: JobContext) -> RestValues:
 
 def _rest_alone(context: JobContext) -> RestValues:
     """Take the rest values of a sensor that no hand holds."""
-    context.guide(Message("Leave the sensor alone"))
+    context.guide("Leave the sensor alone")
     array, taken = context.watched(), list[Frame]()
     context.catch_up()
     while not taken or taken[-1].time_s - taken[0].time_s < _REST_S:
@@ -80,7 +79,7 @@ def _rest_alone(context: JobContext) -> RestValues:
     )
     rest = rest_baseline(ohm)
     if not np.all(np.isfinite(rest.rest_ohm) & (rest.rest_ohm > 0)):
-        raise DeviceError(Message("a pixel is open or short: the doctor names it"))
+        raise DeviceError("a pixel is open or short: the doctor names it")
     return RestValues(
         ohm=tuple(map(tuple, rest.rest_ohm.tolist())),
         spread_percent=tuple(map(tuple, rest.spread_percent.tolist())),
@@ -114,15 +113,13 @@ def calibrate_force(order: CalibrateForce, *, context: JobContext) -> Calibrated
     """
     before = context.rig.calibration
     if before is None:
-        raise DeviceError(Message("the rest was not calibrated: take the rest values first"))
+        raise DeviceError("the rest was not calibrated: take the rest values first")
     if order.loads_n:
         pairs = _weighed(checked_loads(order.loads_n, where="the loads"), context)
     elif context.open_bench is not None:
         pairs = _by_cell(context.open_bench(context.rig.name, context.seed), context)
     else:
-        raise DeviceError(
-            Message("this rig has no load cell that palpate can read: give dead weights")
-        )
+        raise DeviceError("this rig has no load cell that palpate can read: give dead weights")
     made = with_force_law(replace(before, force=pairs))
     made = replace(made, made_at=_now())
     return _renewed(made, file=order.file, context=context)
@@ -135,9 +132,7 @@ def _by_cell(on: CellBench, context: JobContext) -> ForcePairs:
     def reseat(run: int) -> None:
         """Show which placement it is, and put the load cell between the fingers again."""
         share = run / len(HOLDS_N)
-        text = Message(
-            "Placing the load cell again: {run} of {runs}", run=run + 1, runs=len(HOLDS_N)
-        )
+        text = f"Placing the load cell again: {run + 1} of {len(HOLDS_N)}"
         context.guide(text, share=share)
         on.reseat(run)
 
@@ -153,17 +148,17 @@ def _weighed(loads_n: list[float], context: JobContext) -> ForcePairs:
     def place(load_n: float) -> None:
         """Ask for a weight, and wait for the user to confirm that it lies there."""
         share = next(done) / len(loads_n)
-        what = Message("Take every weight away")
+        what = "Take every weight away"
         if load_n:
-            what = Message("Lay {load_n:g} N on the pad", load_n=load_n)
+            what = f"Lay {load_n:g} N on the pad"
         context.confirmed.clear()
         context.guide(what, share=share, asks=True)
         while not context.confirmed.is_set():
             array.read(timeout_s=FRAME_TIMEOUT_S)
-        settles = Message("{load_n:g} N settles: leave it alone for 20 s", load_n=load_n)
+        settles = f"{load_n:g} N settles: leave it alone for 20 s"
         context.guide(settles, share=share)
 
-    context.guide(Message("Reading the rest values. Leave the sensor alone"))
+    context.guide("Reading the rest values. Leave the sensor alone")
     return weigh(array, loads_n=loads_n, place=place, clock=context.rig.clock).pairs
 
 

@@ -9,10 +9,8 @@ from contextlib import suppress
 
 from palpate.dashboard.device_process import run_devices
 from palpate.dashboard.job_context import BenchOpener
-from palpate.dashboard.language import Message
 from palpate.dashboard.messages import DevicesLost, Update
 from palpate.dashboard.orders import Order, Request, Shutdown
-from palpate.dashboard.realtime import put_first
 
 #: A grasp that is stopped, a hand that opens: more than this means that the process hangs.
 _ENDS_S = 15.0
@@ -27,13 +25,6 @@ class DeviceClient:
         Called from a thread of its own with every update, and with `Lost` when the process ends.
     benches : dict, optional
         Opens the bench with a load cell, by the rig's name; functions of modules.
-    realtime : bool
-        Whether it comes before all other processes.
-
-    Raises
-    ------
-    InputError
-        If it may not.
     """
 
     def __init__(
@@ -41,7 +32,6 @@ class DeviceClient:
         on_update: Callable[[Update | DevicesLost], None],
         *,
         benches: dict[str, BenchOpener] | None = None,
-        realtime: bool = False,
     ) -> None:
         # Spawned: a fork of a process with threads may hang.
         context = multiprocessing.get_context("spawn")
@@ -52,8 +42,6 @@ class DeviceClient:
         )
         self._process.start()
         theirs.close()
-        if realtime and self._process.pid is not None:
-            put_first(self._process.pid)
         self._sending = threading.Lock()
         self._thread = threading.Thread(target=self._receive, name="receive", daemon=True)
         self._thread.start()
@@ -78,7 +66,5 @@ class DeviceClient:
             while True:
                 self._on_update(self._connection.recv())
         self._on_update(
-            DevicesLost(
-                Message("the process with the devices has ended; start palpate serve again")
-            )
+            DevicesLost("the process with the devices has ended; start palpate serve again")
         )

@@ -19,7 +19,6 @@ from palpate.dashboard.calibrating import calibrate_force, calibrate_rest
 from palpate.dashboard.examining import look_at
 from palpate.dashboard.grasping import grasp, open_hand
 from palpate.dashboard.job_context import BenchOpener, JobContext, StoppedByUserError, state_of
-from palpate.dashboard.language import Message, error_text
 from palpate.dashboard.messages import (
     Began,
     BeingRecorded,
@@ -171,7 +170,7 @@ class DeviceProcess:
         if context is None:
             self._confirm_stop()
         for order in dropped:
-            never = Message("stopped before it began")
+            never = "stopped before it began"
             self._telemetry.note(Ended(order=order, trouble=never, stopped=True))
 
     def _next_order(self) -> Order | None:
@@ -218,7 +217,7 @@ class DeviceProcess:
             found = self._done(order)
         except (PalpateError, OSError) as error:
             # What fails while a stop is on its way has still failed, and is reported as that.
-            trouble, stopped = error_text(error), isinstance(error, StoppedByUserError)
+            trouble, stopped = str(error), isinstance(error, StoppedByUserError)
         finally:
             self._grasping = False
         context = self._context

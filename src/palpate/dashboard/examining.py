@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from palpate.dashboard.job_context import JobContext
-from palpate.dashboard.language import Message
 from palpate.dashboard.orders import Examine
 from palpate.errors import DeviceTimeoutError
 from palpate.sensor.array import FRAME_TIMEOUT_S
@@ -25,7 +24,7 @@ def look_at(order: Examine, *, context: JobContext) -> Health:
     before = context.link_events()
     taken = [array.read(timeout_s=FRAME_TIMEOUT_S)]
     while (lasted_s := taken[-1].time_s - taken[0].time_s) < order.duration_s:
-        context.guide(Message("Leave the sensor alone"), share=lasted_s / order.duration_s)
+        context.guide("Leave the sensor alone", share=lasted_s / order.duration_s)
         try:
             taken.append(array.read(timeout_s=FRAME_TIMEOUT_S))
         except DeviceTimeoutError:

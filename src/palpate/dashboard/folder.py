@@ -14,7 +14,6 @@ from pathlib import Path
 from threading import Lock
 
 from palpate.dashboard.history import checked_name
-from palpate.dashboard.language import Message
 from palpate.errors import InputError, PalpateError
 from palpate.recording import RecordingReader
 
@@ -115,7 +114,7 @@ def recording_named(folder: Path, name: str) -> Path:
     file = folder / name
     plain = name == Path(name).name and name.endswith(_ENDING) and "\0" not in name
     if not plain or file.is_symlink() or not file.is_file():
-        raise InputError(Message("{name!r}: no recording of this folder", name=name))
+        raise InputError(f"{name!r}: no recording of this folder")
     return file
 
 
@@ -133,9 +132,7 @@ def rename_recording(folder: Path, name: str, stem: str) -> Path:
         os.link(file, renamed)
         file.unlink()
     except FileExistsError as error:
-        raise InputError(
-            Message("{name}: there is a recording of this name", name=renamed.stem)
-        ) from error
+        raise InputError(f"{renamed.stem}: there is a recording of this name") from error
     except OSError as error:
         raise InputError(f"{name} can't be renamed: {error.strerror}") from error
     return renamed

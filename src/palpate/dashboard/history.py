@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.dashboard.language import Message
 from palpate.dashboard.live import Point
 from palpate.dashboard.messages import Grasped
 from palpate.errors import InputError
@@ -288,7 +287,5 @@ def checked_name(stem: str) -> str:
     stem = stem.strip()
     usable = all(letter.isalnum() or letter in " -_." for letter in stem)
     if not stem or len(stem) > 80 or stem.startswith(".") or not usable:
-        raise InputError(
-            Message("{stem!r}: letters, digits, spaces, - and _ make a name", stem=stem)
-        )
+        raise InputError(f"{stem!r}: letters, digits, spaces, - and _ make a name")
     return f"{stem}.mcap"

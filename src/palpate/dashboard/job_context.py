@@ -10,7 +10,6 @@ from typing import Protocol
 
 from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.grip_force import ForceLaws
-from palpate.dashboard.language import Message
 from palpate.dashboard.messages import Guide
 from palpate.dashboard.telemetry import Telemetry
 from palpate.errors import DeviceError, DeviceTimeoutError, PalpateError
@@ -171,7 +170,7 @@ class WatchedArray:
         tries = math.ceil(timeout_s / _PATIENCE_S)
         while True:
             if self._context.requests.stop.is_set():
-                raise StoppedByUserError(Message("stopped on request"))
+                raise StoppedByUserError("stopped on request")
             tries -= 1
             try:
                 frame = self._array.read(timeout_s=_PATIENCE_S)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from palpate.dashboard.activity import Activity
-from palpate.dashboard.language import Language, Message
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.session import Session
 from palpate.grasp.result import Outcome
@@ -13,46 +12,46 @@ from palpate.grasp.verdict import UNKNOWN_FIRMNESS, outcome_text
 
 #: The word of each phase.
 PHASES = {
-    "wait": Message("Measuring"),
-    "sweep": Message("Closing"),
-    "felt": Message("Closing"),
-    "approach": Message("Touching"),
-    "contact": Message("Touching"),
-    "squeeze": Message("Gripping"),
-    "settle": Message("Measuring"),
-    "adjust": Message("Gripping"),
-    "ease": Message("Gripping"),
-    "hold": Message("Holding"),
-    "release": Message("Opening"),
+    "wait": "Measuring",
+    "sweep": "Closing",
+    "felt": "Closing",
+    "approach": "Touching",
+    "contact": "Touching",
+    "squeeze": "Gripping",
+    "settle": "Measuring",
+    "adjust": "Gripping",
+    "ease": "Gripping",
+    "hold": "Holding",
+    "release": "Opening",
 }
 #: How a grasp ended in a word, and what to do then.
 OUTCOMES = {
-    Outcome.HELD: (Message("Held"), Message("Put the next item in, then press Grasp")),
+    Outcome.HELD: ("Held", "Put the next item in, then press Grasp"),
     Outcome.NOTHING_THERE: (
-        Message("Nothing there"),
-        Message("Put an item between the fingers, then press Grasp"),
+        "Nothing there",
+        "Put an item between the fingers, then press Grasp",
     ),
     Outcome.SLIPPED: (
-        Message("Slipped"),
-        Message("Put the item in again, further up, then press Grasp"),
+        "Slipped",
+        "Put the item in again, further up, then press Grasp",
     ),
     Outcome.TOO_WEAK: (
-        Message("Too weak"),
-        Message("Lift this item by hand: no safe grip is sure to hold it"),
+        "Too weak",
+        "Lift this item by hand: no safe grip is sure to hold it",
     ),
     Outcome.FORCE_LIMIT: (
-        Message("Too much force"),
-        Message("Look at the item and the hand before you go on"),
+        "Too much force",
+        "Look at the item and the hand before you go on",
     ),
     Outcome.TIMED_OUT: (
-        Message("Gave up"),
-        Message("Look at the item and the hand, then press Grasp again"),
+        "Gave up",
+        "Look at the item and the hand, then press Grasp again",
     ),
-    Outcome.SENSOR_LOST: (Message("Sensor lost"), Message("Check the sensor's cable and power")),
-    Outcome.GRIPPER_FAULT: (Message("Hand fault"), Message("Check the hand before you go on")),
-    Outcome.STOPPED: (Message("Stopped"), Message("Look at the hand, then press Grasp again")),
+    Outcome.SENSOR_LOST: ("Sensor lost", "Check the sensor's cable and power"),
+    Outcome.GRIPPER_FAULT: ("Hand fault", "Check the hand before you go on"),
+    Outcome.STOPPED: ("Stopped", "Look at the hand, then press Grasp again"),
 }
-_OFF, _READY = Message("Off target"), Message("Ready")
+_OFF, _READY = "Off target", "Ready"
 
 
 def operator_view(
@@ -60,7 +59,6 @@ def operator_view(
     *,
     headline: Mapping[str, object],
     target_force_n: float | None,
-    tr: Language,
 ) -> dict[str, str]:
     """Return the words of the operator's view.
 
@@ -72,16 +70,14 @@ def operator_view(
         The verdict as the whole page shows it.
     target_force_n : float or None
         What the next grasp is to reach, if none is shown; None is a gentle squeeze.
-    tr : Language
-        What the operator reads.
     """
     if session.devices.activity in (Activity.GRASPING, Activity.REPLAYING):
         target_force_n = session.shown_target_n
     gentle = target_force_n is None
     return {
-        "word": _capital(tr(_word(session, headline))),
-        "next": _capital(tr(_next(session, headline))),
-        "target": tr("gentle squeeze") if gentle else tr("{n:g} N", n=target_force_n),
+        "word": _capital(_word(session, headline)),
+        "next": _capital(_next(session, headline)),
+        "target": "gentle squeeze" if gentle else f"{target_force_n:g} N",
     }
 
 
@@ -98,16 +94,16 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
     firmness = headline["firmness"] if headline["firmness"] != UNKNOWN_FIRMNESS else None
     if grasped is not None:
         if _damaged(grasped):
-            return Message("Damaged")
+            return "Damaged"
         if grasped.result.outcome is not Outcome.HELD:
             return OUTCOMES[grasped.result.outcome][0]
         return _OFF if headline["on_target"] is False else _text(firmness or "held")
     if progress is None and session.devices.activity is Activity.GRASPING:
-        return Message("Closing")
+        return "Closing"
     if session.devices.sensor_alone:
-        return Message("contact") if session.devices.live.touching else _READY
+        return "contact" if session.devices.live.touching else _READY
     if progress is None:
-        return _READY if session.devices.live.open_hand is not False else Message("Hand closed")
+        return _READY if session.devices.live.open_hand is not False else "Hand closed"
     known = progress.decided and progress.phase == "hold" and headline["on_target"] is not False
     if known and firmness:
         return _text(firmness)
@@ -117,31 +113,31 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
 def _next(session: Session, headline: Mapping[str, object]) -> str:
     grasped, progress = session.devices.grasped, session.devices.live.progress
     if session.devices.activity is Activity.GONE:
-        return Message("Start palpate serve again")
+        return "Start palpate serve again"
     if session.devices.guide is not None:
         return session.devices.guide.text
     if session.devices.activity is Activity.IDLE:
-        return Message("Choose a rig on the full page")
+        return "Choose a rig on the full page"
     if session.devices.activity is Activity.GRASPING:
         if progress is not None and progress.phase == "hold":
-            return Message("Take the item, then press Release")
-        return Message("Keep your hands away")
+            return "Take the item, then press Release"
+        return "Keep your hands away"
     if session.devices.activity is not Activity.WATCHING:
-        return Message("Wait")
+        return "Wait"
     if session.devices.calibration_failure is not None:
-        return Message("Repeat it on the page Calibrate, or go on without")
+        return "Repeat it on the page Calibrate, or go on without"
     if headline["kind"] == "bad" and grasped is None and not _stopped(headline):
         return _text(headline.get("why", ""))
     if session.devices.sensor_alone:
-        return Message("No gripper: press the pads")
+        return "No gripper: press the pads"
     if session.devices.live.open_hand is False:
-        return Message("Press Release: the hand opens")
+        return "Press Release: the hand opens"
     if _stopped(headline):
         return OUTCOMES[Outcome.STOPPED][1]
     if grasped is None:
         return OUTCOMES[Outcome.HELD][1]
     if _damaged(grasped):
-        return Message("Set this item aside")
+        return "Set this item aside"
     return OUTCOMES[grasped.result.outcome][1]
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from palpate.dashboard.language import Message
 from palpate.errors import InputError
 
 #: Seconds of simulated time, or of a replay, in a second; as `palpate serve --speed` takes it.
@@ -149,14 +148,12 @@ def check_numbers(message: Order | Request) -> None:
     """
     match message:
         case OpenRig(seed=seed) if not (_is_within(seed, 0, _MOST_SEED) and seed % 1 == 0):
-            raise InputError(Message("seed: a whole number from 0 to {most}", most=_MOST_SEED))
+            raise InputError(f"seed: a whole number from 0 to {_MOST_SEED}")
         case OpenRig(speed=speed) | Play(speed=speed) | SetSpeed(speed=speed):
             if not _is_within(speed, SLOWEST, FASTEST):
-                raise InputError(
-                    Message("speed: from {low:g} to {high:g}", low=SLOWEST, high=FASTEST)
-                )
+                raise InputError(f"speed: from {SLOWEST:g} to {FASTEST:g}")
         case Seek(time_s=time_s) if not _is_within(time_s, -_MOST_S, _MOST_S):
-            raise InputError(Message("no such moment in the recording"))
+            raise InputError("no such moment in the recording")
 
 
 def _is_within(value: object, low: float, high: float) -> bool:

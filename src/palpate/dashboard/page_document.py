@@ -13,7 +13,6 @@ from palpate.dashboard.activity import Activity
 from palpate.dashboard.device_state import CalibrationFailure
 from palpate.dashboard.grasp_form import GraspForm
 from palpate.dashboard.grasp_progress import GraspProgress
-from palpate.dashboard.language import ENGLISH, Language, Message
 from palpate.dashboard.live import Live, finite
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.operator_view import operator_view
@@ -33,7 +32,6 @@ def document(
     *,
     generation: int,
     after_s: float,
-    tr: Language = ENGLISH,
 ) -> dict[str, Any]:
     """Return what a page needs to draw.
 
@@ -45,8 +43,6 @@ def document(
         Settings of the next grasp.
     generation, after_s : int, float
         What the page has of the curve: of another generation it needs all of it.
-    tr : Language
-        Of the words in it.
     """
     live, link = session.devices.live, _link(session)
     headline = _verdict(session, stale=link["stale"])
@@ -55,10 +51,7 @@ def document(
     return {
         "generation": live.generation,
         "activity": session.devices.activity.value,
-        "trouble": {
-            "text": tr(session.devices.trouble),
-            "lang": tr.tag if tr.knows(session.devices.trouble) else ENGLISH.tag,
-        },
+        "trouble": session.devices.trouble,
         "source": None
         if source is None
         else {
@@ -83,13 +76,11 @@ def document(
             if band.time_s > after_s - 1.0
         ],
         "grasp": _grasp(live.progress, live),
-        "replay": _replay(live, tr),
-        "verdict": {**headline, **{key: tr(str(headline.get(key) or "")) for key in _TEXTS}},
-        "operator": operator_view(
-            session, headline=headline, target_force_n=form.target_force_n, tr=tr
-        ),
+        "replay": _replay(live),
+        "verdict": {**headline, **{key: str(headline.get(key) or "") for key in _TEXTS}},
+        "operator": operator_view(session, headline=headline, target_force_n=form.target_force_n),
         "nothing_there": headline["text"] == outcome_text(Outcome.NOTHING_THERE),
-        "measured": _measured(session, tr),
+        "measured": _measured(session),
         "stops": session.stops,
         "stopped_after_s": session.devices.stopped_after_s,
         "recording": None if session.devices.recording is None else session.devices.recording.name,
@@ -101,7 +92,7 @@ def _newtons(force: Measurement | None) -> list[float]:
     return [] if force is None else [round(n, 3) for n in (force.low, force.middle, force.high)]
 
 
-def _replay(live: Live, tr: Language) -> dict[str, Any] | None:
+def _replay(live: Live) -> dict[str, Any] | None:
     """Return where a replay is, and the phases and events of the whole recording."""
     timeline, playing = live.timeline, live.playing
     if timeline is None or playing is None:
@@ -109,7 +100,7 @@ def _replay(live: Live, tr: Language) -> dict[str, Any] | None:
     return {
         "start_s": timeline.start_s,
         "end_s": timeline.end_s,
-        "phases": [[time_s, tr(_PHASES.get(phase, ""))] for time_s, phase in timeline.phases],
+        "phases": [[time_s, _PHASES.get(phase, "")] for time_s, phase in timeline.phases],
         "grasp": _grasp(timeline.ended, live),
         "time_s": playing.time_s,
         "paused": playing.paused,
@@ -211,7 +202,7 @@ def _on_pixels(health: Health | None) -> list[dict[str, Any]]:
 def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
     """Return the headline: of the grasp that ended, of the one that runs, or what goes on."""
     if session.devices.activity is Activity.GONE:
-        return {**_WORDLESS, "text": Message("the devices are gone"), "kind": "bad"}
+        return {**_WORDLESS, "text": "the devices are gone", "kind": "bad"}
     if session.devices.activity is Activity.WATCHING and (
         broken := _broken(session.devices.live, stale=stale)
     ):
@@ -230,16 +221,16 @@ def _verdict(session: Session, *, stale: bool) -> dict[str, Any]:
         headline = verdict(grasped.result, target_force_n=session.shown_target_n)
         low_n = None if progress is None else progress.bounds.damage_low_n
         if (grasped.truth or {}).get("damaged"):
-            damaged = Message("the object was damaged")
+            damaged = "the object was damaged"
             headline |= {"text": damaged, "why": headline["text"], "firmness": None}
         elif _limit_passed(grasped, damage_low_n=low_n):
-            headline["why"] = Message("the force passed the damage limit before it was known")
+            headline["why"] = "the force passed the damage limit before it was known"
         kind = kind_of(grasped, target_force_n=session.shown_target_n, damage_low_n=low_n)
         return {**headline, "kind": kind}
     if progress is None:
         text = session.devices.activity.value
         if session.devices.activity is Activity.WATCHING and not session.devices.sensor_alone:
-            text = Message("ready")
+            text = "ready"
         begins = session.devices.activity is Activity.GRASPING
         return {**_WORDLESS, "text": text, "kind": "busy" if begins else "idle"}
     # In its last phase, for a moment, the grasp has ended.
@@ -276,42 +267,41 @@ def _limit_passed(grasped: Grasped, *, damage_low_n: float | None) -> bool:
 def _uncalibrated(failure: CalibrationFailure, live: Live) -> dict[str, str]:
     """Return the headline of a calibration that was stopped or failed."""
     kept = live.source is not None and live.source.rest_ohm is not None
-    text = Message("calibration stopped") if failure.stopped else Message("calibration failed")
-    why = Message("no calibration is in use")
+    text = "calibration stopped" if failure.stopped else "calibration failed"
+    why = "no calibration is in use"
     if kept:
-        why = Message("the previous calibration stays in use")
+        why = "the previous calibration stays in use"
     return {"text": text, "why": why, "kind": "warn" if failure.stopped else "bad"}
 
 
 def _broken(live: Live, *, stale: bool) -> tuple[str, str] | None:
     """Return what is wrong with the sensor that is watched, and what to do; None while it reads."""
     if stale and live.link.frames:
-        return Message("the sensor is silent"), Message(
-            "check its cable and power; it goes on as soon as it answers"
-        )
+        return "the sensor is silent", "check its cable and power; it goes on as soon as it answers"
     if live.percent is not None and np.isnan(live.percent).all():
-        return Message("no pixel reads"), Message(
-            "check the cable between sensor and board; the page Doctor gives details"
+        return (
+            "no pixel reads",
+            "check the cable between sensor and board; the page Doctor gives details",
         )
     return None
 
 
 _PHASES = {
-    "wait": Message("waiting until the sheet has recovered"),
-    "sweep": Message("closing in"),
-    "felt": Message("possible contact"),
-    "approach": Message("approaching slowly"),
-    "contact": Message("contact found"),
-    "squeeze": Message("squeezing gently"),
-    "settle": Message("waiting for the sheet"),
-    "adjust": Message("adjusting"),
-    "ease": Message("easing off"),
-    "hold": Message("holding"),
-    "release": Message("giving it back"),
+    "wait": "waiting until the sheet has recovered",
+    "sweep": "closing in",
+    "felt": "possible contact",
+    "approach": "approaching slowly",
+    "contact": "contact found",
+    "squeeze": "squeezing gently",
+    "settle": "waiting for the sheet",
+    "adjust": "adjusting",
+    "ease": "easing off",
+    "hold": "holding",
+    "release": "giving it back",
 }
 
 
-def _measured(session: Session, tr: Language) -> dict[str, Any]:
+def _measured(session: Session) -> dict[str, Any]:
     """Return the measurements with their intervals, and the twin's true values."""
     grasped, progress = session.devices.grasped, session.devices.live.progress
     result: GraspResult | None = None
@@ -322,29 +312,29 @@ def _measured(session: Session, tr: Language) -> dict[str, Any]:
         result = progress.answer
     rows = {name: None if result is None else getattr(result, name) for name in _MEASURED}
     return {
-        "values": {name: _one(value, truth.get(name), tr) for name, value in rows.items()},
+        "values": {name: _one(value, truth.get(name)) for name, value in rows.items()},
         "decided": grasped is not None or (progress is not None and progress.decided),
         "decision_time_s": None if result is None else result.decision_time_s,
         "limited": result is not None and result.limited,
         "damaged": truth.get("damaged"),
-        "force_now": _one(session.devices.live.force, None, tr),
+        "force_now": _one(session.devices.live.force, None),
         "holds": grasped is None and session.devices.live.open_hand is not True,
         "faults": [] if grasped is None else list(grasped.result.faults),
     }
 
 
-def _one(measured: Measurement | None, true: object, tr: Language) -> dict[str, Any] | None:
+def _one(measured: Measurement | None, true: object) -> dict[str, Any] | None:
     if measured is None:
         return None
     known = {"status": str(measured.status), "truth": true}
     if not measured.number:
-        return known | {"value": None, "low": None, "high": None, "text": _bound(measured, tr)}
+        return known | {"value": None, "low": None, "high": None, "text": _bound(measured)}
     value, low, high = finite([measured.middle, measured.low, measured.high])
     return known | {"value": value, "low": low, "high": high}
 
 
-def _bound(measured: Measurement, tr: Language) -> str:
+def _bound(measured: Measurement) -> str:
     low, high = measured.known_ends
     if low is not None:
-        return tr("at least {bound:.2f}", bound=low)
-    return tr("not measured") if high is None else tr("at most {bound:.2f}", bound=high)
+        return f"at least {low:.2f}"
+    return "not measured" if high is None else f"at most {high:.2f}"

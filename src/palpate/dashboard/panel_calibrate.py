@@ -9,8 +9,7 @@ from nicegui import ui
 from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.device_state import CalibrationFailure
-from palpate.dashboard.html_parts import heading, paragraph
-from palpate.dashboard.language import ENGLISH, Language, Message
+from palpate.dashboard.html_parts import heading, number_text, paragraph
 from palpate.dashboard.messages import Calibrated
 from palpate.dashboard.orders import CalibrateForce, CalibrateRest
 from palpate.dashboard.viewer import Viewer
@@ -23,31 +22,27 @@ _LOADS = "0.5 1 2 4 8 4 2 1"
 
 def calibrate_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    tr = viewer.tr
     with ui.element("div").classes("form"):
-        heading(tr("1. Rest"))
+        heading("1. Rest")
         paragraph(
-            tr(
-                "What each pixel reads with nothing on it. Take everything off the sensor and "
-                "leave it alone for some seconds; a gripper opens first."
-            )
+            "What each pixel reads with nothing on it. Take everything off the sensor and "
+            "leave it alone for some seconds; a gripper opens first."
         )
         rest = ui.button(
-            tr("Take the rest values"),
+            "Take the rest values",
             on_click=lambda: viewer.order(CalibrateRest(file=app_state.calibration_file())),
             color=None,
         )
         rest.classes("btn plain").props("flat no-caps id=calibrate-rest")
         viewer.enable_when_allowed(rest, Action.CALIBRATE)
-        heading(tr("2. Force"))
+        heading("2. Force")
         _force(app_state, viewer)
         _result(app_state, viewer)
 
 
 def _force(app_state: AppState, viewer: Viewer) -> None:
-    tr = viewer.tr
     how = ui.html("", sanitize=False)
-    loads = ui.input(tr("Loads in newtons, in order, up and down"), value=_LOADS)
+    loads = ui.input("Loads in newtons, in order, up and down", value=_LOADS)
     loads.props("outlined dense")
 
     def start() -> None:
@@ -62,7 +57,7 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
                 return
         viewer.order(CalibrateForce(file=app_state.calibration_file(), loads_n=weights))
 
-    button = ui.button(tr("Calibrate the force"), on_click=start, color=None)
+    button = ui.button("Calibrate the force", on_click=start, color=None)
     button.classes("btn plain").props("flat no-caps id=calibrate-force")
     viewer.enable_when_allowed(button, Action.CALIBRATE)
 
@@ -72,20 +67,20 @@ def _force(app_state: AppState, viewer: Viewer) -> None:
         cell = source is not None and source.has_load_cell
         simulated = source is not None and source.simulated
         loads.set_visibility(not cell and not simulated)
-        how.set_content(f"<p>{html.escape(tr(_how(cell=cell, simulated=simulated)))}</p>")
+        how.set_content(f"<p>{html.escape(_how(cell=cell, simulated=simulated))}</p>")
 
     viewer.on_refresh(explain)
 
 
-def _how(*, cell: bool, simulated: bool) -> Message:
+def _how(*, cell: bool, simulated: bool) -> str:
     if cell:
-        return Message(
+        return (
             "A simulated load cell is put between the fingers six times, and the hand closes on it "
             "in steps. Its minutes run as fast as this machine can."
         )
     if simulated:
-        return Message("This simulated rig has no load cell, and nobody can lay weights on it.")
-    return Message(
+        return "This simulated rig has no load cell, and nobody can lay weights on it."
+    return (
         "Lay dead weights on one pad as you are asked to, up and down again; each settles for "
         "20 s. Newtons are grams × 0.00981."
     )
@@ -95,9 +90,7 @@ def _numbers(text: str) -> list[float]:
     try:
         return [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
-        raise InputError(
-            Message("loads {text!r}: numbers with spaces between them", text=text)
-        ) from error
+        raise InputError(f"loads {text!r}: numbers with spaces between them") from error
 
 
 def _result(app_state: AppState, viewer: Viewer) -> None:
@@ -113,49 +106,48 @@ def _result(app_state: AppState, viewer: Viewer) -> None:
         shown[0] = ended
         match ended:
             case Calibrated():
-                box.set_content(_table(ended, viewer.tr))
+                box.set_content(_table(ended))
             case CalibrationFailure():
-                box.set_content(_failure(ended, viewer.tr))
+                box.set_content(_failure(ended))
 
     viewer.on_refresh(show)
 
 
-def _failure(failure: CalibrationFailure, tr: Language) -> str:
-    kind, title = "bad", tr("Calibration failed")
+def _failure(failure: CalibrationFailure) -> str:
+    kind, title = "bad", "Calibration failed"
     if failure.stopped:
-        kind, title = "warn", tr("Calibration stopped")
-    step = html.escape(tr("At this step: {step}", step=failure.step)) if failure.step else ""
-    reason = html.escape(tr(failure.reason))
-    lang = tr.tag if tr.knows(failure.reason) else ENGLISH.tag
-    kept = tr("Nothing was written: the previous calibration stays in use, if there is one.")
+        kind, title = "warn", "Calibration stopped"
+    step = html.escape(f"At this step: {failure.step}") if failure.step else ""
+    reason = html.escape(failure.reason)
+    kept = "Nothing was written: the previous calibration stays in use, if there is one."
     return (
         f"<p class='result {kind}'>{title}</p>"
-        + ("" if failure.stopped else f"<p class='finding fault' lang='{lang}'>{reason}</p>")
+        + ("" if failure.stopped else f"<p class='finding fault'>{reason}</p>")
         + (f"<p>{step}</p>" if step else "")
         + f"<p>{kept}</p>"
     )
 
 
-def _table(made: Calibrated, tr: Language) -> str:
+def _table(made: Calibrated) -> str:
     rows = "".join(
         f"<tr><td>{pixel_name(row, col)}</td><td class='r num'>{made.rest_ohm[row, col]:.0f}</td>"
-        f"<td class='r num'>{tr.number(made.change_percent[row, col], '+z.1f')} %</td></tr>"
+        f"<td class='r num'>{number_text(made.change_percent[row, col], '+z.1f')} %</td></tr>"
         for row in range(made.rest_ohm.shape[0])
         for col in range(made.rest_ohm.shape[1])
     )
     errors = "".join(
         f"<tr><td>{force.removesuffix('_n')} N</td><td class='r num'>"
-        f"{tr('not reached') if error is None else f'{error:.0f} %'}</td></tr>"
+        f"{'not reached' if error is None else f'{error:.0f} %'}</td></tr>"
         for force, error in made.held_out.items()
     )
     force = (
-        f"<p>{tr('Expected error of the settled force, loads left out of the fit:')}</p>"
+        f"<p>Expected error of the settled force, loads left out of the fit:</p>"
         f"<table class='plain'>{errors}</table>"
     )
     return (
-        f"<p class='result good'>{tr('Calibrated')}</p>"
-        f"<p class='muted'>{tr('{file} was updated.', file=html.escape(made.file.name))}</p>"
+        f"<p class='result good'>Calibrated</p>"
+        f"<p class='muted'>{html.escape(made.file.name)} was updated.</p>"
         + (force if errors else "")
-        + f"<table class='plain'><tr><th>{tr('pixel')}</th><th class='r'>{tr('rest, ohm')}</th>"
-        + f"<th class='r'>{tr('change')}</th></tr>{rows}</table>"
+        + "<table class='plain'><tr><th>pixel</th><th class='r'>rest, ohm</th>"
+        + f"<th class='r'>change</th></tr>{rows}</table>"
     )

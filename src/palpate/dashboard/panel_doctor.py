@@ -10,8 +10,7 @@ from nicegui import ui
 
 from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.html_parts import heading, paragraph
-from palpate.dashboard.language import Language
+from palpate.dashboard.html_parts import count_of, heading, number_text, paragraph
 from palpate.dashboard.orders import Examine
 from palpate.dashboard.viewer import Viewer
 from palpate.sensor.array import ArrayLayout
@@ -21,16 +20,13 @@ from palpate.sensor.health import Health
 
 def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    tr = viewer.tr
     with ui.element("div").classes("form"):
-        heading(tr("Check of the sensor"))
+        heading("Check of the sensor")
         paragraph(
-            tr(
-                "Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference "
-                "resistor that does not fit. Nothing may touch the sensor for 10 s."
-            )
+            "Open, shorted, stuck, noisy and drifting pixels, lost frames, a reference "
+            "resistor that does not fit. Nothing may touch the sensor for 10 s."
         )
-        button = ui.button(tr("Examine"), on_click=lambda: viewer.order(Examine()), color=None)
+        button = ui.button("Examine", on_click=lambda: viewer.order(Examine()), color=None)
         button.classes("btn plain").props("flat no-caps id=examine")
         viewer.enable_when_allowed(button, Action.EXAMINE)
         box = ui.html("", sanitize=False).props("id=health")
@@ -42,15 +38,15 @@ def doctor_panel(app_state: AppState, viewer: Viewer) -> None:
         if health is None or health is shown[0] or source is None:
             return
         shown[0] = health
-        box.set_content(report(health, layout=source.layout, tr=tr))
+        box.set_content(report(health, layout=source.layout))
 
     viewer.on_refresh(show)
 
 
-def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
+def report(health: Health, *, layout: ArrayLayout) -> str:
     """Return what was found as HTML."""
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
-    result = tr("Healthy") if health.healthy else tr.many("{n} fault", "{n} faults", faults)
+    result = "Healthy" if health.healthy else count_of(faults, "fault")
     findings = "".join(
         f"<p lang='en' class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
         f"<b>{html.escape(found.where)}</b>: {_sentence(found.text)} "
@@ -58,30 +54,25 @@ def report(health: Health, *, layout: ArrayLayout, tr: Language) -> str:
         for found in health.findings
     )
     link = health.link
-    counts = tr(
-        "{frames} frames in {duration_s:.1f} s, {rate_hz:.1f} Hz, {lost} lost, {corrupt} corrupt, "
-        "jitter {jitter_percent:.1f} %",
-        frames=link.frames,
-        duration_s=link.duration_s,
-        rate_hz=link.rate_hz,
-        lost=link.lost,
-        corrupt=link.events.corrupt,
-        jitter_percent=link.jitter_percent,
+    counts = (
+        f"{link.frames} frames in {link.duration_s:.1f} s, {link.rate_hz:.1f} Hz, "
+        f"{link.lost} lost, {link.events.corrupt} corrupt, jitter "
+        f"{link.jitter_percent:.1f} %"
     )
-    ohm = f" {tr('ohm')}"
+    ohm = " ohm"
     pixels = "".join(
         f"<tr><td>{pixel_name(row, col)}</td>"
-        f"<td class='r num'>{_number(health.pixels.rest_ohm[row, col], ohm, 0, tr)}</td>"
-        f"<td class='r num'>{_number(health.pixels.noise_percent[row, col], ' %', 2, tr)}</td>"
-        f"<td class='r num'>{_number(health.pixels.drift_percent[row, col], ' %', 2, tr)}</td></tr>"
+        f"<td class='r num'>{_number(health.pixels.rest_ohm[row, col], ohm, 0)}</td>"
+        f"<td class='r num'>{_number(health.pixels.noise_percent[row, col], ' %', 2)}</td>"
+        f"<td class='r num'>{_number(health.pixels.drift_percent[row, col], ' %', 2)}</td></tr>"
         for row in range(layout.rows)
         for col in range(layout.cols)
     )
     return (
         f"<p class='result {'good' if health.healthy else 'bad'}'>{result}</p>{findings}"
-        f"<p class='muted num'>{counts}</p><table class='plain'><tr><th>{tr('pixel')}</th>"
-        f"<th class='r'>{tr('at rest')}</th><th class='r'>{tr('noise')}</th>"
-        f"<th class='r'>{tr('drift')}</th></tr>{pixels}</table>"
+        f"<p class='muted num'>{counts}</p><table class='plain'><tr><th>pixel</th>"
+        f"<th class='r'>at rest</th><th class='r'>noise</th>"
+        f"<th class='r'>drift</th></tr>{pixels}</table>"
     )
 
 
@@ -91,5 +82,5 @@ def _sentence(found: str) -> str:
     return re.sub("`([^`]+)`", r"<code>\1</code>", signed) + "."
 
 
-def _number(value: float, unit: str, digits: int, tr: Language) -> str:
-    return tr.number(value, f"z.{digits}f") + unit if math.isfinite(value) else tr("open")
+def _number(value: float, unit: str, digits: int) -> str:
+    return number_text(value, f"z.{digits}f") + unit if math.isfinite(value) else "open"

@@ -30,13 +30,13 @@ def set_up_panel(app_state: AppState, viewer: Viewer) -> None:
 
 
 def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
-    form, tr = app_state.form, viewer.tr
+    form = app_state.form
 
     def want(force_n: float | None) -> None:
         form.target_force_n = force_n
 
     force = ui.number(
-        tr("Target force, N (empty: a gentle squeeze)"),
+        "Target force, N (empty: a gentle squeeze)",
         value=form.target_force_n,
         min=0.1,
         step=0.5,
@@ -47,8 +47,8 @@ def _next_grasp(app_state: AppState, viewer: Viewer) -> None:
         force.set_value(form.target_force_n)
 
     viewer.on_refresh(show)
-    item_field(app_state, viewer, label=tr("Item (empty: not stored)"))
-    hint = tr("Grasps of an item are kept in the store; the page Items shows them.")
+    item_field(app_state, viewer, label="Item (empty: not stored)")
+    hint = "Grasps of an item are kept in the store; the page Items shows them."
     ui.label(hint).classes("muted")
     if app_state.settings.damage is not None:
         _kind(app_state.settings.damage, form, viewer)
@@ -77,16 +77,16 @@ def _kind(damage: DamageFile, form: GraspForm, viewer: Viewer) -> None:
     def choose(kind: str) -> None:
         form.kind = kind
 
-    known = {"": viewer.tr("not given"), **{kind: kind for kind in damage.kinds}}
+    known = {"": "not given", **{kind: kind for kind in damage.kinds}}
     kind = ui.select(known, value=form.kind, on_change=lambda event: choose(event.value))
     kind.props("outlined dense behavior=dialog").classes("w-full")
-    kind.props["label"] = viewer.tr("Kind (for its damage limit)")
+    kind.props["label"] = "Kind (for its damage limit)"
 
     def show() -> None:
         kind.set_value(form.kind)
 
     viewer.on_refresh(show)
-    hint = viewer.tr("Grasps stay below the learned damage limit of this kind.")
+    hint = "Grasps stay below the learned damage limit of this kind."
     ui.label(hint).classes("muted")
 
 
@@ -108,9 +108,9 @@ def grasp_buttons(app_state: AppState, viewer: Viewer) -> None:
             viewer.order(order)
 
     with ui.element("div").classes("panel-foot") as foot:
-        go = ui.button(viewer.tr("Grasp"), on_click=grasp, color=None).classes("btn main")
+        go = ui.button("Grasp", on_click=grasp, color=None).classes("btn main")
         go.props("flat no-caps id=grasp")
-        back = ui.button(viewer.tr("Release"), on_click=viewer.release, color=None)
+        back = ui.button("Release", on_click=viewer.release, color=None)
         back.classes("btn plain").props("flat no-caps id=release").style("font-size: 19px")
     viewer.show_with_gripper(foot)
     viewer.enable_when_allowed(go, Action.GRASP)
@@ -123,8 +123,7 @@ def _recording(app_state: AppState, viewer: Viewer) -> None:
         if wanted != (app_state.session.devices.recording is not None):
             viewer.order(Record(app_state.new_recording("watched") if wanted else None))
 
-    tr = viewer.tr
-    recording = ui.switch(tr("Record what is watched"))
+    recording = ui.switch("Record what is watched")
     recording.on_value_change(lambda event: record(event.value))
     viewer.enable_when_allowed(recording, Action.RECORD)
 
@@ -132,32 +131,30 @@ def _recording(app_state: AppState, viewer: Viewer) -> None:
         recording.set_value(app_state.session.devices.recording is not None)
 
     viewer.on_refresh(show)
-    hint = tr("Every grasp is recorded anyway. It holds until Release, for 60 s at most.")
+    hint = "Every grasp is recorded anyway. It holds until Release, for 60 s at most."
     viewer.show_with_gripper(ui.label(hint).classes("muted"))
 
 
 def _rig(app_state: AppState, viewer: Viewer) -> None:
-    settings, asked, tr = app_state.settings, app_state.session.rig, viewer.tr
+    settings, asked = app_state.settings, app_state.session.rig
     name = ui.select(list(settings.rigs), value=asked.name if asked else settings.rigs[0])
-    name.props("outlined dense behavior=dialog").classes("w-full").props["label"] = tr("Rig")
+    name.props("outlined dense behavior=dialog").classes("w-full").props["label"] = "Rig"
     with ui.element("div").classes("form") as simulated:
         known = asked.object_name if asked else None
         named = {name: name for name in settings.objects}
-        what = ui.select({_DRAWN: tr("drawn by the seed"), **named}, value=known or _DRAWN)
+        what = ui.select({_DRAWN: "drawn by the seed", **named}, value=known or _DRAWN)
         what.props("outlined dense behavior=dialog")
-        what.props["label"] = tr("Object between the fingers")
+        what.props["label"] = "Object between the fingers"
         with ui.element("div").classes("two"):
-            seed = ui.number(
-                tr("Seed"), value=asked.seed if asked else 0, min=0, step=1, format="%d"
-            )
+            seed = ui.number("Seed", value=asked.seed if asked else 0, min=0, step=1, format="%d")
             seed.props("outlined dense")
             speed = ui.toggle(
                 SPEEDS,
                 value=asked.speed if asked and asked.speed in SPEEDS else 1.0,
                 on_change=lambda event: viewer.set_speed(event.value),
             ).props("unelevated no-caps")
-            speed.props["aria-label"] = tr("Speed of simulated time")
-            speed.tooltip(tr("Seconds of simulated time in a second"))
+            speed.props["aria-label"] = "Speed of simulated time"
+            speed.tooltip("Seconds of simulated time in a second")
     simulated.bind_visibility_from(name, "value", backward=lambda rig: rig.startswith("sim-"))
 
     def use() -> None:
@@ -172,6 +169,6 @@ def _rig(app_state: AppState, viewer: Viewer) -> None:
             )
         )
 
-    button = ui.button(tr("Use this rig"), on_click=use, color=None)
+    button = ui.button("Use this rig", on_click=use, color=None)
     button.classes("btn plain").props("flat no-caps id=use-rig")
     viewer.enable_when_allowed(button, Action.OPEN)

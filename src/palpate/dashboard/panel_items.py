@@ -11,8 +11,7 @@ from urllib.parse import quote
 from nicegui import run, ui
 
 from palpate.dashboard.app_state import AppState
-from palpate.dashboard.html_parts import heading
-from palpate.dashboard.language import ENGLISH, Language
+from palpate.dashboard.html_parts import count_of, day_text, heading, number_text
 from palpate.dashboard.viewer import Viewer
 from palpate.errors import PalpateError
 
@@ -27,14 +26,13 @@ def items_panel(
     app_state: AppState, viewer: Viewer, *, item_id: str | None = None
 ) -> Callable[[str], None]:
     """Fill the panel; `item_id` is shown first. Return what shows another."""
-    tr = viewer.tr
     with ui.element("div").classes("form"):
-        heading(tr("Items and how they ripen"))
+        heading("Items and how they ripen")
         known = [item_id] if item_id else []
         choice = ui.select(known, value=item_id, on_change=lambda event: choose(event.value))
         choice.classes("w-full")
         choice.props("outlined dense use-input clearable behavior=dialog")
-        choice.props["label"] = tr("Item")
+        choice.props["label"] = "Item"
         box = ui.html("", sanitize=False).props("id=item-page")
 
     async def choose(item_id: str | None) -> None:
@@ -42,7 +40,7 @@ def items_panel(
         if not item_id:
             box.set_content("")
             return
-        ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}{viewer.query}")
+        ui.navigate.history.replace(f"/items/{quote(item_id, safe='')}")
         await show(item_id)
 
     async def show(item_id: str) -> None:
@@ -53,7 +51,7 @@ def items_panel(
             box.set_content(f"<p class='note' lang='en'>{html.escape(str(error))}</p>")
             return
         if found is not None and not box.is_deleted:  # the server ends, or the viewer left
-            box.set_content(item_html(found, tr))
+            box.set_content(item_html(found))
 
     async def look() -> None:
         """Read the store again: its items, and the one that is shown."""
@@ -73,7 +71,7 @@ def items_panel(
                 f"<p class='note' lang='en'>{html.escape(app_state.item_store.trouble)}</p>"
             )
         elif not names:
-            hint = tr("None yet: name an item on the page Set up, and grasp it.")
+            hint = "None yet: name an item on the page Set up, and grasp it."
             box.set_content(f"<p>{hint}</p>")
         elif choice.value:
             await show(choice.value)
@@ -87,29 +85,29 @@ def items_panel(
     return open_item
 
 
-def item_html(page: ItemHistory, tr: Language = ENGLISH) -> str:
+def item_html(page: ItemHistory) -> str:
     """Return an item's page: what it is, its stiffness over time, and its verdicts."""
     item, grasps = page.item, page.grasps
     what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
     verdicts = "".join(
-        f"<tr lang='en'><td class='num'>{tr.day(one.given_at)}</td>"
+        f"<tr lang='en'><td class='num'>{day_text(one.given_at)}</td>"
         f"<td>{html.escape(one.about)}</td>"
         f"<td><b>{html.escape(one.text)}</b> {html.escape(one.explanation)}</td></tr>"
         for one in reversed(page.verdicts)
     )
-    badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if page.simulated else ""
+    badge = "<span class='badge-sim'>SIMULATED</span>" if page.simulated else ""
     away = f"<p class='note' lang='en'>{html.escape(page.away)}</p>" if page.away else ""
     return (
         away + f"<p class='result'>{html.escape(item.item_id)} {badge}</p>"
         f"<p>{html.escape(what)}{', ' if what else ''}"
-        f"{tr.many('{n} grasp', '{n} grasps', len(grasps))}</p>"
-        + chart(tr("Stiffness, N/mm"), grasps, "stiffness_n_per_mm", tr)
-        + chart(tr("Settled change, %"), grasps, "settled_percent", tr)
-        + (f"<h3>{tr('Verdicts')}</h3><table class='plain'>{verdicts}</table>" if verdicts else "")
+        f"{count_of(len(grasps), 'grasp')}</p>"
+        + chart("Stiffness, N/mm", grasps, "stiffness_n_per_mm")
+        + chart("Settled change, %", grasps, "settled_percent")
+        + (f"<h3>Verdicts</h3><table class='plain'>{verdicts}</table>" if verdicts else "")
     )
 
 
-def chart(title: str, grasps: Sequence[Grasp], name: str, tr: Language) -> str:
+def chart(title: str, grasps: Sequence[Grasp], name: str) -> str:
     """Return one measurement with its intervals over time as an SVG picture."""
     past = [
         (grasp.taken_at, grasp.measurements[name]) for grasp in grasps if name in grasp.measurements
@@ -138,18 +136,18 @@ def chart(title: str, grasps: Sequence[Grasp], name: str, tr: Language) -> str:
     path = " ".join(f"{x(when):.1f},{y(one.middle):.1f}" for when, one in past)
     scale = "".join(
         f"<text class='soft' x='{_LEFT - 4}' y='{y(value) + 4:.1f}' text-anchor='end' "
-        f"font-size='11'>{tr.number(value, '.3g')}</text>"
+        f"font-size='11'>{number_text(value, '.3g')}</text>"
         for value in (low, high)
     )
     ends = [(past[0], "start"), (past[-1], "end")] if length_s else [(past[0], "middle")]
     days = "".join(
         f"<text class='soft' x='{x(when):.1f}' y='{_HEIGHT - 6}' text-anchor='{anchor}' "
-        f"font-size='11'>{tr.day(when)}</text>"
+        f"font-size='11'>{day_text(when)}</text>"
         for (when, _), anchor in ends
     )
     return (
         f"<h3>{title}</h3><svg viewBox='0 0 {_WIDTH} {_HEIGHT}' style='width:100%' role='img' "
-        f"aria-label='{tr('{title} over time', title=title)}'><line x1='{_LEFT}' x2='{_WIDTH - 8}' "
+        f"aria-label='{title} over time'><line x1='{_LEFT}' x2='{_WIDTH - 8}' "
         f"y1='{_HEIGHT - _FOOT}' y2='{_HEIGHT - _FOOT}' stroke='var(--line)'/>"
         f"<polyline points='{path}' fill='none' stroke='var(--accent)' stroke-dasharray='3 4'/>"
         f"{marks}{scale}{days}</svg>"

@@ -16,7 +16,7 @@ from palpate.dashboard.activity import Action
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.folder import is_simulated, recording_named
 from palpate.dashboard.history import Summary
-from palpate.dashboard.html_parts import heading, paragraph
+from palpate.dashboard.html_parts import day_text, heading, paragraph
 from palpate.dashboard.orders import Play
 from palpate.dashboard.panel_grasp import SPEEDS
 from palpate.dashboard.viewer import Viewer
@@ -27,19 +27,16 @@ def recordings_panel(
     app_state: AppState, viewer: Viewer, *, name: str | None = None
 ) -> Callable[[str], None]:
     """Fill the panel; `name` is a recording that is shown at once. Return what shows another."""
-    tr = viewer.tr
     with ui.element("div").classes("form"):
-        heading(tr("Recordings"))
+        heading("Recordings")
         paragraph(
-            tr(
-                "In {folder}. A replay decides the recorded grasp again from its raw counts.",
-                folder=app_state.settings.folder,
-            )
+            f"In {app_state.settings.folder}. A replay decides the recorded grasp again "
+            "from its raw counts."
         )
         speed = ui.toggle(SPEEDS, value=1.0).props("unelevated no-caps")
-        speed.props["aria-label"] = tr("Replay speed")
+        speed.props["aria-label"] = "Replay speed"
         rows = ui.element("div").classes("w-full").props("id=recordings")
-        none = ui.label(tr("None yet: every grasp leaves one here.")).classes("muted")
+        none = ui.label("None yet: every grasp leaves one here.").classes("muted")
         none.set_visibility(False)
     shown: dict[Path, _Row] = {}
     care = _Care(app_state, viewer, speed, changed=lambda: show())
@@ -65,7 +62,7 @@ def recordings_panel(
             care.open(recording_named(app_state.settings.folder, name))
         except InputError as error:
             viewer.refuse(error)
-            ui.navigate.history.replace(f"/recordings{viewer.query}")
+            ui.navigate.history.replace("/recordings")
 
     ui.timer(2.0, show)
     if name is not None:
@@ -103,28 +100,28 @@ class _Row(ui.element):
 
     def __init__(self, file: Path, viewer: Viewer, speed: ui.toggle, care: _Care) -> None:
         super().__init__("div")
-        self._file, self._tr = file, viewer.tr
+        self._file = file
         self.classes("file")
         with self:
             with ui.element("div").classes("what"):
                 ui.label(file.stem)
                 self._ended = ui.html("", sanitize=False)
                 self._about = ui.label().classes("muted")
-            button = ui.button(viewer.tr("Replay"), color=None)
+            button = ui.button("Replay", color=None)
             button.on_click(lambda: viewer.order(Play(file=file, speed=speed.value)))
             button.classes("btn plain small").props("flat no-caps")
             viewer.enable_when_allowed(button, Action.PLAY)
             more = ui.button(icon="more_vert", on_click=lambda: care.open(file), color=None)
             more.classes("btn plain small").props("flat")
-            more.props["aria-label"] = viewer.tr("More about {name}", name=file.stem)
+            more.props["aria-label"] = f"More about {file.stem}"
 
     def show(self, one: _Listed) -> None:
         """Show how its grasp ended, when it was last written, and its size."""
-        tr, grasp = self._tr, one.grasp
-        when = tr.day(datetime.fromtimestamp(one.status.st_mtime))
+        grasp = one.grasp
+        when = day_text(datetime.fromtimestamp(one.status.st_mtime))
         self._about.set_text(f"{when} · {one.status.st_size / 1024:.0f} kB")
-        badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if one.simulated else ""
-        words = "" if grasp is None else tr(grasp.outcome.replace("_", " "))
+        badge = "<span class='badge-sim'>SIMULATED</span>" if one.simulated else ""
+        words = "" if grasp is None else grasp.outcome.replace("_", " ")
         item = f" <b>{html.escape(grasp.item_id)}</b>" if grasp and grasp.item_id else ""
         self._ended.set_content(f"{words}{item} {badge}")
 
@@ -143,25 +140,19 @@ class _Care:
         *,
         changed: Callable[[], Awaitable[None]],
     ) -> None:
-        self._app_state, self._viewer, self._tr, self._changed = (
-            app_state,
-            viewer,
-            viewer.tr,
-            changed,
-        )
-        tr = viewer.tr
+        self._app_state, self._viewer, self._changed = app_state, viewer, changed
         self._file, self._speed = Path(), speed
         with ui.dialog() as self._dialog, ui.card().classes("care"):
-            self._dialog.props["aria-label"] = tr("A recording")
-            replay = self._button(tr("Replay"), self._replay)
+            self._dialog.props["aria-label"] = "A recording"
+            replay = self._button("Replay", self._replay)
             viewer.enable_when_allowed(replay, Action.PLAY)
-            self._name = ui.input(tr("Name")).props("outlined dense maxlength=80").classes("w-full")
+            self._name = ui.input("Name").props("outlined dense maxlength=80").classes("w-full")
             self._asked = ui.label().classes("note").props("role=status")
             with ui.element("div").classes("two"):
-                self._button(tr("Download"), self._download)
-                self._button(tr("Rename"), self._rename, gated=True)
-                self._delete_button = self._button(tr("Delete"), self._delete, gated=True)
-                self._button(tr("Close"), self._dialog.close)
+                self._button("Download", self._download)
+                self._button("Rename", self._rename, gated=True)
+                self._delete_button = self._button("Delete", self._delete, gated=True)
+                self._button("Close", self._dialog.close)
         self._dialog.on_value_change(lambda event: self._address(is_open=event.value))
 
     def open(self, file: Path) -> None:
@@ -180,13 +171,11 @@ class _Care:
 
     def _address(self, *, is_open: bool) -> None:
         path = recording_address(self._file.name) if is_open else "/recordings"
-        ui.navigate.history.replace(path + self._viewer.query)
+        ui.navigate.history.replace(path)
 
     def _ask(self, question: str) -> None:
         self._asked.set_text(question)
-        self._delete_button.set_text(
-            self._tr("Delete for good") if question else self._tr("Delete")
-        )
+        self._delete_button.set_text("Delete for good" if question else "Delete")
 
     def _replay(self) -> None:
         self._dialog.close()
@@ -200,7 +189,7 @@ class _Care:
 
     async def _delete(self) -> None:
         if not self._asked.text:
-            self._ask(self._tr("Delete {name}? Nothing brings it back.", name=self._file.stem))
+            self._ask(f"Delete {self._file.stem}? Nothing brings it back.")
             return
         await self._do(lambda: self._app_state.delete(self._file.name))
 

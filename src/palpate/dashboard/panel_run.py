@@ -11,8 +11,7 @@ from nicegui import ui
 
 from palpate.dashboard.app_state import AppState
 from palpate.dashboard.history import LISTED, Entry, History
-from palpate.dashboard.html_parts import heading
-from palpate.dashboard.language import ENGLISH, Language
+from palpate.dashboard.html_parts import day_text, heading
 from palpate.dashboard.panel_recordings import recording_address
 from palpate.dashboard.viewer import Viewer
 from palpate.grasp.result import Outcome
@@ -23,14 +22,13 @@ _WORDS = {outcome: str(outcome).replace("_", " ") for outcome in Outcome}
 
 def run_panel(app_state: AppState, viewer: Viewer) -> None:
     """Fill the panel."""
-    tr = viewer.tr
     with ui.element("div").classes("form"):
-        heading(tr("This run"))
+        heading("This run")
         counts = ui.html("", sanitize=False).props("id=run-counts")
-        heading(tr("Last {n} grasps", n=LISTED))
+        heading(f"Last {LISTED} grasps")
         with ui.element("div").classes("file"):
-            ui.label(tr("Kept in the folder of the recordings.")).classes("what muted")
-            ui.link(tr("Save as CSV"), "/grasps.csv").classes("pill").props("id=run-csv download")
+            ui.label("Kept in the folder of the recordings.").classes("what muted")
+            ui.link("Save as CSV", "/grasps.csv").classes("pill").props("id=run-csv download")
         rows = ui.html("", sanitize=False).classes("w-full").props("id=run")
     shown = [-1]
 
@@ -40,22 +38,20 @@ def run_panel(app_state: AppState, viewer: Viewer) -> None:
             return
         shown[0] = app_state.history.version
         counts.set_content(
-            counts_html(app_state.history, rules=app_state.settings.rules is not None, tr=tr)
+            counts_html(app_state.history, rules=app_state.settings.rules is not None)
         )
-        listed = [entry_html(entry, tr, query=viewer.query) for entry in app_state.history.recent]
-        rows.set_content("".join(listed) or f"<p>{tr('None yet.')}</p>")
+        listed = [entry_html(entry) for entry in app_state.history.recent]
+        rows.set_content("".join(listed) or "<p>None yet.</p>")
 
     viewer.on_refresh(show)
 
 
-def counts_html(history: History, *, rules: bool, tr: Language = ENGLISH) -> str:
+def counts_html(history: History, *, rules: bool) -> str:
     """Return how the grasps of this run ended, and where they went."""
     since = history.since.astimezone().strftime("%H:%M")
-    ended = _counts({tr(_WORDS[Outcome(name)]): n for name, n in history.outcomes.items()})
+    ended = _counts({_WORDS[Outcome(name)]: n for name, n in history.outcomes.items()})
     total = history.outcomes.total()
-    many = tr.many(
-        "<b>{n}</b> grasp since {since}", "<b>{n}</b> grasps since {since}", total, since=since
-    )
+    many = f"<b>{total}</b> grasp{'' if total == 1 else 's'} since {since}"
     total_line = f"<p class='num'>{many}{ended}</p>"
     if not rules:
         return total_line
@@ -64,8 +60,8 @@ def counts_html(history: History, *, rules: bool, tr: Language = ENGLISH) -> str
         for name, n in history.bins.most_common()
     )
     if not bins:
-        return f"{total_line}<p>{tr('No named item was sorted yet.')}</p>"
-    head = f"<tr><th>{tr('bin')}</th><th class='r'>{tr('grasps')}</th></tr>"
+        return f"{total_line}<p>No named item was sorted yet.</p>"
+    head = "<tr><th>bin</th><th class='r'>grasps</th></tr>"
     return f"{total_line}<table class='plain' id='run-bins'>{head}{bins}</table>"
 
 
@@ -74,29 +70,29 @@ def _counts(counted: dict[str, int]) -> str:
     return f": {', '.join(parts)}" if parts else ""
 
 
-def entry_html(entry: Entry, tr: Language = ENGLISH, *, query: str = "") -> str:
+def entry_html(entry: Entry) -> str:
     """Return one line of the list."""
-    when = tr.day(datetime.fromisoformat(entry.ended_at).astimezone())
+    when = day_text(datetime.fromisoformat(entry.ended_at).astimezone())
     item, name = html.escape(entry.item_id), quote(entry.item_id, safe="")
-    link = f"<a href='/items/{name}{query}' data-item='{item}'>{item}</a>"
-    called = link if item else tr("no name")
-    found_to_be = tr("the object was damaged") if entry.damaged else tr(entry.firmness or "")
-    ended = tr(_WORDS[Outcome(entry.outcome)]), found_to_be
+    link = f"<a href='/items/{name}' data-item='{item}'>{item}</a>"
+    called = link if item else "no name"
+    found_to_be = "the object was damaged" if entry.damaged else (entry.firmness or "")
+    ended = _WORDS[Outcome(entry.outcome)], found_to_be
     words = html.escape(": ".join(filter(None, ended)))
     found = f"<b>{html.escape(entry.bin)}</b>" if entry.bin else ""
-    badge = f"<span class='badge-sim'>{tr('SIMULATED')}</span>" if entry.simulated else ""
+    badge = "<span class='badge-sim'>SIMULATED</span>" if entry.simulated else ""
     file = html.escape(entry.recording)
-    address = recording_address(entry.recording) + query
-    replay = f" · <a href='{address}' data-recording='{file}'>{tr('recording')}</a>" if file else ""
+    address = recording_address(entry.recording)
+    replay = f" · <a href='{address}' data-recording='{file}'>recording</a>" if file else ""
     return (
         f"<div class='ran' data-kind='{entry.kind}' title='{html.escape(entry.why or '')}'>"
         f"<div class='what'><div>{called} {badge}</div><div>{words}</div>"
         f"<div class='muted num'>{when}{replay}</div></div><div class='where'>{found}"
-        f"{sparkline(entry, tr)}</div></div>"
+        f"{sparkline(entry)}</div></div>"
     )
 
 
-def sparkline(entry: Entry, tr: Language) -> str:
+def sparkline(entry: Entry) -> str:
     """Return a small curve of the grasp; nothing where it was too short to draw."""
     values = entry.curve
     if not values:
@@ -107,7 +103,7 @@ def sparkline(entry: Entry, tr: Language) -> str:
         f"{2 + (1 - (value - low) / span) * (_HEIGHT - 4):.1f}"
         for i, value in enumerate(values)
     )
-    label = tr("Course of the grasp, {low:g} to {high:g}", low=min(values), high=max(values))
+    label = f"Course of the grasp, {min(values):g} to {max(values):g}"
     return (
         f"<svg viewBox='0 0 {_WIDTH} {_HEIGHT}' width='{_WIDTH}' height='{_HEIGHT}' role='img' "
         f"aria-label='{label}'><polyline points='{points}' fill='none' stroke='var(--curve)' "

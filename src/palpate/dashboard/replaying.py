@@ -13,7 +13,6 @@ from palpate.clock import ManualClock
 from palpate.dashboard.frames import FrameSource
 from palpate.dashboard.grasp_progress import GraspProgress, grasp_progress_of
 from palpate.dashboard.grip_force import ForceLaws
-from palpate.dashboard.language import Message
 from palpate.dashboard.live import CURVE_S, POINTS_PER_S
 from palpate.dashboard.messages import Grasped, Guide, Playing, RecordedStretch, Timeline
 from palpate.dashboard.orders import Play
@@ -71,7 +70,7 @@ def play(
     if whole is None:
         return
     telemetry.note(whole.timeline)
-    telemetry.note(Guide(text=Message("Replay of {name}", name=order.file.stem), asks=True))
+    telemetry.note(Guide(text=f"Replay of {order.file.stem}", asks=True))
     start_s, end_s = whole.timeline.start_s, whole.timeline.end_s
     playback = PlaybackClock(start_s=start_s, end_s=end_s, speed=order.speed)
     steered(playback)
@@ -143,7 +142,7 @@ def _decided_again(
         )
         telemetry.note(past)
         share = (stretch[-1][0].time_s - time_s[0]) / (length_s or 1.0)
-        telemetry.note(Guide(text=Message("Deciding the recorded grasp again"), share=share))
+        telemetry.note(Guide(text="Deciding the recorded grasp again", share=share))
     timeline = Timeline(
         start_s=time_s[0],
         end_s=time_s[-1],

@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from palpate.dashboard.app_state import AppState, Settings
 from palpate.dashboard.folder import recording_named
-from palpate.dashboard.language import language_for
 from palpate.dashboard.page_document import document
 from palpate.dashboard.publishing import DocumentSink, publish
-from palpate.dashboard.realtime import check_realtime
 from palpate.dashboard.station import Station
 from palpate.errors import DeviceError, InputError, needing
 from palpate.line.machine import Line
@@ -41,14 +39,14 @@ def serve(
     host: str,
     port: int,
     token: str | None,
-    announce: Callable[[str, str], None],
+    announce: Callable[[str], None],
     publisher: DocumentSink | None = None,
     lines: Sequence[LineOpener] = (),
 ) -> None:
     """Serve the dashboard until Ctrl-C; then stop what runs and leave the hand standing still.
 
-    `announce` gets the address once it can be visited, and its QR code where others can visit it;
-    `publisher` gets every result and the state; `lines` serve controllers. The token is in neither.
+    `announce` gets the address once it can be visited, without the token; `publisher` gets every
+    result and the state; `lines` serve controllers.
 
     Raises
     ------
@@ -67,13 +65,11 @@ def serve(
         from nicegui import ui
 
         from palpate.dashboard.access import STOPS, AccessControl, check_token, is_loopback
-        from palpate.dashboard.address import address_for_others, qr_text
+        from palpate.dashboard.address import address_for_others
         from palpate.dashboard.api import build_api
         from palpate.dashboard.app_thread import AppThread
         from palpate.dashboard.connections import BoundedConnection
     check_token(host, token)
-    if settings.realtime:
-        check_realtime()
     listening = _listen(host, port)
     app_state = AppState(settings)
     app = FastAPI(openapi_url=None)
@@ -111,10 +107,7 @@ def serve(
         timeout_graceful_shutdown=2,
     )
     address = address_for_others(host, listening.getsockname()[1])
-    code = ""
-    if not is_loopback(host):
-        app_state.address, code = address, qr_text(address)
-    app.router.on_startup.append(lambda: announce(address, code))
+    app.router.on_startup.append(lambda: announce(address))
     # A full collection of all that was imported would hold up every thread for 0.1 s.
     gc.freeze()
     with listening, threaded:
@@ -157,19 +150,16 @@ def _routes(app_state: AppState) -> None:
         build_page(app_state, client, tab="Recordings", recording=name)
 
     @ui.page("/operate")
-    def operate(client: Client, kiosk: str | None = None) -> None:
-        build_operator_page(app_state, client, kiosk=kiosk is not None)
+    def operate(client: Client) -> None:
+        build_operator_page(app_state, client)
 
     @app.get("/live")
-    async def live(
-        generation: int = -1, after_s: float = 0.0, lang: str | None = None
-    ) -> JSONResponse:
+    async def live(generation: int = -1, after_s: float = 0.0) -> JSONResponse:
         found: dict[str, Any] = document(
             app_state.session,
             app_state.form,
             generation=generation,
             after_s=after_s,
-            tr=language_for(lang, ""),
         )
         return JSONResponse(found | {"server_s": time.monotonic()})
 

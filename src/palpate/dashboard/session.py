@@ -12,7 +12,6 @@ from threading import RLock
 
 from palpate.dashboard.activity import ACTIONS, Action, Activity
 from palpate.dashboard.device_state import DeviceState
-from palpate.dashboard.language import Message
 from palpate.dashboard.messages import Grasped
 from palpate.dashboard.orders import (
     Confirm,
@@ -133,23 +132,23 @@ class Session:
         """Return why this can't be pressed now; empty if it can."""
         activity, guide = self.devices.activity, self.devices.guide
         if activity is Activity.GONE:
-            return Message("the devices are gone: start palpate serve again")
+            return "the devices are gone: start palpate serve again"
         if self.hung_s is not None:
-            return Message("the devices are silent: if the hand may move, use the emergency stop")
+            return "the devices are silent: if the hand may move, use the emergency stop"
         if viewer != self.driver:
             if self.driver is None:
-                return Message("nobody drives: take over first")
-            return Message("someone else drives: take over first")
+                return "nobody drives: take over first"
+            return "someone else drives: take over first"
         if action is Action.CONFIRM:
-            return "" if guide is not None and guide.asks else Message("nothing is asked")
+            return "" if guide is not None and guide.asks else "nothing is asked"
         if action in (Action.SPEED, Action.FILES):
             return ""
         if action is Action.STEER:
-            return "" if activity is Activity.REPLAYING else Message("nothing is replayed")
+            return "" if activity is Activity.REPLAYING else "nothing is replayed"
         if action is Action.RELEASE and activity is Activity.GRASPING:
             return ""
         if activity not in (Activity.WATCHING, Activity.IDLE):
-            return Message("{activity}: wait, or press stop", activity=Message(activity))
+            return f"{activity!s}: wait, or press stop"
         if action in (Action.OPEN, Action.PLAY):
             return ""
         return self._rig_not_ready(action)
@@ -157,14 +156,14 @@ class Session:
     def _rig_not_ready(self, action: Action) -> str:
         devices = self.devices
         if not devices.rig_open:
-            return Message("no rig is open: choose one")
+            return "no rig is open: choose one"
         if devices.sensor_alone and action in (Action.GRASP, Action.RELEASE):
-            return Message("this rig has no gripper")
+            return "this rig has no gripper"
         link = devices.live.link
         if action in _NEEDS_FRAMES and link.stale and not link.age_s <= _MISSING_S:
-            return Message("no fresh frames: check the link")
+            return "no fresh frames: check the link"
         if action in _NEEDS_OPEN_HAND and devices.live.open_hand is False:
-            return Message("the hand is not open: release first")
+            return "the hand is not open: release first"
         return ""
 
     # -- what is pressed ------------------------------------------------------------------------

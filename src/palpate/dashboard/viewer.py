@@ -10,7 +10,6 @@ from contextlib import nullcontext
 from nicegui import ui
 
 from palpate.dashboard.activity import Action
-from palpate.dashboard.language import ENGLISH, Language, Message, error_text
 from palpate.dashboard.orders import Order
 from palpate.dashboard.session import Session
 from palpate.errors import InputError
@@ -29,10 +28,6 @@ class Viewer:
         The one that all share.
     viewer_id : str
         Name of this viewer in the session.
-    tr : Language
-        What the viewer reads.
-    query : str
-        What the viewer's address asked for, and links keep: ``?lang=de``, or nothing.
     now_s : callable
         The clock that the page is told.
     """
@@ -42,12 +37,9 @@ class Viewer:
         session: Session,
         *,
         viewer_id: str,
-        tr: Language = ENGLISH,
-        query: str = "",
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._session, self._id = session, viewer_id
-        self.tr, self.query = tr, query
         self._knew_stops, self._now_s = session.stops, now_s
         self._pressed_s = math.inf
         self._refreshers: list[tuple[Callable[[], None], ui.element | None]] = []
@@ -123,7 +115,7 @@ class Viewer:
             """Enable the button, or give the reason why not."""
             why = self._session.refusal(action, viewer=self._id)
             button.set_enabled(not why)
-            hint.set_text(self.tr(why))
+            hint.set_text(why)
             hint.set_visibility(bool(why))
 
         self.on_refresh(gated, of=button)
@@ -164,13 +156,11 @@ class Viewer:
     def _check_fresh(self) -> None:
         """Refuse what was pressed before a stop, or so long ago that nobody expects it now."""
         if self._knew_stops < self._session.stops:
-            raise InputError(Message("stopped before it began"))
+            raise InputError("stopped before it began")
         late_s = self._now_s() - self._pressed_s
         if late_s > _LATE_S:
-            raise InputError(
-                Message("the press came {late_s:.0f} s late: press again", late_s=late_s)
-            )
+            raise InputError(f"the press came {late_s:.0f} s late: press again")
 
     def refuse(self, error: Exception) -> None:
         """Show why something can't be."""
-        ui.notify(self.tr(error_text(error)), type="warning")
+        ui.notify(str(error), type="warning")

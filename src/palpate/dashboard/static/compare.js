@@ -29,7 +29,7 @@ export function drawKept(doc) {
   const button = $("keep");
   if (!button) return;
   button.ariaPressed = kept !== null;
-  const words = kept ? t("Stop comparing") : t("Keep to compare");
+  const words = kept ? "Stop comparing" : "Keep to compare";
   if (button.textContent !== words) button.textContent = words;
   // Without a contact no kept curve is drawn.
   const grasp = doc.replay ? doc.replay.grasp : doc.grasp, drawn = kept !== null && typeof grasp?.touched_s === "number";

@@ -8,7 +8,7 @@ const WINDOW_S = 30, LAST_S = 20, POINTS = 400;
 // A pixel that comes loose reads a hundred times its rest value: it must not flatten everything else.
 const HIGHEST = 100;
 const BOX = { l: 46, r: 12, t: 18, b: 26 };
-const NAMES = { contact: t("contact"), answer: t("answer"), adjusted: t("adjusted"), damage_limit: t("limit met"), slipped: t("slipped"), stopped: t("stopped"), force_limit: t("force limit"), held: t("released") };
+const NAMES = { contact: "contact", answer: "answer", adjusted: "adjusted", damage_limit: "limit met", slipped: "slipped", stopped: "stopped", force_limit: "force limit", held: "released" };
 let pointed = null;
 
 function ticks(low, high, most) {
@@ -65,7 +65,7 @@ function happened(c, view) {
   for (const [time, name, finger] of view.moments) {
     const at = c.x(time);
     if (finger !== null) {
-      if (name.startsWith("finger_")) out += `<path class="mark" data-name="${name}" d="M${at} ${c.height - BOX.b}l-4 6h8z"><title>${t("finger {n}", { n: finger })}: ${name === "finger_contact" ? t("contact") : t("removal")}</title></path>`;
+      if (name.startsWith("finger_")) out += `<path class="mark" data-name="${name}" d="M${at} ${c.height - BOX.b}l-4 6h8z"><title>${t("finger {n}", { n: finger })}: ${name === "finger_contact" ? "contact" : "removal"}</title></path>`;
       continue;
     }
     if (!NAMES[name]) continue;
@@ -85,7 +85,7 @@ function forecast(c, view, id, [low, value, high], digits, unit, lines) {
   // It speaks of the hold: a movement after the last forecast ends it.
   const last = band[band.length - 1], after = view.moves.find(([from]) => from > last[0]), until = Math.max(after ? after[0] : view.last, last[0]);
   const now = band.filter((b) => b[0] <= view.now).pop() ?? band[0];
-  const shown = [...band, Object.assign([...last], { 0: until })], settles = `${t("settles at")} ${fixed(now[value], digits)} ${unit}`;
+  const shown = [...band, Object.assign([...last], { 0: until })], settles = `${"settles at"} ${fixed(now[value], digits)} ${unit}`;
   const outline = [...shown.map((b) => [b[0], b[high]]), ...[...shown].reverse().map((b) => [b[0], b[low]])];
   const above = Math.min(...shown.map((b) => c.y(b[high]))) - 8, below = Math.max(...shown.map((b) => c.y(b[low]))) + 18;
   const [words, left, base] = place(c, [`${settles} ${range(now[low], now[high], digits)}`, settles], c.x(until) + 10, above, below, lines);
@@ -164,9 +164,9 @@ function reading(c, view, svg, column, words) {
   const inside = points.length > 0 && time !== null && time >= view.start && time <= view.last + 0.5;
   const one = inside ? nearest(points, time) : atNow(view, column);
   out.classList.toggle("pointed", inside);
-  if (!one) { out.textContent = view.open ? t("hand open") : ""; return ""; }
+  if (!one) { out.textContent = view.open ? "hand open" : ""; return ""; }
   const other = inside ? view.kept.filter((p) => p[column] !== undefined) : [];
-  const keptReading = other.length ? ` · ${t("kept")} ${words(nearest(other, one[0]))}` : "";
+  const keptReading = other.length ? ` · ${"kept"} ${words(nearest(other, one[0]))}` : "";
   out.textContent = inside ? `${fixed(one[0] - view.zero, 1)} s: ${words(one)}${keptReading}` : words(one);
   return inside ? `<line class="cross" x1="${c.x(one[0])}" x2="${c.x(one[0])}" y1="${BOX.t}" y2="${c.height - BOX.b}"/><circle cx="${c.x(one[0])}" cy="${c.y(one[column])}" r="5" fill="none" stroke="var(--ink)" stroke-width="2"/>` : "";
 }
@@ -187,7 +187,7 @@ function drawForce(view) {
   if (!view.newtons) return;
   const highest = Math.max(1, ...values.map((p) => p[3]), ...view.kept.map((p) => p[3] ?? 0), ...settled);
   const { target_n: target, damage_low_n: damage, ceiling_n: ceiling } = view.bounds, known = (value) => value !== null && value !== undefined;
-  const levels = [{ value: target, name: t("target"), kind: "target" }, known(damage) ? { value: damage, name: t("damage limit"), kind: "limit", right: true } : { value: ceiling < 2.5 * highest ? ceiling : null, name: t("ceiling"), kind: "limit", right: true }].filter((one) => known(one.value));
+  const levels = [{ value: target, name: "target", kind: "target" }, known(damage) ? { value: damage, name: "damage limit", kind: "limit", right: true } : { value: ceiling < 2.5 * highest ? ceiling : null, name: "ceiling", kind: "limit", right: true }].filter((one) => known(one.value));
   const limits = [target, damage].filter((value) => known(value) && value < 2.5 * highest);
   const c = canvas(svg, view, [0, 1.15 * Math.max(highest, ...limits, ...values.map((p) => Math.min(p[4], 1.5 * p[3])))]);
   const intervals = stretches(view.curve, 3).map((one) => `<polygon clip-path="url(#${c.clip})" points="${c.line([...one.map((p) => [p[0], p[4]]), ...[...one].reverse().map((p) => [p[0], p[2]])])}"/>`);
@@ -212,6 +212,6 @@ export function drawCurves(doc) {
   const view = shared(doc);
   drawForce(view);
   drawReading(view);
-  const counts = view.touched ? t("s from contact") : "";
+  const counts = view.touched ? "s from contact" : "";
   for (const one of document.querySelectorAll(".counts")) if (one.textContent !== counts) one.textContent = counts;
 }

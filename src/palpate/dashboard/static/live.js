@@ -6,8 +6,8 @@ import { begin as beginHand, drawFingers } from "/static/pads.js";
 import { begin as beginKept, drawKept } from "/static/compare.js";
 import { begin as beginTimeline, drawTimeline } from "/static/timeline.js";
 
-const UNITS = { size_mm: [t("Size"), "mm", 1], force_n: [t("Grip force"), "N", 2], stiffness_n_per_mm: [t("Stiffness"), "N/mm", 2], settled_percent: [t("Settled at 20 s"), "%", 1] };
-const STATUS = { too_short: t("short hold"), not_settling: t("not settling"), saturated: t("outside range"), fell_back: t("fell back") };
+const UNITS = { size_mm: ["Size", "mm", 1], force_n: ["Grip force", "N", 2], stiffness_n_per_mm: ["Stiffness", "N/mm", 2], settled_percent: ["Settled at 20 s", "%", 1] };
+const STATUS = { too_short: "short hold", not_settling: "not settling", saturated: "outside range", fell_back: "fell back" };
 
 // -- words and numbers -----------------------------------------------------------------------------
 // A round number that is at least this.
@@ -33,7 +33,7 @@ function bar(one) {
 function hideUnmeasured(doc) {
   const alone = doc.source !== null && doc.hand === null && doc.grasp === null;
   document.body.classList.toggle("alone", alone);
-  say($("force-title"), alone ? t("Force, N") : t("Grip force, N"));
+  say($("force-title"), alone ? "Force, N" : "Grip force, N");
   for (const name of Object.keys(UNITS)) $(`measure-${name}`)?.classList.toggle("hidden", alone && !(name === "force_n" && doc.measured.force_now));
 }
 
@@ -46,16 +46,16 @@ function drawMeasures({ measured, hand }) {
     if (!card) continue;
     if (name === "force_n" && measured.force_now && measured.holds) { drawForceNow(card, measured.force_now, one, { decided: measured.decided, hand }); continue; }
     card.dataset.decided = measured.decided;
-    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : `<span>${t("so far")}</span>`;
+    const state = !one ? "" : one.status !== "ok" ? `<span class="note">${STATUS[one.status] ?? one.status}</span>` : measured.decided ? "" : `<span>${"so far"}</span>`;
     const truth = one && typeof one.truth === "number" ? one.truth : null;
     if (one && one.text) {
-      card.title = t("no number: only a bound is known");
+      card.title = "no number: only a bound is known";
       card.innerHTML = `<div class="name"><span>${title}</span></div><div class="value num">${one.text} <span>${unit}</span></div>
         <div class="range num">${truth === null ? "" : t("true {value}", { value: fixed(truth, digits) })}</div>`;
       continue;
     }
     const range = !one ? "" : truth === null ? interval(one, digits) : `${between(one, digits)} · ${t("true {value}", { value: fixed(truth, digits) })}`;
-    card.title = t("with its 90 % interval");
+    card.title = "with its 90 % interval";
     card.innerHTML = `<div class="name"><span>${title}</span>${state}</div><div class="value num">${one ? fixed(one.value, digits) : "–"} <span>${unit}</span></div>
       <div class="range num">${range}</div>${one ? bar(one) : ""}`;
   }
@@ -64,9 +64,9 @@ function drawMeasures({ measured, hand }) {
 // While something is held the number is of now; the answer stands below it.
 function drawForceNow(card, now, answer, { decided, hand }) {
   card.dataset.decided = true;
-  card.title = t("force now, with its 90 % interval");
-  const settled = answer && answer.value !== null ? `${decided ? t("answer") : t("so far")} ${fixed(answer.value, 2)} N ${range(answer.low, answer.high, 2)}` : "";
-  card.innerHTML = `<div class="name"><span>${hand ? t("Grip force now") : t("Force now")}</span></div><div class="value num">${fixed(now.value, 2)} <span>N</span></div>
+  card.title = "force now, with its 90 % interval";
+  const settled = answer && answer.value !== null ? `${decided ? "answer" : "so far"} ${fixed(answer.value, 2)} N ${range(answer.low, answer.high, 2)}` : "";
+  card.innerHTML = `<div class="name"><span>${hand ? "Grip force now" : "Force now"}</span></div><div class="value num">${fixed(now.value, 2)} <span>N</span></div>
     <div class="range num">${interval(now, 2)}</div><div class="range num">${settled}</div>`;
 }
 

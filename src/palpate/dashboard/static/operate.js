@@ -1,6 +1,5 @@
 // The operator's view: one verdict, what to do next, and the force, to be read from two metres.
 import { $, follow, headline, say, whys } from "/static/poll.js";
-import { begin as beginKiosk } from "/static/kiosk.js";
 import { begin as beginSound, sound } from "/static/sound.js";
 import { fixed, t } from "/static/words.js";
 
@@ -23,6 +22,5 @@ function draw(doc) {
   say($("force-target"), doc.hand !== null ? t("target: {target}", operator) : now ? `90 %: ${t("{low} to {high}", { low: fixed(now.low, 1), high: fixed(now.high, 1) })}` : "");
 }
 
-beginKiosk();
 beginSound();
 follow((doc) => { draw(doc); sound(doc.verdict.kind); }, () => sound("lost"));

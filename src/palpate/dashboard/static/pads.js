@@ -50,8 +50,8 @@ function drawCells(svg, doc) {
     cell.classList.toggle("ill", one !== undefined);
     text.style.fill = ink;
     const small = +text.getAttribute("font-size") < 6;
-    text.textContent = small ? "" : value === null ? (ohm === null ? t("open") : t("dead")) : fixed(value, 0);
-    title.textContent = `R${row} C${col}: ${ohm === null ? t("open") : t("{n} ohm", { n: wholeNumber(ohm) })}${one ? `; ${one.text}` : ""}`;
+    text.textContent = small ? "" : value === null ? (ohm === null ? "open" : "dead") : fixed(value, 0);
+    title.textContent = `R${row} C${col}: ${ohm === null ? "open" : t("{n} ohm", { n: wholeNumber(ohm) })}${one ? `; ${one.text}` : ""}`;
   }
 }
 
@@ -99,7 +99,7 @@ function object({ gap, scale, middle }, doc) {
   if (doc.nothing_there) return "";
   const known = size && size.value > 0 && scale > 0;
   const across = known ? size.value * scale : Math.min(gap * 0.62, 120);
-  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : t("unknown");
+  const name = doc.source.subject ? doc.source.subject.replace(/-/g, " ") : "unknown";
   const words = across > 60, colour = doc.measured.damaged ? "var(--bad)" : "var(--accent)";
   return `<ellipse cx="${middle}" cy="118" rx="${across / 2}" ry="${Math.min(across / 2, 86)}" fill="${colour}" fill-opacity="${known ? 0.22 : 0.08}" stroke="${colour}" stroke-width="2" ${known ? "" : 'stroke-dasharray="7 6"'}/>
     ${words ? `<text x="${middle}" y="116" text-anchor="middle" font-size="17" font-weight="600">${known ? `${fixed(size.value, 1)} mm` : "?"}</text>
@@ -111,7 +111,7 @@ function namePads(svg, doc) {
   pads.forEach((pad, i) => {
     const group = $(`pad-${i}`), mean = doc.pixels.finger_percent[i], touches = touching.includes(i);
     group.classList.toggle("touching", touches);
-    group.lastElementChild.innerHTML = `${doc.hand ? t("finger {n}", { n: pad.finger }) : t("pad {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${!touches ? "" : isSmall(svg) ? `<tspan x="${pad.width / 2}" dy="1.15em">${t("contact")}</tspan>` : ` · ${t("contact")}`}`;
+    group.lastElementChild.innerHTML = `${doc.hand ? t("finger {n}", { n: pad.finger }) : t("pad {n}", { n: pad.finger })} <tspan font-weight="700">${fixed(mean, 1)} %</tspan>${!touches ? "" : isSmall(svg) ? `<tspan x="${pad.width / 2}" dy="1.15em">${"contact"}</tspan>` : ` · ${"contact"}`}`;
   });
 }
 
@@ -132,7 +132,7 @@ function drawChosen(doc) {
   const { row, col } = chosen, ohm = doc.pixels.ohm[row][col], percent = doc.pixels.percent[row][col];
   const one = (doc.pixels.findings ?? []).find((f) => f.row === row && f.col === col);
   $("pixel-name").textContent = `R${row} C${col}`;
-  $("pixel-ohm").textContent = ohm === null ? t("open") : t("{n} ohm", { n: wholeNumber(ohm) });
+  $("pixel-ohm").textContent = ohm === null ? "open" : t("{n} ohm", { n: wholeNumber(ohm) });
   $("pixel-percent").textContent = percent === null ? "" : `${fixed(percent, 1)} %`;
   $("pixel-found").textContent = one ? one.text : "";
   const points = traces.map((one) => [one.time, one.ohm[row][col]]).filter(([, v]) => v !== null);
@@ -185,11 +185,11 @@ export function drawFingers(doc) {
   $("object").innerHTML = between ? object(between, doc) : "";
   const opening = $("opening");
   opening.setAttribute("x", between ? between.middle : 0);
-  opening.textContent = !between || hand.value === null ? "" : [between.scale ? t("{width} mm apart", { width: fixed(hand.value, 1) }) : `${fixed(hand.value, 1)} kPa`, ...(hand.moving ? [t("moving")] : [])].join(", ");
+  opening.textContent = !between || hand.value === null ? "" : [between.scale ? t("{width} mm apart", { width: fixed(hand.value, 1) }) : `${fixed(hand.value, 1)} kPa`, ...(hand.moving ? ["moving"] : [])].join(", ");
   namePads(svg, doc);
   drawCells(svg, doc);
   remember(doc);
   drawChosen(doc);
-  $("fingers-title").textContent = between ? t("Fingers, seen from between them") : pads.length === 1 ? t("Pad") : t("{n} pads", { n: pads.length });
+  $("fingers-title").textContent = between ? "Fingers, seen from between them" : pads.length === 1 ? "Pad" : t("{n} pads", { n: pads.length });
   seen.built = built;
 }

@@ -1,6 +1,6 @@
 // Asks for what is new, has it drawn, and asks again: a slow screen asks less often and holds up
 // nobody. Draws itself what every view has: the head, and the loss of the connection.
-import { fixed, lang, t } from "/static/words.js";
+import { fixed, t } from "/static/words.js";
 
 // A slow answer is still taken long after the connection counts as lost.
 const PERIOD_MS = 66, GIVEN_UP_MS = 4000, BESIDE_MS = 2000, LOST_MS = 1000, LOOK_MS = 100, RETRY_MS = 250;
@@ -32,7 +32,7 @@ function pieces(doc) {
   // The rest is of a grasp: other headlines, such as a calibration's, are not.
   if (!("target_force_n" in said)) return parts;
   if (doc.measured.decided && doc.measured.decision_time_s !== null) parts.push(t("answer {time} s after contact", { time: fixed(doc.measured.decision_time_s, 1) }));
-  if (doc.measured.limited) parts.push(t("the damage limit keeps it below its target"));
+  if (doc.measured.limited) parts.push("the damage limit keeps it below its target");
   parts.push(...doc.measured.faults);
   return parts;
 }
@@ -40,19 +40,18 @@ function pieces(doc) {
 function drawHead(doc) {
   const pill = $("link"), link = doc.link, replayed = doc.source && doc.source.replayed;
   const rate = link.rate_hz === null ? "–" : `${fixed(link.rate_hz, link.rate_hz < 100 ? 1 : 0)} Hz`;
-  const age = link.age_s === null ? t("no frame yet") : t("last frame {ago}", { ago: sinceFrame(link.age_s) });
+  const age = link.age_s === null ? "no frame yet" : t("last frame {ago}", { ago: sinceFrame(link.age_s) });
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
-  const counted = [link.stale ? t("NO FRAMES") : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : ""].filter(Boolean).join(" · ");
+  const counted = [link.stale ? "NO FRAMES" : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : ""].filter(Boolean).join(" · ");
   const counts = !replayed && !link.waiting;
-  $("link-text").textContent = counts ? counted : replayed ? t("replay") : t(doc.activity);
+  $("link-text").textContent = counts ? counted : replayed ? "replay" : t(doc.activity);
   $("link-age").textContent = counts ? age : "";
   pill.title = t("{frames} frames, {lost} lost, {corrupt} corrupt, {late} late; 99 % within {p99} ms of the one before", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
-  say($("link-state"), replayed ? t("replay") : link.stale ? t("no frames") : link.waiting ? t(doc.activity) : t("frames arrive"));
-  $("rig-name").textContent = !doc.source ? t("no rig") : replayed ? t("replay of {name}", { name: doc.source.name }) : doc.source.name;
+  say($("link-state"), replayed ? "replay" : link.stale ? "no frames" : link.waiting ? t(doc.activity) : "frames arrive");
+  $("rig-name").textContent = !doc.source ? "no rig" : replayed ? t("replay of {name}", { name: doc.source.name }) : doc.source.name;
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
-  $("trouble").classList.toggle("hidden", !doc.trouble.text);
-  $("trouble-text").lang = doc.trouble.lang;
-  say($("trouble-text"), doc.trouble.text);
+  $("trouble").classList.toggle("hidden", !doc.trouble);
+  say($("trouble-text"), doc.trouble);
 }
 
 // Presses travel by the framework's socket, which can be away while answers still come.
@@ -80,13 +79,13 @@ function drawLoss(onLost) {
   box.classList.toggle("hidden", !lost);
   if (!lost) return;
   const ago = agoS < 60 ? t("last seen {time} s ago", { time: Math.floor(agoS) }) : t("last seen {time} min ago", { time: Math.floor(agoS / 60) });
-  headline(box, $("lost-title"), server || unsent ? t("No connection") : t("The devices are silent"));
-  const why = server ? t("palpate serve does not answer.") : unsent ? t("Only STOP can be sent; the page connects again by itself.") : "";
-  const old = server || devices ? t("The values shown are old; the hand may still move or hold.") : "";
+  headline(box, $("lost-title"), server || unsent ? "No connection" : "The devices are silent");
+  const why = server ? "palpate serve does not answer." : unsent ? "Only STOP can be sent; the page connects again by itself." : "";
+  const old = server || devices ? "The values shown are old; the hand may still move or hold." : "";
   $("lost-why").textContent = [`${ago}.`, why, old].filter(Boolean).join(" ");
   pill.dataset.state = "stale";
   $("link-age").textContent = "";
-  $("link-text").textContent = `${server || unsent ? t("NO CONNECTION") : t("DEVICES SILENT")} · ${ago}`;
+  $("link-text").textContent = `${server || unsent ? "NO CONNECTION" : "DEVICES SILENT"} · ${ago}`;
 }
 
 function take(doc, began) {
@@ -107,7 +106,7 @@ async function tick(draw, onLost) {
   next = setTimeout(tick, BESIDE_MS, draw, onLost);
   try {
     const last = seen.curve.length ? seen.curve[seen.curve.length - 1][0] : -1e9;
-    const reply = await fetch(`/live?generation=${seen.generation}&after_s=${last}&lang=${lang}`, { cache: "no-store", signal: AbortSignal.timeout(GIVEN_UP_MS) });
+    const reply = await fetch(`/live?generation=${seen.generation}&after_s=${last}`, { cache: "no-store", signal: AbortSignal.timeout(GIVEN_UP_MS) });
     const doc = await reply.json();
     if (number > taken) {
       taken = number;

@@ -41,7 +41,7 @@ function drawPhases(replay) {
     bars += `<rect class="phase" x="${1000 * share(from)}" width="${1000 * width}" y="0" height="30" data-odd="${i % 2}"/>`;
     if (width > 0.12) names += `<span style="left:${100 * share(from)}%;width:${100 * width}%">${esc(name)}</span>`;
   });
-  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * share(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name === "contact" ? t("contact") : t("answer")}</title></rect>`;
+  for (const [time, name] of replay.grasp ? replay.grasp.moments : []) if (name === "contact" || name === "answer") bars += `<rect x="${1000 * share(time) - 1}" width="2.5" y="0" height="30" fill="var(--accent)"><title>${name === "contact" ? "contact" : "answer"}</title></rect>`;
   $("phases").innerHTML = bars;
   $("phase-names").innerHTML = names;
 }
@@ -53,7 +53,7 @@ export function drawTimeline(doc) {
   if (!replay) return;
   drawPhases(replay);
   paused = replay.paused;
-  $("play").textContent = paused ? (replay.time_s >= replay.end_s ? t("Again") : t("Play")) : t("Pause");
+  $("play").textContent = paused ? (replay.time_s >= replay.end_s ? "Again" : "Play") : "Pause";
   const slider = $("seek");
   slider.min = replay.start_s;
   slider.max = replay.end_s;

@@ -1,14 +1,13 @@
-"""The operator's view as a screen of its own, and what it lets hear."""
+"""Tones of the operator's view."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
 from tests.loop.test_dashboard import SIMULATED, browser, can_press, fresh, release, served, verdict
-from tests.loop.test_operator_view import LOCALES, SIZES, at, breaks_no_rule, fits
+from tests.loop.test_operator_view import SIZES, at
 
 __all__ = ["browser"]
 
@@ -24,7 +23,7 @@ DONE_HZ, FAULT_HZ = 880, 220
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with served(tmp_path_factory.mktemp("kiosk"), *SIMULATED) as address:
+    with served(tmp_path_factory.mktemp("sound"), *SIMULATED) as address:
         yield address
 
 
@@ -67,34 +66,6 @@ def test_sound_is_off_until_it_is_asked_for_and_tells_done_from_fault(
         release(page)
         button.click()
         expect(button).to_have_attribute("aria-pressed", "false")
-
-
-@pytest.mark.parametrize("code", LOCALES)
-@pytest.mark.parametrize("size", SIZES)
-def test_a_kiosk_fills_its_screen_and_leads_nowhere(
-    browser: Browser, address: str, size: str, code: str
-) -> None:
-    with at(browser, f"{address}operate?kiosk", SIZES[size], locale=LOCALES[code]) as page:
-        expect(page.locator("#simulated")).to_be_visible()
-        expect(page.locator("a")).to_have_count(0)
-        expect(page.locator("#shade")).to_be_hidden()
-        boxes = [page.locator(one).bounding_box() for one in ("#simulated", "#verdict")]
-        assert len({box and box["x"] for box in boxes}) == 1, "the head begins where the rest does"
-        fits(page)
-        breaks_no_rule(page)
-
-
-def test_a_kiosk_keeps_its_screen_awake_and_stops_by_escape(browser: Browser, address: str) -> None:
-    with at(browser, f"{address}operate?kiosk", SIZES["wide"]) as page:
-        expect(page.locator("body")).to_have_attribute("data-awake", "true")
-        can_press(page, "#grasp")
-        page.locator("#grasp").click()
-        expect(page.locator("#verdict")).to_have_attribute("data-kind", "busy")
-        page.keyboard.press("Escape")
-        verdict(page, "Stopped")
-        release(page)
-    with at(browser, f"{address}operate", SIZES["wide"]) as page:
-        expect(page.locator("body")).not_to_have_attribute("data-awake", re.compile(".*"))
 
 
 def test_the_loss_of_the_server_is_heard(browser: Browser, address: str) -> None:
