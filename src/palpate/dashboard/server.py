@@ -86,6 +86,7 @@ def serve(
     ui.run_with(
         app,
         title="palpate",
+        language="en-US",
         favicon="🤏",
         dark=None,
         binding_refresh_interval=None,
