@@ -48,7 +48,7 @@ def report(health: Health, *, layout: ArrayLayout) -> str:
     faults = sum(found.severity is Severity.FAULT for found in health.findings)
     result = "Healthy" if health.healthy else count_of(faults, "fault")
     findings = "".join(
-        f"<p lang='en' class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
+        f"<p class='finding {'fault' if found.severity is Severity.FAULT else ''}'>"
         f"<b>{html.escape(found.where)}</b>: {_sentence(found.text)} "
         f"{_sentence(found.check[:1].upper() + found.check[1:])}</p>"
         for found in health.findings

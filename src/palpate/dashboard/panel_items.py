@@ -48,7 +48,7 @@ def items_panel(
         try:
             found = await run.io_bound(app_state.item_store.page, item_id)
         except PalpateError as error:
-            box.set_content(f"<p class='note' lang='en'>{html.escape(str(error))}</p>")
+            box.set_content(f"<p class='note'>{html.escape(str(error))}</p>")
             return
         if found is not None and not box.is_deleted:  # the server ends, or the viewer left
             box.set_content(item_html(found))
@@ -68,7 +68,7 @@ def items_panel(
             choice.set_options(names, value=choice.value)
         if app_state.item_store.trouble:
             box.set_content(
-                f"<p class='note' lang='en'>{html.escape(app_state.item_store.trouble)}</p>"
+                f"<p class='note'>{html.escape(app_state.item_store.trouble)}</p>"
             )
         elif not names:
             hint = "None yet: name an item on the page Set up, and grasp it."
@@ -90,13 +90,13 @@ def item_html(page: ItemHistory) -> str:
     item, grasps = page.item, page.grasps
     what = ", ".join(part for part in (item.kind, item.batch, item.label) if part)
     verdicts = "".join(
-        f"<tr lang='en'><td class='num'>{day_text(one.given_at)}</td>"
+        f"<tr><td class='num'>{day_text(one.given_at)}</td>"
         f"<td>{html.escape(one.about)}</td>"
         f"<td><b>{html.escape(one.text)}</b> {html.escape(one.explanation)}</td></tr>"
         for one in reversed(page.verdicts)
     )
     badge = "<span class='badge-sim'>SIMULATED</span>" if page.simulated else ""
-    away = f"<p class='note' lang='en'>{html.escape(page.away)}</p>" if page.away else ""
+    away = f"<p class='note'>{html.escape(page.away)}</p>" if page.away else ""
     return (
         away + f"<p class='result'>{html.escape(item.item_id)} {badge}</p>"
         f"<p>{html.escape(what)}{', ' if what else ''}"
