@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from io import TextIOWrapper
 from typing import Annotated
 
 import typer
@@ -11,16 +12,22 @@ import typer
 import palpate
 from palpate.commands.help_text import help_text
 from palpate.commands.outcome import run
-from palpate.commands.plain_signs import print_anything
+from palpate.commands.steps import SETTINGS
+from palpate.errors import InputError
 
 #: Heading of the help -> its verbs. Each is a function of that name in a module of that name under
 #: `palpate.commands`.
 GROUPS: dict[str, tuple[str, ...]] = {
     "Measure": ("grasp", "live", "serve", "record"),
-    "Recordings": ("settle", "inspect", "replay", "export", "recover", "archive"),
+    "Recordings": ("settle", "inspect", "replay", "export", "archive"),
     "Set up": ("demo", "init", "ports", "flash", "doctor", "calibrate", "pattern"),
-    "Produce": ("items", "report", "ripeness", "bruise", "identify", "sort", "qualify"),
+    "Produce": ("items", "report", "ripeness", "bruise", "sort", "qualify"),
     "Research": ("study", "bench"),
+}
+#: Verbs of version 0.1 that are options now.
+REMOVED = {
+    "recover": "palpate inspect FILE --recover FILE",
+    "identify": "palpate sort --identify ITEM",
 }
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)
 
@@ -49,7 +56,13 @@ def build_app() -> typer.Typer:
             function, settings = getattr(module, verb), getattr(module, "SETTINGS", {})
             text = help_text(function)
             app.command(name=verb, help=text, rich_help_panel=heading, **settings)(function)
+    for verb in REMOVED:
+        app.command(name=verb, hidden=True, **SETTINGS)(_refuse_removed)
     return app
+
+
+def _refuse_removed(context: typer.Context) -> None:
+    raise InputError(f"{context.info_name}: use `{REMOVED[str(context.info_name)]}`")
 
 
 def _version(wanted: bool) -> None:
@@ -60,5 +73,8 @@ def _version(wanted: bool) -> None:
 
 def main() -> None:
     """Entry point of the `palpate` script."""
-    print_anything()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            # A terminal of another encoding shows a question mark for a sign that it lacks.
+            stream.reconfigure(errors="replace")
     sys.exit(run(build_app(), sys.argv[1:], name="palpate"))

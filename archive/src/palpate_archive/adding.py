@@ -32,8 +32,8 @@ def add_recordings(
 
     `station`: where they were made; by default the name of each one's rig.
     Yields kind -> rows; empty where the archive holds the recording already. Raises
-    `RecordingError` if one can't be read whole; `palpate recover` makes a whole one. Those before
-    it were added.
+    `RecordingError` if one can't be read whole; `palpate inspect --recover` makes a whole one.
+    Those before it were added.
     """
     held = set(archive.sources("frames"))
     for path in paths:

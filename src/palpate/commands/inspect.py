@@ -1,8 +1,9 @@
-"""`palpate inspect FILE`: what a recording holds, and whether it is whole."""
+"""`palpate inspect FILE`: what a recording holds, whether it is whole, and its recovery."""
 
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.commands.options import DpiOption, JsonOption
-from palpate.errors import InputError
+from palpate.errors import InputError, RecordingError
 
 
 def inspect(
@@ -21,13 +22,30 @@ def inspect(
         typer.Option(help="Draw pixels, gripper and events: .png, .svg or .pdf.", metavar="FILE"),
     ] = None,
     dpi: DpiOption = None,
+    recover: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write every intact message as a finished recording, which is then shown; the "
+            "recording's own name replaces it.",
+            metavar="FILE",
+        ),
+    ] = None,
 ) -> None:
-    """Show what a recording holds, and whether it is complete. Example: palpate inspect run.mcap"""
+    """Show what a recording holds, and whether it is complete.
+
+    palpate itself reads a recording that was cut short as it is; other tools may not, and
+    --recover finishes it for them.
+
+    Example: palpate inspect run.mcap --recover run-whole.mcap
+    """
     from palpate.plots.style import check_plot
     from palpate.recording import FileState, RecordingReader
     from palpate.recording.reader import summarise_recording
 
     check_plot(plot, dpi=dpi)
+    if recover is not None:
+        _recover(file, recover)
+        file = recover
     if plot is not None:
         _draw(file, plot, dpi=dpi)
     state = FileState()
@@ -49,6 +67,22 @@ def inspect(
         **asdict(state),
     }
     print(json.dumps(document, indent=1) if as_json else _text(document))
+
+
+def _recover(file: Path, out: Path) -> None:
+    from palpate.recording import recover
+
+    if out.exists() and not (file.exists() and out.samefile(file)):
+        raise RecordingError(f"{out}: exists already and is not overwritten; choose another name")
+    found = recover(file, out)
+    if found.intact:
+        report = f"{file} was whole already; written to {out}"
+    else:
+        report = (
+            f"{out}: everything readable is kept ({found.damaged_chunks} damaged chunks and "
+            f"{found.unread_bytes} bytes at the end are not)"
+        )
+    print(report, file=sys.stderr)
 
 
 def _draw(file: Path, plot: Path, *, dpi: int | None) -> None:
@@ -90,5 +124,5 @@ def _condition(found: dict[str, Any]) -> str:
     ended = "finished" if found["complete"] else "not finished"
     return (
         f"{ended}, {damaged} damaged chunks, {unread} bytes unread at the end; "
-        f"`palpate recover {found['path']}` makes it whole for strict readers"
+        f"`palpate inspect {found['path']} --recover FILE` makes it whole for strict readers"
     )

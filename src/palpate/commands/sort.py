@@ -1,4 +1,4 @@
-"""`palpate sort --rules FILE`: which bin each item goes to, and why."""
+"""`palpate sort`: which bin each item goes to and why, or what one item of the store is."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.commands import completion
 from palpate.commands.options import (
     JsonOption,
     QuietOption,
@@ -19,7 +20,18 @@ from palpate.errors import InputError
 
 
 def sort(
-    rules: Annotated[Path, typer.Option(help="The rules, a TOML file.", metavar="FILE")],
+    rules: Annotated[
+        Path | None, typer.Option(help="The rules, a TOML file.", metavar="FILE")
+    ] = None,
+    identify: Annotated[
+        str | None,
+        typer.Option(
+            help="In place of sorting: report of which kind this item of the store is, and keep "
+            "the answer with it. Exits with 1 if it is unknown.",
+            metavar="ITEM",
+            autocompletion=completion.items,
+        ),
+    ] = None,
     rig: Annotated[
         str | None,
         typer.Option(
@@ -58,17 +70,29 @@ def sort(
 
     What is unsure is grasped again, as often as the rules allow. A firmer squeeze
     (--target-force-n) distinguishes better; --damage keeps it below what produce bears. With a
-    rig, items, grasps and
-    verdicts go to the store; a simulated crate goes there only with --store.
+    rig, items, grasps and verdicts go to the store; a simulated crate goes there only with
+    --store.
+
+    Kinds are taught by labelled items: palpate items NAME --set kind=kiwi, three of a kind at
+    least.
 
     Example: palpate sort --rules rules.toml --rig sim-rigid --items 12 --seed 1
     """
+    from palpate.commands.sort_identify import identify as identify_item
     from palpate.commands.sort_report import SortReport
     from palpate.commands.sort_run import sort_from_store, sort_with_rig
     from palpate.commands.sort_supply import ItemSqueeze, SimulatedCrate, open_supply
     from palpate.estimate.damage_file import DamageFile
     from palpate.produce.sorting.rules_file import read_rules
 
+    if identify is not None:
+        for option, given in (("--rules", rules), ("--rig", rig), ("--batch", batch)):
+            if given is not None:
+                raise InputError(f"{option} {given}: --identify takes an item of the store alone")
+        identify_item(identify, store=store, as_json=as_json)
+        return
+    if rules is None:
+        raise InputError("name the --rules FILE to sort by, or the item with --identify ITEM")
     book = read_rules(rules)
     limit = None if damage is None else DamageFile.load(damage).model
     if rig is None:

@@ -182,7 +182,7 @@ class RecordingWriter:
             )
         return RecordingLostError(
             f"{self.path}: {error.strerror}. The file lacks at most the last second before "
-            f"{self._last_s:.1f} s; free some space, then run `palpate recover` on it."
+            f"{self._last_s:.1f} s; free some space, then run `palpate inspect --recover` on it."
         )
 
 

@@ -62,17 +62,20 @@ def test_inspect_says_simulated_and_what_is_missing(
     text = capsys.readouterr().out
     assert "twin (simulated)" in text
     assert "not finished" in text
-    assert f"`palpate recover {recorded}`" in text
+    assert f"`palpate inspect {recorded} --recover FILE`" in text
 
 
 def test_recover_makes_it_whole(recorded: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cut(recorded, share=0.6)
-    assert palpate("recover", recorded) == 0
-    assert palpate("inspect", recorded, "--json") == 0
-    output = capsys.readouterr().out
-    assert json.loads(output[output.index("{") :])["intact"] is True
-    assert palpate("recover", recorded, recorded.with_name("copy.mcap")) == 0
-    assert "was whole already" in capsys.readouterr().out
+    assert palpate("inspect", recorded, "--recover", recorded, "--json") == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["intact"] is True
+    assert "everything readable is kept (0 damaged chunks" in shown.err
+    copy = recorded.with_name("copy.mcap")
+    assert palpate("inspect", recorded, "--recover", copy, "--json") == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["path"] == str(copy)
+    assert "was whole already" in shown.err
 
 
 def test_export_writes_beside_the_recording(recorded: Path) -> None:
@@ -119,10 +122,10 @@ def test_recover_never_writes_over_another_recording(
 ) -> None:
     other = tmp_path / "other.mcap"
     other.write_bytes(b"somebody's")
-    assert palpate("recover", recorded, other) == 2
+    assert palpate("inspect", recorded, "--recover", other) == 2
     assert "not overwritten" in capsys.readouterr().err
     assert other.read_bytes() == b"somebody's"
-    assert palpate("recover", recorded, recorded) == 0
+    assert palpate("inspect", recorded, "--recover", recorded) == 0
 
 
 def test_export_of_holds_names_the_file_in_its_error(
@@ -151,7 +154,7 @@ def test_replay_plays_frames_where_nothing_was_grasped(
         ["replay", "gone.mcap"],
         ["export", "gone.mcap"],
         ["export", "gone.mcap", "--holds"],
-        ["recover", "gone.mcap"],
+        ["inspect", "gone.mcap", "--recover", "whole.mcap"],
     ],
 )
 def test_a_missing_file_is_one_line(
@@ -172,8 +175,8 @@ def test_a_folder_is_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for verb in ("inspect", "replay", "export", "recover"):
-        assert palpate(verb, ".") == 2
+    for verb in (["inspect"], ["replay"], ["export"], ["inspect", "--recover", "whole.mcap"]):
+        assert palpate(*verb, ".") == 2
         said = capsys.readouterr().err
         assert said.startswith("palpate: .: ")
         assert said.endswith("Is a directory\n")
@@ -271,7 +274,7 @@ def test_ports_is_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
     assert isinstance(json.loads(capsys.readouterr().out)["ports"], list)
 
 
-@pytest.mark.parametrize("verb", ["record", "inspect", "replay", "export", "recover", "ports"])
+@pytest.mark.parametrize("verb", ["record", "inspect", "replay", "export", "ports"])
 def test_help_shows_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert palpate(verb, "--help") == 0
     assert "Example: palpate" in capsys.readouterr().out

@@ -50,7 +50,7 @@ def test_a_disk_that_is_full_ends_it_as_equipment_that_failed(
     began, failed = capsys.readouterr().err.splitlines()
     assert began.startswith("recording sim-rigid")
     assert failed.startswith(f"palpate: {path}: File too large. The file lacks at most the last")
-    assert "then run `palpate recover` on it" in failed
+    assert "then run `palpate inspect --recover` on it" in failed
     assert frames_of(path)[0] > 0
 
 

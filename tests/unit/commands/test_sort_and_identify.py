@@ -1,4 +1,4 @@
-"""`palpate identify` and `palpate sort`, on a store and with simulated fingers."""
+"""`palpate sort --identify` and `palpate sort`, on a store and with simulated fingers."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ Palpate = Callable[..., tuple[int, str, str]]
 
 
 def test_identify_names_the_kind_and_keeps_the_verdict(palpate: Palpate, store: Path) -> None:
-    status, out, _ = palpate("identify", "K", "--store", store, "--json")
+    status, out, _ = palpate("sort", "--identify", "K", "--store", store, "--json")
     found = json.loads(out)
     assert (status, found["kind"], found["grasps"], found["simulated"]) == (0, "kiwi", 2, True)
     assert found["probability"]["kiwi"] == found["confidence"] > 0.8
@@ -118,7 +118,7 @@ def test_identify_names_the_kind_and_keeps_the_verdict(palpate: Palpate, store: 
 
 
 def test_identify_exits_with_1_for_a_stranger(palpate: Palpate, store: Path) -> None:
-    status, out, _ = palpate("identify", "X", "--store", store)
+    status, out, _ = palpate("sort", "--identify", "X", "--store", store)
     assert status == 1
     assert "X: unknown (simulated)" in out
     assert "Like no kind that was taught" in out
@@ -127,7 +127,7 @@ def test_identify_exits_with_1_for_a_stranger(palpate: Palpate, store: Path) -> 
 def test_identify_does_not_learn_from_the_item_itself(palpate: Palpate, store: Path) -> None:
     with Store.open(store) as kept:
         kept.add_item(Item(item_id="X", kind="kiwi"))
-    status, out, _ = palpate("identify", "X", "--store", store, "--json")
+    status, out, _ = palpate("sort", "--identify", "X", "--store", store, "--json")
     assert (status, json.loads(out)["kind"]) == (1, "unknown")
 
 
@@ -139,7 +139,7 @@ def test_identify_does_not_learn_from_the_item_itself(palpate: Palpate, store: P
     ],
 )
 def test_identify_refuses_in_one_line(palpate: Palpate, store: Path, item: str, said: str) -> None:
-    status, _, err = palpate("identify", item, "--store", store)
+    status, _, err = palpate("sort", "--identify", item, "--store", store)
     assert status == 2
     assert said in err
     assert err.count("\n") == 1
@@ -156,7 +156,7 @@ def test_identify_needs_what_tells_kinds_apart(palpate: Palpate, store: Path) ->
     )
     with Store.open(store) as kept:
         kept.add_grasp(slipped)
-    status, _, err = palpate("identify", "never", "--store", store)
+    status, _, err = palpate("sort", "--identify", "never", "--store", store)
     assert status == 2
     assert "no grasp of it measured size and stiffness" in err
 
@@ -165,7 +165,7 @@ def test_a_store_without_labels_says_what_to_do(palpate: Palpate, tmp_path: Path
     path = tmp_path / "new.sqlite"
     with Store.open(path) as kept:
         kept.add_grasp(grasp("A", (44.0, 12.0), rng=np.random.default_rng(1)))
-    status, _, err = palpate("identify", "A", "--store", path)
+    status, _, err = palpate("sort", "--identify", "A", "--store", path)
     assert status == 2
     assert "each kind needs at least 3 labelled items with a grasp; found none at all" in err
 
@@ -177,9 +177,23 @@ def test_few_labels_are_said_to_be_few(palpate: Palpate, tmp_path: Path) -> None
             kept.add_item(Item(item_id=f"e{number}", kind="egg"))
             kept.add_grasp(grasp(f"e{number}", KINDS["egg"], rng=rng))
         kept.add_grasp(grasp("A", KINDS["egg"], rng=rng))
-    status, out, _ = palpate("identify", "A", "--store", path)
+    status, out, _ = palpate("sort", "--identify", "A", "--store", path)
     assert status == 0
     assert "To call anything unknown at 5 %, label 15 more items." in out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "name the --rules FILE to sort by, or the item with --identify ITEM"),
+        (["--identify", "K", "--rig", "sim-rigid"], "--identify takes an item of the store alone"),
+    ],
+)
+def test_sort_without_one_task_is_refused(palpate: Palpate, options: list[str], said: str) -> None:
+    status, _, err = palpate("sort", *options)
+    assert status == 2
+    assert said in err
+    assert err.count("\n") == 1
 
 
 def test_sorting_a_batch_of_the_store_is_a_dry_run(

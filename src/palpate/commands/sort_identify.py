@@ -1,38 +1,23 @@
-"""`palpate identify ITEM`: what an item of the store is, by what its grasps measured."""
+"""`palpate sort --identify ITEM`: the kind of an item of the store, by its grasps."""
 
 from __future__ import annotations
 
 import json
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from palpate.commands import completion
-from palpate.commands.options import JsonOption, StoreOption
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from palpate.produce.identify.identifier import Identifier, Identity
 
 
-def identify(
-    item: Annotated[
-        str, typer.Argument(help="Which item; grasped before.", autocompletion=completion.items)
-    ],
-    store: StoreOption = None,
-    false_reject: Annotated[
-        float,
-        typer.Option(help="Share of items of known kinds that may be called unknown.", min=0.001),
-    ] = 0.05,
-    as_json: JsonOption = False,
-) -> None:
-    """Identify an item by size and stiffness, or report that it is of no known kind.
+def identify(item: str, *, store: str | None, as_json: bool) -> None:
+    """Identify an item by size and stiffness and keep the answer with it; exit with 1 if unknown.
 
-    Kinds are taught by labelled items: palpate items NAME --set kind=kiwi, three of a kind at
-    least. The answer is kept with the item. Exits with 1 where it is unknown.
-
-    Example: palpate identify A17
+    Raises `InputError` if no grasp of it measured both, or too few items are labelled.
     """
     from palpate.commands.items import opened
     from palpate.produce.identify.items import drive_of, identity_verdict, learn_kinds, touches_of
@@ -47,7 +32,7 @@ def identify(
                 f"item {item!r}: no grasp of it measured size and stiffness; grasp it again with "
                 "fingers driven by width"
             )
-        known = learn_kinds(kept, drive=drive, false_reject=false_reject, without=item)
+        known = learn_kinds(kept, drive=drive, without=item)
         identity = known.identify(touches)
         verdict = identity_verdict(item, identity, given_at=datetime.now(UTC))
         kept.add_verdict(verdict)
