@@ -96,9 +96,9 @@ def sort(
     book = read_rules(rules)
     limit = None if damage is None else DamageFile.load(damage).model
     if rig is None:
-        for option, given in (("--damage", damage), ("--target-force-n", target_force_n)):
-            if given is not None:
-                raise InputError(f"{option} {given}: nothing is grasped; name a --rig")
+        for name, value in (("--damage", damage), ("--target-force-n", target_force_n)):
+            if value is not None:
+                raise InputError(f"{name} {value}: nothing is grasped; name a --rig")
         report = SortReport(book=book, dry=True)
         sort_from_store(report, rules=rules, store=store, batch=batch)
     else:

@@ -67,9 +67,7 @@ def items_panel(
         if names != choice.options:
             choice.set_options(names, value=choice.value)
         if app_state.item_store.trouble:
-            box.set_content(
-                f"<p class='note'>{html.escape(app_state.item_store.trouble)}</p>"
-            )
+            box.set_content(f"<p class='note'>{html.escape(app_state.item_store.trouble)}</p>")
         elif not names:
             hint = "None yet: name an item on the page Set up, and grasp it."
             box.set_content(f"<p>{hint}</p>")
