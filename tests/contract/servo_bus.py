@@ -54,6 +54,7 @@ class ServoBus:
 
     `silent`: set it, and nothing is answered any more.
     `spoilt`: number of the next replies that have a wrong CRC.
+    `cut_at`: number of bytes of each reply that arrive; None for all.
     `late_s`: replies are late by this, seconds of real time, and keep their order: what was asked
         is answered all the same. Without end (`inf`), what was asked is done, and no reply comes.
     `deaf`: goals of its position are acknowledged, and not followed: it goes where it went before.
@@ -73,6 +74,7 @@ class ServoBus:
         self._fingers = fingers or CrankFingers()
         self._id = servo_id
         self.silent, self.spoilt = False, 0
+        self.cut_at: int | None = None
         self.late_s, self.deaf, self.position_error = 0.0, False, 0
         self.forgetful = set[x.Register]()
         self._heard_s = world.clock.now_s()
@@ -163,7 +165,7 @@ class ServoBus:
         if self.spoilt:
             self.spoilt, crc = self.spoilt - 1, crc ^ 1
         packet += crc.to_bytes(2, "little")
-        self._line.send(packet, late_s=self.late_s)
+        self._line.send(packet[: self.cut_at], late_s=self.late_s)
 
     # -- the servo --------------------------------------------------------------------------------
 

@@ -68,8 +68,19 @@ def test_a_damaged_reply_is_asked_for_again(gripper: DynamixelGripper, bus: Serv
     bus.spoilt = 2
     assert gripper.state().width_mm == pytest.approx(74.0, abs=0.05)
     bus.spoilt = 3
-    with pytest.raises(DeviceError, match="replies are damaged"):
+    with pytest.raises(DeviceError, match="replies are damaged") as raised:
         gripper.state()
+    assert not isinstance(raised.value, DeviceTimeoutError)
+
+
+@pytest.mark.parametrize("cut_at", [1, 8, 12])
+def test_servo_line_reply_cut_by_its_deadline_is_a_timeout(bus: ServoBus, cut_at: int) -> None:
+    line = ServoLine(bus.name, servo_id=9, baud=BAUD, reply_s=0.02)
+    bus.cut_at = cut_at
+    with pytest.raises(DeviceTimeoutError, match=r"late or incomplete .* reply_s in the rig file"):
+        line.read(x.MODEL_NUMBER)
+    bus.cut_at = None
+    line.close()
 
 
 @pytest.mark.parametrize("late_s", [0.09, 0.2, 1.0])

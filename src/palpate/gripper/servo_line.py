@@ -142,15 +142,19 @@ class ServoLine:
 
     def _asked(self, instruction: int, given: bytes, *, answer: int) -> bytes:
         """Make one exchange, again if it failed on the line; return the `answer` bytes it gave."""
-        layout, result = self._layout, self._sdk.COMM_RX_TIMEOUT
+        layout, is_silent, is_damaged = self._layout, True, False
         for _ in range(_TRIES):
             packet = layout.request(self._id, instruction, given)
             with self._port_there():
                 if self._behind and (result := self._catch_up()) != self._sdk.COMM_SUCCESS:
+                    is_silent = is_silent and result == self._sdk.COMM_RX_TIMEOUT
+                    is_damaged = is_damaged or self._is_damaged(result)
                     if instruction != _READ:
                         self._send(packet)  # no order waits for a line that is late
                     continue
                 reply, result, error = self._packets.txRxPacket(self._port, packet)
+            is_silent = is_silent and result == self._sdk.COMM_RX_TIMEOUT
+            is_damaged = is_damaged or self._is_damaged(result)
             whole = result == self._sdk.COMM_SUCCESS
             if whole and layout.answers(reply, number=self._id, size=answer):
                 self.alerted, code = error & layout.alert, error & ~layout.alert
@@ -158,14 +162,30 @@ class ServoLine:
                     raise RefusedError(f"{self.name} refused: {_reason(code)}", code=code)
                 return bytes(reply[layout.data_at : layout.data_at + answer])
             self._behind = True
-        if result != self._sdk.COMM_RX_TIMEOUT:
+        if is_damaged:
             raise DeviceError(
-                f"{self.name}: replies are damaged or late ({_TRIES} tries): check the cable, that "
-                "no two servos share a number, and reply_s in the rig file"
+                f"{self.name}: replies are damaged ({_TRIES} tries): check the cable, and that no "
+                "two servos share a number"
+            )
+        if is_silent:
+            raise DeviceTimeoutError(
+                f"{self.name} does not reply ({_TRIES} tries): check its power, cable, number and "
+                "baud"
             )
         raise DeviceTimeoutError(
-            f"{self.name} does not reply ({_TRIES} tries): check its power, cable, number and baud"
+            f"{self.name}: replies are late or incomplete ({_TRIES} tries): check the cable, and "
+            "reply_s in the rig file"
         )
+
+    def _is_damaged(self, result: int) -> bool:
+        """Return whether an exchange failed for another reason than time.
+
+        The SDK reports a reply that its deadline cut as corrupt, and sets its time-out to 0 then.
+        """
+        if result in (self._sdk.COMM_SUCCESS, self._sdk.COMM_RX_TIMEOUT):
+            return False
+        is_cut = result == self._sdk.COMM_RX_CORRUPT and not self._port.packet_timeout
+        return not is_cut
 
     def _catch_up(self) -> int:
         """Ask what only this question's reply can be, and drop all that comes before it.
