@@ -45,7 +45,7 @@ _RISING, _COPY = 0.05, 3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Population:
-    """What sensors of one kind have in common; learned by `force_learning.learn_population`.
+    """What sensors of one kind have in common; learned by `palpate study force-population`.
 
     Attributes
     ----------

@@ -13,10 +13,10 @@ import typer
 
 from palpate.commands.options import JsonOption
 from palpate.estimate.force_law import Population, shipped_population
-from palpate.estimate.force_learning import KnownContact, learn_population
 from palpate.files import atomic_path, check_place
 from palpate_studies import ladder_models, press_models, stroke_models
 from palpate_studies.force_ladders import read_ladders
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.press_data import read_presses
 from palpate_studies.report import OutOption, StudyReport, Table
 from palpate_studies.stroke_data import read_strokes

@@ -15,7 +15,7 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.estimate.force import ForceEstimate
 from palpate.estimate.force_law import settled_inputs
-from palpate.estimate.force_learning import KnownContact, learn_population
+from palpate_studies.force_learning import KnownContact, learn_population
 
 Predicted: TypeAlias = ForceEstimate
 

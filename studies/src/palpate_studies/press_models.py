@@ -18,8 +18,8 @@ from scipy.special import ndtri
 from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import needing
-from palpate.estimate.force_learning import KnownContact, learn_population
 from palpate.estimate.force_states import log_reading, states_of
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.press_data import Press
 
 LEVEL = 0.9

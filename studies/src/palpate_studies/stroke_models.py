@@ -18,7 +18,7 @@ from palpate import ForceLaw
 from palpate.arrays import FloatArray
 from palpate.errors import needing
 from palpate.estimate.force_law import INPUTS, Population
-from palpate.estimate.force_learning import KnownContact, learn_population
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.stroke_data import Touch
 
 TOLD = ("nothing", "place", "five_percent", "eighty_percent")

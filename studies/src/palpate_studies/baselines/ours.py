@@ -9,9 +9,9 @@ import numpy as np
 from palpate import ForceLaw
 from palpate.estimate.damage_learning import FruitClosing, follow_closing, learn_damage
 from palpate.estimate.force_law import settled_inputs
-from palpate.estimate.force_learning import KnownContact, learn_population
 from palpate.estimate.strength import ClosingCurve
 from palpate.settling.predict import predict_settled
+from palpate_studies.force_learning import KnownContact, learn_population
 from palpate_studies.protocol.method import Answer, Case, Question
 
 
