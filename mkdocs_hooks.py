@@ -1,13 +1,11 @@
-"""Brings `hardware/` and generated tables into the site.
+"""Brings `hardware/` into the site.
 
 In the repository pages link to `../hardware/README.md` and it links to `../docs/...`; on the site
-the folder lies below the pages. What the tables are made of is in `mkdocs_tables.py`.
+the folder lies below the pages.
 """
 
 from __future__ import annotations
 
-import re
-import sys
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -17,9 +15,6 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parent
 HARDWARE = ROOT / "hardware"
-
-sys.path.insert(0, str(ROOT))
-from mkdocs_tables import TABLES  # noqa: E402
 
 
 class AsWritten(griffe.Extension):
@@ -60,6 +55,5 @@ def on_files(files: Files, *, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Turn links to `hardware/` into links within the site, and put the tables in."""
-    markdown = markdown.replace("](../hardware/", "](hardware/")
-    return re.sub(r"<!-- table: ([\w-]+) -->", lambda found: TABLES[found[1]](), markdown)
+    """Turn links to `hardware/` into links within the site."""
+    return markdown.replace("](../hardware/", "](hardware/")

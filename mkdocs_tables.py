@@ -1,6 +1,6 @@
 """Tables of the reference pages, made from the code so that they can't fall behind it.
 
-A page asks for one with a line `<!-- table: NAME -->`; `mkdocs_hooks.py` puts it there.
+A page has one below the line `<!-- table: NAME -->`; `docs/generate_tables.py` writes it there.
 """
 
 from __future__ import annotations
