@@ -140,7 +140,7 @@ def test_figures_are_looked_up_and_scaled(docs: Path) -> None:
     assert (claim.ours, claim.rival, claim.origin) == ("12.3 %", "0.2", "real")
     assert claim.difference == "-0.100 (-0.200 to +0.010)"
     assert claim.second == "0.5 (difference +0.300, +0.100 to +0.400)"
-    assert "| **the rival**: 0.5 (difference" in as_table([claim])
+    assert "| **baseline**: 0.5 (difference" in as_table([claim])
     assert quotes(docs) == [
         ("x", "page.md", "0.20 to 3"),
         ("x", "page.md", "second 0.50"),

@@ -15,7 +15,7 @@ from palpate_studies.scoreboard import (
     read_kept,
 )
 
-_VERDICTS = {"ours": "ours", "rival": "the rival", "undecided": "undecided"}
+_VERDICTS = {"ours": "palpate", "rival": "baseline", "undecided": "undecided"}
 
 
 def generated_pages(docs: Path) -> dict[Path, str]:
@@ -33,7 +33,7 @@ def generated_pages(docs: Path) -> dict[Path, str]:
 
 def as_table(claims: Sequence[Claim]) -> str:
     """Return the Markdown table of all claims, for the scoreboard."""
-    columns = ("claim", "", "n", "ours", "strongest rival", "difference (90 %)", "better")
+    columns = ("claim", "", "n", "palpate", "strongest baseline", "difference (90 %)", "better")
     rows = [
         (
             one.claim + (f" ({one.note})" if one.note else ""),
@@ -71,7 +71,7 @@ def as_first_table(claims: Sequence[Claim]) -> str:
         for one in claims
         if one.first_page
     ]
-    return _markdown(("", "n", "ours", "strongest rival", "better; on simulated others"), rows)
+    return _markdown(("", "n", "palpate", "strongest baseline", "better; on simulated others"), rows)
 
 
 def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
