@@ -282,11 +282,11 @@ def test_a_grasp_stopped_before_the_hand_moved_says_so_and_not_how_the_last_one_
     assert (page["verdict"]["text"], page["verdict"]["kind"]) == ("stopped on request", "bad")
     assert page["operator"]["word"] == "Stopped"
     assert page["operator"]["next"] == "Look at the hand, then press Grasp again"
-    assert not page["trouble"]["text"]
+    assert not page["trouble"]
     assert not rehearsal.session.refusal(Action.GRASP, viewer="a")
     rehearsal.tell(Began(order=GRASP), Ended(order=GRASP, trouble="no such file"))
     page = document(rehearsal.session, GraspForm(), generation=-1, after_s=0.0)
-    assert (page["operator"]["word"], page["trouble"]["text"]) == ("Ready", "no such file")
+    assert (page["operator"]["word"], page["trouble"]) == ("Ready", "no such file")
 
 
 def test_devices_that_are_silent_get_no_orders_that_they_would_carry_out_later() -> None:
