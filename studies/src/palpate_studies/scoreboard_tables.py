@@ -71,7 +71,9 @@ def as_first_table(claims: Sequence[Claim]) -> str:
         for one in claims
         if one.first_page
     ]
-    return _markdown(("", "n", "palpate", "strongest baseline", "better; on simulated others"), rows)
+    return _markdown(
+        ("", "n", "palpate", "strongest baseline", "better; on simulated others"), rows
+    )
 
 
 def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
