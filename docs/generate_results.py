@@ -52,6 +52,7 @@ REAL = (
     ),
     ("histories", "--recordings=silicone_histories.csv.gz"),
     ("rupture", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
+    ("rupture-limits", "--curves=fruit_rupture.csv.gz", "--index=fruit_rupture_index.csv"),
 )
 #: Study -> the tables shown, by the beginning of their title (after a file's name), and the rows of
 #: them, by the beginning; every table has all its rows where none are named.
@@ -90,6 +91,7 @@ SHOWN: dict[str, dict[str, tuple[str, ...]]] = {
     "presses": {"Force after": ("all",), "Relaxation": ("all",)},
     "histories": {"RMS": ("resistance",)},
     "rupture": {"Firmness": ("all",)},
+    "rupture-limits": {"Mean error": ()},
 }
 #: Beginnings of the paragraphs of a report that the page keeps: what the data are, and what was an
 #: input. The command prints the others.

@@ -58,6 +58,10 @@ STUDIES: dict[str, tuple[str, str]] = {
         "palpate_studies.rupture",
         "When to stop closing on real fruit, before it ruptures",
     ),
+    "rupture-limits": (
+        "palpate_studies.rupture_limits",
+        "How much of a rupture the curve before it can show",
+    ),
     "realism": ("palpate_studies.realism", "The twin's scatter compared with real recordings"),
     "bruise": (
         "palpate_studies.bruise",

@@ -134,6 +134,7 @@ def _report(splits: Splits, *, how: str, nominal_rate: float, second: bool) -> S
         "Stiffness rule: a line per fruit fitted to the training fruit, with our stiffness. Rule "
         "as published: with its authors' constants and window; they fitted them to fruit that may "
         "be among these.",
+        "What learners that are given everything do on such fruit: palpate study rupture-limits.",
     )
     return StudyReport(
         name="rupture",
