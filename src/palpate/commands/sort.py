@@ -86,7 +86,9 @@ def sort(
     from palpate.produce.sorting.rules_file import read_rules
 
     if identify is not None:
-        for option, given in (("--rules", rules), ("--rig", rig), ("--batch", batch)):
+        unused: dict[str, object] = {"--rules": rules, "--rig": rig, "--batch": batch}
+        unused |= {"--damage": damage, "--target-force-n": target_force_n}
+        for option, given in unused.items():
             if given is not None:
                 raise InputError(f"{option} {given}: --identify takes an item of the store alone")
         identify_item(identify, store=store, as_json=as_json)

@@ -187,6 +187,7 @@ def test_few_labels_are_said_to_be_few(palpate: Palpate, tmp_path: Path) -> None
     [
         ([], "name the --rules FILE to sort by, or the item with --identify ITEM"),
         (["--identify", "K", "--rig", "sim-rigid"], "--identify takes an item of the store alone"),
+        (["--identify", "K", "--target-force-n", "5"], "--target-force-n 5.0: --identify takes"),
     ],
 )
 def test_sort_without_one_task_is_refused(palpate: Palpate, options: list[str], said: str) -> None:
