@@ -86,9 +86,9 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
     if _stopped(headline):
         return OUTCOMES[Outcome.STOPPED][0]
     if session.devices.activity is Activity.GONE or (headline["kind"] == "bad" and grasped is None):
-        return _text(headline["text"])
+        return str(headline["text"])
     if session.devices.calibration_failure is not None:
-        return _text(headline["text"])
+        return str(headline["text"])
     if session.devices.activity not in (Activity.WATCHING, Activity.GRASPING, Activity.REPLAYING):
         return str(session.devices.activity)
     firmness = headline["firmness"] if headline["firmness"] != UNKNOWN_FIRMNESS else None
@@ -97,7 +97,7 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
             return "Damaged"
         if grasped.result.outcome is not Outcome.HELD:
             return OUTCOMES[grasped.result.outcome][0]
-        return _OFF if headline["on_target"] is False else _text(firmness or "held")
+        return _OFF if headline["on_target"] is False else str(firmness or "held")
     if progress is None and session.devices.activity is Activity.GRASPING:
         return "Closing"
     if session.devices.sensor_alone:
@@ -106,7 +106,7 @@ def _word(session: Session, headline: Mapping[str, object]) -> str:
         return _READY if session.devices.live.open_hand is not False else "Hand closed"
     known = progress.decided and progress.phase == "hold" and headline["on_target"] is not False
     if known and firmness:
-        return _text(firmness)
+        return str(firmness)
     return PHASES.get(progress.phase) or OUTCOMES[progress.answer.outcome][0]
 
 
@@ -127,7 +127,7 @@ def _next(session: Session, headline: Mapping[str, object]) -> str:
     if session.devices.calibration_failure is not None:
         return "Repeat it on the page Calibrate, or go on without"
     if headline["kind"] == "bad" and grasped is None and not _stopped(headline):
-        return _text(headline.get("why", ""))
+        return str(headline.get("why", ""))
     if session.devices.sensor_alone:
         return "No gripper: press the pads"
     if session.devices.live.open_hand is False:
@@ -148,11 +148,6 @@ def _stopped(headline: Mapping[str, object]) -> bool:
 
 def _damaged(grasped: Grasped) -> bool:
     return bool((grasped.truth or {}).get("damaged"))
-
-
-def _text(words: object) -> str:
-    """Return words as they are: messages stay messages."""
-    return words if isinstance(words, str) else str(words)
 
 
 def _capital(text: str) -> str:

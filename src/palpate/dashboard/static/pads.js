@@ -172,7 +172,7 @@ export function drawFingers(doc) {
     built = null;
     traces.length = 0;
     svg.setAttribute("viewBox", "0 0 700 240");
-    svg.firstChild.textContent = `${t(doc.activity)} …`;
+    svg.firstChild.textContent = `${doc.activity} …`;
     return;
   }
   const grid = `${doc.pixels.percent.length}x${doc.pixels.percent[0].length}/${doc.pixels.finger_of_row}`;

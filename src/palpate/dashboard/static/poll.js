@@ -44,10 +44,10 @@ function drawHead(doc) {
   pill.dataset.state = link.stale ? "stale" : link.waiting ? "waiting" : "fresh";
   const counted = [link.stale ? "NO FRAMES" : "", rate, t("{lost} lost", link), link.corrupt ? t("{corrupt} corrupt", link) : ""].filter(Boolean).join(" · ");
   const counts = !replayed && !link.waiting;
-  $("link-text").textContent = counts ? counted : replayed ? "replay" : t(doc.activity);
+  $("link-text").textContent = counts ? counted : replayed ? "replay" : doc.activity;
   $("link-age").textContent = counts ? age : "";
   pill.title = t("{frames} frames, {lost} lost, {corrupt} corrupt, {late} late; 99 % within {p99} ms of the one before", { ...link, p99: fixed(1000 * link.period_p99_s, 1) });
-  say($("link-state"), replayed ? "replay" : link.stale ? "no frames" : link.waiting ? t(doc.activity) : "frames arrive");
+  say($("link-state"), replayed ? "replay" : link.stale ? "no frames" : link.waiting ? doc.activity : "frames arrive");
   $("rig-name").textContent = !doc.source ? "no rig" : replayed ? t("replay of {name}", { name: doc.source.name }) : doc.source.name;
   $("simulated").classList.toggle("hidden", !(doc.source && doc.source.simulated));
   $("trouble").classList.toggle("hidden", !doc.trouble);
