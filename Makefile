@@ -26,7 +26,7 @@ demo: $(VENV)/.base
 test: export OMP_NUM_THREADS = 1
 test: export OPENBLAS_NUM_THREADS = 1
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -m "" -n auto --dist loadfile
 
 # ROS 2 from wheels, in an environment of its own that sees the development one.
 ROS_VENV := .venv-ros
